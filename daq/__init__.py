@@ -1,0 +1,1 @@
+"""Instruments and records: readings, sessions and their corrections. No JAX, no web."""

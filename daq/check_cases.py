@@ -1,0 +1,210 @@
+"""Look at what the windows hold: load changes inside them, creep, drift between tares, wrong signs and sizes."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.check_session import case_name
+from daq.findings import Finding, finding
+from daq.measured import MeasuredSession
+from daq.plateaus import TOLERANCE, Plateau
+from daq.readings import HEADERS
+from daq.session_models import Session
+from daq.windows import Span
+
+Floats = NDArray[np.float64]
+
+AXES = HEADERS[1:]
+# The best of hundreds of moments in hundreds of windows on six axes: chance does not reach this many deviations.
+SHIFT_DEVIATIONS = 7.0
+# A change of level that a case bears: half of what counts as steady.
+LEAST_SHIFT = 0.5 * TOLERANCE
+TARE_CHANGE = np.array([0.25, 0.25, 0.25, 5.0, 5.0, 5.0])
+
+
+def plateau_findings(session: Session, plateaus: Mapping[Span, Plateau]) -> list[Finding]:
+    """Find windows with a change of load, creep or flagged readings inside."""
+    users: dict[Span, list[str]] = defaultdict(list)
+    for case in session.cases:
+        if case.excluded is None:
+            for name, window in case.windows():
+                users[window].append(f"{case_name(case)}: {name}")
+    for i, check in enumerate(session.checks):
+        users[check.unloaded_s].append(f"checks[{i}]: unloaded_s")
+        users[check.loaded_s].append(f"checks[{i}]: loaded_s")
+    spans = [w for w in users if w in plateaus]
+    if not spans:
+        return []
+    out = []
+    noise = _noise_per_reading([plateaus[w] for w in spans])
+    open_ended = 0
+    for window in spans:
+        plateau, where = plateaus[window], _named(users[window])
+        found = _load_change(plateau, noise, where)
+        if found is not None:
+            out.append(found)
+        elif plateau.flagged:
+            out.append(
+                finding(
+                    "warning", "flagged_window", where, f"{plateau.flagged} readings carry status flags", "status 0"
+                )
+            )
+        elif plateau.steady is False:
+            creep = plateau.slope_per_s * _length(plateau)
+            k = int(np.argmax(np.maximum(np.abs(creep), np.abs(plateau.halves)) / TOLERANCE))
+            out.append(
+                finding(
+                    "warning",
+                    "not_steady",
+                    where,
+                    f"{AXES[k]} creeps by {creep[k]:.3g} over {_length(plateau):.3g} s",
+                    f"at most {TOLERANCE[k]:g}",
+                    "Wait longer after loading, or move the window",
+                )
+            )
+        open_ended += plateau.steady is None
+    if open_ended:
+        out.append(
+            finding(
+                "note",
+                "steadiness_open",
+                "cases",
+                f"{open_ended} of {len(spans)} windows are too short or noisy to rule out a change of "
+                f"{TOLERANCE[0]:g} N or {TOLERANCE[3]:g} N mm",
+            )
+        )
+    return out
+
+
+def tare_findings(measured: MeasuredSession) -> tuple[list[Finding], dict[str, Any]]:
+    """Compare the tares that were taken in one posture, setting and mounting.
+
+    Returns:
+        findings, and the largest change by axis with the number of pairs compared.
+    """
+    groups: dict[tuple[Any, ...], set[int]] = defaultdict(set)
+    for m, weights in zip(measured.cases, measured.tare_weights, strict=True):
+        case = m.case
+        key = (case.location, case.mounting, case.posture, case.setting, case.unloaded_state)
+        groups[key] |= {int(k) for k in np.flatnonzero(weights)}
+    largest, pairs, place = np.zeros(6), 0, ""
+    for key, members in groups.items():
+        ordered = sorted(members, key=lambda k: measured.tares[k].mid_s)
+        for a, b in pairwise(ordered):
+            pairs += 1
+            change = np.abs(measured.tares[b].mean - measured.tares[a].mean)
+            if (change / TARE_CHANGE).max() > (largest / TARE_CHANGE).max():
+                place = f"{key[2]} at {key[0]}, {measured.tares[a].mid_s:.4g} to {measured.tares[b].mid_s:.4g} s"
+            largest = np.maximum(largest, change)
+    facts = {
+        "tares": len(measured.tares),
+        "tare_pairs": pairs,
+        "largest_tare_change_N_Nmm": largest.tolist() if pairs else None,
+    }
+    if not pairs:
+        return [], facts
+    k = int(np.argmax(largest / TARE_CHANGE))
+    text = f"the zero changed by up to {largest[k]:.3g} {'N' if k < 3 else 'N mm'} ({AXES[k]}; {place})"
+    if (largest > TARE_CHANGE).any():
+        remedy = "Bracket each case with unloaded_after_s, let the cell warm up, and look at the mounting"
+        return [
+            finding("warning", "tare_drift", "tares", text, f"at most {TARE_CHANGE[k]:g} between two tares", remedy)
+        ], facts
+    return [finding("note", "tare_drift", "tares", text)], facts
+
+
+def sign_findings(measured: MeasuredSession) -> list[Finding]:
+    """Look whether FDP pulls the tip distally and palmarly, and the flexors load the bone proximally."""
+    session = measured.session
+    tip: list[Floats] = []
+    bone: list[float] = []
+    for m in measured.cases:
+        posture = session.postures_deg[m.case.posture]
+        loaded = {t for t, g in m.case.masses_g.items() if g > 0.0}
+        force = m.wrench[:3]
+        weight = sum(m.case.masses_g.values()) * 1e-3 * session.gravity_m_s2
+        if m.case.location == "tip" and loaded == {"FDP"} and posture.PIP > 20.0 and posture.DIP > 10.0:
+            tip.append(force / weight)
+        if m.case.location == "bone" and loaded and loaded <= {"FDP", "FDS"}:
+            bone.append(float(force[0]) / weight)
+    out = []
+    if tip:
+        mean = np.mean(tip, axis=0)
+        out += [
+            finding(
+                "warning",
+                "wrong_sign",
+                "load_cell.mounts.tip",
+                f"FDP alone pushes the tip towards {name} ({mean[k]:+.2f} of its weight in {'xy'[k]})",
+                f"{other}: negative {'xy'[k]}",
+                "Are readings the force on the finger instead of the cell, or the axes exchanged?",
+            )
+            for k, (name, other) in enumerate((("proximal", "distal"), ("dorsal", "palmar")))
+            if mean[k] > 0.03
+        ]
+    if bone and np.mean(bone) < 0.0:
+        out.append(
+            finding(
+                "warning",
+                "wrong_sign",
+                "load_cell.mounts.bone",
+                f"the flexors push the bone distally ({np.mean(bone):+.2f} of their weight in x)",
+                "proximally: positive x",
+                "Are readings the force on the finger instead of the cell, or the axes exchanged?",
+            )
+        )
+    return out
+
+
+def force_findings(measured: MeasuredSession) -> Iterator[Finding]:
+    """Find recorded forces far above the weights that cause them."""
+    for m in measured.cases:
+        weight = sum(m.case.masses_g.values()) * 1e-3 * measured.session.gravity_m_s2
+        force = float(np.linalg.norm(m.wrench[:3]))
+        if m.plateau is not None and weight > 0.0 and force > 1.5 * weight + 0.5:
+            yield finding(
+                "warning",
+                "force_units",
+                case_name(m.case),
+                f"{force:.3g} N for {weight:.3g} N of weights",
+                "a force of about the weights or less",
+                "Look at the window, the masses and the units",
+            )
+
+
+def _named(users: Sequence[str]) -> str:
+    return users[0] if len(users) == 1 else f"{users[0]} (and {len(users) - 1} more)"
+
+
+def _length(plateau: Plateau) -> float:
+    return plateau.end_s - plateau.start_s
+
+
+def _noise_per_reading(plateaus: Sequence[Plateau]) -> Floats:
+    """(6,) variance of a mean times the readings in it, as in the quieter windows, which hold no load change."""
+    return np.quantile([np.diag(p.covariance) * p.readings for p in plateaus], 0.3, axis=0)
+
+
+def _load_change(plateau: Plateau, noise: Floats, where: str) -> Finding | None:
+    """Tell a sudden change of level from noise, and from creep, which a line describes better."""
+    deviations = np.sqrt(plateau.shift_gain / noise)
+    sudden = plateau.shift_gain > plateau.line_gain
+    found = (deviations > SHIFT_DEVIATIONS) & (np.abs(plateau.shift) > LEAST_SHIFT) & sudden
+    if not found.any():
+        return None
+    k = int(np.argmax(np.where(found, np.abs(plateau.shift) / TOLERANCE, 0.0)))
+    unit = "N" if k < 3 else "N mm"
+    return finding(
+        "error" if abs(plateau.shift[k]) > TOLERANCE[k] else "warning",
+        "load_change",
+        where,
+        f"{AXES[k]} changes by {plateau.shift[k]:+.3g} {unit} inside [{plateau.start_s:g}, {plateau.end_s:g}] s",
+        "a window that ends before the load changes and begins after it has settled",
+        "Move the window",
+    )

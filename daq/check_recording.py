@@ -1,0 +1,273 @@
+"""Look at a recording as a whole, block by block: its clock, gaps, saturation, stuck channels and status flags."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.cells import CellSpec
+from daq.findings import Finding, finding
+from daq.readings import HEADERS, ReadingBlock
+
+Floats = NDArray[np.float64]
+
+AXES = HEADERS[1:]
+FULL_SCALE_SHARE = 0.999
+# An interval of twice the usual one has lost a reading; jitter of the clock stays below.
+GAP_INTERVALS = 1.8
+JUMP_S = 10.0
+RATE_TOLERANCE = 0.02
+_MOST_KEPT = 10000
+
+
+@dataclass
+class RecordingScan:
+    """Counts gathered while a recording streams past.
+
+    Attributes:
+        range: (6,) full scale of the cell, None where it is not known.
+    """
+
+    range: Floats | None = None
+    rows: int = 0
+    first_s: float = np.nan
+    last_s: float = np.nan
+    interval_s: float = np.nan
+    gaps: list[tuple[float, float]] = field(default_factory=list)
+    gap_count: int = 0
+    lost: float = 0.0
+    least: Floats = field(default_factory=lambda: np.full(6, np.inf))
+    most: Floats = field(default_factory=lambda: np.full(6, -np.inf))
+    saturated: Floats = field(default_factory=lambda: np.zeros(6))
+    saturated_s: list[float] = field(default_factory=list)
+    unchanged: Floats = field(default_factory=lambda: np.zeros(6))
+    run: Floats = field(default_factory=lambda: np.ones(6))
+    longest: Floats = field(default_factory=lambda: np.ones(6))
+    longest_end_s: Floats = field(default_factory=lambda: np.zeros(6))
+    flags: int = 0
+    flagged: int = 0
+    flagged_first_s: float = np.nan
+    _last: Floats | None = None
+
+    def watch(self, blocks: Iterator[ReadingBlock]) -> Iterator[ReadingBlock]:
+        """Pass blocks on, looking at each."""
+        for block in blocks:
+            if len(block):
+                self._add(block)
+            yield block
+
+    def _add(self, block: ReadingBlock) -> None:
+        t, w = block.t_s, block.wrench
+        if self.rows == 0:
+            self.first_s = float(t[0])
+        intervals = np.diff(t) if self.rows == 0 else np.diff(t, prepend=self.last_s)
+        if np.isnan(self.interval_s) and len(intervals):
+            self.interval_s = float(np.median(intervals))
+        self._gaps(t, intervals)
+        self.least = np.minimum(self.least, w.min(axis=0))
+        self.most = np.maximum(self.most, w.max(axis=0))
+        if self.range is not None:
+            over = np.abs(w) >= FULL_SCALE_SHARE * self.range
+            if over.any():
+                self.saturated += over.sum(axis=0)
+                room = _MOST_KEPT - len(self.saturated_s)
+                self.saturated_s += t[over.any(axis=1)][:room].tolist()
+        self._runs(t, w)
+        if block.status is not None and block.status.any():
+            at = np.flatnonzero(block.status)
+            if not self.flagged:
+                self.flagged_first_s = float(t[at[0]])
+            self.flagged += len(at)
+            self.flags |= int(np.bitwise_or.reduce(block.status[at]))
+        self.rows += len(t)
+        self.last_s = float(t[-1])
+        self._last = w[-1].copy()
+
+    def _gaps(self, t: Floats, intervals: Floats) -> None:
+        if not self.interval_s > 0.0:
+            return
+        wide = np.flatnonzero(intervals > GAP_INTERVALS * self.interval_s)
+        self.gap_count += len(wide)
+        self.lost += float((intervals[wide] / self.interval_s - 1.0).sum())
+        ends = t[len(t) - len(intervals) :][wide]
+        room = _MOST_KEPT - len(self.gaps)
+        self.gaps += [(float(e - i), float(e)) for e, i in zip(ends[:room], intervals[wide][:room], strict=True)]
+
+    def _runs(self, t: Floats, w: Floats) -> None:
+        """Follow how long each channel has kept one value."""
+        before = w[0] if self._last is None else self._last
+        for k in range(6):
+            same = np.diff(w[:, k], prepend=before[k]) == 0.0
+            if self._last is None:
+                same[0] = False
+            self.unchanged[k] += np.count_nonzero(same)
+            changes = np.flatnonzero(~same)
+            if not len(changes):
+                lengths, ends = np.array([self.run[k] + len(t)]), np.array([len(t) - 1])
+                self.run[k] += len(t)
+            else:
+                starts = np.concatenate([[0], changes])
+                ends = np.concatenate([changes, [len(t)]]) - 1
+                lengths = (ends - starts + 1).astype(float)
+                lengths[0] += self.run[k]
+                self.run[k] = lengths[-1]
+            best = int(np.argmax(lengths))
+            if lengths[best] > self.longest[k]:
+                self.longest[k], self.longest_end_s[k] = lengths[best], t[max(int(ends[best]), 0)]
+
+    def facts(self) -> dict[str, Any]:
+        """Return the recording's numbers."""
+        return {
+            "readings": self.rows,
+            "start_s": self.first_s,
+            "end_s": self.last_s,
+            "rate_hz": 1.0 / self.interval_s if self.interval_s > 0.0 else None,
+            "gaps": self.gap_count,
+            "lost_readings": round(self.lost),
+            "least_N_Nmm": self.least.tolist(),
+            "greatest_N_Nmm": self.most.tolist(),
+            "flagged_readings": self.flagged,
+        }
+
+
+def recording_findings(scan: RecordingScan, file: str, rate_hz: float | None, spec: CellSpec | None) -> list[Finding]:
+    """Judge a scan.
+
+    Args:
+        scan: of the recording.
+        file: name of the readings.
+        rate_hz: that the session states.
+        spec: of the cell, None where it is not known.
+    """
+    out: list[Finding] = []
+    if not scan.rows:
+        return out
+    out += _clock(scan, file, rate_hz)
+    if spec is None:
+        out.append(
+            finding(
+                "note",
+                "saturation_skipped",
+                "load_cell",
+                "the cell's range is not known, so saturation was not looked for",
+                remedy="State its calibration, such as `model: ATI Nano17-E SI-25-0.25`",
+            )
+        )
+    for k in np.flatnonzero(scan.saturated):
+        assert spec is not None  # noqa: S101 - saturation is only counted against a range
+        unit = "N" if k < 3 else "N mm"
+        out.append(
+            finding(
+                "error",
+                "saturation",
+                f"{file}: {AXES[k]}",
+                f"{int(scan.saturated[k])} readings at or beyond full scale ({spec.range[k]:g} {unit}, {spec.name}), "
+                f"the first at {scan.saturated_s[0]:.6g} s",
+                "readings inside the cell's range",
+                "Exclude the cases there, or use a cell with a larger range",
+            )
+        )
+    out += _stuck(scan, file)
+    if scan.flagged:
+        out.append(
+            finding(
+                "warning",
+                "status_flags",
+                file,
+                f"{scan.flagged} readings carry status flags (0x{scan.flags & 0xFFFFFFFF:08x} together), the first at "
+                f"{scan.flagged_first_s:.6g} s",
+                "status 0",
+                "Look the bits up in the cell's manual",
+            )
+        )
+    return out
+
+
+def _clock(scan: RecordingScan, file: str, rate_hz: float | None) -> list[Finding]:
+    out: list[Finding] = []
+    rate = 1.0 / scan.interval_s if scan.interval_s > 0.0 else 0.0
+    if rate_hz is not None and rate and abs(rate / rate_hz - 1.0) > RATE_TOLERANCE:
+        out.append(
+            finding(
+                "warning",
+                "sample_rate",
+                file,
+                f"readings come at {rate:.4g} Hz",
+                f"{rate_hz:.4g} Hz, as load_cell.rate_hz states",
+                "Correct the one that is wrong: a wrong clock scales creep and drift",
+            )
+        )
+    jumps = [g for g in scan.gaps if g[1] - g[0] > JUMP_S]
+    gaps = scan.gap_count - len(jumps)
+    if gaps > 0.05 * scan.rows:
+        out.append(
+            finding(
+                "warning",
+                "irregular_clock",
+                file,
+                f"{gaps} of {scan.rows} intervals exceed {GAP_INTERVALS:g} times the usual {scan.interval_s:.4g} s",
+                "readings at a steady rate",
+                "Were they stamped on arrival? Stamp them by the cell's counter",
+            )
+        )
+    elif gaps > 0:
+        start, end = max((g for g in scan.gaps if g not in jumps), key=lambda g: g[1] - g[0])
+        out.append(
+            finding(
+                "warning",
+                "gaps",
+                file,
+                f"{gaps} gaps, about {round(scan.lost)} readings lost, the longest from {start:.6g} to {end:.6g} s",
+                f"a reading every {scan.interval_s:.4g} s",
+                "Look for a full buffer or a loose cable",
+            )
+        )
+    out += [
+        finding(
+            "warning",
+            "time_jump",
+            file,
+            f"time jumps from {start:.6g} to {end:.6g} s",
+            f"a reading every {scan.interval_s:.4g} s",
+            "Was the recording paused, or the clock set? Tare again after a pause",
+        )
+        for start, end in jumps[:5]
+    ]
+    return out
+
+
+def _stuck(scan: RecordingScan, file: str) -> list[Finding]:
+    out: list[Finding] = []
+    for k, name in enumerate(AXES):
+        if scan.most[k] == scan.least[k]:
+            out.append(
+                finding(
+                    "error",
+                    "constant_channel",
+                    f"{file}: {name}",
+                    f"{scan.rows} readings are all {scan.most[k]:g}",
+                    "the noise of a live channel",
+                    "Look for a broken wire, or a column that was filled in",
+                )
+            )
+            continue
+        # A run of equal values this long does not come about by chance among so many readings.
+        share = min(max(float(scan.unchanged[k]) / scan.rows, 1e-6), 1.0 - 1e-9)
+        usual = np.log(scan.rows) / -np.log(share)
+        if scan.longest[k] > 50 + 10.0 * usual:
+            end = scan.longest_end_s[k]
+            out.append(
+                finding(
+                    "warning",
+                    "stuck_channel",
+                    f"{file}: {name}",
+                    f"{int(scan.longest[k])} readings alike until {end:.6g} s",
+                    f"changes within about {usual:.0f} readings, as in the rest",
+                    "Look for a frozen driver, and exclude the cases there",
+                )
+            )
+    return out

@@ -1,0 +1,146 @@
+"""Validate a session: its description, its recording, its windows, its tares and its known weights.
+
+Everything that can be found is collected; the first fault stops nothing but what depends on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daq.cells import CellSpec, cell_spec
+from daq.check_cases import force_findings, plateau_findings, sign_findings, tare_findings
+from daq.check_recording import RecordingScan, recording_findings
+from daq.check_session import session_findings
+from daq.check_weights import weight_findings
+from daq.check_windows import overlap_findings, tare_life_findings, window_findings
+from daq.corrections import assemble, windows_of
+from daq.errors import InputError, ReadingsError, SessionError
+from daq.findings import CheckReport, Finding, finding, report
+from daq.measured import MeasuredSession
+from daq.readings import ReadingSource, open_readings
+from daq.session_models import Session
+from daq.sessions import find_session, parse_session, read_yaml
+from daq.windows import Recording, gather
+
+__all__ = ["CheckReport", "Finding", "check"]
+
+Progress = Callable[[float], None]
+
+
+def check(session: Session | str | Path, progress: Progress | None = None) -> CheckReport:
+    """Validate a session.
+
+    Args:
+        session: as read, or its folder, `session.yaml` or the name of a shipped one.
+        progress: is told the share of the recording that has been read.
+
+    Returns:
+        everything that was found. Bad input is a finding, not an exception.
+    """
+    if isinstance(session, Session):
+        return _report(session, progress)
+    try:
+        file = find_session(session)
+        data = read_yaml(file)
+    except SessionError as error:
+        return report(str(session), [Finding("error", "session", str(session), str(error))], {})
+    name = f"{file.parent.name}/{file.name}"
+    parsed, faults = parse_session(data, file.parent, name)
+    if parsed is not None:
+        return _report(parsed, progress)
+    findings = [Finding("error", "session", file.name, str(f)) for f in faults]
+    facts: dict[str, Any] = {}
+    readings = data.get("readings") if isinstance(data, dict) else None
+    if isinstance(readings, str) and (file.parent / readings).is_file():
+        # The recording can be looked at even where the description is at fault.
+        scan, _ = _scan(file.parent / readings, None, None, findings, progress)
+        findings += recording_findings(scan, readings, None, None)
+        facts["recording"] = scan.facts() if scan.rows else None
+    return report(str(data.get("id", file.parent.name)) if isinstance(data, dict) else name, findings, facts)
+
+
+def _report(session: Session, progress: Progress | None) -> CheckReport:
+    findings = [*session_findings(session), *overlap_findings(session), *tare_life_findings(session)]
+    facts: dict[str, Any] = {
+        "cases": len(session.cases),
+        "excluded": sum(c.excluded is not None for c in session.cases),
+        "recording": None,
+        "tares": None,
+        "known_weights": [],
+    }
+    recording: Recording | None = None
+    path = session.readings_path
+    windows = windows_of(session)
+    if path is not None:
+        cell = session.load_cell
+        spec = None
+        if cell is not None:
+            spec = cell_spec(cell.model) or cell_spec(f"{cell.model or ''} {cell.calibration or ''}")
+        scan, recording = _scan(path, session, spec, findings, progress)
+        findings += recording_findings(scan, path.name, cell.rate_hz if cell else None, spec)
+        facts["recording"] = scan.facts() if scan.rows else None
+        findings += [*window_findings(session, scan), *plateau_findings(session, recording.plateaus)]
+    elif windows:
+        findings.append(finding("error", "readings", "readings", "the folder of the readings is not known"))
+    measured = _measured(session, recording, findings)
+    if measured is not None:
+        tares, facts["tares"] = tare_findings(measured)
+        weights, facts["known_weights"] = weight_findings(measured.checks)
+        findings += [*tares, *sign_findings(measured), *force_findings(measured), *weights]
+    return report(session.id, findings, facts)
+
+
+def _scan(
+    path: Path, session: Session | None, spec: CellSpec | None, findings: list[Finding], progress: Progress | None
+) -> tuple[RecordingScan, Recording]:
+    """Stream the recording once, gathering windows and looking at the whole; faults become findings."""
+    scan = RecordingScan(range=None if spec is None else np.array(spec.range))
+    windows = windows_of(session) if session is not None else {}
+
+    def note_fault(error: ReadingsError) -> None:
+        where = str(error).split(" [", maxsplit=1)[0] if " lies outside " in str(error) else path.name
+        findings.append(Finding("error", _code(error), where, str(error)))
+
+    try:
+        source: ReadingSource = open_readings(path)
+    except ReadingsError as error:
+        note_fault(error)
+        return scan, Recording(0, np.nan, np.nan, {})
+    findings += [finding("note", "conversion", path.name, c) for c in source.conversions]
+    findings += [finding("note", "columns", path.name, n) for n in source.notes]
+    return scan, gather(scan.watch(source.blocks()), windows, path.name, progress, note_fault)
+
+
+def _code(error: ReadingsError) -> str:
+    text = str(error)
+    for phrase, code in (
+        ("lies outside", "window_outside"),
+        ("holds", "window_empty"),
+        ("time goes from", "time_order"),
+        ("lacks column", "missing_column"),
+        ("twice", "duplicate_column"),
+        ("states no unit", "no_unit"),
+        ("not a unit", "unknown_unit"),
+        ("torn", "damaged_file"),
+    ):
+        if phrase in text:
+            return code
+    return "readings"
+
+
+def _measured(session: Session, recording: Recording | None, findings: list[Finding]) -> MeasuredSession | None:
+    """Correct the cases whose windows could be read; None where none is left."""
+    plateaus = recording.plateaus if recording is not None else {}
+    cases = tuple(c for c in session.cases if all(w in plateaus for _, w in c.windows()))
+    weights = tuple(c for c in session.checks if c.unloaded_s in plateaus and c.loaded_s in plateaus)
+    if not cases:
+        return None
+    try:
+        return assemble(session.model_copy(update={"cases": cases, "checks": weights}), plateaus)
+    except InputError as error:
+        findings.append(Finding("error", "corrections", "cases", str(error)))
+        return None

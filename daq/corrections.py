@@ -1,0 +1,219 @@
+"""From readings to one wrench a load case: tare and its drift, plateaus, mount axes, known weights, friction.
+
+One pass over the readings; each window is reduced when it is complete.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.calibration import MountTransform, mount_transform
+from daq.errors import SessionError
+from daq.measured import MeasuredCase, MeasuredCheck, MeasuredSession, Tare
+from daq.plateaus import Plateau
+from daq.readings import open_readings
+from daq.session_models import KnownWeight, LoadCase, Session, TensionEstimate
+from daq.windows import Span, gather
+
+Floats = NDArray[np.float64]
+Progress = Callable[[float], None]
+
+
+def measure(session: Session, progress: Progress | None = None) -> MeasuredSession:
+    """Correct a session's readings.
+
+    Args:
+        session: as read from its folder.
+        progress: is told the share of the recording that has been read, 0 to 1.
+
+    Raises:
+        ReadingsError: the readings cannot be used, or a window lies outside them.
+        SessionError: the readings' folder is not known, or the friction correction cannot be estimated.
+    """
+    notes: tuple[str, ...] = ()
+    plateaus: Mapping[Span, Plateau] = {}
+    windows = windows_of(session)
+    if windows:
+        path = session.readings_path
+        if path is None:
+            raise SessionError(
+                f"session {session.id} has windows, but its folder is not known", "a session read from its folder"
+            )
+        source = open_readings(path)
+        plateaus = gather(source.blocks(), windows, path.name, progress).plateaus
+        notes = (*(f"converted {c}" for c in source.conversions), *source.notes)
+    return assemble(session, plateaus, notes)
+
+
+def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[str, ...] = ()) -> MeasuredSession:
+    """Make a measured session from its reduced windows."""
+    cases = [c for c in session.cases if c.excluded is None]
+    mounts = session.load_cell.mounts if session.load_cell else {}
+    transforms = {m: mount_transform(mounts.get(m), session.specimen.side) for m in ("tip", "bone")}
+    tares, index = _tares(cases, plateaus, transforms)
+    weights = np.zeros((len(cases), len(tares)))
+    drift = _drift_per_s(cases, tares, index)
+    measured = []
+    for row, case in enumerate(cases):
+        if case.loaded_s is None or case.unloaded_s is None:
+            measured.append(_averaged(case))
+            continue
+        plateau, transform = plateaus[case.loaded_s], transforms[case.location]
+        before = index[case.location, case.unloaded_s]
+        wrench = transform.apply(plateau.mean)
+        covariance = transform.apply_covariance(plateau.covariance)
+        if case.unloaded_after_s is None:
+            weights[row, before] = 1.0
+        else:
+            after = index[case.location, case.unloaded_after_s]
+            t0, t, t1 = tares[before].mid_s, plateau.mid_s, tares[after].mid_s
+            _require_between(case, t0, t, t1)
+            share = (t - t0) / (t1 - t0)
+            weights[row, before], weights[row, after] = 1.0 - share, share
+            covariance = covariance + np.diag(drift[row] * (t - t0) * (t1 - t) / (t1 - t0))
+        for k in np.flatnonzero(weights[row]):
+            wrench = wrench - weights[row, k] * tares[k].mean
+        measured.append(
+            MeasuredCase(
+                case=case,
+                wrench=wrench,
+                covariance=covariance,
+                loaded_mid_s=plateau.mid_s,
+                unloaded_mid_s=tares[before].mid_s,
+                steady=plateau.steady,
+                plateau=plateau,
+                has_torque=True,
+                noise_stated=True,
+            )
+        )
+    checks = tuple(_check(w, plateaus, transforms[w.mount], session.gravity_m_s2) for w in session.checks)
+    stated = session.tension_factor
+    out = MeasuredSession(
+        session=session,
+        cases=tuple(measured),
+        tares=tuple(tares),
+        tare_weights=weights,
+        checks=checks,
+        tension_factor=np.nan if isinstance(stated, TensionEstimate) else float(stated),
+        tension_factor_source="stated by the session",
+        notes=notes,
+    )
+    return _with_estimate(out) if isinstance(stated, TensionEstimate) else out
+
+
+def _with_estimate(measured: MeasuredSession) -> MeasuredSession:
+    from daq.friction import friction
+
+    result = friction([measured])
+    source = f"estimated by force balance from {result.n} pairs of cases"
+    return replace(measured, tension_factor=result.factor, tension_factor_source=source)
+
+
+def windows_of(session: Session) -> dict[Span, str]:
+    """Collect a session's windows, each once, named after the first case that has it; excluded cases have none."""
+    out: dict[Span, str] = {}
+    for case in session.cases:
+        if case.excluded is None:
+            for key, window in case.windows():
+                out.setdefault(window, f"case {case.id}: {key}")
+    for i, check in enumerate(session.checks):
+        out.setdefault(check.unloaded_s, f"checks[{i}]: unloaded_s")
+        out.setdefault(check.loaded_s, f"checks[{i}]: loaded_s")
+    return out
+
+
+def _tares(
+    cases: list[LoadCase], plateaus: Mapping[Span, Plateau], transforms: Mapping[str, MountTransform]
+) -> tuple[list[Tare], dict[tuple[str, Span], int]]:
+    """Bring every tare that occurs to mount axes, and say where each one is."""
+    tares: list[Tare] = []
+    index: dict[tuple[str, Span], int] = {}
+    for case in cases:
+        for window in (case.unloaded_s, case.unloaded_after_s):
+            if window is None or (case.location, window) in index:
+                continue
+            plateau, transform = plateaus[window], transforms[case.location]
+            index[case.location, window] = len(tares)
+            tares.append(
+                Tare(
+                    mean=transform.apply(plateau.mean),
+                    covariance=transform.apply_covariance(plateau.covariance),
+                    mid_s=plateau.mid_s,
+                    location=case.location,
+                    window_s=window,
+                )
+            )
+    return tares, index
+
+
+def _drift_per_s(cases: list[LoadCase], tares: list[Tare], index: Mapping[tuple[str, Span], int]) -> Floats:
+    """Return the variance (cases, 6) by which the zero wanders in a second, for cases between two tares.
+
+    It is the square of the tares' difference over the time between them, the larger of the case's own pair and the
+    mean over all pairs. That counts a straight drift, which interpolation removes, and the tares' noise as wandering:
+    it errs on the safe side.
+    """
+    rates = np.zeros((len(cases), 6))
+    pairs = {}
+    for row, case in enumerate(cases):
+        if case.unloaded_s is None or case.unloaded_after_s is None:
+            continue
+        before, after = index[case.location, case.unloaded_s], index[case.location, case.unloaded_after_s]
+        gap = tares[after].mid_s - tares[before].mid_s
+        if gap > 0.0:
+            rates[row] = (tares[after].mean - tares[before].mean) ** 2 / gap
+            pairs[before, after] = rates[row]
+    if not pairs:
+        return rates
+    typical = np.mean(list(pairs.values()), axis=0)
+    return np.maximum(rates, typical)
+
+
+def _require_between(case: LoadCase, t0: float, t: float, t1: float) -> None:
+    if not t0 < t < t1:
+        raise SessionError(
+            f"case {case.id}: loaded_s does not lie between its two tares",
+            "unloaded_s, then loaded_s, then unloaded_after_s",
+            "Correct the windows",
+        )
+
+
+def _averaged(case: LoadCase) -> MeasuredCase:
+    wrench = np.full(6, np.nan)
+    wrench[:3] = case.force_N
+    if case.torque_Nmm is not None:
+        wrench[3:] = case.torque_Nmm
+    covariance = np.zeros((6, 6))
+    if case.force_cov_N2 is not None:
+        covariance[:3, :3] = case.force_cov_N2
+    elif case.force_sd_N is not None:
+        covariance[:3, :3] = np.diag(np.square(case.force_sd_N))
+    return MeasuredCase(
+        case=case,
+        wrench=wrench,
+        covariance=covariance,
+        loaded_mid_s=None,
+        unloaded_mid_s=None,
+        steady=None,
+        plateau=None,
+        has_torque=case.torque_Nmm is not None,
+        noise_stated=case.force_cov_N2 is not None or case.force_sd_N is not None,
+    )
+
+
+def _check(
+    weight: KnownWeight, plateaus: Mapping[Span, Plateau], transform: MountTransform, gravity_m_s2: float
+) -> MeasuredCheck:
+    loaded, unloaded = plateaus[weight.loaded_s], plateaus[weight.unloaded_s]
+    return MeasuredCheck(
+        force_N=np.array(weight.direction) * weight.mass_g * 1e-3 * gravity_m_s2,
+        wrench=transform.apply(loaded.mean - unloaded.mean),
+        covariance=transform.apply_covariance(loaded.covariance + unloaded.covariance),
+        when=weight.when,
+        mount=weight.mount,
+        mass_g=weight.mass_g,
+    )

@@ -1,0 +1,37 @@
+"""What can be wrong with what the user gave us.
+
+    InputError            anything in a file or an argument that we cannot use (exit 2, HTTP 4xx)
+    ├── SessionError      session.yaml: keys, roles, postures, windows
+    ├── ReadingsError     the readings file: columns, units, numbers, time
+    └── ModelError        a finger, model revision or parameter set
+
+Every message is one line: what was found, what was expected, what to do.
+"""
+
+from __future__ import annotations
+
+
+class InputError(ValueError):
+    """Bad input, said in one line: found, expected, remedy."""
+
+    def __init__(self, found: str, expected: str = "", remedy: str = "") -> None:
+        self.found, self.expected, self.remedy = found, expected, remedy
+        parts = [found.rstrip(".")]
+        if expected:
+            parts.append(f"expected {expected.rstrip('.')}")
+        text = "; ".join(parts) + "."
+        if remedy:
+            text += " " + remedy if remedy.endswith(("?", ".")) else f" {remedy}."
+        super().__init__(" ".join(text.split()))
+
+
+class SessionError(InputError):
+    """A bench session's description cannot be used."""
+
+
+class ReadingsError(InputError):
+    """A readings file cannot be used."""
+
+
+class ModelError(InputError):
+    """A finger, a model revision or a parameter set cannot be used."""

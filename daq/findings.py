@@ -1,0 +1,91 @@
+"""What a check of a session found: each finding says what was found, what was expected and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+from daq.errors import InputError
+
+SCHEMA = "fingertwin/check/1"
+Level = Literal["error", "warning", "note"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One finding.
+
+    Attributes:
+        level: error (do not use what it concerns), warning (look at it) or note.
+        code: short name for scripts.
+        where: place in the session, such as `case c004: loaded_s`.
+        text: one line.
+    """
+
+    level: Level
+    code: str
+    where: str
+    text: str
+
+
+def finding(level: Level, code: str, where: str, found: str, expected: str = "", remedy: str = "") -> Finding:
+    """Make a finding whose text is built like that of an error."""
+    return Finding(level, code, where, str(InputError(found, expected, remedy)))
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """Everything that a check found.
+
+    Attributes:
+        session: its id, or the path that was asked for.
+        findings: errors first, then warnings, then notes.
+        facts: numbers of the recording, tares and known weights, units in the keys; None for what is unknown.
+    """
+
+    session: str
+    findings: tuple[Finding, ...]
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is no error."""
+        return not self.errors
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """The errors."""
+        return self.at("error")
+
+    @property
+    def warnings(self) -> tuple[Finding, ...]:
+        """The warnings."""
+        return self.at("warning")
+
+    @property
+    def notes(self) -> tuple[Finding, ...]:
+        """The notes."""
+        return self.at("note")
+
+    def at(self, level: Level) -> tuple[Finding, ...]:
+        """Return the findings of one level."""
+        return tuple(f for f in self.findings if f.level == level)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the answer as plain data."""
+        return {
+            "schema": SCHEMA,
+            "session": self.session,
+            "ok": self.ok,
+            "errors": len(self.errors),
+            "warnings": len(self.warnings),
+            "findings": [asdict(f) for f in self.findings],
+            **self.facts,
+        }
+
+
+def report(session: str, findings: list[Finding], facts: Mapping[str, Any]) -> CheckReport:
+    """Put findings in order: errors, warnings, notes, each as they were found."""
+    order = {"error": 0, "warning": 1, "note": 2}
+    return CheckReport(session, tuple(sorted(findings, key=lambda f: order[f.level])), facts)

@@ -1,0 +1,271 @@
+"""The friction correction c by force balance (Synek et al. 2019, PeerJ 7:e7470, Eq 1): tension = c m g.
+
+For a posture and weights measured at both mounts, the tip force turned into the metacarpal's axes and the bone force
+together balance the tendons. c = ‖R F_tip + F_bone‖ / (Σ m g). The norm is biased upwards by noise and misalignment, so
+the balance along the metacarpal's axis v = +x and across it are given too.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import SessionError
+from daq.measured import MeasuredSession
+from daq.session_models import Posture
+
+Floats = NDArray[np.float64]
+SCHEMA = "fingertwin/friction/1"
+
+
+@dataclass(frozen=True)
+class FrictionCase:
+    """Force balance of one posture and set of weights.
+
+    Attributes:
+        session: id; specimen: id.
+        posture: name.
+        masses_g: on each tendon.
+        direction: loading or unloading.
+        tip_cases: ids of the tip readings; bone_cases: of the bone readings; repeats are averaged.
+        weight_N: Σ m g.
+        factor: c of Eq 1.
+        factor_sd: its standard uncertainty from the readings alone, None where they state none.
+        along: component of the balance along +x of the metacarpal, over Σ m g, signed.
+        across: length of its component across, over Σ m g.
+        above_one: whether c > 1, which no friction explains.
+    """
+
+    session: str
+    specimen: str
+    posture: str
+    masses_g: dict[str, float]
+    direction: str
+    tip_cases: tuple[str, ...]
+    bone_cases: tuple[str, ...]
+    weight_N: float
+    factor: float
+    factor_sd: float | None
+    along: float
+    across: float
+    above_one: bool
+
+
+@dataclass(frozen=True)
+class FrictionMean:
+    """Mean of c over cases.
+
+    Attributes:
+        name: of the specimen, or `pooled`.
+        n: cases; specimens: among which they are.
+        factor: mean c; sd: between cases (n − 1), None for one case.
+        sem: standard uncertainty of the mean; pooled over specimens, it is clustered by specimen.
+        low, high: 95 % interval by Student's t.
+        freedom: its degrees of freedom: cases − 1 for one specimen, specimens − 1 when pooled.
+        along, across: means of those.
+        above_one: cases with c > 1.
+    """
+
+    name: str
+    n: int
+    specimens: int
+    factor: float
+    sd: float | None
+    sem: float | None
+    low: float | None
+    high: float | None
+    freedom: int
+    along: float
+    across: float
+    above_one: int
+
+
+@dataclass(frozen=True)
+class FrictionResult:
+    """Friction per case, per specimen and pooled.
+
+    Attributes:
+        cases: in the order of the sessions.
+        specimens: one mean each, in order of first appearance.
+        pooled: over all cases.
+        sem_unclustered: sd / √n, as if the cases were independent.
+        sd_population: sd with n in the denominator.
+        unpaired: `session: posture, masses` that lack a tip or a bone reading.
+        notes: what limits the numbers.
+    """
+
+    cases: tuple[FrictionCase, ...]
+    specimens: tuple[FrictionMean, ...]
+    pooled: FrictionMean
+    sem_unclustered: float | None
+    sd_population: float
+    unpaired: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def factor(self) -> float:
+        """The pooled c."""
+        return self.pooled.factor
+
+    @property
+    def n(self) -> int:
+        """Number of cases."""
+        return self.pooled.n
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the answer as plain data; c is a ratio and has no unit."""
+        return {"schema": SCHEMA, **asdict(self)}
+
+
+def friction(sessions: Sequence[MeasuredSession]) -> FrictionResult:
+    """Find the friction correction of measured sessions.
+
+    Args:
+        sessions: measured; those of one specimen are counted together.
+
+    Raises:
+        SessionError: no posture and weights were measured at both tip and bone.
+    """
+    cases: list[FrictionCase] = []
+    unpaired: list[str] = []
+    notes: list[str] = []
+    for measured in sessions:
+        found, alone = _balances(measured)
+        cases += found
+        unpaired += alone
+        if any(p.abduction for p in measured.session.postures_deg.values()):
+            notes.append(f"{measured.session.id}: turned by Rz(MCP) Ry(abduction) Rz(PIP + DIP)")
+    if not cases:
+        names = ", ".join(m.session.id for m in sessions) or "none"
+        raise SessionError(
+            f"no pair of tip and bone cases with the same posture and masses in {names}",
+            "at least one such pair",
+            "Measure a load case at both mounts, or state tension_factor as a number",
+        )
+    by_specimen: dict[str, list[FrictionCase]] = defaultdict(list)
+    for case in cases:
+        by_specimen[case.specimen].append(case)
+    groups = list(by_specimen.values())
+    pooled = _mean("pooled", groups)
+    if len(groups) == 1:
+        notes.append("one specimen: the interval is that of its cases and says nothing of other specimens")
+    if pooled.above_one:
+        notes.append(f"c > 1 in {pooled.above_one} of {pooled.n} cases, which friction cannot explain")
+    factors = np.array([c.factor for c in cases])
+    return FrictionResult(
+        cases=tuple(cases),
+        specimens=tuple(_mean(name, [group]) for name, group in by_specimen.items()),
+        pooled=pooled,
+        sem_unclustered=None if pooled.sd is None else pooled.sd / float(np.sqrt(pooled.n)),
+        sd_population=float(factors.std()),
+        unpaired=tuple(unpaired),
+        notes=tuple(notes),
+    )
+
+
+def tip_to_metacarpal(posture: Posture) -> Floats:
+    """Return the rotation (3, 3) that takes a vector of the distal phalanx into the metacarpal's axes.
+
+    Rz(MCP) Ry(abduction) Rz(PIP + DIP): abduction carried by flexion. Without abduction, Rz of the summed flexion.
+    """
+    mcp, rest, abduction = np.deg2rad([posture.MCP, posture.PIP + posture.DIP, posture.abduction])
+    ry = np.array(
+        [[np.cos(abduction), 0.0, np.sin(abduction)], [0.0, 1.0, 0.0], [-np.sin(abduction), 0.0, np.cos(abduction)]]
+    )
+    out: Floats = _about_z(float(mcp)) @ ry @ _about_z(float(rest))
+    return out
+
+
+def _about_z(angle_rad: float) -> Floats:
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _balances(measured: MeasuredSession) -> tuple[list[FrictionCase], list[str]]:
+    session = measured.session
+    groups: dict[tuple[Any, ...], dict[str, list[int]]] = {}
+    for i, m in enumerate(measured.cases):
+        masses = tuple(sorted((k, v) for k, v in m.case.masses_g.items() if v > 0.0))
+        if masses:
+            key = (m.case.posture, masses, m.case.direction)
+            groups.setdefault(key, {"tip": [], "bone": []})[m.case.location].append(i)
+    cases, alone = [], []
+    for (posture, masses, direction), at in groups.items():
+        if not (at["tip"] and at["bone"]):
+            # Single tendons are measured at the tip alone by plan; only a lone bone reading is worth a word.
+            if at["bone"]:
+                alone.append(f"{session.id}: {posture}, {', '.join(f'{t} {g:g} g' for t, g in masses)}: no tip case")
+            continue
+        turn = tip_to_metacarpal(session.postures_deg[posture])
+        tip, tip_covariance = _average(measured, at["tip"])
+        bone, bone_covariance = _average(measured, at["bone"])
+        balance = turn @ tip + bone
+        weight = sum(g for _, g in masses) * 1e-3 * session.gravity_m_s2
+        length = float(np.linalg.norm(balance))
+        unit = balance / length if length > 0.0 else np.zeros(3)
+        variance = float(unit @ (turn @ tip_covariance @ turn.T + bone_covariance) @ unit)
+        stated = all(measured.cases[i].noise_stated for i in (*at["tip"], *at["bone"]))
+        cases.append(
+            FrictionCase(
+                session=session.id,
+                specimen=session.specimen.id,
+                posture=posture,
+                masses_g=dict(masses),
+                direction=direction,
+                tip_cases=tuple(measured.cases[i].case.id for i in at["tip"]),
+                bone_cases=tuple(measured.cases[i].case.id for i in at["bone"]),
+                weight_N=weight,
+                factor=length / weight,
+                factor_sd=float(np.sqrt(variance)) / weight if stated else None,
+                along=float(balance[0]) / weight,
+                across=float(np.hypot(balance[1], balance[2])) / weight,
+                above_one=length > weight,
+            )
+        )
+    return cases, alone
+
+
+def _average(measured: MeasuredSession, indices: list[int]) -> tuple[Floats, Floats]:
+    """Return the mean force (3,) of repeats and its covariance (3, 3)."""
+    n = len(indices)
+    force = np.mean([measured.cases[i].wrench[:3] for i in indices], axis=0)
+    blocks = measured.covariance(indices).reshape(n, 6, n, 6)[:, :3, :, :3]
+    return force, blocks.sum(axis=(0, 2)) / n**2
+
+
+def _mean(name: str, groups: Sequence[Sequence[FrictionCase]]) -> FrictionMean:
+    """Average c; over several specimens the deviations of one specimen are summed before they are squared."""
+    from scipy.special import stdtrit
+
+    cases = [c for group in groups for c in group]
+    factors = np.array([c.factor for c in cases])
+    n, clusters = len(cases), len(groups)
+    mean = float(factors.mean())
+    sd = float(factors.std(ddof=1)) if n > 1 else None
+    if clusters > 1:
+        sums = np.array([sum(c.factor - mean for c in group) for group in groups])
+        sem: float | None = float(np.sqrt(clusters / (clusters - 1) * (sums**2).sum())) / n
+        freedom = clusters - 1
+    else:
+        sem = None if sd is None else sd / float(np.sqrt(n))
+        freedom = n - 1
+    half = None if sem is None else float(stdtrit(freedom, 0.975)) * sem
+    return FrictionMean(
+        name=name,
+        n=n,
+        specimens=clusters,
+        factor=mean,
+        sd=sd,
+        sem=sem,
+        low=None if half is None else mean - half,
+        high=None if half is None else mean + half,
+        freedom=freedom,
+        along=float(np.mean([c.along for c in cases])),
+        across=float(np.mean([c.across for c in cases])),
+        above_one=sum(c.above_one for c in cases),
+    )

@@ -1,0 +1,129 @@
+"""What a bench session measured: one wrench a load case, with the covariance that shared tares give them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.plateaus import Plateau
+from daq.session_models import LoadCase, Session
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Tare:
+    """An unloaded reading that one or more load cases are measured against.
+
+    Attributes:
+        mean: (6,) wrench [N, N mm] in mount axes.
+        covariance: (6, 6) of it.
+        mid_s: middle of its window [s].
+        location: of the cell.
+        window_s: the window.
+    """
+
+    mean: Floats
+    covariance: Floats
+    mid_s: float
+    location: str = "tip"
+    window_s: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredCase:
+    """The wrench that the finger exerted on the cell in one load case.
+
+    Attributes:
+        case: what was set.
+        wrench: (6,) [N, N mm] in mount axes, right-hand-equivalent; NaN torque where it was not read.
+        covariance: (6, 6) of the loaded reading alone (plateau, quantisation, drift between two tares); the tares' part
+            is shared between cases and comes with `MeasuredSession.covariance`.
+        loaded_mid_s: middle of the loaded window; unloaded_mid_s: of the tare before.
+        steady: whether the plateau was, None where that is open.
+        plateau: the reduced loaded window, in the cell's axes.
+        has_torque: whether the torque was read.
+        noise_stated: whether the covariance says anything: not for averaged forces without an uncertainty.
+    """
+
+    case: LoadCase
+    wrench: Floats
+    covariance: Floats
+    loaded_mid_s: float | None
+    unloaded_mid_s: float | None
+    steady: bool | None
+    plateau: Plateau | None
+    has_torque: bool
+    noise_stated: bool
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredCheck:
+    """A known weight hung on the cell, and what the cell made of it.
+
+    Attributes:
+        force_N: (3,) the weight's true pull on the cell, in mount axes.
+        wrench: (6,) measured, tare removed [N, N mm].
+        covariance: (6, 6) of it.
+        when: before, during or after the session.
+        mount: tip or bone.
+        mass_g: of the weight.
+    """
+
+    force_N: Floats
+    wrench: Floats
+    covariance: Floats
+    when: str
+    mount: str
+    mass_g: float
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredSession:
+    """A bench session as wrenches.
+
+    Attributes:
+        session: what was set.
+        cases: n load cases, in the session's order, without those that it excludes.
+        tares: that the cases share.
+        tare_weights: (n, tares) share of each tare in what was taken from each case; 1 for one tare, 1 − a and a
+            between two, nothing for an averaged force.
+        checks: with known weights.
+        tension_factor: the friction correction c: tension = c m g.
+        tension_factor_source: where it comes from.
+        notes: what the reader of the results should know, such as converted units.
+    """
+
+    session: Session
+    cases: tuple[MeasuredCase, ...]
+    tares: tuple[Tare, ...]
+    tare_weights: Floats
+    checks: tuple[MeasuredCheck, ...]
+    tension_factor: float
+    tension_factor_source: str
+    notes: tuple[str, ...]
+
+    def covariance(self, indices: Sequence[int] | None = None) -> Floats:
+        """Return the covariance (6 n, 6 n) of the wrenches, one after another: own parts and shared tares.
+
+        Args:
+            indices: of the cases wanted, in that order; all of them by default.
+        """
+        chosen = np.arange(len(self.cases)) if indices is None else np.asarray(indices, dtype=int)
+        n = len(chosen)
+        out = np.zeros((n, 6, n, 6))
+        for row, index in enumerate(chosen):
+            out[row, :, row, :] = self.cases[index].covariance
+        weights, axes = self.tare_weights[chosen], np.arange(6)
+        for tare, w in zip(self.tares, weights.T, strict=True):
+            rows = np.flatnonzero(w)
+            shares = np.outer(w[rows], w[rows])
+            out[np.ix_(rows, axes, rows, axes)] += np.einsum("ij,ab->iajb", shares, tare.covariance)
+        return out.reshape(6 * n, 6 * n)
+
+    def case_covariance(self, index: int) -> Floats:
+        """Return the covariance (6, 6) of one case's wrench, its tares included."""
+        return self.covariance([index])

@@ -1,0 +1,120 @@
+"""What must agree between the parts of a session, found in its plain data so that every fault is reported."""
+
+from __future__ import annotations
+
+import posixpath
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from daq.vocabulary import did_you_mean
+
+Place = tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that does not fit: `at` is its place as keys and indices; `found` continues that place's name."""
+
+    at: Place
+    found: str
+    expected: str = ""
+    remedy: str = ""
+
+
+def faults_between(session: Mapping[str, Any]) -> list[Fault]:
+    """List what does not agree between the parts of a session's plain data; malformed parts are passed over."""
+    cases = [(i, c) for i, c in enumerate(_list(session.get("cases"))) if isinstance(c, Mapping)]
+    return [
+        *_readings_name(session),
+        *_duplicate_ids(cases),
+        *_postures(session, cases),
+        *_repeats(cases),
+        *_mounts(session, cases),
+        *_recordings(session, cases),
+    ]
+
+
+def _list(value: object) -> Sequence[Any]:
+    return value if isinstance(value, list | tuple) else ()
+
+
+def _readings_name(session: Mapping[str, Any]) -> Iterator[Fault]:
+    name = session.get("readings")
+    if isinstance(name, str):
+        path = posixpath.normpath(name.replace("\\", "/"))
+        if path.startswith(("/", "..")) or ":" in path.split("/")[0]:
+            yield Fault(("readings",), f"is {name!r}", "a file inside the session's folder", "Move it there")
+
+
+def _duplicate_ids(cases: Sequence[tuple[int, Mapping[str, Any]]]) -> Iterator[Fault]:
+    seen: dict[str, int] = {}
+    for i, case in cases:
+        name = str(case.get("id"))
+        if "id" in case and name in seen:
+            yield Fault(("cases", i, "id"), f"is that of cases[{seen[name]}] too", "a different id for each case")
+        seen.setdefault(name, i)
+
+
+def _postures(session: Mapping[str, Any], cases: Sequence[tuple[int, Mapping[str, Any]]]) -> Iterator[Fault]:
+    known = session.get("postures_deg")
+    if not isinstance(known, Mapping):
+        return
+    names = [str(k) for k in known]
+    for i, case in cases:
+        name = case.get("posture")
+        if isinstance(name, str | int | float) and str(name) not in names:
+            hint = did_you_mean(str(name), names)
+            yield Fault(
+                ("cases", i, "posture"),
+                f"is {name!r}, which postures_deg does not have",
+                f"one of {' '.join(names)}" if names else "postures_deg to name it",
+                hint[:1].upper() + hint[1:],
+            )
+
+
+def _repeats(cases: Sequence[tuple[int, Mapping[str, Any]]]) -> Iterator[Fault]:
+    ids = [str(case.get("id")) for _, case in cases]
+    for i, case in cases:
+        name = case.get("repeat_of")
+        if name is None:
+            continue
+        if str(name) not in ids or str(name) == str(case.get("id")):
+            hint = did_you_mean(str(name), ids)
+            yield Fault(
+                ("cases", i, "repeat_of"), f"is {name!r}", "the id of another case", hint[:1].upper() + hint[1:]
+            )
+
+
+def _mounts(session: Mapping[str, Any], cases: Sequence[tuple[int, Mapping[str, Any]]]) -> Iterator[Fault]:
+    cell = session.get("load_cell")
+    mounts = cell.get("mounts") if isinstance(cell, Mapping) else None
+    if not isinstance(mounts, Mapping) or not mounts:
+        return
+    remedy = "Add the mount, or correct the name"
+    named = " ".join(str(m) for m in mounts)
+    for i, case in cases:
+        name = case.get("location")
+        if name in ("tip", "bone") and name not in mounts:
+            found = f"is {name}, which load_cell.mounts does not have"
+            yield Fault(("cases", i, "location"), found, f"one of {named}", remedy)
+    for i, check in enumerate(_list(session.get("checks"))):
+        name = check.get("mount") if isinstance(check, Mapping) else None
+        if name in ("tip", "bone") and name not in mounts:
+            found = f"is {name}, which load_cell.mounts does not have"
+            yield Fault(("checks", i, "mount"), found, f"one of {named}", remedy)
+
+
+def _recordings(session: Mapping[str, Any], cases: Sequence[tuple[int, Mapping[str, Any]]]) -> Iterator[Fault]:
+    if session.get("readings") is not None:
+        return
+    for i, case in cases:
+        if "loaded_s" in case and "force_N" not in case:
+            yield Fault(
+                ("cases", i),
+                "has windows, but the session names no readings",
+                "readings: the file that the windows lie in",
+                "Name the file, or give force_N",
+            )
+    if _list(session.get("checks")):
+        yield Fault(("checks",), "have windows, but the session names no readings", "readings: the file's name")

@@ -1,0 +1,238 @@
+"""Read and write bench sessions: a folder with `session.yaml` and, for raw readings, the file that it names."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Hashable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from daq.errors import SessionError
+from daq.files import replacing
+from daq.locations import data_dir
+from daq.session_errors import line_of, lines_of, summary
+from daq.session_models import (
+    FORMAT,
+    Environment,
+    Event,
+    KnownWeight,
+    LoadCase,
+    LoadCell,
+    Location,
+    Mount,
+    Posture,
+    Session,
+    Specimen,
+    TensionEstimate,
+)
+from daq.session_rules import faults_between
+from daq.vocabulary import LOCATIONS, ROLES, TENDONS, did_you_mean
+
+__all__ = [
+    "FORMAT",
+    "LOCATIONS",
+    "ROLES",
+    "SESSION_FILE",
+    "TENDONS",
+    "Environment",
+    "Event",
+    "KnownWeight",
+    "LoadCase",
+    "LoadCell",
+    "Location",
+    "Mount",
+    "Posture",
+    "Session",
+    "Specimen",
+    "TensionEstimate",
+    "faults_of",
+    "find_session",
+    "parse_session",
+    "read_session",
+    "read_yaml",
+    "session_names",
+    "write_session",
+]
+
+try:  # libyaml is ten times faster, and not built everywhere
+    from yaml import CSafeLoader as SafeLoader
+except ImportError:
+    from yaml import SafeLoader  # type: ignore[assignment]
+
+SESSION_FILE = "session.yaml"
+
+
+def session_names() -> list[str]:
+    """Return the names of the sessions that come with the software."""
+    folder = data_dir() / "sessions"
+    return sorted(p.parent.name for p in folder.glob(f"*/{SESSION_FILE}"))
+
+
+def find_session(path: str | Path) -> Path:
+    """Return the session.yaml that a folder, a file or the bare name of a shipped session stands for.
+
+    Raises:
+        SessionError: there is none.
+    """
+    given = Path(path)
+    if given.is_file():
+        return given
+    if given.is_dir():
+        file = given / SESSION_FILE
+        if file.is_file():
+            return file
+        raise SessionError(f"folder {given} has no {SESSION_FILE}", "a bench session's folder")
+    shipped = data_dir() / "sessions" / given.name / SESSION_FILE
+    if len(given.parts) == 1 and shipped.is_file():
+        return shipped
+    hint = did_you_mean(str(path), session_names())
+    raise SessionError(
+        f"no session at {path}",
+        f"a session's folder, its {SESSION_FILE}, or a shipped one by name",
+        hint[:1].upper() + hint[1:] or "Shipped sessions lie in data/sessions",
+    )
+
+
+def read_session(path: str | Path) -> Session:
+    """Read a bench session.
+
+    Args:
+        path: its folder, its `session.yaml`, or the name of a shipped session.
+
+    Raises:
+        SessionError: it is absent or cannot be used; the line names the place in the file and how many faults follow.
+    """
+    file = find_session(path)
+    data = read_yaml(file)
+    session, faults = parse_session(data, file.parent, _short(file))
+    if session is None:
+        raise summary(faults)
+    return session
+
+
+def parse_session(data: object, folder: Path | None, file: str = "") -> tuple[Session | None, list[SessionError]]:
+    """Make a session from plain data, or list everything that is wrong with it.
+
+    Args:
+        data: what the YAML file holds.
+        folder: where the readings lie; their absence is a fault. None skips that check.
+        file: name of the file, for messages.
+
+    Returns:
+        the session, or None with the faults in the order of the file.
+    """
+    if not isinstance(data, Mapping):
+        found = "is empty" if data is None else f"holds a {type(data).__name__}"
+        return None, [
+            SessionError(f"{file or 'the session'} {found}", f"keys with values, the first one `format: {FORMAT}`")
+        ]
+    between = [line_of(f, data, file) for f in faults_between(data)]
+    try:
+        session = Session.model_validate(data)
+    except ValidationError as error:
+        faults = lines_of(error, data, file) + between
+        if not faults:
+            faults = [SessionError(f"{file or 'the session'}: {error.errors()[0]['msg']}")]
+        return None, faults
+    session = session.in_folder(folder)
+    path = session.readings_path
+    if path is not None and not path.is_file():
+        found = f"{file}: readings names {session.readings!r}, which is not in {folder}"
+        return None, [SessionError(found, "a file in the session's folder", "Copy it there, or correct the name")]
+    return session, []
+
+
+def faults_of(path: str | Path) -> list[SessionError]:
+    """List every fault in a session's description."""
+    try:
+        file = find_session(path)
+        return parse_session(read_yaml(file), file.parent, _short(file))[1]
+    except SessionError as error:
+        return [error]
+
+
+def write_session(session: Session, folder: str | Path) -> Path:
+    """Write a session's description, and its readings where they lie in another folder.
+
+    Returns:
+        the path of its `session.yaml`, which was renamed into place when complete.
+    """
+    target = Path(folder)
+    source = session.readings_path
+    if source is not None and session.readings is not None:
+        copy = target / session.readings
+        if source.is_file() and copy.resolve() != source.resolve():
+            with replacing(copy) as temporary:
+                shutil.copyfile(source, temporary)
+    data = session.model_dump(mode="json", exclude_defaults=True)
+    # Defaults that the reader of the file would have to know are written out.
+    data["gravity_m_s2"] = session.gravity_m_s2
+    data["postures_deg"] = {name: posture.model_dump() for name, posture in session.postures_deg.items()}
+    ordered = {key: data[key] for key in (*Session.model_fields, *(session.model_extra or {})) if key in data}
+    with replacing(target / SESSION_FILE) as temporary:
+        temporary.write_text(
+            yaml.dump(ordered, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120), encoding="utf-8"
+        )
+    return target / SESSION_FILE
+
+
+def read_yaml(file: Path) -> Any:
+    """Read a YAML file, refusing a key given twice.
+
+    Raises:
+        SessionError: it cannot be read, with the line of the fault.
+    """
+    name = _short(file)
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise SessionError(f"{name} is not UTF-8 text (byte {error.start})", "a text file") from error
+    except OSError as error:
+        raise SessionError(f"{name} cannot be read ({error.strerror})", "a readable file") from error
+    try:
+        return yaml.load(text, Loader=_Loader)  # noqa: S506 - a subclass of the safe loader
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        where = f" in line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        raise SessionError(f"{name} is not YAML{where}: {error.problem}", "YAML") from error
+    except yaml.YAMLError as error:
+        raise SessionError(f"{name} is not YAML: {error}", "YAML") from error
+
+
+def _short(file: Path) -> str:
+    return f"{file.parent.name}/{file.name}" if file.parent.name else file.name
+
+
+class _Loader(SafeLoader):
+    """YAML's safe loader, which also refuses a key given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        """Build a mapping whose keys differ."""
+        seen = set()
+        for key, _ in node.value:
+            if key.value in seen and key.tag != "tag:yaml.org,2002:merge":
+                raise yaml.constructor.ConstructorError(None, None, f"key {key.value!r} is there twice", key.start_mark)
+            seen.add(key.value)
+        out: dict[Hashable, Any] = super().construct_mapping(node, deep)
+        return out
+
+
+class _Dumper(yaml.SafeDumper):
+    """YAML with short lists and masses on one line."""
+
+
+def _represent_list(dumper: yaml.SafeDumper, data: list[Any]) -> yaml.Node:
+    plain = all(isinstance(v, int | float | list) or (isinstance(v, str) and len(v) < 30) for v in data)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=plain)
+
+
+def _represent_dict(dumper: yaml.SafeDumper, data: dict[str, Any]) -> yaml.Node:
+    flow = bool(data) and len(data) < 7 and all(isinstance(v, int | float) for v in data.values())
+    return dumper.represent_mapping("tag:yaml.org,2002:map", data.items(), flow_style=flow or not data)
+
+
+_Dumper.add_representer(list, _represent_list)
+_Dumper.add_representer(dict, _represent_dict)

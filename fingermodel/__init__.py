@@ -1,0 +1,1 @@
+"""Physics and inference: fingers, forces, comparison, refit. No hardware, no web."""

@@ -1,0 +1,240 @@
+"""Predicted against measured forces: per load case and summarised (Synek et al. 2019, Eqs 6 and 7)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.model import Model
+from fingermodel.observations import Observations
+
+Floats = NDArray[np.float64]
+PLANES = {"sagittal": 2, "space": 3}
+
+
+@dataclass(frozen=True)
+class CaseComparison:
+    """One load case: what was read and what the model says the cell should have read.
+
+    Forces in N and torques in N mm, in the mount's frame; `z` is the Mahalanobis norm of the force residual.
+    """
+
+    id: str
+    role: str
+    posture: str
+    location: str
+    masses_g: dict[str, float]
+    measured_N: Floats
+    measured_sd_N: Floats
+    predicted_N: Floats
+    measured_Nmm: Floats | None
+    predicted_Nmm: Floats | None
+    z: float | None
+
+    @property
+    def muscles(self) -> str:
+        """Loaded tendons, such as `FDP` or `FDP+FDS`."""
+        return muscles_of(self.masses_g)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the contract's case object."""
+        return {
+            "id": self.id,
+            "role": self.role,
+            "posture": self.posture,
+            "location": self.location,
+            "masses_g": self.masses_g,
+            "measured_N": self.measured_N.tolist(),
+            "measured_sd_N": self.measured_sd_N.tolist(),
+            "predicted_N": self.predicted_N.tolist(),
+            "residual_N": (self.measured_N - self.predicted_N).tolist(),
+            "measured_Nmm": None if self.measured_Nmm is None else self.measured_Nmm.tolist(),
+            "predicted_Nmm": None if self.predicted_Nmm is None else self.predicted_Nmm.tolist(),
+            "z": self.z,
+        }
+
+
+@dataclass(frozen=True)
+class ErrorSummary:
+    """Errors over some load cases in one plane, as published.
+
+    Attributes:
+        cases: how many.
+        components: scalar force components (2 or 3 a case).
+        rmse_N: over the components (Eq 6).
+        rmse_rel_pct: of the mean measured norm (Eq 7).
+        magnitude_error_N: mean of | |predicted| - |measured| |.
+        magnitude_error_pct: the same relative to each |measured|.
+        direction_error_deg: mean unsigned angle, where the measured force stands out from its uncertainty.
+        direction_cases: how many cases that is.
+    """
+
+    cases: int
+    components: int
+    rmse_N: float | None
+    rmse_rel_pct: float | None
+    magnitude_error_N: float | None
+    magnitude_error_pct: float | None
+    direction_error_deg: float | None
+    direction_cases: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the contract's error summary."""
+        return dict(self.__dict__)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All load cases of a session under one model."""
+
+    cases: tuple[CaseComparison, ...]
+    noise_assumed: bool
+
+    def select(
+        self,
+        role: str | None = None,
+        location: str | None = None,
+        muscles: str | None = None,
+        posture: str | None = None,
+    ) -> Comparison:
+        """Return the cases that match everything given."""
+        chosen = tuple(
+            c
+            for c in self.cases
+            if (role is None or c.role == role)
+            and (location is None or c.location == location)
+            and (muscles is None or c.muscles == muscles)
+            and (posture is None or c.posture == posture)
+        )
+        return Comparison(chosen, self.noise_assumed)
+
+    def errors(self, plane: str) -> ErrorSummary:
+        """Summarise all cases in the `sagittal` plane or in `space`."""
+        return summarise(self.cases, PLANES[plane])
+
+    def both(self) -> dict[str, Any]:
+        """Return the summaries of both planes."""
+        return {plane: self.errors(plane).as_dict() for plane in PLANES}
+
+    def summary(self) -> dict[str, Any]:
+        """Summaries by role and location, keys `role/location`."""
+        keys = dict.fromkeys((c.role, c.location) for c in self.cases)
+        return {f"{role}/{location}": self.select(role, location).both() for role, location in keys}
+
+    def by(self, what: str) -> dict[str, Any]:
+        """Summaries by `muscles`, `posture` or `location`, with each role and location apart below them."""
+        out = {}
+        for key in dict.fromkeys(getattr(c, what) for c in self.cases):
+            part = self.select(**{what: key})
+            out[str(key)] = part.both() | part.summary()
+        return out
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the contract's comparison, without schema."""
+        return {
+            "cases": [c.as_dict() for c in self.cases],
+            "summary": self.summary(),
+            "by_muscle": self.by("muscles"),
+            "by_posture": self.by("posture"),
+            "by_location": self.by("location"),
+            "moments": self.moments(),
+            "noise_assumed": self.noise_assumed,
+        }
+
+    def moments(self) -> dict[str, Any]:
+        """RMSE of Mz [N mm] by role and location, where moments were read."""
+        out: dict[str, Any] = {}
+        for key in dict.fromkeys((c.role, c.location) for c in self.cases):
+            rows = [
+                (c.measured_Nmm[2] - c.predicted_Nmm[2], c.measured_Nmm[2])
+                for c in self.select(*key).cases
+                if c.measured_Nmm is not None and c.predicted_Nmm is not None and c.location == "tip"
+            ]
+            if rows:
+                values = np.array(rows)
+                out["/".join(key)] = {
+                    "cases": len(rows),
+                    "rmse_Mz_Nmm": float(np.sqrt(np.mean(values[:, 0] ** 2))),
+                    "mean_abs_Mz_Nmm": float(np.mean(np.abs(values[:, 1]))),
+                }
+        return out
+
+
+def muscles_of(masses_g: dict[str, float]) -> str:
+    """Name what is loaded: `FDP`, `FDP+FDS`, or `none`."""
+    return "+".join(m for m, mass in masses_g.items() if mass) or "none"
+
+
+def compare(model: Model, observations: Observations, theta: Floats | None = None) -> Comparison:
+    """Compare a model's readings with the measured ones, case by case.
+
+    Args:
+        model: finger, budget and effects for the session's layout.
+        observations: of the session.
+        theta: (parameters,) fitted; by default the model before any fit.
+    """
+    reading = np.asarray(model.predict(observations.inputs, theta).reading)
+    covariance = observations.case_covariance
+    cases = []
+    for i, role in enumerate(observations.roles):
+        if role == "check":
+            continue
+        measured, predicted = observations.wrench[i], reading[i]
+        torque_known = bool(np.isfinite(measured[3:]).all())
+        block = covariance[i][:3, :3]
+        residual = measured[:3] - predicted[:3]
+        positive = bool(np.all(np.diag(block) > 0))
+        z = float(np.sqrt(residual @ np.linalg.solve(block, residual))) if positive else None
+        # At the bone the clamp's point is not known, so the model has no moment to compare.
+        has_prediction = torque_known and observations.locations[i] == "tip"
+        cases.append(
+            CaseComparison(
+                id=observations.ids[i],
+                role=role,
+                posture=observations.postures[i],
+                location=observations.locations[i],
+                masses_g=observations.masses_g[i],
+                measured_N=measured[:3],
+                measured_sd_N=np.sqrt(np.diag(block)),
+                predicted_N=predicted[:3],
+                measured_Nmm=measured[3:] if torque_known else None,
+                predicted_Nmm=predicted[3:] if has_prediction else None,
+                z=z,
+            )
+        )
+    return Comparison(tuple(cases), observations.noise_assumed)
+
+
+def summarise(cases: Iterable[CaseComparison], components: int) -> ErrorSummary:
+    """Summarise errors over the first `components` force components (2: sagittal, 3: space)."""
+    rows = list(cases)
+    if not rows:
+        return ErrorSummary(0, 0, None, None, None, None, None, 0)
+    measured = np.array([c.measured_N[:components] for c in rows])
+    predicted = np.array([c.predicted_N[:components] for c in rows])
+    sd = np.array([c.measured_sd_N[:components] for c in rows])
+    norm, norm_predicted = np.linalg.norm(measured, axis=1), np.linalg.norm(predicted, axis=1)
+    rmse = float(np.sqrt(np.mean((measured - predicted) ** 2)))
+    magnitude = np.abs(norm_predicted - norm)
+    some = norm > 0
+    # A direction means something only where the force stands out: three standard uncertainties along itself.
+    unit = measured / np.where(some, norm, 1.0)[:, None]
+    along = np.sqrt(np.sum((unit * sd) ** 2, axis=1))
+    clear = some & (norm >= 3.0 * along) & (norm_predicted > 0)
+    cosine = np.sum(measured * predicted, axis=1)[clear] / (norm * norm_predicted)[clear]
+    angle = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    mean_norm = float(norm.mean())
+    return ErrorSummary(
+        cases=len(rows),
+        components=len(rows) * components,
+        rmse_N=rmse,
+        rmse_rel_pct=100.0 * rmse / mean_norm if mean_norm > 0 else None,
+        magnitude_error_N=float(magnitude.mean()),
+        magnitude_error_pct=100.0 * float((magnitude[some] / norm[some]).mean()) if some.any() else None,
+        direction_error_deg=float(angle.mean()) if clear.any() else None,
+        direction_cases=int(clear.sum()),
+    )

@@ -1,0 +1,334 @@
+"""Finger parameter sets as files: `data/fingers/NAME.yaml`, format `finger/1`.
+
+Points stand in the file as their source prints them, in its length unit and its own bone frames; the loader turns them
+into millimetres about the joint centres. Every block of numbers names its source and certainty.
+"""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import os
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from daq.errors import ModelError
+from daq.locations import data_dir
+from fingermodel.fingers import (
+    COMPONENTS,
+    Finger,
+    FingerValues,
+    FractionPrior,
+    Hood,
+    Joint,
+    Segment,
+    Topology,
+)
+
+Vector = tuple[float, float, float]
+Certainty = Literal["high", "medium", "low", "assumed", "fitted"]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class _Sourced(_Strict):
+    source: str
+    certainty: Certainty
+    note: str = ""
+
+
+class _Length(_Sourced):
+    value_mm: float = Field(gt=0)
+
+
+class _Rotation(_Strict):
+    name: str
+    axis: Vector
+    flexion: bool = False
+
+
+class _Joint(_Sourced):
+    name: str
+    parent: str
+    child: str
+    centre: Vector
+    """Joint centre from the parent bone's own joint centre, in length units."""
+    distal_origin: float
+    """How far the joint centre lies proximal of the origin in which this joint's distal points are printed."""
+    rotations: list[_Rotation]
+
+
+class _Segment(_Sourced):
+    slip: str
+    joint: str
+    proximal: Vector
+    distal: Vector
+    wrap: Literal["straight", "landsmeer1_dorsal", "landsmeer1_palmar"] = "straight"
+    proximal_bone: str | None = None
+    distal_bone: str | None = None
+
+
+class _Fraction(_Sourced):
+    value: float = Field(ge=0, le=1)
+    sd: float | None = Field(default=None, ge=0)
+    centre: float | None = Field(default=None, ge=0, le=1)
+
+
+class _Hood(_Strict):
+    kind: Literal["winslow_rhombus"]
+    radial: list[str]
+    ulnar: list[str]
+    extensors: list[str]
+    partial: list[str] = []
+    central_slip: str
+    radial_band: str
+    ulnar_band: str
+    terminal_slip: str
+    fractions: dict[str, _Fraction]
+
+
+class _LoadPoint(_Sourced):
+    offset_mm: Vector
+    """From the last joint's centre, in mm."""
+
+
+class FingerFile(_Strict):
+    """The schema of a finger file."""
+
+    format: Literal["finger/1"]
+    id: str
+    title: str
+    sources: dict[str, str]
+    length_unit: _Length
+    prior_width: float = Field(default=1.0, gt=0)
+    bones: list[str]
+    joints: list[_Joint]
+    muscles: list[str]
+    segments: list[_Segment]
+    hood: _Hood | None = None
+    reactions: list[Literal["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]]
+    load_point: _LoadPoint
+    judged_in: Literal["sagittal", "space"] = "space"
+
+
+def finger_names() -> list[str]:
+    """Names of the shipped fingers."""
+    return sorted(p.stem for p in (data_dir() / "fingers").glob("*.yaml"))
+
+
+def read_finger(name_or_path: str | os.PathLike[str], folder: Path | None = None) -> Finger:
+    """Read a finger by its name in `data/fingers`, or from a file.
+
+    Args:
+        name_or_path: shipped name, or a path; a relative path is tried against `folder` first.
+        folder: of the session that names the finger.
+
+    Raises:
+        ModelError: no such finger, or a file that does not meet the format.
+    """
+    text = os.fspath(name_or_path)
+    path = _find(text, folder)
+    try:
+        raw: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise ModelError(f"{path.name} is not YAML ({' '.join(str(error).split())})", "a finger/1 file") from error
+    except UnicodeDecodeError as error:
+        raise ModelError(f"{path.name} is not text", "a finger/1 file in UTF-8") from error
+    return finger_from_dict(raw, path.name)
+
+
+def finger_from_dict(raw: Any, where: str) -> Finger:
+    """Build a finger from the contents of a finger file; `where` names it in errors."""
+    try:
+        document = FingerFile.model_validate(raw)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(p) for p in first["loc"]) or "the file"
+        raise ModelError(f"{where}: {place}: {first['msg']}", "a finger/1 file", "See data/README.md") from error
+    _check_names(document, where)
+    return _build(document)
+
+
+def _find(text: str, folder: Path | None) -> Path:
+    candidates = [Path(text)] if folder is None else [folder / text, Path(text)]
+    for path in candidates:
+        if path.is_file():
+            return path
+    shipped = data_dir() / "fingers" / f"{text}.yaml"
+    if Path(text).name == text and shipped.is_file():
+        return shipped
+    near = difflib.get_close_matches(text, finger_names(), n=1)
+    raise ModelError(
+        f"no finger {text!r}",
+        f"a file, or one of {', '.join(finger_names())}",
+        f"Did you mean {near[0]}?" if near else "",
+    )
+
+
+def _check_names(document: FingerFile, where: str) -> None:
+    def need(ok: bool, found: str, expected: str) -> None:
+        if not ok:
+            raise ModelError(f"{where}: {found}", expected)
+
+    joints = {j.name for j in document.joints}
+    for joint in document.joints:
+        for bone in (joint.parent, joint.child):
+            need(bone in document.bones, f"joint {joint.name} joins {bone!r}", f"one of {', '.join(document.bones)}")
+        need(bool(joint.rotations), f"joint {joint.name} has no rotation", "at least one")
+    for segment in document.segments:
+        known = segment.joint in joints
+        need(known, f"segment {segment.slip} crosses {segment.joint!r}", f"one of {', '.join(sorted(joints))}")
+    hood_slips: set[str] = set()
+    if document.hood:
+        hood = document.hood
+        hood_slips = {hood.central_slip, hood.radial_band, hood.ulnar_band, hood.terminal_slip}
+        expected = set(_hood(document).fractions)
+        need(set(hood.fractions) == expected, f"hood.fractions has {sorted(hood.fractions)}", f"{sorted(expected)}")
+    for segment in document.segments:
+        known = segment.slip in document.muscles or segment.slip in hood_slips
+        need(known, f"segment {segment.joint}.{segment.slip} is pulled by nothing", "a muscle or a slip of the hood")
+    count = sum(len(j.rotations) for j in document.joints)
+    need(
+        len(set(document.reactions)) == len(document.reactions) == count,
+        f"{len(document.reactions)} reactions for {count} rotations",
+        "as many different reactions of the tip clamp as there are rotations",
+    )
+    blocks = [document.length_unit, document.load_point, *document.joints, *document.segments]
+    blocks += list(document.hood.fractions.values()) if document.hood else []
+    for block in blocks:
+        need(block.source in document.sources, f"source {block.source!r} is not listed", f"{sorted(document.sources)}")
+
+
+def _hood(document: FingerFile) -> Hood:
+    hood = document.hood
+    assert hood is not None  # noqa: S101 - asked for only where there is one
+    return Hood(
+        radial=tuple(hood.radial),
+        ulnar=tuple(hood.ulnar),
+        extensors=tuple(hood.extensors),
+        partial=tuple(hood.partial),
+        central_slip=hood.central_slip,
+        radial_band=hood.radial_band,
+        ulnar_band=hood.ulnar_band,
+        terminal_slip=hood.terminal_slip,
+    )
+
+
+def _build(document: FingerFile) -> Finger:
+    unit = document.length_unit.value_mm
+    bone = {name: i for i, name in enumerate(document.bones)}
+    joints = tuple(
+        Joint(
+            name=j.name,
+            parent=bone[j.parent],
+            child=bone[j.child],
+            rotations=tuple(r.name for r in j.rotations),
+            flexion=next((i for i, r in enumerate(j.rotations) if r.flexion), -1),
+        )
+        for j in document.joints
+    )
+    by_name = {j.name: j for j in document.joints}
+    segments = tuple(
+        Segment(
+            slip=s.slip,
+            joint=s.joint,
+            proximal_bone=bone[s.proximal_bone or by_name[s.joint].parent],
+            distal_bone=bone[s.distal_bone or by_name[s.joint].child],
+            wrap=s.wrap,
+        )
+        for s in document.segments
+    )
+    hood = _hood(document) if document.hood else None
+    topology = Topology(
+        bones=tuple(document.bones),
+        joints=joints,
+        segments=segments,
+        muscles=tuple(document.muscles),
+        hood=hood,
+        reactions=tuple(COMPONENTS.index(c) for c in document.reactions),
+    )
+    printed = np.array([s.distal for s in document.segments])
+    origin = np.array([[by_name[s.joint].distal_origin, 0.0, 0.0] for s in document.segments])
+    heads = np.array([by_name[s.joint].centre for s in document.segments])
+    axes = np.array([r.axis for j in document.joints for r in j.rotations], dtype=float)
+    fractions = [document.hood.fractions[name] for name in topology.fractions] if document.hood else []
+    values = FingerValues(
+        centre=unit * np.array([j.centre for j in document.joints], dtype=float),
+        axis=axes / np.linalg.norm(axes, axis=1, keepdims=True),
+        proximal_point=unit * (np.array([s.proximal for s in document.segments]) + heads),
+        distal_point=unit * (printed - origin),
+        fraction=np.array([f.value for f in fractions], dtype=float),
+        load_point=np.array(document.load_point.offset_mm, dtype=float),
+        suture=np.tile([1.0, 0.0, 0.0], (len(document.muscles), 1)),
+    )
+    return Finger(
+        id=document.id,
+        title=document.title,
+        topology=topology,
+        values=values,
+        length_unit_mm=unit,
+        prior_width=document.prior_width,
+        fraction_priors=tuple(FractionPrior(f.sd, f.centre) for f in fractions),
+        judged_in=document.judged_in,
+        document=document.model_dump(mode="json", exclude_none=True),
+    )
+
+
+def finger_document(finger: Finger, source: str, cite: str, certainty: Certainty) -> dict[str, Any]:
+    """Return the finger as the contents of a finger file, the numbers that differ from its file marked as ours.
+
+    Args:
+        finger: with the numbers to write.
+        source: short name under which the changed numbers are listed, such as `fit`.
+        cite: what that source is.
+        certainty: of the changed numbers.
+    """
+    document: dict[str, Any] = copy.deepcopy(finger.document)
+    known = _build(FingerFile.model_validate(document))
+    unit, values, topology = finger.length_unit_mm, finger.values, finger.topology
+    changed = {"source": source, "certainty": certainty, "note": ""}
+    document |= {"id": finger.id, "title": finger.title, "prior_width": finger.prior_width}
+    document["sources"] = document["sources"] | {source: cite}
+
+    def differs(ours: ArrayLike, theirs: ArrayLike) -> bool:
+        return not np.allclose(ours, theirs, rtol=0.0, atol=1e-12)
+
+    joints = {j.name: i for i, j in enumerate(topology.joints)}
+    for i, joint in enumerate(document["joints"]):
+        if differs(values.centre[i], known.values.centre[i]):
+            joint.update(changed, centre=(values.centre[i] / unit).tolist())
+    for i, segment in enumerate(document["segments"]):
+        joint = document["joints"][joints[segment["joint"]]]
+        head = values.centre[joints[segment["joint"]]]
+        moved = differs(values.proximal_point[i], known.values.proximal_point[i]) or differs(
+            values.distal_point[i], known.values.distal_point[i]
+        )
+        if moved or differs(head, known.values.centre[joints[segment["joint"]]]):
+            origin = np.array([joint["distal_origin"], 0.0, 0.0])
+            segment.update(
+                changed,
+                proximal=((values.proximal_point[i] - head) / unit).tolist(),
+                distal=(values.distal_point[i] / unit + origin).tolist(),
+            )
+    for i, name in enumerate(topology.fractions):
+        if differs(values.fraction[i], known.values.fraction[i]):
+            document["hood"]["fractions"][name] |= changed | {"value": float(values.fraction[i])}
+    if differs(values.load_point, known.values.load_point):
+        document["load_point"] |= changed | {"offset_mm": values.load_point.tolist()}
+    return document
+
+
+def write_finger(document: dict[str, Any], path: Path, heading: str = "") -> None:
+    """Write a finger document as YAML, under a temporary name that is then renamed."""
+    text = "".join(f"# {line}\n" for line in heading.splitlines())
+    text += yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None)
+    temporary = path.with_name(path.name + ".tmp")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(path)

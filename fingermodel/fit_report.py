@@ -1,0 +1,258 @@
+"""What a refit found: values with uncertainty, bounds, correlations, what the data say nothing about, what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.problems import Problem, residual_at
+
+Floats = NDArray[np.float64]
+Outcome = Literal["converged", "stalled", "too_many_evaluations", "not_finite"]
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """One parameter after a fit; `sd` is None where neither data nor prior determine it."""
+
+    name: str
+    unit: str
+    kind: str
+    initial: float
+    value: float
+    prior_sd: float | None
+    sd: float | None
+    at_bound: bool
+    identified: bool
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The outcome of a refit as a value; `message` says what to do.
+
+    `optima` are the objective and the probability of each distinct optimum that was found, best first.
+    """
+
+    method: str
+    outcome: Outcome
+    message: str
+    objective: float
+    objective_before: float
+    evaluations: int
+    seconds: float
+    theta: Floats
+    covariance: Floats
+    free: NDArray[np.bool_]
+    parameters: tuple[FittedParameter, ...]
+    correlated: tuple[tuple[str, str, float], ...]
+    residuals: int
+    optima: tuple[tuple[float, float], ...] = ()
+
+    def parameter(self, name: str) -> FittedParameter:
+        """Return one fitted parameter by name."""
+        return next(p for p in self.parameters if p.name == name)
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """Where one start of the solver ended.
+
+    Attributes:
+        theta: (parameters,).
+        jacobian: (residuals, parameters) of the whitened residuals in scaled coordinates.
+        objective: there.
+        outcome: of the solver.
+    """
+
+    theta: Floats
+    jacobian: Floats
+    objective: float
+    outcome: Outcome
+
+
+def describe(
+    problem: Problem, optima: Sequence[Optimum], method: str, before: float, evaluations: int, seconds: float
+) -> Fit:
+    """Turn optima into a `Fit`: covariance, correlations, bounds, what the data say nothing about.
+
+    The best optimum gives the values. Others that the data like nearly as well widen the covariance: each counts by
+    its Laplace evidence, and its distance from the best one is uncertainty too.
+
+    Args:
+        problem: that was solved.
+        optima: where the starts ended; at least one.
+        method: `map` or `slsqp`.
+        before: objective before the fit.
+        evaluations: of the objective, all starts together.
+        seconds: of the solution.
+    """
+    table = problem.model.parameters
+    ranked = _distinct(problem, optima)
+    best = ranked[0]
+    theta = best.theta
+    at_bound = _at_bound(problem, theta)
+    noise = _noise_variance(problem, best) if method == "slsqp" or not _has_priors(problem) else 1.0
+    local = [_laplace(problem, optimum) for optimum in ranked]
+    log_weight = np.array(
+        [-0.5 * o.objective / noise - 0.5 * part.log_det for o, part in zip(ranked, local, strict=True)]
+    )
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    covariance = np.zeros((len(table), len(table)))
+    for share, optimum, part in zip(weight, ranked, local, strict=True):
+        away = optimum.theta - theta
+        covariance += share * (part.covariance * noise + np.outer(away, away))
+    unknown = local[0].unknown
+
+    sd = np.sqrt(np.diag(covariance))
+    parameters = []
+    for i, p in enumerate(table):
+        if not problem.free[i]:
+            continue
+        width = problem.sd[i] if np.isfinite(problem.sd[i]) else (problem.upper[i] - problem.lower[i]) / np.sqrt(12.0)
+        # Data that shrink the prior's variance by less than a hundredth have said nothing.
+        informed = not unknown[i] and (at_bound[i] or sd[i] ** 2 < 0.99 * width**2)
+        prior_sd = float(problem.sd[i]) if np.isfinite(problem.sd[i]) else None
+        parameters.append(
+            FittedParameter(
+                name=p.name,
+                unit=p.unit,
+                kind=p.kind,
+                initial=p.initial,
+                value=float(theta[i]),
+                prior_sd=prior_sd,
+                sd=None if unknown[i] or at_bound[i] else float(sd[i]),
+                at_bound=bool(at_bound[i]),
+                identified=bool(informed),
+            )
+        )
+    fit = Fit(
+        method=method,
+        outcome=best.outcome,
+        message="",
+        objective=best.objective,
+        objective_before=before,
+        evaluations=evaluations,
+        seconds=seconds,
+        theta=theta,
+        covariance=covariance,
+        free=problem.free,
+        parameters=tuple(parameters),
+        correlated=_correlated(table.names, covariance),
+        residuals=len(problem.rows),
+        optima=tuple((o.objective, float(share)) for o, share in zip(ranked, weight, strict=True)),
+    )
+    return _with_message(fit)
+
+
+@dataclass(frozen=True)
+class _Local:
+    covariance: Floats
+    log_det: float
+    unknown: NDArray[np.bool_]
+
+
+def _laplace(problem: Problem, optimum: Optimum) -> _Local:
+    """Covariance at an optimum for unit noise; parameters at a bound are held there."""
+    moving = problem.free & ~_at_bound(problem, optimum.theta)
+    scale, size = problem.scale, len(problem.scale)
+    jacobian = optimum.jacobian[:, moving]
+    hessian = jacobian.T @ jacobian + np.diag(problem.weight[moving])
+    values, vectors = np.linalg.eigh(hessian) if moving.any() else (np.ones(0), np.zeros((0, 0)))
+    determined = values > max(float(values.max(initial=0.0)), 1.0) * 1e-13
+    inverse = (vectors / np.where(determined, values, np.inf)) @ vectors.T
+    covariance = np.zeros((size, size))
+    covariance[np.ix_(moving, moving)] = inverse * np.outer(scale[moving], scale[moving])
+    unknown = np.zeros(size, dtype=bool)
+    unknown[np.flatnonzero(moving)[(vectors[:, ~determined] ** 2).sum(axis=1) > 1e-6]] = True
+    return _Local(covariance, float(np.log(values[determined]).sum()), unknown)
+
+
+def _distinct(problem: Problem, optima: Sequence[Optimum]) -> list[Optimum]:
+    """Converged optima that are different places, best first; the best of all if none converged."""
+    ranked = sorted(optima, key=lambda o: o.objective if np.isfinite(o.objective) else np.inf)
+    kept: list[Optimum] = []
+    for optimum in [o for o in ranked if o.outcome == "converged"] or ranked[:1]:
+        places = [
+            np.abs((optimum.theta - other.theta) / problem.scale)[problem.free].max(initial=0.0) for other in kept
+        ]
+        if all(distance > 0.05 for distance in places):
+            kept.append(optimum)
+    return kept
+
+
+def _at_bound(problem: Problem, theta: Floats) -> NDArray[np.bool_]:
+    near = 1e-6 * problem.scale
+    held: NDArray[np.bool_] = problem.free & ((theta <= problem.lower + near) | (theta >= problem.upper - near))
+    return held
+
+
+def _has_priors(problem: Problem) -> bool:
+    return bool(np.any(np.isfinite(problem.sd[problem.free])))
+
+
+def _noise_variance(problem: Problem, optimum: Optimum) -> float:
+    """Eq 5 states no noise: take it from the residual, with the parameters that the data truly spent."""
+    moving = problem.free & ~_at_bound(problem, optimum.theta)
+    residual = residual_at(problem, optimum.theta)
+    spent = _spent(optimum.jacobian, problem.weight, moving)
+    return float(residual @ residual) / max(len(residual) - spent, 1.0)
+
+
+def _spent(jacobian: Floats, weight: Floats, moving: NDArray[np.bool_]) -> float:
+    """Effective number of parameters: trace of the hat matrix."""
+    if not moving.any():
+        return 0.0
+    data = jacobian[:, moving].T @ jacobian[:, moving]
+    return float(np.trace(np.linalg.pinv(data + np.diag(weight[moving])) @ data))
+
+
+def _correlated(
+    names: tuple[str, ...], covariance: Floats, at_least: float = 0.95
+) -> tuple[tuple[str, str, float], ...]:
+    sd = np.sqrt(np.diag(covariance))
+    safe = np.where(sd > 0, sd, 1.0)
+    correlation = np.triu(covariance / np.outer(safe, safe), 1)
+    pairs = np.argwhere(np.abs(correlation) >= at_least)
+    found = [(names[i], names[j], float(correlation[i, j])) for i, j in pairs]
+    return tuple(sorted(found, key=lambda pair: -abs(pair[2])))
+
+
+def _with_message(fit: Fit) -> Fit:
+    parts = {
+        "converged": "Converged.",
+        "stalled": "Stopped where rounding hides further progress; the values hold, their uncertainties may not.",
+        "too_many_evaluations": "Not converged: do not use these values. Check the session, or start elsewhere.",
+        "not_finite": "The model gives no finite forces here: check postures and masses.",
+    }
+    text = [parts[fit.outcome]]
+    bound = [p.name for p in fit.parameters if p.at_bound]
+    if bound:
+        text.append(
+            f"{len(bound)} at a bound ({_few(bound)}): the data want more than is plausible; look for a missing effect."
+        )
+    anatomy = [p for p in fit.parameters if p.kind != "budget"]
+    blind = [p.name for p in anatomy if not p.identified]
+    if blind:
+        text.append(
+            f"The data say nothing about {len(blind)} of {len(anatomy)} parameters of the finger ({_few(blind)}): "
+            "they keep their prior; load those tendons, or read more components, to know them."
+        )
+    rivals = [share for _, share in fit.optima[1:] if share > 0.01]
+    if rivals:
+        text.append(
+            f"{len(rivals)} other sets of values fit nearly as well (probability {sum(rivals):.2f} together); "
+            "the stated uncertainties cover them."
+        )
+    if fit.correlated:
+        a, b, r = fit.correlated[0]
+        text.append(f"{len(fit.correlated)} pairs cannot be told apart (|r| >= 0.95), first {a} and {b} ({r:+.2f}).")
+    return replace(fit, message=" ".join(text))
+
+
+def _few(names: list[str], count: int = 3) -> str:
+    return ", ".join(names[:count]) + (", …" if len(names) > count else "")

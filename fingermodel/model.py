@@ -1,0 +1,232 @@
+"""The model: a finger, its effects and their parameters; one load case in, forces and a reading out.
+
+`predict_case` is written for one load case. `jax.vmap` batches it, `jax.jacobian` differentiates it with respect to
+everything. All effects live in it at their null values, so choosing effects is choosing which parameters are free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from fingermodel.budget import CERTIFICATE, Budget, anatomy_parameters, budget_effects
+from fingermodel.extensor import segment_tensions
+from fingermodel.fingers import Finger, FingerValues, Topology
+from fingermodel.kinematics import TipKinematics, joint_poses, poses_of_turns, tip_kinematics
+from fingermodel.parameters import ParameterTable
+from fingermodel.stages import Effect, Layout, LoadCaseInput, State
+from fingermodel.statics import ClampForces, clamp_forces, joint_loads, joint_torques
+from fingermodel.tendons import joint_pulls, moment_arms
+
+jax.config.update("jax_enable_x64", True)
+
+
+# For predictions without a session: one setting, the cell at either end.
+ANY_LAYOUT = Layout((("posture", 0),), (("tip", 0), ("bone", 0)))
+
+
+class Prediction(NamedTuple):
+    """Everything predicted for one load case.
+
+    Attributes:
+        reading: (6,) what the cell reports at its location [N, N mm], mount frame.
+        forces: at both clamps, without the cell's errors.
+        joint: (joints, 3) force of each child bone on its parent [N], parent's axes.
+        torque: (rotations,) [N mm].
+    """
+
+    reading: Array
+    forces: ClampForces
+    joint: Array
+    torque: Array
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What the compiler keys on: topology, effects and the lengths of their parameter slices."""
+
+    topology: Topology
+    effects: tuple[Effect, ...]
+    slices: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A finger with its effects for one session's layout.
+
+    Attributes:
+        finger: with the numbers before any fit.
+        layout: settings and mountings for which there are parameters.
+        budget: priors of the errors that every rig has.
+        effects: after the budget's own.
+    """
+
+    finger: Finger
+    layout: Layout = ANY_LAYOUT
+    budget: Budget = CERTIFICATE
+    effects: tuple[Effect, ...] = ()
+    _all: tuple[Effect, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_all", (*self.effects, *budget_effects(self.budget)))
+
+    @cached_property
+    def parameters(self) -> ParameterTable:
+        """Anatomy first, then every effect's parameters in the order of `structure.effects`."""
+        declared = list(anatomy_parameters(self.finger, self.budget))
+        for effect in self._all:
+            declared += effect.parameters(self.finger.topology, self.layout)
+        return ParameterTable(declared)
+
+    @cached_property
+    def structure(self) -> Structure:
+        """The static part, hashable."""
+        start = len(anatomy_parameters(self.finger, self.budget))
+        slices = []
+        for effect in self._all:
+            count = len(effect.parameters(self.finger.topology, self.layout))
+            slices.append((start, start + count))
+            start += count
+        return Structure(self.finger.topology, self._all, tuple(slices))
+
+    @property
+    def initial(self) -> NDArray[np.float64]:
+        """Parameter vector before any fit."""
+        return self.parameters.initial.copy()
+
+    def values_at(self, theta: NDArray[np.float64]) -> FingerValues:
+        """The finger's numbers with the anatomy of a parameter vector."""
+        fitted = with_anatomy(self.finger.topology, jax_values(self.finger.values), jnp.asarray(theta))
+        return FingerValues(*(np.asarray(v) for v in fitted))
+
+    def predict(self, cases: LoadCaseInput, theta: NDArray[np.float64] | None = None) -> Prediction:
+        """Predict a batch of load cases, given with a leading axis on every field."""
+        vector = self.parameters.initial if theta is None else theta
+        return predict_batch(self.structure, jax_values(self.finger.values), jnp.asarray(vector), cases)
+
+    def jacobian(self, cases: LoadCaseInput, theta: NDArray[np.float64] | None = None) -> Array:
+        """Derivative of every reading with respect to every parameter: (cases, 6, parameters)."""
+        vector = self.parameters.initial if theta is None else theta
+        return reading_jacobian(self.structure, jax_values(self.finger.values), jnp.asarray(vector), cases)
+
+    def moment_arms(self, posture_rad: NDArray[np.float64], theta: NDArray[np.float64] | None = None) -> Array:
+        """Moment arms [mm] in one posture: (rotations, segments)."""
+        vector = self.parameters.initial if theta is None else theta
+        values = jax_values(self.values_at(vector))
+        return posture_moment_arms(self.finger.topology, values, jnp.asarray(posture_rad))
+
+
+def jax_values(values: FingerValues) -> FingerValues:
+    """The same numbers as JAX arrays."""
+    return FingerValues(*(jnp.asarray(v) for v in values))
+
+
+def with_anatomy(topology: Topology, values: FingerValues, theta: Array) -> FingerValues:
+    """Put the leading entries of a parameter vector in the place of tendon points and fractions."""
+    n = 3 * len(topology.segments)
+    return values._replace(
+        proximal_point=theta[:n].reshape(-1, 3),
+        distal_point=theta[n : 2 * n].reshape(-1, 3),
+        fraction=theta[2 * n : 2 * n + len(topology.fractions)],
+    )
+
+
+def predict_case(structure: Structure, values: FingerValues, theta: Array, case: LoadCaseInput) -> Prediction:
+    """Predict one load case.
+
+    Args:
+        structure: topology and effects (static).
+        values: the finger's numbers; points and fractions are taken from `theta`.
+        theta: (parameters,) in the order of `Model.parameters`.
+        case: one load case.
+    """
+    topology = structure.topology
+    acting = [(effect, theta[a:b]) for effect, (a, b) in zip(structure.effects, structure.slices, strict=True)]
+    state = State(case.posture, with_anatomy(topology, values, theta), case.tension)
+    for effect, p in acting:
+        state = effect.tension(p, case, state)
+    for effect, p in acting:
+        state = effect.geometry(p, case, state)
+    state = state._replace(segment_tension=segment_tensions(topology, state.values, state.tension))
+    for effect, p in acting:
+        state = effect.sharing(p, case, state)
+    assert state.segment_tension is not None  # noqa: S101 - filled three lines above
+    poses = joint_poses(topology, state.values, state.posture)
+    pulls = joint_pulls(topology, state.values, poses)
+    state = state._replace(torque=joint_torques(poses, pulls, state.segment_tension))
+    for effect, p in acting:
+        state = effect.torque(p, case, state)
+    assert state.segment_tension is not None  # noqa: S101 - still filled
+    assert state.torque is not None  # noqa: S101 - filled three lines above
+    forces = clamp_forces(topology, state.values, poses, state.tension, state.torque)
+    loads = joint_loads(poses, pulls, state.segment_tension, forces.tip)
+    none = jnp.zeros(3)
+    at_clamp = jnp.where(case.at_bone, jnp.concatenate([forces.bone, none]), forces.tip)
+    state = state._replace(wrench=jnp.where(case.is_check, jnp.concatenate([case.known_force, none]), at_clamp))
+    for effect, p in acting:
+        state = effect.reading(p, case, state)
+    assert state.wrench is not None  # noqa: S101 - filled above
+    assert state.torque is not None  # noqa: S101 - filled above
+    return Prediction(state.wrench, forces, loads, state.torque)
+
+
+@partial(jax.jit, static_argnums=0)
+def predict_batch(structure: Structure, values: FingerValues, theta: Array, cases: LoadCaseInput) -> Prediction:
+    """Predict many load cases: `predict_case` over the leading axis of `cases`."""
+    return jax.vmap(lambda case: predict_case(structure, values, theta, case))(cases)
+
+
+@partial(jax.jit, static_argnums=0)
+def reading_jacobian(structure: Structure, values: FingerValues, theta: Array, cases: LoadCaseInput) -> Array:
+    """Derivative of every reading with respect to every parameter: (cases, 6, parameters)."""
+    # Reverse mode: six readings against a hundred parameters.
+    return jax.vmap(lambda case: jax.jacrev(lambda t: predict_case(structure, values, t, case).reading)(theta))(cases)
+
+
+@partial(jax.jit, static_argnums=0)
+def posture_moment_arms(topology: Topology, values: FingerValues, posture: Array) -> Array:
+    """Moment arms [mm] of every segment in one posture: (rotations, segments)."""
+    poses = joint_poses(topology, values, posture)
+    return moment_arms(topology, poses, joint_pulls(topology, values, poses))
+
+
+@partial(jax.jit, static_argnums=0)
+def tip_kinematics_batch(topology: Topology, values: FingerValues, posture: Array) -> TipKinematics:
+    """Jacobian of the load point and orientation of the tip for postures (n, rotations) [rad]."""
+    return jax.vmap(lambda q: tip_kinematics(topology, values, joint_poses(topology, values, q)))(posture)
+
+
+# Cases a pass: their intermediate values stay in the cache.
+CHUNK = 2048
+
+
+@partial(jax.jit, static_argnums=0)
+def clamp_forces_batch(topology: Topology, values: FingerValues, posture: Array, tension: Array) -> ClampForces:
+    """Forces alone, without budget or effects, each case with its own posture and tensions.
+
+    Args:
+        topology: of the finger.
+        values: of the finger.
+        posture: (n, rotations) [rad].
+        tension: (n, muscles) [N].
+
+    Returns:
+        Tip wrench (n, 6) and bone force (n, 3).
+    """
+
+    def one(case: tuple[Array, Array, Array]) -> ClampForces:
+        cosine, sine, t = case
+        poses = poses_of_turns(topology, values, cosine, sine)
+        pulls = joint_pulls(topology, values, poses)
+        torque = joint_torques(poses, pulls, segment_tensions(topology, values, t))
+        return clamp_forces(topology, values, poses, t, torque)
+
+    # Cosines and sines enter the loop as data: inside it the compiler would compute each of them a dozen times.
+    return jax.lax.map(one, (jnp.cos(posture), jnp.sin(posture), tension), batch_size=CHUNK)

@@ -1,0 +1,221 @@
+"""A fitted model as a file: a revision (`fingertwin-model/1`) with its parent, that `compare --model` takes.
+
+A revision holds the whole finger, so it stands without the file it came from, and every fitted parameter with its
+uncertainty. Errors of the rig (the budget) belong to the session they were fitted on; on another session they are
+left at zero.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import hashlib
+import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import ModelError
+from fingermodel.budget import Budget, budget_of
+from fingermodel.finger_files import finger_document, finger_from_dict, read_finger
+from fingermodel.fingers import Finger
+from fingermodel.fit_report import Fit
+from fingermodel.model import Model
+from fingermodel.stages import Layout
+
+FORMAT = "fingertwin-model/1"
+
+
+@dataclass(frozen=True)
+class Revision:
+    """One state of a specimen's model.
+
+    Attributes:
+        id: unique name of the revision.
+        parent: of the revision or finger that it was fitted from.
+        session: id of the session that it was fitted to.
+        finger: with the fitted anatomy.
+        prior: finger about which the priors of the fit stood.
+        theta: (name → value) of every parameter that was free.
+        document: the whole file.
+    """
+
+    id: str
+    parent: str
+    session: str
+    finger: Finger
+    prior: Finger
+    theta: dict[str, float]
+    document: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class LoadedModel:
+    """A model ready for one session: parameters, and what had to be left out to make it fit."""
+
+    name: str
+    model: Model
+    theta: NDArray[np.float64]
+    parent: str
+    notes: tuple[str, ...]
+
+
+def revision_document(
+    model: Model,
+    fit: Fit,
+    parent: str,
+    session: str,
+    before: Mapping[str, Any],
+    after: Mapping[str, Any],
+    readings_sha256: str | None,
+    note: str = "",
+) -> dict[str, Any]:
+    """Describe a fit as a revision.
+
+    Args:
+        model: that was fitted.
+        fit: its outcome.
+        parent: id of the finger or revision that the fit started from.
+        session: id of the session.
+        before: summary of errors before the fit.
+        after: and after it.
+        readings_sha256: of the readings file, None for averaged forces.
+        note: anything to keep with it.
+    """
+    free = np.flatnonzero(fit.free)
+    names = [model.parameters.names[i] for i in free]
+    body: dict[str, Any] = {
+        "format": FORMAT,
+        "parent": parent,
+        "session": {"id": session, "readings_sha256": readings_sha256},
+        "method": fit.method,
+        "outcome": fit.outcome,
+        "message": fit.message,
+        "objective": fit.objective,
+        "objective_before": fit.objective_before,
+        "effects": [effect.name for effect in model.effects],
+        "budget": {k: (dict(v) if k == "tendon_point_sd_mm" else v) for k, v in asdict(model.budget).items()},
+        "layout": {
+            "settings": [list(s) for s in model.layout.settings],
+            "mountings": [list(m) for m in model.layout.mountings],
+        },
+        "parameters": [asdict(p) for p in fit.parameters],
+        "covariance": {
+            "names": names,
+            # Six digits hold more than any reading knows.
+            "upper_rows": [[float(f"{x:.6g}") for x in fit.covariance[i, free[k:]]] for k, i in enumerate(free)],
+        },
+        "before": dict(before),
+        "after": dict(after),
+        "note": note,
+    }
+    values = model.values_at(fit.theta)
+    fitted = model.finger.replace_values(**values._asdict())
+    body["prior_finger"] = finger_document(model.finger, "fit", "an earlier fit", "fitted")
+    cite = f"fitted to session {session} by {fit.method}"
+    body["finger"] = finger_document(fitted, "fit", cite, "fitted")
+    digest = hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()[:12]
+    created = dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
+    return {"format": FORMAT, "id": f"{session}-{digest}", "created_utc": created} | body
+
+
+def write_revision(document: Mapping[str, Any], path: Path) -> None:
+    """Write a revision; an existing file is never overwritten.
+
+    Raises:
+        ModelError: the file exists.
+    """
+    if path.exists():
+        raise ModelError(f"{path} exists", "a new file: revisions are never overwritten", "Choose another --out")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(path.name + ".tmp")
+    temporary.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    temporary.replace(path)
+
+
+def free_path(folder: Path, session: str) -> Path:
+    """Return the first `SESSION-rN.json` in a folder that is not taken."""
+    safe = re.sub(r"[^A-Za-z0-9._-]", "_", session) or "session"
+    number = 1
+    while (path := folder / f"{safe}-r{number}.json").exists():
+        number += 1
+    return path
+
+
+def read_revision(path: Path) -> Revision:
+    """Read a revision.
+
+    Raises:
+        ModelError: not a revision, or a damaged one.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(document, dict) or document.get("format") != FORMAT:
+            found = document.get("format") if isinstance(document, dict) else type(document).__name__
+            raise ModelError(f"{path.name} has format {found!r}", f"{FORMAT}, as `fingertwin refit --out` writes")
+        theta = {str(p["name"]): float(p["value"]) for p in document["parameters"]}
+        return Revision(
+            id=str(document["id"]),
+            parent=str(document["parent"]),
+            session=str(document["session"]["id"]),
+            finger=finger_from_dict(document["finger"], path.name),
+            prior=finger_from_dict(document["prior_finger"], path.name),
+            theta=theta,
+            document=document,
+        )
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ModelError(
+            f"{path.name} is not JSON ({error})", f"{FORMAT}, as `fingertwin refit --out` writes"
+        ) from error
+    except (KeyError, TypeError, ValueError) as error:
+        if isinstance(error, ModelError):
+            raise
+        raise ModelError(f"{path.name} lacks or damages {error}", f"a whole {FORMAT} file", "Fit again") from error
+
+
+def load_model(
+    name: str | os.PathLike[str] | None,
+    session_id: str,
+    finger_name: str,
+    folder: Path | None,
+    layout: Layout,
+    budget: Budget,
+) -> LoadedModel:
+    """Load what `--model` names (a revision, a finger file, a shipped finger) for one session.
+
+    Args:
+        name: of the model; None takes the session's own finger.
+        session_id: of the session.
+        finger_name: that the session names.
+        folder: of the session.
+        layout: of the session.
+        budget: of the session.
+    """
+    if name is not None and Path(name).suffix == ".json":
+        path = Path(name)
+        if not path.is_file():
+            raise ModelError(f"no model file {path}", "a revision written by `fingertwin refit --out`")
+        return _from_revision(read_revision(path), session_id, layout)
+    finger = read_finger(name if name is not None else finger_name, folder)
+    model = Model(finger, layout, budget)
+    return LoadedModel(finger.id, model, model.initial, finger.id, ())
+
+
+def _from_revision(revision: Revision, session_id: str, layout: Layout) -> LoadedModel:
+    settings = {k: v for k, v in revision.document["budget"].items() if k != "name"}
+    # The priors stay where they stood, so that fitting again does not count the same readings twice.
+    model = Model(revision.prior, layout, budget_of(settings))
+    kinds = {p.name: p.kind for p in model.parameters}
+    own = revision.session == session_id
+    theta = Model(revision.finger, layout, model.budget).initial
+    if own:
+        for name, value in revision.theta.items():
+            if kinds.get(name, "anatomy") != "anatomy":
+                theta[model.parameters.index[name]] = value
+    note = f"fitted to session {revision.session}: its anatomy is used here, the errors of that rig are not"
+    return LoadedModel(revision.id, model, theta, revision.id, () if own else (note,))

@@ -1,0 +1,181 @@
+"""A measured session as arrays: what was set, what was read, and the covariance of what was read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import ModelError, SessionError
+from daq.measured import MeasuredSession
+from fingermodel.budget import Budget
+from fingermodel.fingers import Finger, Topology
+from fingermodel.model import jax_values, tip_kinematics_batch
+from fingermodel.stages import Layout, LoadCaseInput
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Observations:
+    """The cases of a session, in order, then its checks with known weights.
+
+    Attributes:
+        ids: (n,) of the cases; checks are `check0`, ….
+        roles: (n,) identification, validation or check.
+        postures: (n,) names.
+        locations: (n,) tip or bone.
+        masses_g: (n,) of each case.
+        inputs: what the model needs, batched over n.
+        wrench: (n, 6) measured [N, N mm]; NaN where not read.
+        covariance: (6 n, 6 n) of the wrench, without the case-to-case scatter of friction.
+        case_covariance: (n, 6, 6) its diagonal blocks.
+        layout: settings and mountings.
+        noise_assumed: whether any case states no uncertainty of its own, so that the budget's stands in.
+    """
+
+    ids: tuple[str, ...]
+    roles: tuple[str, ...]
+    postures: tuple[str, ...]
+    locations: tuple[str, ...]
+    masses_g: tuple[dict[str, float], ...]
+    inputs: LoadCaseInput
+    wrench: Floats
+    covariance: Floats
+    layout: Layout
+    noise_assumed: bool
+
+    @property
+    def case_covariance(self) -> Floats:
+        """(n, 6, 6) blocks of the covariance, one a case."""
+        n = len(self.ids)
+        blocks = self.covariance.reshape(n, 6, n, 6)
+        return np.ascontiguousarray(np.moveaxis(np.diagonal(blocks, axis1=0, axis2=2), -1, 0))
+
+    def where(self, role: str) -> NDArray[np.intp]:
+        """Indices of the cases of one role."""
+        return np.flatnonzero(np.array(self.roles) == role)
+
+
+def layout_of(measured: MeasuredSession) -> Layout:
+    """Collect the settings of postures and mountings of the cell, in order of first use."""
+    settings: dict[tuple[str, int], None] = dict.fromkeys((m.case.posture, m.case.setting) for m in measured.cases)
+    mountings: dict[tuple[str, int], None] = dict.fromkeys(
+        (str(m.case.location), m.case.mounting) for m in measured.cases
+    )
+    mountings |= dict.fromkeys((c.mount, 0) for c in measured.checks)
+    return Layout(tuple(settings), tuple((str(a), b) for a, b in mountings))
+
+
+def posture_rad(topology: Topology, degrees: Mapping[str, Any], where: str) -> Floats:
+    """Return a posture (rotations,) [rad] from degrees by name; rotations that it does not name are 0.
+
+    Raises:
+        SessionError: an angle that the finger has no joint for.
+    """
+    unknown = sorted(set(degrees) - set(topology.rotations))
+    if any(degrees[name] for name in unknown):
+        raise SessionError(
+            f"{where} sets {', '.join(unknown)}", f"angles of {', '.join(topology.rotations)}", "Choose another finger"
+        )
+    return np.deg2rad(np.array([float(degrees.get(name, 0.0)) for name in topology.rotations]))
+
+
+def observe(measured: MeasuredSession, finger: Finger, budget: Budget) -> Observations:
+    """Turn a measured session into arrays for a finger.
+
+    Raises:
+        SessionError: a posture or tendon that the finger does not have, or no case left.
+    """
+    session, topology = measured.session, finger.topology
+    if not measured.cases:
+        raise SessionError("no load case left", "at least one that is not excluded")
+    layout = layout_of(measured)
+    postures = {
+        name: posture_rad(topology, posture.model_dump(), f"posture {name}")
+        for name, posture in session.postures_deg.items()
+    }
+    weight = session.gravity_m_s2 * 1e-3 * measured.tension_factor
+    tension = np.zeros((len(measured.cases) + len(measured.checks), len(topology.muscles)))
+    for i, m in enumerate(measured.cases):
+        for muscle, mass in m.case.masses_g.items():
+            if muscle not in topology.muscles:
+                raise SessionError(
+                    f"case {m.case.id} loads {muscle}", f"one of {', '.join(topology.muscles)} ({finger.id})"
+                )
+            tension[i, topology.muscles.index(muscle)] = mass * weight
+    n, k = len(measured.cases), len(measured.checks)
+    posture = np.zeros((n + k, len(topology.rotations)))
+    posture[:n] = [postures[m.case.posture] for m in measured.cases]
+    if k:
+        posture[n:] = posture[0]
+    known = np.zeros((n + k, 3))
+    locations = [str(m.case.location) for m in measured.cases] + [str(c.mount) for c in measured.checks]
+    mountings = [layout.mountings.index((str(m.case.location), m.case.mounting)) for m in measured.cases]
+    for i, check in enumerate(measured.checks):
+        known[n + i] = check.force_N
+        mountings.append(layout.mountings.index((str(check.mount), 0)))
+    wrench = np.array([m.wrench for m in measured.cases] + [c.wrench for c in measured.checks]).reshape(-1, 6)
+    covariance = np.zeros((6 * (n + k), 6 * (n + k)))
+    covariance[: 6 * n, : 6 * n] = measured.covariance()
+    for i, m in enumerate(measured.cases):
+        if not m.noise_stated:
+            spread = np.diag([budget.reading_sd_N**2] * 3 + [(budget.reading_sd_N * 10.0) ** 2] * 3)
+            covariance[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] += spread
+    for i, check in enumerate(measured.checks):
+        at = slice(6 * (n + i), 6 * (n + i) + 6)
+        covariance[at, at] = check.covariance
+    inputs = LoadCaseInput(
+        posture=jnp.asarray(posture),
+        tension=jnp.asarray(tension),
+        at_bone=jnp.asarray([x == "bone" for x in locations]),
+        known_force=jnp.asarray(known),
+        is_check=jnp.asarray([False] * n + [True] * k),
+        setting=jnp.asarray(
+            [layout.settings.index((m.case.posture, m.case.setting)) for m in measured.cases] + [0] * k
+        ),
+        mounting=jnp.asarray(mountings),
+    )
+    return Observations(
+        ids=tuple(m.case.id for m in measured.cases) + tuple(f"check{i}" for i in range(k)),
+        roles=tuple(str(m.case.role) for m in measured.cases) + ("check",) * k,
+        postures=tuple(m.case.posture for m in measured.cases) + ("",) * k,
+        locations=tuple(locations),
+        masses_g=tuple({k: float(v) for k, v in m.case.masses_g.items()} for m in measured.cases) + ({},) * k,
+        inputs=inputs,
+        wrench=wrench,
+        covariance=covariance,
+        layout=layout,
+        noise_assumed=any(not m.noise_stated for m in measured.cases),
+    )
+
+
+def singular_postures(finger: Finger, observations: Observations) -> list[str]:
+    """Names of postures in which joint torques do not determine the tip force (a straight finger)."""
+    topology = finger.topology
+    names = list(dict.fromkeys(p for p in observations.postures if p))
+    postures = observations.inputs.posture[np.array([observations.postures.index(name) for name in names], int)]
+    jacobians = np.asarray(tip_kinematics_batch(topology, jax_values(finger.values), postures).jacobian)
+    # A typical lever makes rows of force and of moment comparable.
+    unit = np.array([[1.0 if c < 3 else 20.0] for c in topology.reactions])
+    square = jacobians[:, list(topology.reactions)] * unit
+    return [name for name, matrix in zip(names, square, strict=True) if np.linalg.cond(matrix) > 1e6]
+
+
+def require_determined(finger: Finger, observations: Observations) -> None:
+    """Refuse a posture in which the tip force is not determined.
+
+    Raises:
+        ModelError: naming the posture.
+    """
+    bad = singular_postures(finger, observations)
+    if bad:
+        raise ModelError(
+            f"posture {bad[0]} leaves the finger straight, so joint torques do not determine the tip force",
+            "flexion of at least one interphalangeal joint",
+            "Exclude its cases or correct its angles",
+        )

@@ -1,0 +1,73 @@
+"""Parameters of a model: each declared once, all in one flat vector, chosen by which of them are free."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Kind = Literal["anatomy", "budget", "effect"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number that a fit may change.
+
+    Attributes:
+        name: `group.place`, such as `point.MCP.RI.proximal.y` or `cell_rotation.bone#0.x`.
+        unit: mm, deg, N, 1, …
+        initial: value before fitting, about which the prior stands.
+        sd: prior standard deviation; 0 keeps the parameter fixed, inf is a flat prior.
+        lower: bound.
+        upper: bound.
+        kind: anatomy (belongs to the finger), budget (to this session's rig) or effect.
+        centre: of the prior, where it is not the initial value.
+    """
+
+    name: str
+    unit: str
+    initial: float
+    sd: float
+    lower: float = -np.inf
+    upper: float = np.inf
+    kind: Kind = "anatomy"
+    centre: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.lower <= self.initial <= self.upper:
+            raise ValueError(f"{self.name}: initial {self.initial} outside [{self.lower}, {self.upper}]")
+
+
+class ParameterTable:
+    """An ordered set of parameters as arrays, with lookup by name."""
+
+    def __init__(self, parameters: Sequence[Parameter]) -> None:
+        self.parameters = tuple(parameters)
+        self.names = tuple(p.name for p in parameters)
+        self.index = {name: i for i, name in enumerate(self.names)}
+        if len(self.index) != len(self.names):
+            raise ValueError("two parameters share a name")
+        self.initial = np.array([p.initial for p in parameters], dtype=float)
+        self.centre = np.array([p.initial if p.centre is None else p.centre for p in parameters], dtype=float)
+        self.sd = np.array([p.sd for p in parameters], dtype=float)
+        self.lower = np.array([p.lower for p in parameters], dtype=float)
+        self.upper = np.array([p.upper for p in parameters], dtype=float)
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    def __iter__(self) -> Iterator[Parameter]:
+        return iter(self.parameters)
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Which parameters a fit may change: those whose prior has any width."""
+        free: NDArray[np.bool_] = self.sd > 0.0
+        return free
+
+    def select(self, *prefixes: str) -> NDArray[np.bool_]:
+        """Which parameters' names start with any of the prefixes."""
+        return np.array([name.startswith(prefixes) for name in self.names], dtype=bool)

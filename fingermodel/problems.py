@@ -1,0 +1,204 @@
+"""What is minimised in a refit: which readings, with which covariance, over which parameters with which priors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import SessionError
+from fingermodel.fingers import Plane
+from fingermodel.model import Model
+from fingermodel.observations import Observations, require_determined
+
+Floats = NDArray[np.float64]
+
+# Weights of Eq 5 on normalised coordinates (Synek et al. 2019, p. 9).
+EQ5_WEIGHT = {"DIP": 10.0, "PIP": 10.0, "MCP": 1.0}
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A weighted least-squares problem with priors over the parameters of a model.
+
+    Attributes:
+        model: whose parameters they are.
+        observations: whose cases they are.
+        rows: (residuals,) indices into the flattened (cases, 6) wrench.
+        whitener: (residuals, residuals) makes the residuals independent with unit variance (or unit weight, Eq 5).
+        log_det: ln |Σ| of the rows, 0 for Eq 5.
+        start: (parameters,).
+        centre: (parameters,) of the priors.
+        sd: (parameters,) of the priors, inf where flat.
+        lower: (parameters,).
+        upper: (parameters,).
+        free: (parameters,) bool.
+    """
+
+    model: Model
+    observations: Observations
+    rows: NDArray[np.intp]
+    whitener: Floats
+    log_det: float
+    start: Floats
+    centre: Floats
+    sd: Floats
+    lower: Floats
+    upper: Floats
+    free: NDArray[np.bool_]
+
+    @property
+    def scale(self) -> Floats:
+        """Natural step of each parameter: its prior's width, or a tenth of its range where the prior is flat."""
+        span = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, 10.0)
+        scale = np.where(np.isfinite(self.sd) & (self.sd > 0), self.sd, span / 10.0)
+        return np.where(scale > 0, scale, 1.0)
+
+    @property
+    def weight(self) -> Floats:
+        """Prior precision in scaled coordinates."""
+        return np.where(np.isfinite(self.sd), 1.0, 0.0)
+
+
+def fit_rows(observations: Observations, plane: Plane, *, moments: bool = True) -> NDArray[np.intp]:
+    """Which wrench components are fitted: forces of identification cases and checks, and Mz where the tip reads it.
+
+    The tip clamp is taken to carry Fx, Fy, Fz and Mz (Eq 2), so Tx and Ty are predicted to vanish and are left out.
+    Moments at the bone depend on a clamp point that nobody measures, and are left out too.
+    """
+    rows = []
+    for i, role in enumerate(observations.roles):
+        if role not in ("identification", "check"):
+            continue
+        components = [0, 1] if plane == "sagittal" else [0, 1, 2]
+        readable = bool(np.isfinite(observations.wrench[i, 5]))
+        if moments and observations.locations[i] == "tip" and role == "identification" and readable:
+            components.append(5)
+        rows += [6 * i + c for c in components if np.isfinite(observations.wrench[i, c])]
+    return np.array(rows, dtype=np.intp)
+
+
+def map_problem(model: Model, observations: Observations, plane: Plane | None = None) -> Problem:
+    """All parameters at once, with the budget's priors, the measured covariance and bounds.
+
+    Args:
+        model: finger, budget and effects.
+        observations: of one session.
+        plane: which force components count; by default what the finger's axes can predict.
+
+    Raises:
+        SessionError: no identification case, or a reading without any uncertainty.
+        ModelError: a posture that leaves the tip force undetermined.
+    """
+    require_determined(model.finger, observations)
+    plane = plane or model.finger.judged_in
+    rows = fit_rows(observations, plane)
+    _require_rows(rows)
+    covariance = observations.covariance.copy()
+    scatter = model.budget.tension_factor_case_sd
+    if scatter:
+        for i, role in enumerate(observations.roles):
+            if role != "check":
+                force = np.nan_to_num(observations.wrench[i])
+                at = slice(6 * i, 6 * i + 6)
+                covariance[at, at] += scatter**2 * np.outer(force, force)
+    block = covariance[np.ix_(rows, rows)]
+    try:
+        factor = np.linalg.cholesky(block)
+    except np.linalg.LinAlgError as error:
+        raise SessionError(
+            "the readings state no uncertainty at all",
+            "noise above zero in every component",
+            "Give force_sd_N, or a budget with reading_sd_N",
+        ) from error
+    table = model.parameters
+    return Problem(
+        model=model,
+        observations=observations,
+        rows=rows,
+        whitener=np.linalg.inv(factor),
+        log_det=2.0 * float(np.log(np.diag(factor)).sum()),
+        start=table.centre.copy(),
+        centre=table.centre,
+        sd=table.sd,
+        lower=table.lower,
+        upper=table.upper,
+        free=table.free & ~_out_of_plane(model) if plane == "sagittal" else table.free,
+    )
+
+
+def _out_of_plane(model: Model) -> NDArray[np.bool_]:
+    """Parameters that move only what a sagittal fit does not look at, or leak the unpredicted Fz into it."""
+    sideways = [r for r in model.finger.topology.rotations if r not in {j.name for j in model.finger.topology.joints}]
+    out = []
+    for name in model.parameters.names:
+        group, _, rest = name.partition(".")
+        last = rest.rpartition(".")[2]
+        out.append(
+            (group in ("point", "zero", "mount_offset") and last == "z")
+            or (group == "cell_rotation" and last in ("x", "y"))
+            or (group == "posture_angle" and last in sideways)
+            or (group == "cell_gain" and last in ("Fz", "Tx", "Ty"))
+        )
+    return np.array(out)
+
+
+def eq5_problem(model: Model, observations: Observations) -> Problem:
+    """The published objective (Eq 5): squared forces in the x-y plane and a penalty on x and y of the tendon points.
+
+    The hood's fractions have no penalty; those that the published study fixed stay fixed.
+    """
+    require_determined(model.finger, observations)
+    rows = fit_rows(observations, "sagittal", moments=False)
+    _require_rows(rows)
+    table, unit = model.parameters, model.finger.length_unit_mm
+    sd = np.zeros(len(table))
+    fixed = {
+        f"fraction.{name}"
+        for name, prior in zip(model.finger.topology.fractions, model.finger.fraction_priors, strict=True)
+        if prior.sd == 0
+    }
+    for i, name in enumerate(table.names):
+        if name.startswith("point.") and not name.endswith(".z"):
+            sd[i] = unit / np.sqrt(EQ5_WEIGHT.get(name.split(".")[1], 1.0))
+        elif name.startswith("fraction.") and name.endswith("_ES") and name not in fixed:
+            sd[i] = np.inf
+    return Problem(
+        model=model,
+        observations=observations,
+        rows=rows,
+        whitener=np.eye(len(rows)),
+        log_det=0.0,
+        start=table.centre.copy(),
+        centre=table.centre,
+        sd=sd,
+        lower=table.lower,
+        upper=table.upper,
+        free=sd > 0,
+    )
+
+
+def _require_rows(rows: NDArray[np.intp]) -> None:
+    if len(rows) == 0:
+        raise SessionError(
+            "no case with the role identification",
+            "at least one to fit to",
+            "Give cases role: identification; validation cases are never fitted",
+        )
+
+
+def objective_at(problem: Problem, theta: Floats) -> float:
+    """Objective of a parameter vector: weighted squared residuals plus the priors' penalty."""
+    residual = residual_at(problem, theta)
+    z = (theta - problem.centre) / problem.scale
+    penalty = float(np.sum(problem.weight[problem.free] * z[problem.free] ** 2))
+    return float(residual @ residual) + penalty
+
+
+def residual_at(problem: Problem, theta: Floats) -> Floats:
+    """Whitened residuals (residuals,) of a parameter vector."""
+    reading = np.asarray(problem.model.predict(problem.observations.inputs, theta).reading).reshape(-1)
+    wrench = np.nan_to_num(problem.observations.wrench).reshape(-1)
+    out: Floats = problem.whitener @ (wrench - reading)[problem.rows]
+    return out

@@ -1,0 +1,286 @@
+"""A simulated rig: a finger model and a load-cell's signal write a bench session, of any length.
+
+It serves tests, and a user who plans an experiment: simulate the protocol, refit it, and see what it would determine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import jax.numpy as jnp
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from daq.errors import InputError
+from daq.locations import data_dir
+from daq.readings import ReadingBlock, write_readings
+from daq.sessions import Session, parse_session, read_session, write_session
+from daq.simulated import LoadStep, SimulatedCell, readings
+from fingermodel.budget import CERTIFICATE, Budget
+from fingermodel.fingers import Finger
+from fingermodel.model import Model
+from fingermodel.observations import posture_rad
+from fingermodel.stages import Layout, LoadCaseInput
+
+Floats = NDArray[np.float64]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Timing(_Strict):
+    """How long each state lasts; windows keep `guard_s` away from the next change."""
+
+    tare_s: float = Field(gt=0)
+    load_s: float = Field(gt=0)
+    settle_s: float = Field(ge=0)
+    guard_s: float = Field(ge=0)
+
+    @model_validator(mode="after")
+    def _windows_exist(self) -> Timing:
+        if self.load_s <= self.settle_s + self.guard_s or self.tare_s <= 2 * self.guard_s:
+            raise ValueError("load_s must exceed settle_s + guard_s, and tare_s twice guard_s")
+        return self
+
+
+class Block(_Strict):
+    """The same loads in several postures, the cell staying at one place."""
+
+    role: Literal["identification", "validation"]
+    location: Literal["tip", "bone"]
+    postures: list[str] = Field(min_length=1)
+    masses_g: list[dict[str, float]] = Field(min_length=1)
+
+
+class Protocol(_Strict):
+    """A bench protocol, `protocol/1`: postures, timing and blocks of load cases."""
+
+    format: Literal["protocol/1"]
+    id: str
+    title: str = ""
+    postures_deg: dict[str, dict[str, float]]
+    timing: Timing
+    blocks: list[Block] = Field(min_length=1)
+
+
+@dataclass(frozen=True)
+class PlannedCase:
+    """One load case of a protocol with its windows [s]."""
+
+    id: str
+    role: str
+    posture: str
+    location: str
+    masses_g: dict[str, float]
+    unloaded_s: tuple[float, float]
+    loaded_s: tuple[float, float]
+    block_start_s: float
+    load_start_s: float
+
+
+def read_protocol(name_or_path: str) -> Protocol:
+    """Read a protocol by its name in `data/protocols`, or from a file.
+
+    Raises:
+        InputError: no such protocol, or one that does not meet the format.
+    """
+    path = Path(name_or_path)
+    if not path.is_file():
+        path = data_dir() / "protocols" / f"{name_or_path}.yaml"
+    if not path.is_file():
+        names = sorted(p.stem for p in (data_dir() / "protocols").glob("*.yaml"))
+        raise InputError(f"no protocol {name_or_path!r}", f"a file, or one of {', '.join(names)}")
+    try:
+        protocol = Protocol.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{path.name} is not YAML ({' '.join(str(error).split())})", "a protocol/1 file") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(p) for p in first["loc"]) or "the file"
+        raise InputError(f"{path.name}: {place}: {first['msg']}", "a protocol/1 file") from error
+    for block in protocol.blocks:
+        for posture in block.postures:
+            if posture not in protocol.postures_deg:
+                raise InputError(f"{path.name} uses posture {posture!r}", f"one of {', '.join(protocol.postures_deg)}")
+    return protocol
+
+
+def plan(protocol: Protocol, repeats: int = 1) -> tuple[tuple[PlannedCase, ...], float]:
+    """Lay a protocol out in time.
+
+    Args:
+        protocol: to lay out.
+        repeats: how often the whole protocol is run, one after the other.
+
+    Returns:
+        The cases in order, and the length of the session [s].
+    """
+    t, timing = 0.0, protocol.timing
+    cases: list[PlannedCase] = []
+    for _ in range(repeats):
+        for block in protocol.blocks:
+            for posture in block.postures:
+                start = t
+                tare = (t + timing.guard_s, t + timing.tare_s - timing.guard_s)
+                t += timing.tare_s
+                for masses in block.masses_g:
+                    loaded = (t + timing.settle_s, t + timing.load_s - timing.guard_s)
+                    name = f"c{len(cases) + 1:03d}"
+                    cases.append(
+                        PlannedCase(name, block.role, posture, block.location, dict(masses), tare, loaded, start, t)
+                    )
+                    t += timing.load_s
+    return tuple(cases), t
+
+
+def simulate_session(
+    finger: Finger,
+    protocol: Protocol,
+    folder: Path,
+    *,
+    cell: SimulatedCell | None = None,
+    seed: int = 0,
+    session_id: str = "simulated",
+    finger_name: str | None = None,
+    budget: Budget = CERTIFICATE,
+    truth: Mapping[str, float] | None = None,
+    tension_factor: float = 0.835,
+    repeats: int = 1,
+    readings_name: str = "readings.csv.gz",
+) -> tuple[Session, dict[str, Floats]]:
+    """Write the session that a rig with this finger would record.
+
+    Args:
+        finger: the truth that the rig embodies.
+        protocol: what is loaded, where and when.
+        folder: to write `session.yaml` and the readings into.
+        cell: the load cell.
+        seed: of the cell's noise and of the unloaded readings.
+        session_id: of the new session.
+        finger_name: that the session names, by default the finger's own id (so that a perturbed truth can name the
+            model that the user would start from).
+        budget: declares which of the rig's errors may be set by `truth`.
+        truth: parameter values by name that differ from their null, such as `{"zero.bone.x": 0.3}`.
+        tension_factor: friction factor c of the rig.
+        repeats: how often the protocol is run.
+        readings_name: .csv, .csv.gz or .parquet.
+
+    Returns:
+        The session as read back, and the noise-free wrench (6,) of every case [N, N mm].
+    """
+    cell = cell or SimulatedCell()
+    cases, end_s = plan(protocol, repeats)
+    model, theta = _truth_model(finger, cases, budget, truth or {})
+    wrench = np.asarray(model.predict(_inputs(finger, protocol, cases, model.layout, tension_factor), theta).reading)
+    steps = _steps(cases, wrench, seed)
+    folder.mkdir(parents=True, exist_ok=True)
+
+    def blocks() -> Iterator[ReadingBlock]:
+        yield from readings(cell, steps, end_s, seed + 1)
+
+    write_readings(folder / readings_name, blocks())
+    document = _document(protocol, cases, session_id, finger_name or finger.id, tension_factor, cell, readings_name)
+    session, faults = parse_session(document, None, "the simulated session")
+    if session is None:
+        raise faults[0]
+    write_session(session, folder)
+    return read_session(folder), {c.id: wrench[i] for i, c in enumerate(cases)}
+
+
+def _truth_model(
+    finger: Finger, cases: tuple[PlannedCase, ...], budget: Budget, truth: Mapping[str, float]
+) -> tuple[Model, Floats]:
+    layout = Layout(
+        tuple(dict.fromkeys((c.posture, 0) for c in cases)), tuple(dict.fromkeys((c.location, 0) for c in cases))
+    )
+    model = Model(finger, layout, budget)
+    theta = model.initial
+    for name, value in truth.items():
+        if name not in model.parameters.index:
+            raise InputError(f"no parameter {name!r}", "one that `fingertwin refit --json` lists for this session")
+        theta[model.parameters.index[name]] = value
+    return model, theta
+
+
+def _inputs(
+    finger: Finger, protocol: Protocol, cases: tuple[PlannedCase, ...], layout: Layout, tension_factor: float
+) -> LoadCaseInput:
+    muscles = finger.topology.muscles
+    tension = np.zeros((len(cases), len(muscles)))
+    for i, case in enumerate(cases):
+        for muscle, mass in case.masses_g.items():
+            if muscle not in muscles:
+                raise InputError(f"protocol {protocol.id} loads {muscle}", f"one of {', '.join(muscles)}")
+            tension[i, muscles.index(muscle)] = mass * 9.81e-3 * tension_factor
+    postures = {n: posture_rad(finger.topology, p, f"posture {n}") for n, p in protocol.postures_deg.items()}
+    return LoadCaseInput(
+        posture=jnp.asarray(np.array([postures[c.posture] for c in cases])),
+        tension=jnp.asarray(tension),
+        at_bone=jnp.asarray([c.location == "bone" for c in cases]),
+        known_force=jnp.zeros((len(cases), 3)),
+        is_check=jnp.zeros(len(cases), bool),
+        setting=jnp.asarray([layout.settings.index((c.posture, 0)) for c in cases]),
+        mounting=jnp.asarray([layout.mountings.index((c.location, 0)) for c in cases]),
+    )
+
+
+def _steps(cases: tuple[PlannedCase, ...], wrench: Floats, seed: int) -> list[LoadStep]:
+    """Unloaded reading of each posture block (finger weight and clamping), then each case on top of it."""
+    rng = np.random.default_rng(seed)
+    steps: list[LoadStep] = []
+    block_start, rest = -1.0, np.zeros(6)
+    for case, load in zip(cases, wrench, strict=True):
+        if case.block_start_s != block_start:
+            block_start = case.block_start_s
+            rest = rng.normal(size=6) * np.array([1.5, 1.5, 1.5, 15.0, 15.0, 15.0])
+            steps.append(LoadStep(block_start, rest))
+        steps.append(LoadStep(case.load_start_s, rest + load))
+    return steps
+
+
+def _document(
+    protocol: Protocol,
+    cases: tuple[PlannedCase, ...],
+    session_id: str,
+    finger_name: str,
+    tension_factor: float,
+    cell: SimulatedCell,
+    readings_name: str,
+) -> dict[str, Any]:
+    locations = dict.fromkeys(c.location for c in cases)
+    frames = {"tip": {"frame": "distal_phalanx"}, "bone": {"frame": "metacarpal"}}
+    return {
+        "format": "bench-session/1",
+        "id": session_id,
+        "specimen": {"id": session_id, "species": "human", "digit": "third", "side": "right"},
+        "finger": finger_name,
+        "readings": readings_name,
+        "load_cell": {
+            "model": "ATI Nano17-E SI-25-0.25",
+            "rate_hz": cell.rate_hz,
+            "mounts": {location: frames[location] for location in locations},
+        },
+        "gravity_m_s2": 9.81,
+        "tension_factor": tension_factor,
+        "postures_deg": protocol.postures_deg,
+        "protocol": protocol.id,
+        "provenance": {"made_by": "fingertwin simulate", "protocol": protocol.id},
+        "cases": [
+            {
+                "id": c.id,
+                "role": c.role,
+                "posture": c.posture,
+                "location": c.location,
+                "masses_g": c.masses_g,
+                "unloaded_s": [round(x, 6) for x in c.unloaded_s],
+                "loaded_s": [round(x, 6) for x in c.loaded_s],
+            }
+            for c in cases
+        ],
+    }

@@ -1,0 +1,118 @@
+"""The five stages from hung masses to a reading, and what may act at each.
+
+    tension ─▶ geometry ─▶ sharing ─▶ torque ─▶ reading
+
+An effect is a small final class: parameters declared once, and one method at one stage, written for one load case in
+array code. Sums of effects act in their order. At the null value of its parameters an effect changes nothing, exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from jax import Array
+
+from fingermodel.fingers import FingerValues, Topology
+from fingermodel.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a session needs parameters for: its settings of a posture and its mountings of the cell.
+
+    Attributes:
+        settings: (posture, how many times it had been set) of each setting.
+        mountings: (location, how many times it had been moved) of each mounting.
+    """
+
+    settings: tuple[tuple[str, int], ...]
+    mountings: tuple[tuple[str, int], ...]
+
+    def setting_name(self, index: int) -> str:
+        """`hook`, or `hook#1` once the posture has been set anew."""
+        name, count = self.settings[index]
+        return f"{name}#{count}" if count else name
+
+    def mounting_name(self, index: int) -> str:
+        """`bone`, or `bone#1` once the cell has been moved."""
+        name, count = self.mountings[index]
+        return f"{name}#{count}" if count else name
+
+
+class LoadCaseInput(NamedTuple):
+    """One load case as the model sees it; a batch has a leading axis on every field.
+
+    Attributes:
+        posture: (rotations,) [rad].
+        tension: (muscles,) hung weight times friction factor [N].
+        at_bone: whether the cell reads the bone, and not the tip.
+        known_force: (3,) weight hung on the cell itself [N], mount frame.
+        is_check: whether only `known_force` acts (a check with a known weight).
+        setting: index into `Layout.settings`.
+        mounting: index into `Layout.mountings`.
+    """
+
+    posture: Array
+    tension: Array
+    at_bone: Array
+    known_force: Array
+    is_check: Array
+    setting: Array
+    mounting: Array
+
+
+class State(NamedTuple):
+    """What the stages hand on. Fields fill in from left to right.
+
+    Attributes:
+        posture: (rotations,) [rad].
+        values: the finger's numbers.
+        tension: (muscles,) [N].
+        segment_tension: (segments,) [N]; after `sharing`.
+        torque: (rotations,) [N mm]; after `torque`.
+        wrench: (6,) reading [N, N mm]; after `reading`.
+    """
+
+    posture: Array
+    values: FingerValues
+    tension: Array
+    segment_tension: Array | None = None
+    torque: Array | None = None
+    wrench: Array | None = None
+
+
+class Effect:
+    """Base of every effect: nothing at any stage. Subclasses are final and override one stage.
+
+    `p` is the effect's own slice of the parameter vector, in the order of `parameters`.
+    """
+
+    name: str = ""
+
+    def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
+        """Declare the parameters for this finger and session."""
+        raise NotImplementedError
+
+    def tension(self, p: Array, case: LoadCaseInput, state: State) -> State:
+        """Change what reaches each tendon."""
+        return state
+
+    def geometry(self, p: Array, case: LoadCaseInput, state: State) -> State:
+        """Change the posture, points, axes or lengths."""
+        return state
+
+    def sharing(self, p: Array, case: LoadCaseInput, state: State) -> State:
+        """Change how tension is shared among segments."""
+        return state
+
+    def torque(self, p: Array, case: LoadCaseInput, state: State) -> State:
+        """Change the joint torques."""
+        return state
+
+    def reading(self, p: Array, case: LoadCaseInput, state: State) -> State:
+        """Change what the cell reports."""
+        return state
+
+
+STAGES = ("tension", "geometry", "sharing", "torque", "reading")

@@ -1,0 +1,1 @@
+"""The only package that knows both the bench and the model: command line, figures, service."""

@@ -1,0 +1,185 @@
+"""The `fingertwin` command. Exit 0 on success, 2 on bad input with one line on stderr, 1 on a failure of ours."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from typer.exceptions import TyperException
+
+from daq.errors import InputError
+
+app = typer.Typer(
+    name="fingertwin",
+    help="Log a load cell under a cadaver finger, compare it with a finger model, refit, and see the error fall.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+Session = Annotated[str, typer.Argument(help="Session folder, its session.yaml, or the name of a shipped session.")]
+Json = Annotated[
+    str | None, typer.Option("--json", metavar="FILE", help="Write the answer as JSON ('-' for standard output).")
+]
+ModelOption = Annotated[
+    str | None,
+    typer.Option(
+        "--model", metavar="FILE", help="A revision, a finger file or a shipped finger; by default the session's."
+    ),
+]
+Figures = Annotated[
+    Path | None, typer.Option("--figures", metavar="DIR", help="Write figures there: one HTML page, PNG and SVG.")
+]
+
+
+@app.command()
+def check(session: Session, json: Json = None) -> None:
+    """Validate a session: format, windows, plateaus, drift, saturation, gaps."""
+    from server.commands.bench import check_session
+
+    raise typer.Exit(check_session(session, json))
+
+
+@app.command()
+def friction(sessions: Annotated[list[str], typer.Argument(help="One or more sessions.")], json: Json = None) -> None:
+    """Find the friction factor by force balance (Synek 2019 Eq 1): per case, specimen and pooled."""
+    from server.commands.bench import friction_of
+
+    friction_of(sessions, json)
+
+
+@app.command()
+def compare(session: Session, model: ModelOption = None, figures: Figures = None, json: Json = None) -> None:
+    """Compare predicted with measured forces, per load case and summarised."""
+    from server.commands.twin import compare_session
+
+    compare_session(session, model, figures, json)
+
+
+@app.command()
+def refit(
+    session: Session,
+    method: Annotated[
+        Literal["map", "slsqp"],
+        typer.Option(help="map: all parameters at once with priors; slsqp: the three published problems of Eq 5."),
+    ] = "map",
+    model: ModelOption = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="MODEL", help="Where to write the revision; by default models/SESSION-rN.json."),
+    ] = None,
+    plane: Annotated[
+        Literal["sagittal", "space"] | None,
+        typer.Option(help="Force components to fit; by default what the finger's axes can predict."),
+    ] = None,
+    figures: Figures = None,
+    json: Json = None,
+) -> None:
+    """Identify the parameters from the identification cases; validation cases are never fitted."""
+    from server.commands.twin import refit_session
+
+    refit_session(session, method, model, out, plane, figures, json)
+
+
+@app.command()
+def reproduce(
+    study: Annotated[str, typer.Argument(help="Published study: synek2019.")],
+    figures: Figures = None,
+    json: Json = None,
+) -> None:
+    """Set a published study's numbers beside ours, and our own fit beside the published model."""
+    from server.commands.published import reproduce_study
+
+    reproduce_study(study, figures, json)
+
+
+@app.command()
+def export(
+    source: Annotated[str, typer.Argument(help="A session, or a model revision.")],
+    file_format: Annotated[Literal["csv", "parquet"], typer.Option("--format", help="What to write.")] = "csv",
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="By default NAME.FORMAT in this folder.")] = None,
+    model: ModelOption = None,
+    json: Json = None,
+) -> None:
+    """Export a session's load cases (measured and predicted), or a model's parameters."""
+    from server.commands.files import export_source
+
+    export_source(source, file_format, out, model, json)
+
+
+@app.command()
+def simulate(
+    protocol: Annotated[str, typer.Argument(help="Protocol file, or a shipped one: synek2019, levels.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the new session.")],
+    model: Annotated[
+        str, typer.Option("--model", metavar="FILE", help="The finger of the rig: a revision, finger file or name.")
+    ] = "an1979_middle",
+    rate_hz: Annotated[float, typer.Option(help="Sampling rate [Hz].")] = 100.0,
+    noise: Annotated[float, typer.Option("--noise-N", help="Noise of one force reading [N].")] = 0.03,
+    repeats: Annotated[int, typer.Option(help="How often the protocol is run.")] = 1,
+    seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
+    json: Json = None,
+) -> None:
+    """Write the session that a simulated rig would record: to plan an experiment, or to try everything."""
+    from server.commands.files import simulate_rig
+
+    simulate_rig(protocol, out, model, rate_hz, noise, repeats, seed, json)
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report.")] = Path("demo-output"),
+) -> None:
+    """Run the main job on shipped data: replay, check, compare, refit, and the falling error."""
+    from server.commands.demo import run_demo
+
+    run_demo(out)
+
+
+def version(value: bool) -> None:
+    """Print the version and leave."""
+    if value:
+        from importlib.metadata import version as installed
+
+        typer.echo(f"fingertwin {installed('fingertwin')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    _: Annotated[bool, typer.Option("--version", callback=version, is_eager=True, help="Print the version.")] = False,
+) -> None:
+    """Log a load cell under a cadaver finger, compare it with a finger model, refit, and see the error fall."""
+
+
+def main() -> None:
+    """Run the command line."""
+    try:
+        code = app(standalone_mode=False)
+    except InputError as error:
+        _fail(str(error), 2)
+    except TyperException as error:
+        text = error.format_message() if hasattr(error, "format_message") else str(error)
+        _fail(f"{' '.join(text.split())} Try 'fingertwin --help'.", 2)
+    except (KeyboardInterrupt, typer.Abort):
+        _fail("Interrupted; nothing that was already written is lost.", 130)
+    except BrokenPipeError:
+        # The reader of our output has gone: nothing is wrong, and nothing more can be said.
+        sys.stderr.close()
+        raise SystemExit(0) from None
+    except OSError as error:
+        where = f" {error.filename}" if error.filename else ""
+        _fail(f"{error.strerror or error}:{where}. Check the path, its rights and the space left.", 2)
+    raise SystemExit(code if isinstance(code, int) else 0)
+
+
+def _fail(text: str, code: int) -> None:
+    sys.stderr.write(f"fingertwin: {text}\n")
+    raise SystemExit(code)
+
+
+if __name__ == "__main__":
+    main()

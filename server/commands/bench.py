@@ -1,0 +1,69 @@
+"""`fingertwin check` and `fingertwin friction`."""
+
+from __future__ import annotations
+
+from server.console import answer, progress, say, table
+
+
+def check_session(session: str, json: str | None) -> int:
+    """Check a session; return the exit code: 2 where anything makes it unusable."""
+    from daq.checks import check
+
+    with progress("Reading"):
+        report = check(session)
+    body = report.as_dict()
+    code = 0 if report.ok else 2
+    if answer("check", {k: v for k, v in body.items() if k != "schema"}, json):
+        return code
+    for finding in report.findings:
+        say(
+            f"{finding.level:8} {finding.where}: {finding.text}"
+            if finding.where
+            else f"{finding.level:8} {finding.text}"
+        )
+    counts = {level: sum(f.level == level for f in report.findings) for level in ("error", "warning", "note")}
+    verdict = "usable" if report.ok else "not usable"
+    say(f"{session}: {verdict}; " + ", ".join(f"{n} {level}{'s' * (n != 1)}" for level, n in counts.items()))
+    return code
+
+
+def friction_of(sessions: list[str], json: str | None) -> None:
+    """Balance forces at tip and bone over sessions."""
+    from daq.corrections import measure
+    from daq.friction import friction
+    from daq.sessions import read_session
+
+    with progress("Reading"):
+        result = friction([measure(read_session(s)) for s in sessions])
+    body = result.as_dict()
+    if answer("friction", {k: v for k, v in body.items() if k != "schema"}, json):
+        return
+    table(
+        "Friction factor by force balance: tension = c m g",
+        ["session", "posture", "masses [g]", "sum m g [N]", "c", "along", "across", ""],
+        [
+            [
+                c.session,
+                c.posture,
+                " ".join(f"{m} {mass:g}" for m, mass in c.masses_g.items()),
+                c.weight_N,
+                c.factor,
+                c.along,
+                c.across,
+                "c > 1" if c.above_one else "",
+            ]
+            for c in result.cases
+        ],
+        "c: norm of tip + bone over the weight (Eq 1); along and across the metacarpal's axis, over the weight",
+    )
+    table(
+        "Means",
+        ["", "n", "specimens", "c", "sd", "standard uncertainty", "95 % low", "high", "along", "across"],
+        [
+            [m.name, m.n, m.specimens, f"{m.factor:.4f}", m.sd, m.sem, m.low, m.high, m.along, m.across]
+            for m in (*result.specimens, result.pooled)
+        ],
+        "pooled: clustered by specimen, since cases of one specimen are not independent",
+    )
+    for text in (*result.unpaired, *result.notes):
+        say(f"Note: {text}")

@@ -1,0 +1,73 @@
+"""Figures of a comparison, as one HTML page and as PNG and SVG, for whichever command was asked for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from server.workflow import Bench, compare_bench, open_bench
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from fingermodel.compare import Comparison
+    from server.figures.arrows import Spread
+
+
+def draw_comparison(
+    bench: Bench,
+    comparison: Comparison,
+    folder: Path,
+    *,
+    before: Comparison | None = None,
+    theta: NDArray[np.float64] | None = None,
+    model_name: str = "",
+    static: bool = True,
+) -> Path:
+    """Draw a comparison and return its page.
+
+    Args:
+        bench: session and model.
+        comparison: to draw.
+        folder: for `compare.html`, PNG and SVG.
+        before: of the model before a refit.
+        theta: fitted parameters of `comparison`; by default the bench's.
+        model_name: for titles; by default the loaded model's.
+        static: whether to write PNG and SVG too.
+    """
+    from server.figures.comparison import comparison_report
+
+    measured = bench.measured
+    notes = [f"Friction factor c = {measured.tension_factor:g} ({measured.tension_factor_source})."]
+    notes += [*measured.notes, *bench.loaded.notes]
+    files = comparison_report(
+        folder,
+        bench.model,
+        bench.observations,
+        comparison,
+        before,
+        bench.loaded.name,
+        _spread(bench, comparison),
+        session=measured.session.id,
+        theta=bench.theta if theta is None else theta,
+        model_name=model_name or bench.loaded.name,
+        notes=notes,
+        static=static,
+    )
+    return next(f for f in files if f.suffix == ".html")
+
+
+def _spread(bench: Bench, comparison: Comparison) -> Mapping[str, Spread] | None:
+    """Standard deviation between the specimens that a session is the mean of, where it says which."""
+    provenance = bench.measured.session.provenance
+    members = provenance.get("mean_of") if isinstance(provenance, Mapping) else None
+    if not members:
+        return None
+    from server.figures.arrows import spread_between
+
+    folder = bench.measured.session.folder
+    own = [folder.parent / str(m) for m in members] if folder else []
+    paths = [p if p.is_dir() else Path(str(m)) for p, m in zip(own, members, strict=False)]
+    return spread_between(comparison, [compare_bench(open_bench(p)) for p in paths])

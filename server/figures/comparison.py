@@ -1,0 +1,193 @@
+"""All figures of a comparison, and its report: `compare.html` with PNG and SVG beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from fingermodel.compare import Comparison
+from fingermodel.model import Model
+from fingermodel.observations import Observations
+from server.figures.arrows import Spread
+from server.figures.bone import bone_figure
+from server.figures.comparison_words import case_table, error_tables, sentences
+from server.figures.report import Picture, Section, write_report
+from server.figures.scatter import scatter_figure
+from server.figures.static import write_static
+from server.figures.style import NothingToDrawError
+from server.figures.summary import errors_figure
+from server.figures.vectors import vector_figure
+from server.figures.zscores import z_figure
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One figure to come: its name, where it stands in the report and what is said of it."""
+
+    name: str
+    heading: str
+    caption: str
+    draw: Callable[[], go.Figure]
+
+
+def comparison_figures(
+    model: Model,
+    observations: Observations,
+    comparison: Comparison,
+    before: Comparison | None = None,
+    before_name: str = "Before",
+    spread: Mapping[str, Spread] | None = None,
+    *,
+    theta: Floats | None = None,
+    model_name: str = "Model",
+) -> dict[str, go.Figure]:
+    """Draw every figure of a comparison that has cases to show, by name.
+
+    Args:
+        model: that was compared.
+        observations: of the session.
+        comparison: of both.
+        before: of the model that it is held against.
+        before_name: of that model.
+        spread: between specimens by case, where the session is their average (see `arrows.spread_between`).
+        theta: fitted parameters of `comparison`; by default the model before any fit.
+        model_name: for titles.
+    """
+    plans = _plans(model, observations, comparison, before, before_name, spread, theta, model_name)
+    return _drawn(plans)[0]
+
+
+def comparison_report(
+    folder: Path,
+    model: Model,
+    observations: Observations,
+    comparison: Comparison,
+    before: Comparison | None = None,
+    before_name: str = "Before",
+    spread: Mapping[str, Spread] | None = None,
+    *,
+    session: str,
+    theta: Floats | None = None,
+    model_name: str = "Model",
+    notes: Sequence[str] = (),
+    static: bool = True,
+) -> list[Path]:
+    """Write `compare.html`, and every figure as PNG and SVG.
+
+    Args:
+        folder: made where it is absent.
+        model: as in `comparison_figures`, like the next ones.
+        observations: of the session.
+        comparison: of both.
+        before: of the model that it is held against.
+        before_name: of that model.
+        spread: between specimens by case.
+        session: its id.
+        theta: fitted parameters of `comparison`.
+        model_name: for titles.
+        notes: further sentences for the beginning.
+        static: whether to write PNG and SVG.
+
+    Returns:
+        The files written, the report first.
+    """
+    plans = _plans(model, observations, comparison, before, before_name, spread, theta, model_name)
+    figures, missing = _drawn(plans)
+    sections = [
+        Section(
+            "Summary",
+            [*sentences(model, comparison, before, before_name, model_name), *notes, *error_tables(comparison, before)],
+        )
+    ]
+    for plan in plans:
+        part = Picture(figures[plan.name], plan.caption) if plan.name in figures else missing[plan.name]
+        if sections[-1].heading == plan.heading:
+            sections[-1] = Section(plan.heading, [*sections[-1].parts, part])
+        else:
+            sections.append(Section(plan.heading, [part]))
+    sections.append(Section("Load cases", [case_table(comparison)]))
+    report = write_report(
+        folder / "compare.html", sections, f"Predicted and measured forces: {session}", f"Model: {model_name}"
+    )
+    return [report, *(write_static(folder, figures) if static else [])]
+
+
+def _drawn(plans: Sequence[Plan]) -> tuple[dict[str, go.Figure], dict[str, str]]:
+    figures, missing = {}, {}
+    for plan in plans:
+        try:
+            figures[plan.name] = plan.draw()
+        except NothingToDrawError as nothing:
+            missing[plan.name] = f"No figure: {str(nothing)[:1].lower()}{str(nothing)[1:]}"
+    return figures, missing
+
+
+def _plans(
+    model: Model,
+    observations: Observations,
+    comparison: Comparison,
+    before: Comparison | None,
+    before_name: str,
+    spread: Mapping[str, Spread] | None,
+    theta: Floats | None,
+    model_name: str,
+) -> list[Plan]:
+    plane = model.finger.judged_in
+    both = [(before_name, before)] if before is not None else []
+    both = [*both, (model_name, comparison)]
+
+    def vectors() -> go.Figure:
+        return vector_figure(model, observations, comparison, theta=theta, spread=spread, model_name=model_name)
+
+    def bone() -> go.Figure:
+        return bone_figure(model, observations, comparison, theta=theta, spread=spread, model_name=model_name)
+
+    held = "The same cases under both models. " if before is not None else ""
+    hinge = model.finger.topology.joints[0].name
+    arrows = (
+        "Solid arrows are measured, dashed ones predicted; the coloured areas are the measurement with its spread. "
+        "The finger is drawn from the model's joint centres and tendon points; the bones' outlines are schematic."
+    )
+    return [
+        Plan(
+            "scatter",
+            "Force components",
+            f"{held}On the grey line prediction and measurement agree. Each symbol is one load case.",
+            lambda: scatter_figure(both, plane=plane),
+        ),
+        Plan(
+            "scatter_validation",
+            "Force components",
+            f"{held}Validation cases never enter a fit.",
+            lambda: scatter_figure(both, plane=plane, role="validation"),
+        ),
+        Plan("vectors", "Tip forces in each posture", arrows, vectors),
+        Plan(
+            "bone",
+            "Net forces on the metacarpal",
+            f"{arrows} Dotted: the load of the {hinge} joint alone, without what tendons and pulleys pass to the bone.",
+            bone,
+        ),
+        Plan(
+            "errors",
+            "Where the errors are",
+            "RMSE over the force components of the cases named on the left (Synek et al. 2019, Eqs 6 and 7).",
+            lambda: errors_figure(
+                comparison, before=before, before_name=before_name, model_name=model_name, plane=plane
+            ),
+        ),
+        Plan(
+            "z",
+            "Where the errors are",
+            "A case to the right of the dashed line misses by more than its measurement's noise alone would explain."
+            + (" z takes Fz too, which this finger does not predict." if plane == "sagittal" else ""),
+            lambda: z_figure(comparison, before=before, before_name=before_name),
+        ),
+    ]

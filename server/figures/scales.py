@@ -1,0 +1,80 @@
+"""Scale bars and directions in a corner of a drawing of the finger."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from server.figures.style import MUTED, SMALL_PX
+
+Floats = NDArray[np.float64]
+
+
+def round_length(value: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten that is not above `value`."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(max(m for m in (1.0, 2.0, 5.0) if m * power <= value * (1 + 1e-9)) * power)
+
+
+def scale_bars(
+    low: Floats, size: Floats, mm_per_N: float, names: Mapping[str, str], *, first: bool
+) -> tuple[list[go.Scatter], list[dict[str, Any]]]:
+    """Force bar of each panel; the first one has a length bar and the directions too."""
+    axes = {"xref": names["xaxis"], "yref": names["yaxis"]}
+    font = {"size": SMALL_PX, "color": MUTED}
+    y = float(low[1] + 0.035 * size[1])
+    bars = []
+    if mm_per_N > 0:  # else there is no force to scale
+        force = round_length(0.22 * float(size[0]) / mm_per_N)
+        bars.append((f"{force:g} N", force * mm_per_N))
+    if first:
+        length = round_length(0.25 * float(size[0]))
+        bars.append((f"{length:g} mm", length))
+    x = float(low[0] + 0.02 * size[0])
+    traces, words = [], []
+    for text, length in bars:
+        line = {"color": MUTED, "width": 2.5 if text.endswith("N") else 1.2}
+        shape = {"x": [x, x + length], "y": [y, y], "mode": "lines", "line": line}
+        traces.append(
+            go.Scatter(**shape, showlegend=False, hoverinfo="skip", meta={"kind": "scale", "text": text}, **names)
+        )
+        words.append(
+            {
+                "text": text,
+                "x": x + length / 2,
+                "y": y,
+                "yanchor": "bottom",
+                "yshift": 1,
+                "showarrow": False,
+                "font": font,
+            }
+            | axes
+        )
+        x += length + 0.06 * float(size[0])
+    if first:
+        x, arm = float(low[0] + 0.80 * size[0]), 0.09 * float(size[0])
+        for dx, dy, text, anchor in ((1, 0, "proximal", "top"), (0, 1, "dorsal", "bottom")):
+            arrow = {
+                "x": x + dx * arm,
+                "y": y + dy * arm,
+                "ax": x,
+                "ay": y,
+                "axref": axes["xref"],
+                "ayref": axes["yref"],
+            }
+            head = {
+                "showarrow": True,
+                "arrowhead": 2,
+                "arrowsize": 1,
+                "arrowwidth": 1.2,
+                "arrowcolor": MUTED,
+                "text": "",
+            }
+            words.append(arrow | head | axes)
+            place = {"x": x + dx * arm * 0.6, "y": y + dy * arm, "text": text, "yanchor": anchor, "showarrow": False}
+            words.append(place | axes | {"font": font})
+    return traces, words

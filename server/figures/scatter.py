@@ -1,0 +1,244 @@
+"""Measured against predicted components of the tip force, tendon by tendon (after Synek et al. 2019, Figure 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from fingermodel.compare import PLANES, CaseComparison, Comparison
+from fingermodel.fingers import Plane
+from server.figures.style import (
+    BAND,
+    COMPONENT_AXES,
+    COMPONENT_SENSES,
+    INK,
+    MUTED,
+    PLANE_NAMES,
+    SMALL_PX,
+    TEXT_PX,
+    WIDTH,
+    NothingToDrawError,
+    axis,
+    case_text,
+    domain,
+    figure,
+    in_order,
+    load_styles,
+    number,
+    plain,
+    rmse_text,
+)
+
+_LEFT, _GAP, _HEADING, _UNDER, _TOP = 66, 66, 34, 52, 84  # [px]
+
+
+def scatter_figure(
+    models: Sequence[tuple[str, Comparison]],
+    *,
+    plane: Plane = "sagittal",
+    role: str | None = "identification",
+    location: str = "tip",
+) -> go.Figure:
+    """Draw predicted over measured force components, one row a model and one column a component.
+
+    Args:
+        models: one comparison, or the one before and the one after, each with its model's name.
+        plane: which components: x and y, or z too.
+        role: which cases; None takes all.
+        location: tip or bone.
+
+    Raises:
+        NothingToDrawError: no such case.
+    """
+    chosen = [(name, comparison.select(role, location)) for name, comparison in models]
+    if not chosen or not chosen[-1][1].cases:
+        raise NothingToDrawError(f"No {role or 'load'} case was measured at the {location}.")
+    components = range(PLANES[plane])
+    columns, rows = len(components), len(chosen)
+    beside = columns < 3  # where the legend is: beside two panels, below three
+    right = 300 if beside else 20
+    plot_width = WIDTH - _LEFT - right
+    side = (plot_width - (columns - 1) * _GAP) / columns
+    plot_height = rows * (side + _HEADING) + (rows - 1) * _UNDER
+    limits = [_limits([c for _, part in chosen for c in part.cases], k) for k in components]
+    data: list[go.Scatter] = []
+    layout: dict[str, Any] = {"annotations": []}
+    muscles = in_order(c.muscles for c in chosen[-1][1].cases)
+    for row, (name, comparison) in enumerate(chosen):
+        top = 1.0 - (row * (side + _HEADING + _UNDER) + _HEADING) / plot_height
+        layout["annotations"].append(_row_title(name, comparison, plane, top + _HEADING / plot_height))
+        for column in components:
+            index = row * columns + column
+            names = {"xaxis": f"x{index + 1 if index else ''}", "yaxis": f"y{index + 1 if index else ''}"}
+            left = column * (side + _GAP) / plot_width
+            low, high = limits[column]
+            words = f"{COMPONENT_AXES[column]} [N]"
+            shared = {"range": [low, high], "nticks": 7 if beside else 6}
+            layout[names["xaxis"].replace("x", "xaxis")] = axis(
+                f"measured {words}, {COMPONENT_SENSES[column]} +",
+                domain=domain(left, left + side / plot_width),
+                anchor=names["yaxis"],
+                **shared,
+            )
+            layout[names["yaxis"].replace("y", "yaxis")] = axis(
+                f"predicted {words}",
+                domain=domain(top - side / plot_height, top),
+                anchor=names["xaxis"],
+                scaleanchor=names["xaxis"],
+                scaleratio=1,
+                constrain="domain",
+                **shared,
+            )
+            data += _identity(comparison, column, (low, high), names, first=index == 0)
+            data += _points(comparison, column, muscles, names)
+    data += _keys(chosen, muscles, plane)
+    explained = {
+        "text": _legend_title(chosen, "<br>" if beside else " "),
+        "font": {"size": SMALL_PX + 1, "color": MUTED},
+    }
+    layout["legend"] = {
+        "x": 1.0 + 20 / plot_width if beside else 0.0,
+        "y": 1.0 if beside else -(_UNDER + 20) / plot_height,
+        "xanchor": "left",
+        "yanchor": "top",
+        "orientation": "v" if beside else "h",
+        "font": {"size": SMALL_PX + 1},
+    }
+    if beside:
+        layout["legend"]["title"] = explained
+    else:  # beside its entries, a title would push them out of the figure
+        place = {"x": 0.0, "xref": "paper", "xanchor": "left", "yref": "paper", "yanchor": "top", "showarrow": False}
+        layout["annotations"].append(explained | place | {"y": -_UNDER / plot_height})
+    bottom = _UNDER + (0 if beside else 44 + 20 * -(-(len(muscles) + 2) // 3))
+    cases = f"{len(chosen[-1][1].cases)} {role + ' ' if role else ''}cases"
+    frame = "distal phalanx" if location == "tip" else "metacarpal"
+    return figure(
+        data,
+        layout,
+        title=f"Measured and predicted {location} force components",
+        subtitle=f"{cases}; axes of the {frame}; grey: identity ± 2 SD of the measurement",
+        height=round(plot_height + _TOP + bottom),
+        margin={"l": _LEFT, "r": right, "t": _TOP, "b": bottom},
+    )
+
+
+def _limits(cases: Sequence[CaseComparison], component: int) -> tuple[float, float]:
+    """Common limits of both axes with some room, never of no width."""
+    values = np.array([v[component] for c in cases for v in (c.measured_N, c.predicted_N)] + [0.0])
+    values = values[np.isfinite(values)]
+    low, high = float(values.min()), float(values.max())
+    room = 0.08 * (high - low) or 1e-3
+    return low - room, high + room
+
+
+def _row_title(name: str, comparison: Comparison, plane: Plane, y: float) -> dict[str, Any]:
+    errors = comparison.errors(plane)
+    return {
+        "text": f"<b>{plain(name)}: RMSE {rmse_text(errors)} {PLANE_NAMES[plane]}</b>",
+        "x": 0.0,
+        "y": y,
+        "xref": "paper",
+        "yref": "paper",
+        "xanchor": "left",
+        "yanchor": "top",
+        "showarrow": False,
+        "font": {"size": TEXT_PX, "color": INK},
+    }
+
+
+def _identity(
+    comparison: Comparison, component: int, limits: tuple[float, float], axes: dict[str, str], *, first: bool
+) -> list[go.Scatter]:
+    """Line of identity, and about it twice the median standard uncertainty of the measurement."""
+    low, high = limits
+    sd = np.array([c.measured_sd_N[component] for c in comparison.cases], dtype=float)
+    sd = sd[np.isfinite(sd)]
+    half = 2.0 * float(np.median(sd)) if len(sd) else 0.0
+    said = "assumed" if comparison.noise_assumed else "measured"
+    shared: dict[str, Any] = {"mode": "lines", "showlegend": first, "hoverinfo": "skip", **axes}
+    line = go.Scatter(
+        x=[low, high], y=[low, high], name="identity", line={"color": "#8a8a8a", "width": 1}, legendrank=2000, **shared
+    )
+    if half <= 0:
+        return [line]
+    # Drawn beyond the axes, so that the corners are filled; the axes cut it.
+    a, b = low - half, high + half
+    band = go.Scatter(
+        x=[a, b, b, a, a],
+        y=[a - half, b - half, b + half, a + half, a - half],
+        fill="toself",
+        fillcolor=BAND,
+        line={"color": BAND, "width": 0},
+        name=f"± 2 SD, {said} (Fx ± {number(half)} N)" if first else "",
+        legendrank=2001,
+        meta={"kind": "band", "half_N": half},
+        **shared,
+    )
+    return [band, line]
+
+
+def _points(comparison: Comparison, component: int, muscles: Sequence[str], axes: dict[str, str]) -> list[go.Scatter]:
+    styles = load_styles(muscles)
+    out = []
+    for muscle in muscles:
+        cases = comparison.select(muscles=muscle).cases
+        if not cases:
+            continue
+        style = styles[muscle]
+        measured = [float(c.measured_N[component]) for c in cases]
+        predicted = [float(c.predicted_N[component]) for c in cases]
+        words = [
+            f"{case_text(c)}<br>{COMPONENT_AXES[component]} measured {number(m)}"
+            f" ± {number(float(c.measured_sd_N[component]))} N, predicted {number(p)} N"
+            for c, m, p in zip(cases, measured, predicted, strict=True)
+        ]
+        out.append(
+            go.Scatter(
+                x=measured,
+                y=predicted,
+                mode="markers",
+                marker={
+                    "color": style.color,
+                    "symbol": style.symbol,
+                    "size": 9 if style.symbol != "cross" else 10,
+                    "line": {"color": "#ffffff", "width": 0.8},
+                },
+                text=words,
+                hoverinfo="text",
+                name=muscle,
+                legendgroup=muscle,
+                showlegend=False,
+                **axes,
+            )
+        )
+    return out
+
+
+def _legend_title(chosen: Sequence[tuple[str, Comparison]], separator: str) -> str:
+    return "RMSE by tendon (of its mean force)" + (f"{separator}before → after" if len(chosen) > 1 else "")
+
+
+def _keys(chosen: Sequence[tuple[str, Comparison]], muscles: Sequence[str], plane: Plane) -> list[go.Scatter]:
+    """Entries of the legend: every tendon with its RMSE under each model."""
+    styles = load_styles(muscles)
+    out = []
+    for muscle in muscles:
+        parts = [comparison.select(muscles=muscle).errors(plane) for _, comparison in chosen]
+        absolute = " → ".join(number(e.rmse_N) for e in parts)
+        relative = " → ".join(number(e.rmse_rel_pct, 0) for e in parts)
+        marker = {"color": styles[muscle].color, "symbol": styles[muscle].symbol, "size": 9}
+        out.append(
+            go.Scatter(
+                x=[None],
+                y=[None],
+                mode="markers",
+                marker=marker | {"line": {"color": "#ffffff", "width": 0.8}},
+                name=f"{plain(muscle)}  {absolute} N ({relative} %)",
+                legendgroup=muscle,
+                hoverinfo="skip",
+            )
+        )
+    return out

@@ -1,0 +1,160 @@
+"""Plotly's bars and heatmaps drawn on Matplotlib axes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from server.figures.static_points import each, error_bars, numbers, put_word
+from server.figures.static_text import PT, color
+
+Floats = NDArray[np.float64]
+Trace = Mapping[str, Any]
+
+
+def bar_slots(traces: Sequence[Trace], layout: Trace) -> list[dict[str, Any]]:
+    """Share a category's place among the bar traces of one subplot: offset from its middle, width, running totals."""
+    mode = layout.get("barmode") or "group"
+    room = 1.0 - float(layout.get("bargap", 0.2))
+    groups = list(dict.fromkeys(str(t.get("offsetgroup", i)) for i, t in enumerate(traces)))
+    up: dict[float, float] = {}
+    down: dict[float, float] = {}
+    slots = []
+    for i, trace in enumerate(traces):
+        if mode == "group":
+            step = room / len(groups)
+            at = groups.index(str(trace.get("offsetgroup", i)))
+            width, offset = step * (1.0 - float(layout.get("bargroupgap", 0.0))), (at + 0.5) * step - room / 2
+        else:
+            width, offset = room, 0.0
+        slots.append({"width": width, "offset": offset, "stack": mode in ("stack", "relative"), "up": up, "down": down})
+    return slots
+
+
+def draw_bar(axes: Axes, trace: Trace, x: Floats, y: Floats, slot: Trace, zorder: float) -> None:
+    """Draw bars in their slot of `bar_slots`, with error bars and words."""
+    flat = trace.get("orientation") == "h"
+    place, height = (y, x) if flat else (x, y)
+    spacing = float(np.min(np.diff(np.unique(place)))) if len(np.unique(place)) > 1 else 1.0
+    width = np.array(each(trace.get("width") or slot["width"] * spacing, len(place)), dtype=float)
+    middle = place + slot["offset"] * spacing
+    if trace.get("offset") is not None:
+        middle = place + np.array(each(trace["offset"], len(place)), dtype=float) + width / 2
+    base = np.array(each(trace.get("base") or 0.0, len(place)), dtype=float)
+    if slot["stack"]:
+        for i, (p, h) in enumerate(zip(place, height, strict=True)):
+            total = slot["up"] if h >= 0 else slot["down"]
+            base[i] += total.get(p, 0.0)
+            total[p] = base[i] + (h if np.isfinite(h) else 0.0)
+    marker = trace.get("marker") or {}
+    alpha = float(trace.get("opacity") or 1.0) * float(marker.get("opacity") or 1.0)
+    rim = marker.get("line") or {}
+    looks: dict[str, Any] = {
+        "color": [color(c, alpha) for c in each(marker.get("color", "#1f77b4"), len(place))],
+        "edgecolor": color(rim.get("color", "none")),
+        "linewidth": float(rim.get("width", 0)) * PT,
+        "zorder": zorder,
+    }
+    if flat:
+        axes.barh(middle, height, height=width, left=base, **looks)
+    else:
+        axes.bar(middle, height, width=width, bottom=base, **looks)
+    ends = base + height
+    for which in ("error_x", "error_y"):
+        if bars := trace.get(which):
+            at = (ends, middle) if flat else (middle, ends)
+            error_bars(axes, bars, which, at[0], at[1], zorder)
+    where = trace.get("textposition") or "none"
+    if where != "none" and trace.get("text") is not None:
+        font = trace.get("textfont") or {}
+        for m, e, h, word in zip(middle, ends, height, each(trace["text"], len(place)), strict=True):
+            if word and np.isfinite(e):
+                outward = 1.0 if (h >= 0) == (where == "outside") else -1.0
+                if flat:
+                    put_word(
+                        axes, word, (e, m), font, "left" if outward > 0 else "right", "center", (4 * outward, 0), zorder
+                    )
+                else:
+                    put_word(
+                        axes, word, (m, e), font, "center", "bottom" if outward > 0 else "top", (0, 3 * outward), zorder
+                    )
+
+
+def draw_heatmap(axes: Axes, trace: Trace, x_names: list[str] | None, y_names: list[str] | None, zorder: float) -> None:
+    """Draw a heatmap with its words and its colour bar."""
+    from matplotlib.colors import LinearSegmentedColormap
+    from plotly.colors import get_colorscale
+
+    z = np.array([[np.nan if v is None else float(v) for v in row] for row in trace["z"]], dtype=float)
+    x = numbers(trace.get("x") or list(range(z.shape[1])), x_names)
+    y = numbers(trace.get("y") or list(range(z.shape[0])), y_names)
+    scale = trace.get("colorscale") or "Viridis"
+    stops = get_colorscale(scale) if isinstance(scale, str) else scale
+    if trace.get("reversescale"):
+        stops = [[1.0 - float(s), c] for s, c in reversed(stops)]
+    cmap = LinearSegmentedColormap.from_list("plotly", [(float(s), color(c)) for s, c in stops])
+    known = z[np.isfinite(z)]
+    low = (
+        float(trace["zmin"])
+        if trace.get("zmin") is not None
+        else float(known.min(initial=0.0) if not known.size else known.min())
+    )
+    high = float(trace["zmax"]) if trace.get("zmax") is not None else float(known.max() if known.size else 1.0)
+    if trace.get("zmid") is not None:
+        reach = max(high - float(trace["zmid"]), float(trace["zmid"]) - low)
+        low, high = float(trace["zmid"]) - reach, float(trace["zmid"]) + reach
+    gap = max(float(trace.get("xgap") or 0), float(trace.get("ygap") or 0)) * PT
+    mesh = axes.pcolormesh(
+        _edges(x),
+        _edges(y),
+        np.ma.masked_invalid(z),
+        cmap=cmap,
+        vmin=low,
+        vmax=high,
+        zorder=zorder,
+        edgecolors="white" if gap else "none",
+        linewidth=gap,
+    )
+    if trace.get("texttemplate"):
+        for i, row in enumerate(trace["text"]):
+            for k, word in enumerate(row):
+                if word:
+                    put_word(axes, word, (x[k], y[i]), trace.get("textfont") or {}, "center", "center", (0, 0), zorder)
+    if trace.get("showscale") is not False:
+        _color_bar(axes, mesh, trace.get("colorbar") or {})
+
+
+def _edges(centres: Floats) -> Floats:
+    if len(centres) == 1:
+        return np.array([centres[0] - 0.5, centres[0] + 0.5])
+    middle = (centres[1:] + centres[:-1]) / 2
+    return np.concatenate([[2 * centres[0] - middle[0]], middle, [2 * centres[-1] - middle[-1]]])
+
+
+def _color_bar(axes: Axes, mesh: Any, bar: Trace) -> None:
+    parent = axes.get_figure(root=True)
+    assert parent is not None  # noqa: S101 - axes are made by add_axes
+    box = axes.get_position(original=True)
+    width_px, length = parent.get_figwidth() * 96, float(bar.get("len", 1.0))
+    thick = float(bar.get("thickness", 30)) / width_px
+    place = parent.add_axes(
+        (box.x1 + 10 / width_px, box.y0 + box.height * (1 - length) / 2, thick, box.height * length)
+    )
+    drawn = parent.colorbar(mesh, cax=place)
+    drawn.outline.set_linewidth(float(bar.get("outlinewidth", 1)) * PT)
+    font = bar.get("tickfont") or {}
+    place.tick_params(labelsize=float(font.get("size", 11)) * PT, labelcolor=color(font.get("color", "#222222")))
+    if bar.get("tickvals") is not None:
+        drawn.set_ticks(list(bar["tickvals"]), labels=[str(t) for t in bar.get("ticktext") or bar["tickvals"]])
+    title = bar.get("title") or {}
+    if title.get("text"):
+        font = title.get("font") or {}
+        size, ink = float(font.get("size", 12)) * PT, color(font.get("color", "#222222"))
+        if title.get("side") == "right":
+            place.set_ylabel(title["text"], fontsize=size, color=ink, rotation=270, va="bottom")
+        else:
+            place.set_title(title["text"], fontsize=size, color=ink, loc="left")

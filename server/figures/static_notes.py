@@ -1,0 +1,122 @@
+"""Plotly's shapes, texts and arrows drawn over Matplotlib axes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from matplotlib.transforms import Transform
+
+from server.figures.static_axes import Canvas
+from server.figures.static_schema import UnsupportedFigureError
+from server.figures.static_text import PT, color, dashes, put_text
+
+Attributes = Mapping[str, Any]
+
+
+def draw_shapes(canvas: Canvas) -> None:
+    """Draw lines and rectangles."""
+    for shape in canvas.layout.get("shapes") or ():
+        x_of, y_of = shape.get("xref") or "x", shape.get("yref") or "y"
+        x = [canvas.along(x_of, shape[k]) for k in ("x0", "x1")]
+        y = [canvas.along(y_of, shape[k]) for k in ("y0", "y1")]
+        corners = [(x[0], y[0]), (x[1], y[1])]
+        if shape["type"] == "rect":
+            corners = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1]), (x[0], y[0])]
+        line = shape.get("line") or {}
+        width, alpha = float(line.get("width", 2)), float(shape.get("opacity") or 1.0)
+        face = color(shape.get("fillcolor", "none"), alpha) if shape["type"] == "rect" else "none"
+        patch = PathPatch(
+            Path(corners),
+            facecolor=face,
+            edgecolor=color(line.get("color", "#444444"), alpha),
+            linewidth=width * PT,
+            linestyle=dashes(line.get("dash"), width),
+            transform=canvas.transform(x_of, y_of),
+            zorder=0.5 if shape.get("layer") == "below" else 6.0,
+        )
+        # Within a subplot the shape belongs to it, so that it can lie below the traces.
+        owner = canvas.of_axis(x_of.partition(" ")[0]) if x_of != "paper" else None
+        if owner is None and y_of != "paper":
+            owner = canvas.of_axis(y_of.partition(" ")[0])
+        if owner is None:
+            canvas.figure.add_artist(patch)
+        else:
+            limits = owner.get_xlim(), owner.get_ylim()
+            owner.add_artist(patch)
+            owner.set_xlim(limits[0])
+            owner.set_ylim(limits[1])
+
+
+def draw_annotations(canvas: Canvas, overlay: Axes) -> None:
+    """Write texts and draw arrows; `overlay` covers the figure and lies above everything."""
+    sides = {"left": "left", "center": "center", "right": "right", "auto": "center"}
+    heights = {"top": "top", "middle": "center", "bottom": "bottom", "auto": "center"}
+    for note in canvas.layout.get("annotations") or ():
+        x_of, y_of = note.get("xref") or "x", note.get("yref") or "y"
+        transform = canvas.transform(x_of, y_of)
+        at = (canvas.along(x_of, note["x"]), canvas.along(y_of, note["y"]))
+        shift = (float(note.get("xshift") or 0), float(note.get("yshift") or 0))
+        where, moved, arrow = at, transform, note.get("showarrow") is not False
+        if arrow:
+            where, moved, tail_shift = _arrow(canvas, overlay, note, at, transform)
+            shift = (shift[0] + tail_shift[0], shift[1] + tail_shift[1])
+        if not note.get("text"):
+            continue
+        font = dict(canvas.font) | dict(note.get("font") or {})
+        box = (
+            {"bbox": {"facecolor": color(note["bgcolor"]), "edgecolor": "none", "pad": 1.5}}
+            if note.get("bgcolor")
+            else {}
+        )
+        put_text(
+            canvas.figure,
+            note["text"],
+            where,
+            moved,
+            size_px=float(font["size"]),
+            ink=color(font["color"]),
+            horizontal=sides[note.get("xanchor") or "auto"],
+            vertical=heights[note.get("yanchor") or "auto"],
+            align=note.get("align"),
+            angle=-float(note.get("textangle") or 0),
+            shift_px=shift,
+            zorder=20.0,
+            **box,
+        )
+
+
+def _arrow(
+    canvas: Canvas, overlay: Axes, note: Attributes, at: tuple[float, float], transform: Transform
+) -> tuple[tuple[float, float], Transform, tuple[float, float]]:
+    """Draw an annotation's arrow; return where its tail, and so its text, is."""
+    width = float(note.get("arrowwidth") or 2.0)
+    style = {0: "-", 1: "->", 2: "-|>", 3: "-|>"}[int(note.get("arrowhead", 1))]
+    size = 3.0 * width * float(note.get("arrowsize") or 1.0) * PT
+    if style != "-":
+        style += f",head_length={size / 10:.4f},head_width={size / 20:.4f}"
+    references = [note.get("axref") or "pixel", note.get("ayref") or "pixel"]
+    if references == ["pixel", "pixel"]:
+        # Pixels to the right and down from the head.
+        tail = (float(note.get("ax", -10)), -float(note.get("ay", -30)))
+        where, moved, shift = at, transform, tail
+        ends: dict[str, Any] = {"xytext": (tail[0] * PT, tail[1] * PT), "textcoords": "offset points"}
+    elif "pixel" in references:
+        raise UnsupportedFigureError("an arrow's tail in pixels one way and in data the other")
+    else:
+        where = (canvas.along(references[0], note["ax"]), canvas.along(references[1], note["ay"]))
+        moved, shift = canvas.transform(*references), (0.0, 0.0)
+        ends = {"xytext": where, "textcoords": moved}
+    look = {
+        "arrowstyle": style,
+        "mutation_scale": 10,
+        "shrinkA": 0,
+        "shrinkB": 0,
+        "linewidth": width * PT,
+        "color": color(note.get("arrowcolor", "#444444")),
+    }
+    overlay.annotate("", xy=at, xycoords=transform, arrowprops=look, annotation_clip=False, **ends)
+    return where, moved, shift

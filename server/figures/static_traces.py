@@ -1,0 +1,203 @@
+"""Plotly's traces drawn on Matplotlib axes, and their handles for the legend."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, PathPatch
+from matplotlib.path import Path
+from numpy.typing import NDArray
+
+from server.figures.static_cells import draw_bar, draw_heatmap
+from server.figures.static_points import each, error_bars, numbers, put_word
+from server.figures.static_schema import SYMBOLS, UnsupportedFigureError
+from server.figures.static_text import PT, color, dashes
+
+Floats = NDArray[np.float64]
+Trace = Mapping[str, Any]
+_COLORWAY = (
+    "#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f", "#bcbd22", "#17becf",
+)  # fmt: skip
+# Matplotlib's markers against Plotly's of the same nominal size.
+_SIZES = {"*": 1.4, "D": 0.92}
+# Plotly's layers: heatmaps below bars below points and lines, whatever the order of the traces.
+_LAYER = {"heatmap": 1.0, "bar": 2.0, "scatter": 3.0}
+
+
+def with_defaults(trace: Trace, order: int) -> dict[str, Any]:
+    """Fill in the colours and the mode that Plotly gives a trace that says nothing of them."""
+    out = dict(trace)
+    kind = out.get("type", "scatter")
+    if kind == "heatmap":
+        return out
+    marker, line = dict(out.get("marker") or {}), dict(out.get("line") or {})
+    own = line.get("color") or marker.get("color")
+    base = own if isinstance(own, str) else _COLORWAY[order % len(_COLORWAY)]
+    out["marker"] = {"color": base} | {k: v for k, v in marker.items() if v is not None}
+    if kind == "scatter":
+        out["line"] = {"color": base} | {k: v for k, v in line.items() if v is not None}
+        points = len(out.get("y") or out.get("x") or ())
+        out["mode"] = out.get("mode") or ("lines+markers" if points < 20 else "lines")
+        if out.get("fill", "none") != "none" and not out.get("fillcolor"):
+            r, g, b, a = to_rgba(color(out["line"]["color"]))
+            out["fillcolor"] = f"rgba({255 * r:.0f},{255 * g:.0f},{255 * b:.0f},{a / 2:g})"
+    return out
+
+
+def draw_trace(
+    axes: Axes, trace: Trace, order: int, categories: tuple[list[str] | None, list[str] | None], slot: Trace
+) -> None:
+    """Draw one trace.
+
+    Args:
+        axes: of its subplot.
+        trace: as a dict, already checked.
+        order: position among the traces.
+        categories: of the x and of the y axis, None where it is numeric.
+        slot: for bars, how their group shares its place (see `bar_slots`).
+    """
+    kind = trace.get("type", "scatter")
+    zorder = _LAYER[kind] + order * 1e-4
+    x_names, y_names = categories
+    if kind == "heatmap":
+        draw_heatmap(axes, trace, x_names, y_names, zorder)
+        return
+    y_values = trace.get("y") or []
+    x_values = trace.get("x") or list(range(len(y_values)))
+    x, y = numbers(x_values, x_names), numbers(y_values, y_names)
+    if kind == "bar":
+        draw_bar(axes, trace, x, y, slot, zorder)
+    else:
+        _scatter(axes, trace, x, y, zorder)
+
+
+def _pieces(x: Floats, y: Floats) -> list[Floats]:
+    """Split a line at its gaps."""
+    fine = np.isfinite(x) & np.isfinite(y)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], fine.astype(int), [0]])))
+    return [np.stack([x[a:b], y[a:b]], axis=1) for a, b in edges.reshape(-1, 2)]
+
+
+def _scatter(axes: Axes, trace: Trace, x: Floats, y: Floats, zorder: float) -> None:
+    opacity = float(trace.get("opacity") or 1.0)
+    line, mode = trace.get("line") or {}, trace["mode"]
+    fill = trace.get("fill") or "none"
+    clip = trace.get("cliponaxis") is not False
+    if fill == "toself":
+        for piece in _pieces(x, y):
+            codes = [Path.MOVETO, *[Path.LINETO] * (len(piece) - 1), Path.CLOSEPOLY]
+            face = color(trace.get("fillcolor", "none"), opacity)
+            path = Path(np.concatenate([piece, piece[:1]]), codes)
+            axes.add_patch(PathPatch(path, facecolor=face, edgecolor="none", zorder=zorder, clip_on=clip))
+            axes.update_datalim(piece)
+    elif fill == "tozeroy":
+        axes.fill_between(x, y, 0.0, color=color(trace.get("fillcolor", "none"), opacity), linewidth=0, zorder=zorder)
+    if "lines" in mode:
+        width = float(line.get("width", 2))
+        drawstyle = {"hv": "steps-post", "vh": "steps-pre"}.get(line.get("shape", "linear"), "default")
+        axes.plot(
+            x,
+            y,
+            color=color(line.get("color", "#000000"), opacity),
+            linewidth=width * PT,
+            linestyle=dashes(line.get("dash"), width),
+            drawstyle=drawstyle,
+            solid_capstyle="butt",
+            dash_capstyle="butt",
+            solid_joinstyle="miter",
+            zorder=zorder + 1e-5,
+            clip_on=clip,
+        )
+    for which in ("error_x", "error_y"):
+        if bars := trace.get(which):
+            error_bars(axes, bars, which, x, y, zorder)
+    if "markers" in mode:
+        _markers(axes, trace.get("marker") or {}, x, y, opacity, zorder + 2e-5, clip)
+    if "text" in mode.split("+"):
+        _labels(axes, trace, x, y, zorder)
+
+
+def _markers(axes: Axes, marker: Trace, x: Floats, y: Floats, opacity: float, zorder: float, clip: bool) -> None:
+    count = len(x)
+    alpha = opacity * float(marker.get("opacity") or 1.0)
+    rim = marker.get("line") or {}
+    inks = each(marker.get("color", "#000000"), count)
+    sizes = each(marker.get("size", 6), count)
+    rims, rim_widths = each(rim.get("color", "none"), count), each(rim.get("width", 0), count)
+    symbols = each(marker.get("symbol", "circle"), count)
+    for symbol in dict.fromkeys(symbols):
+        rows = [i for i, s in enumerate(symbols) if s == symbol and np.isfinite(x[i]) and np.isfinite(y[i])]
+        shape, hollow = _symbol(symbol)
+        thin = shape in "|_"
+        axes.scatter(
+            x[rows],
+            y[rows],
+            s=[(sizes[i] * PT * _SIZES.get(shape, 1.0)) ** 2 for i in rows],
+            marker=shape,
+            facecolors=None if thin else ["none" if hollow else color(inks[i], alpha) for i in rows],
+            edgecolors=[color(inks[i] if hollow or thin else rims[i], alpha) for i in rows],
+            linewidths=[max(rim_widths[i], 1.3 if hollow or thin else 0) * PT for i in rows],
+            zorder=zorder,
+            clip_on=clip,
+        )
+
+
+def _symbol(name: str) -> tuple[str, bool]:
+    base = str(name).removesuffix("-open")
+    if base not in SYMBOLS:
+        raise UnsupportedFigureError(f"marker symbol {name!r} is not drawn")
+    return SYMBOLS[base], base != name
+
+
+def _labels(axes: Axes, trace: Trace, x: Floats, y: Floats, zorder: float) -> None:
+    place = str(trace.get("textposition") or "middle center").split()
+    up = {"top": (6.0, "bottom"), "middle": (0.0, "center"), "bottom": (-6.0, "top")}[place[0]]
+    side = {"left": (-6.0, "right"), "center": (0.0, "center"), "right": (6.0, "left")}[place[1]]
+    font = trace.get("textfont") or {}
+    for px, py, word in zip(x, y, each(trace.get("text") or "", len(x)), strict=True):
+        if word and np.isfinite(px) and np.isfinite(py):
+            put_word(axes, word, (px, py), font, side[1], up[1], (side[0], up[0]), zorder)
+
+
+def legend_handle(trace: Trace) -> Artist:
+    """Return the sign that stands for a trace in the legend."""
+    opacity = float(trace.get("opacity") or 1.0)
+    marker, line = trace.get("marker") or {}, trace.get("line") or {}
+    one: Callable[[Any], Any] = lambda v: v[0] if isinstance(v, list | tuple | np.ndarray) else v  # noqa: E731
+    if trace.get("type") == "bar":
+        rim = marker.get("line") or {}
+        return Patch(
+            facecolor=color(one(marker.get("color", "#1f77b4")), opacity),
+            edgecolor=color(one(rim.get("color", "none"))),
+            linewidth=float(one(rim.get("width", 0))) * PT,
+        )
+    mode = trace["mode"]
+    if trace.get("fill") in ("toself", "tozeroy"):
+        edge = color(line.get("color", "none"), opacity) if "lines" in mode else "none"
+        return Patch(
+            facecolor=color(trace.get("fillcolor", "none"), opacity),
+            edgecolor=edge,
+            linewidth=float(line.get("width", 2)) * PT,
+        )
+    width = float(line.get("width", 2))
+    handle = Line2D([], [], linestyle="none")
+    if "lines" in mode:
+        handle.set_linestyle(dashes(line.get("dash"), width))
+        handle.set_linewidth(width * PT)
+        handle.set_color(color(line.get("color", "#000000"), opacity))
+    if "markers" in mode:
+        shape, hollow = _symbol(one(marker.get("symbol", "circle")))
+        ink = color(one(marker.get("color", "#000000")), opacity)
+        rim = marker.get("line") or {}
+        handle.set_marker(shape)
+        handle.set_markersize(min(float(one(marker.get("size", 6))), 14.0) * PT * _SIZES.get(shape, 1.0))
+        handle.set_markerfacecolor("none" if hollow else ink)
+        handle.set_markeredgecolor(ink if hollow or shape in "|_" else color(one(rim.get("color", "none"))))
+        handle.set_markeredgewidth(max(float(one(rim.get("width", 0))), 1.3 if hollow else 0.0) * PT)
+    return handle

@@ -1,0 +1,210 @@
+"""Where the errors are: RMSE by tendon, posture and location, and each case against its own uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from fingermodel.compare import Comparison, ErrorSummary
+from fingermodel.fingers import Plane
+from server.figures.style import (
+    INK,
+    MUTED,
+    PLANE_NAMES,
+    SMALL_PX,
+    TEXT_PX,
+    WIDTH,
+    NothingToDrawError,
+    axis,
+    domain,
+    figure,
+    in_order,
+    number,
+    plain,
+    posture_name,
+    rmse_text,
+)
+
+AFTER, BEFORE = "#3b5b7a", "#b9c6d3"
+# Square root of the 95 % quantile of chi-square with 3 degrees of freedom: the norm of three standard normal residuals.
+CHI3_95 = 2.7955
+_BAR, _GROUP_GAP, _LEFT, _RIGHT, _TOP, _BOTTOM = 22, 40, 150, 60, 84, 54  # [px]
+
+# Label, and what the cases have in common: role, location, muscles, posture.
+Row = tuple[str, str | None, str | None, str | None, str | None]
+Rows = list[Row]
+
+
+def errors_figure(
+    comparison: Comparison,
+    *,
+    before: Comparison | None = None,
+    before_name: str = "before",
+    model_name: str = "",
+    plane: Plane = "sagittal",
+) -> go.Figure:
+    """Draw the RMSE by loaded tendon, by posture and by role, tip and bone apart, before and after.
+
+    Args:
+        comparison: of the model.
+        before: of the model that it is held against.
+        before_name: of that model.
+        model_name: of this one.
+        plane: in which the errors are taken.
+
+    Raises:
+        NothingToDrawError: no case.
+    """
+    groups = _groups(comparison)
+    if not groups:
+        raise NothingToDrawError("There is no load case to summarise.")
+    per_bar = _BAR if before is None else _BAR + 8
+    heights = [per_bar * len(rows) for _, rows in groups]
+    plot = sum(heights) + _GROUP_GAP * len(groups)
+    plot_width = WIDTH - _LEFT - _RIGHT
+    half = (plot_width - 60) / 2 / plot_width
+    data: list[go.Bar] = []
+    layout: dict[str, Any] = {"annotations": [], "barmode": "group", "bargap": 0.25}
+    measures = (("rmse_N", "RMSE [N]", 2), ("rmse_rel_pct", "RMSE [% of the mean measured force]", 1))
+    models = [(model_name or "model", comparison, AFTER)]
+    if before is not None:
+        models.insert(0, (before_name, before, BEFORE))
+    tops = [_largest(groups, models, plane, key) for key, _, _ in measures]
+    upper = plot
+    for index, ((title, rows), height) in enumerate(zip(groups, heights, strict=True)):
+        upper -= _GROUP_GAP
+        place = domain((upper - height) / plot, upper / plot)
+        layout["annotations"].append(_group_title(title, upper / plot))
+        for column, (key, unit, digits) in enumerate(measures):
+            suffix = str(2 * index + column + 1) if index + column else ""
+            last = index == len(groups) - 1
+            layout[f"xaxis{suffix}"] = axis(
+                unit if last else "",
+                domain=[0.0, half] if column == 0 else [1.0 - half, 1.0],
+                anchor=f"y{suffix}",
+                range=[0.0, 1.16 * tops[column]],
+                showticklabels=last,
+                ticks="outside" if last else "",
+                showline=last,
+                nticks=6,
+            )
+            layout[f"yaxis{suffix}"] = axis(
+                domain=place,
+                anchor=f"x{suffix}",
+                type="category",
+                categoryorder="array",
+                categoryarray=[r[0] for r in reversed(rows)],
+                range=[-0.5, len(rows) - 0.5],
+                showgrid=False,
+                showticklabels=column == 0,
+                ticks="",
+                linecolor=MUTED,
+            )
+            for k, (name, one, color) in enumerate(models):
+                shown = index == 0 and column == 0
+                data.append(_bars(one, rows, plane, key, digits, name, color, suffix, k, shown=shown))
+        upper -= height
+    layout["showlegend"] = before is not None
+    layout["legend"] = {
+        "orientation": "h",
+        "x": 1.0,
+        "xanchor": "right",
+        "y": 1.0 + 8 / plot,
+        "yanchor": "bottom",
+        "font": {"size": SMALL_PX + 1},
+    }
+    return figure(
+        data,
+        layout,
+        title="Errors by tendon, posture and role",
+        subtitle=f"RMSE {PLANE_NAMES[plane]}; on the right relative to the mean measured force of the same cases",
+        height=round(plot + _TOP + _BOTTOM - _GROUP_GAP / 2),
+        margin={"l": _LEFT, "r": _RIGHT, "t": round(_TOP - _GROUP_GAP / 2), "b": _BOTTOM},
+    )
+
+
+def _groups(comparison: Comparison) -> list[tuple[str, Rows]]:
+    """Rows of (label, role, location, muscles, posture) under their headings."""
+    groups: list[tuple[str, Rows]] = []
+    for location in ("tip", "bone"):
+        cases = comparison.select(location=location).cases
+        if not cases:
+            continue
+        muscles = in_order(c.muscles for c in cases)
+        postures = list(dict.fromkeys(c.posture for c in cases))
+        if len(muscles) > 1:
+            groups.append((f"{location}, by loaded tendon", [(plain(m), None, location, m, None) for m in muscles]))
+        if len(postures) > 1:
+            groups.append((f"{location}, by posture", [(posture_name(p), None, location, None, p) for p in postures]))
+    keys = dict.fromkeys((c.role, c.location) for c in comparison.cases)
+    if keys:
+        groups.append(("by role and place", [(f"{r}, {loc}", r, loc, None, None) for r, loc in keys]))
+    return groups
+
+
+def _errors(comparison: Comparison, row: Row, plane: Plane) -> ErrorSummary:
+    _, role, location, muscles, posture = row
+    return comparison.select(role, location, muscles, posture).errors(plane)
+
+
+def _largest(
+    groups: Sequence[tuple[str, Rows]], models: Sequence[tuple[str, Comparison, str]], plane: Plane, key: str
+) -> float:
+    values = [getattr(_errors(one, row, plane), key) for _, rows in groups for row in rows for _, one, _ in models]
+    return max((float(v) for v in values if v is not None and np.isfinite(v)), default=0.0) or 1e-3
+
+
+def _bars(
+    comparison: Comparison,
+    rows: Rows,
+    plane: Plane,
+    key: str,
+    digits: int,
+    name: str,
+    color: str,
+    suffix: str,
+    slot: int,
+    *,
+    shown: bool,
+) -> go.Bar:
+    errors = [_errors(comparison, row, plane) for row in rows]
+    values = [getattr(e, key) for e in errors]
+    return go.Bar(
+        x=values,
+        y=[row[0] for row in rows],
+        orientation="h",
+        # The first of a group lies lowest, so the model after comes first.
+        offsetgroup=str(1 - slot) if slot in (0, 1) else str(slot),
+        marker={"color": color, "line": {"width": 0}},
+        text=[number(v, digits) for v in values],
+        textposition="outside",
+        textangle=0,
+        constraintext="none",
+        cliponaxis=False,
+        textfont={"size": SMALL_PX, "color": INK},
+        hoverinfo="text",
+        hovertext=[f"{row[0]}: {e.cases} cases, RMSE {rmse_text(e)}" for row, e in zip(rows, errors, strict=True)],
+        name=plain(name),
+        legendgroup=name,
+        showlegend=shown,
+        xaxis=f"x{suffix}",
+        yaxis=f"y{suffix}",
+    )
+
+
+def _group_title(text: str, y: float) -> dict[str, Any]:
+    return {
+        "text": f"<b>{plain(text[:1].upper() + text[1:])}</b>",
+        "x": 0.0,
+        "y": y,
+        "xref": "paper",
+        "yref": "paper",
+        "xanchor": "left",
+        "yanchor": "bottom",
+        "yshift": 3,
+        "showarrow": False,
+        "font": {"size": TEXT_PX, "color": INK},
+    }

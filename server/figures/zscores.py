@@ -1,0 +1,150 @@
+"""Each case's residual against its own measurement uncertainty, as a strip for every tendon and place."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from fingermodel.compare import CaseComparison, Comparison
+from server.figures.style import (
+    INK,
+    SMALL_PX,
+    NothingToDrawError,
+    axis,
+    case_text,
+    figure,
+    in_order,
+    load_styles,
+    number,
+    plain,
+)
+from server.figures.summary import CHI3_95
+
+_ROW, _TOP, _BOTTOM = 26, 84, 96  # [px]
+_TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
+
+
+def z_figure(comparison: Comparison, *, before: Comparison | None = None, before_name: str = "before") -> go.Figure:
+    """Draw the Mahalanobis norm of every case's force residual, a row for every place and loaded tendon.
+
+    Args:
+        comparison: of the model.
+        before: of the model that it is held against, drawn pale.
+        before_name: of that model.
+
+    Raises:
+        NothingToDrawError: no case states an uncertainty.
+    """
+    cases = [c for c in comparison.cases if c.z is not None and np.isfinite(c.z)]
+    if not cases:
+        raise NothingToDrawError("No case has an uncertainty against which its residual could be judged.")
+    places = [p for p in ("tip", "bone") if any(c.location == p for c in cases)]
+    rows = [(p, m) for p in places for m in in_order(c.muscles for c in cases if c.location == p)]
+    labels = [f"{p}  {plain(m)}" for p, m in rows]
+    earlier = [c for c in before.cases if c.z is not None and np.isfinite(c.z)] if before else []
+    largest = max(float(c.z or 0.0) for c in [*cases, *earlier])
+    bent = largest > 15.0  # a logarithmic axis only where the strip would otherwise be all on the left
+    low, high = (0.1, 1.25 * max(largest, 3.0)) if bent else (0.0, 1.08 * max(largest, 3.0))
+    styles = load_styles(in_order(c.muscles for c in cases))
+    data: list[go.Scatter] = []
+    if earlier:
+        marker: dict[str, Any] = {"color": "#bdbdbd", "symbol": "circle-open", "size": 7}
+        data.append(_points(earlier, rows, labels, marker, low, name=plain(before_name), shift="before"))
+    for role, hollow in (("identification", ""), ("validation", "-open")):
+        for muscle, style in styles.items():
+            own = [c for c in cases if c.muscles == muscle and c.role == role]
+            if own:
+                marker = {"color": style.color, "symbol": style.symbol + hollow, "size": 9}
+                data.append(_points(own, rows, labels, marker, low, name="", shift="after"))
+    for symbol, name in (("circle", "identification"), ("circle-open", "validation")):
+        if any(c.role == name for c in cases):
+            marker = {"color": INK, "symbol": symbol, "size": 8}
+            data.append(go.Scatter(x=[None], y=[None], mode="markers", marker=marker, name=name, hoverinfo="skip"))
+    end = len(rows) - 0.5
+    limit = go.Scatter(
+        x=[CHI3_95, CHI3_95],
+        y=[-0.5, end],
+        mode="lines",
+        line={"color": INK, "width": 1, "dash": "dash"},
+        name=f"95 % limit of noise alone, {number(CHI3_95, 1)}",
+        hoverinfo="skip",
+    )
+    return figure(
+        [limit, *data],
+        _layout(labels, low, high, end, len(rows) * _ROW, bent=bent),
+        title="Residual of every case against its measurement uncertainty",
+        subtitle=_subtitle(comparison, cases, bent=bent),
+        height=len(rows) * _ROW + _TOP + _BOTTOM,
+        margin={"l": 110, "r": 30, "t": _TOP, "b": _BOTTOM},
+    )
+
+
+def _layout(labels: list[str], low: float, high: float, end: float, plot: int, *, bent: bool) -> dict[str, Any]:
+    scale: dict[str, Any] = {"range": [low, high], "nticks": 8}
+    if bent:
+        shown = [t for t in _TICKS if low <= t <= high]
+        scale = {
+            "type": "log",
+            "range": [float(np.log10(low)), float(np.log10(high))],
+            "tickvals": shown,
+            "ticktext": [f"{t:g}" for t in shown],
+        }
+    return {
+        "xaxis": axis("z: norm of the force residual in standard uncertainties [1]", **scale),
+        "yaxis": axis(
+            range=[end, -0.5],
+            tickvals=list(range(len(labels))),
+            ticktext=labels,
+            ticks="",
+            showline=False,
+        ),
+        "legend": {
+            "orientation": "h",
+            "x": 0.0,
+            "xanchor": "left",
+            "y": -50 / plot,
+            "yanchor": "top",
+            "font": {"size": SMALL_PX + 1},
+        },
+    }
+
+
+def _subtitle(comparison: Comparison, cases: list[CaseComparison], *, bent: bool) -> str:
+    beyond = sum(float(c.z or 0.0) > CHI3_95 for c in cases)
+    said = " (assumed)" if comparison.noise_assumed else ""
+    parts = [f"{beyond} of {len(cases)} cases beyond the 95 % limit of measurement noise{said}; Fx, Fy and Fz together"]
+    if missing := len(comparison.cases) - len(cases):
+        parts.append(f"{missing} without any uncertainty are left out")
+    if bent and any(float(c.z or 0.0) < 0.1 for c in cases):
+        parts.append("below 0.1 drawn at 0.1")
+    return "; ".join(parts) + "."
+
+
+def _points(
+    cases: list[CaseComparison],
+    rows: list[tuple[str, str]],
+    labels: list[str],
+    marker: dict[str, Any],
+    low: float,
+    *,
+    name: str,
+    shift: str,
+) -> go.Scatter:
+    """Points of some cases; those before lie a little lower than those after."""
+    placed = [c for c in cases if (c.location, c.muscles) in rows]
+    where = [rows.index((c.location, c.muscles)) for c in placed]
+    offset = 0.22 if shift == "before" else 0.0
+    values = [float(c.z or 0.0) for c in placed]
+    return go.Scatter(
+        x=[max(v, low) for v in values],
+        y=[w + offset for w in where],
+        mode="markers",
+        marker=marker,
+        text=[f"{case_text(c)}<br>z = {number(v, 1)}" for c, v in zip(placed, values, strict=True)],
+        hoverinfo="text",
+        name=name,
+        showlegend=bool(name),
+        meta={"kind": shift, "cases": [c.id for c in placed], "rows": [labels[w] for w in where]},
+    )

@@ -1,0 +1,46 @@
+"""One published number beside ours."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Row:
+    """A published quantity, ours, and whether they agree to the published digits.
+
+    Attributes:
+        quantity: what it is.
+        published: as printed.
+        ours: recomputed; None where it cannot be had.
+        unit: of both.
+        agrees: None where a comparison would mean nothing; `note` says why.
+        note: why, or under which condition.
+    """
+
+    quantity: str
+    published: float
+    ours: float | None
+    unit: str
+    agrees: bool | None
+    note: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return asdict(self)
+
+
+def row(quantity: str, published: str, ours: float, unit: str, note: str = "") -> Row:
+    """Compare ours with a number as printed; they agree when ours rounds to the printed digits.
+
+    Half a unit of the last printed digit is the tolerance, and a hundredth of it is allowed for rounding in between.
+    """
+    digits = len(published.partition(".")[2])
+    agrees = abs(ours - float(published)) <= 0.5 * 10.0**-digits * 1.01
+    return Row(quantity, float(published), ours, unit, agrees, note)
+
+
+def not_available(quantity: str, published: str, ours: float | None, unit: str, note: str) -> Row:
+    """A number that cannot be recomputed from what was published."""
+    return Row(quantity, float(published), ours, unit, None, note)

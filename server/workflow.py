@@ -1,0 +1,135 @@
+"""From a session's path to a comparison or a refit: the steps that every command and the service share."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from daq.corrections import measure
+from daq.sessions import read_session
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from daq.measured import MeasuredSession
+    from fingermodel.compare import Comparison
+    from fingermodel.fit_report import Fit
+    from fingermodel.model import Model
+    from fingermodel.model_files import LoadedModel
+    from fingermodel.observations import Observations
+
+Progress = Callable[[float], None]
+# Starts of the solver: enough to see whether other values fit as well, still about a second.
+STARTS = 8
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A measured session with the model that is held against it."""
+
+    measured: MeasuredSession
+    observations: Observations
+    loaded: LoadedModel
+
+    @property
+    def model(self) -> Model:
+        """The model for the session's layout."""
+        return self.loaded.model
+
+    @property
+    def theta(self) -> NDArray[np.float64]:
+        """Its parameters before any further fit."""
+        return self.loaded.theta
+
+
+def open_bench(session_path: str | Path, model: str | None = None, progress: Progress | None = None) -> Bench:
+    """Read a session, correct its readings and load the model to compare with.
+
+    Args:
+        session_path: folder, session.yaml, or the name of a shipped session.
+        model: a revision, a finger file or a shipped finger; by default the session's own finger.
+        progress: called with the fraction of the readings that has been read.
+    """
+    from fingermodel.budget import budget_of
+    from fingermodel.model_files import load_model
+    from fingermodel.observations import layout_of, observe
+
+    use_compilation_cache()
+    measured = measure(read_session(session_path), progress)
+    session = measured.session
+    budget = budget_of(session.budget)
+    loaded = load_model(model, session.id, session.finger, session.folder, layout_of(measured), budget)
+    observations = observe(measured, loaded.model.finger, loaded.model.budget)
+    return Bench(measured, observations, loaded)
+
+
+def compare_bench(bench: Bench) -> Comparison:
+    """Compare the session with its model."""
+    from fingermodel.compare import compare
+    from fingermodel.observations import require_determined
+
+    require_determined(bench.model.finger, bench.observations)
+    return compare(bench.model, bench.observations, bench.theta)
+
+
+def refit_bench(bench: Bench, method: str = "map", plane: str | None = None, starts: int = STARTS) -> Fit:
+    """Refit the model to the session's identification cases.
+
+    Args:
+        bench: session and model.
+        method: `map` or `slsqp`.
+        plane: of the forces that count; by default what the finger's axes can predict.
+        starts: of the solver, for `map`.
+    """
+    from fingermodel.eq5 import refit_slsqp
+    from fingermodel.problems import eq5_problem, map_problem
+    from fingermodel.refit import refit_map
+
+    if method == "slsqp":
+        return refit_slsqp(eq5_problem(bench.model, bench.observations))
+    problem = map_problem(bench.model, bench.observations, plane)  # type: ignore[arg-type]
+    own = bench.loaded.name == bench.model.finger.id
+    return refit_map(problem, start=None if own else bench.theta, starts=starts)
+
+
+def readings_digest(measured: MeasuredSession) -> str | None:
+    """SHA-256 of the session's readings file, None for averaged forces."""
+    path = measured.session.readings_path
+    if path is None:
+        return None
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def save_revision(bench: Bench, fit: Fit, path: Path, before: dict[str, Any], after: dict[str, Any]) -> str:
+    """Write a fit as a revision and return its id."""
+    from fingermodel.model_files import revision_document, write_revision
+
+    session = bench.measured.session
+    document = revision_document(
+        bench.model, fit, bench.loaded.parent, session.id, before, after, readings_digest(bench.measured)
+    )
+    write_revision(document, path)
+    return str(document["id"])
+
+
+def use_compilation_cache() -> None:
+    """Keep compiled models between runs, in the user's cache folder."""
+    import os
+
+    import jax
+    from platformdirs import user_cache_path
+
+    if "JAX_COMPILATION_CACHE_DIR" in os.environ or os.environ.get("FINGERTWIN_NO_CACHE"):
+        return
+    folder = user_cache_path("fingertwin") / "compiled"
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)

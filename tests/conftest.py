@@ -1,0 +1,20 @@
+"""Shared by all tests: which absent program skips a test, and which absence is a failure."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from tests.settings import load_profile
+
+load_profile()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _compiled_once(tmp_path_factory: pytest.TempPathFactory) -> None:
+    # One cache for all workers and subprocesses: a model is compiled once a run.
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        folder = tmp_path_factory.getbasetemp()
+        shared = folder.parent if os.environ.get("PYTEST_XDIST_WORKER") else folder
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = str(shared / "compiled")

@@ -1,0 +1,177 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from daq.corrections import measure
+from daq.errors import SessionError
+from daq.friction import friction, tip_to_metacarpal
+from daq.measured import MeasuredSession
+from daq.sessions import Posture, parse_session, read_session
+from tests.daq.benches import averaged, bench, record, recorded
+
+SPECIMENS = ("H01", "H02", "H03", "B01")
+
+
+def published() -> list[MeasuredSession]:
+    return [measure(read_session(f"synek2019_{s}")) for s in SPECIMENS]
+
+
+def pair(factor: float, tip: list[float] | None = None, **changes: object) -> MeasuredSession:
+    """A session whose tip and bone forces balance c m g along the metacarpal."""
+    data = averaged()
+    tip = tip or [-0.5, -2.0, 0.3]
+    weight = 0.6 * 9.81
+    turn = tip_to_metacarpal(Posture.model_validate(data["postures_deg"]["minor_flexion"]))
+    bone = np.array([factor * weight, 0, 0]) - turn @ tip
+    common = {"role": "validation", "posture": "minor_flexion", "masses_g": {"FDP": 300, "FDS": 300}}
+    data["cases"] = [
+        {"id": "t", "location": "tip", "force_N": tip, **common},
+        {"id": "b", "location": "bone", "force_N": bone.tolist(), **common},
+    ]
+    for case in data["cases"]:
+        case.update(changes)
+    session, faults = parse_session(data, None)
+    assert session is not None, faults
+    return measure(session)
+
+
+def test_the_published_factor_to_its_last_digit() -> None:
+    result = friction(published())
+    assert result.n == 32
+    assert round(result.factor, 3) == 0.835
+    assert round(result.factor, 4) == 0.8348
+    assert result.pooled.sd == pytest.approx(0.0622, abs=5e-5)
+    assert result.sd_population == pytest.approx(0.0612, abs=5e-5)
+    assert [round(s.factor, 3) for s in result.specimens] == [0.914, 0.790, 0.806, 0.830]
+    assert [s.n for s in result.specimens] == [8, 8, 8, 8]
+
+
+def test_without_turning_the_tip_force_the_balance_is_lost() -> None:
+    ratios = []
+    for m in published():
+        tip = {(c.case.posture, str(c.case.masses_g)): c.wrench[:3] for c in m.cases if c.case.location == "tip"}
+        for c in m.cases:
+            if c.case.location == "bone":
+                total = tip[c.case.posture, str(c.case.masses_g)] + c.wrench[:3]
+                ratios.append(np.linalg.norm(total) / (sum(c.case.masses_g.values()) * 9.81e-3))
+    assert np.mean(ratios) == pytest.approx(0.597, abs=5e-4)
+
+
+def test_the_pooled_uncertainty_counts_specimens_not_cases() -> None:
+    result = friction(published())
+    assert result.pooled.freedom == 3
+    assert result.pooled.sem is not None
+    assert result.sem_unclustered is not None
+    means = [s.factor for s in result.specimens]
+    # With equally many cases a specimen, clustering is the scatter of the specimens' means.
+    assert result.pooled.sem == pytest.approx(np.std(means, ddof=1) / 2.0)
+    assert result.pooled.sem > 2.0 * result.sem_unclustered
+    assert result.pooled.low is not None
+    assert result.pooled.low < 0.75
+    assert result.pooled.above_one == 2
+    assert any("c > 1 in 2 of 32" in n for n in result.notes)
+
+
+def test_along_is_below_the_norm_and_across_makes_up_for_it() -> None:
+    for c in friction(published()).cases:
+        assert c.along <= c.factor
+        assert np.hypot(c.along, c.across) == pytest.approx(c.factor)
+
+
+@given(st.floats(0.3, 1.4), st.tuples(*[st.floats(-5, 5)] * 3))
+def test_a_balanced_pair_gives_its_factor(factor: float, tip: tuple[float, ...]) -> None:
+    (case,) = friction([pair(factor, list(tip))]).cases
+    assert case.factor == pytest.approx(factor)
+    assert case.along == pytest.approx(factor)
+    assert case.across == pytest.approx(0.0, abs=1e-9)
+    assert case.above_one == (case.factor > 1.0)
+
+
+@given(st.tuples(*[st.floats(-90, 90)] * 4))
+def test_the_turn_is_a_rotation_and_without_abduction_one_about_z(angles: tuple[float, ...]) -> None:
+    posture = Posture(**dict(zip(("MCP", "PIP", "DIP", "abduction"), angles, strict=True)))
+    R = tip_to_metacarpal(posture)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+    total = np.deg2rad(sum(angles[:3]))
+    flat = tip_to_metacarpal(posture.model_copy(update={"abduction": 0.0}))
+    np.testing.assert_allclose(
+        flat[:2, :2], [[np.cos(total), -np.sin(total)], [np.sin(total), np.cos(total)]], atol=1e-9
+    )
+
+
+def test_flexion_turns_the_distal_phalanx_palmar() -> None:
+    R = tip_to_metacarpal(Posture(MCP=30.0, PIP=30.0, DIP=30.0))
+    np.testing.assert_allclose(R @ [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], atol=1e-12)
+
+
+def test_readings_noise_gives_each_factor_its_uncertainty() -> None:
+    (without,) = friction([pair(0.8)]).cases
+    assert without.factor_sd is None
+    (with_sd,) = friction([pair(0.8, force_sd_N=0.1)]).cases
+    assert with_sd.factor_sd == pytest.approx(0.1 * np.sqrt(2) / (0.6 * 9.81))
+
+
+def test_repeats_are_averaged_and_loading_is_kept_from_unloading() -> None:
+    session = pair(0.8).session
+    tip, bone = session.cases
+    again = tip.model_copy(update={"id": "t2", "repeat_of": "t", "force_N": (-0.7, -2.0, 0.3)})
+    back = [c.model_copy(update={"id": c.id + "u", "direction": "unloading"}) for c in (tip, bone)]
+    result = friction([measure(session.model_copy(update={"cases": (tip, again, bone, *back)}))])
+    assert [c.direction for c in result.cases] == ["loading", "unloading"]
+    assert result.cases[0].tip_cases == ("t", "t2")
+    assert result.cases[1].factor == pytest.approx(0.8)
+
+
+def test_nothing_to_pair() -> None:
+    session = pair(0.8).session
+    alone = measure(session.model_copy(update={"cases": session.cases[:1]}))
+    with pytest.raises(SessionError, match="no pair of tip and bone cases"):
+        friction([alone])
+    with pytest.raises(SessionError, match="no pair"):
+        friction([])
+    bone = measure(session.model_copy(update={"cases": session.cases[1:]}))
+    assert friction([pair(0.8), bone]).unpaired == ("S1: minor_flexion, FDP 300 g, FDS 300 g: no tip case",)
+
+
+def test_one_specimen_says_that_it_is_alone() -> None:
+    result = friction(published()[:1])
+    assert result.pooled.freedom == 7
+    assert any("one specimen" in n for n in result.notes)
+    single = friction([pair(0.8)])
+    assert single.pooled.sem is None
+    assert single.sem_unclustered is None
+
+
+def test_a_session_can_have_its_factor_estimated() -> None:
+    session = read_session("synek2019_H02").model_dump(exclude_none=True)
+    session["tension_factor"] = {"estimate": "force_balance"}
+    parsed, _ = parse_session(session, None)
+    assert parsed is not None
+    measured = measure(parsed)
+    assert round(measured.tension_factor, 3) == 0.790
+    assert "8 pairs" in measured.tension_factor_source
+
+
+def test_a_factor_that_cannot_be_estimated(tmp_path: Path) -> None:
+    data = recorded()
+    data["tension_factor"] = {"estimate": "force_balance"}
+    with pytest.raises(SessionError, match="no pair of tip and bone"):
+        measure(bench(tmp_path / "s", data, record([np.zeros(6), np.ones(6)])))
+
+
+def test_the_answer_is_plain_data() -> None:
+    answer = friction(published()).as_dict()
+    assert answer["schema"] == "fingertwin/friction/1"
+    json.dumps(answer)
+    assert {"weight_N", "masses_g", "factor"} <= set(answer["cases"][0])
+
+
+def test_simulated_rigs_pass_what_their_sessions_state() -> None:
+    result = friction([measure(read_session("DEV-01"))])
+    assert result.pooled.factor == pytest.approx(0.835, abs=0.02)

@@ -1,0 +1,190 @@
+"""Refits find a known truth within the uncertainty that they state, and say what they cannot know."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import stats
+
+from daq.simulated import SimulatedCell
+from fingermodel.budget import CERTIFICATE, SYNEK2019
+from fingermodel.eq5 import refit_slsqp
+from fingermodel.finger_files import read_finger
+from fingermodel.fingers import Finger
+from fingermodel.fit_report import Fit
+from fingermodel.model import Model
+from fingermodel.problems import eq5_problem, map_problem, objective_at
+from fingermodel.refit import refit_map
+from fingermodel.rig import read_protocol, simulate_session
+from fingermodel.stages import Layout
+from server.workflow import Bench, open_bench, refit_bench
+
+Floats = NDArray[np.float64]
+CELL = SimulatedCell(rate_hz=25.0, noise_sd=(0.03,) * 3 + (0.2,) * 3)
+
+
+POSTURES = ("minor_flexion", "major_flexion", "hook", "hyperextension", "relaxed")
+LAYOUT = Layout(tuple((p, 0) for p in POSTURES), (("tip", 0), ("bone", 0)))
+
+
+class Recovered(NamedTuple):
+    """A simulated session, its refit, and the truth as a parameter vector and as wrenches by case."""
+
+    bench: Bench
+    fit: Fit
+    truth: Floats
+    wrenches: dict[str, Floats]
+
+
+def perturbed(seed: int) -> tuple[Finger, dict[str, float]]:
+    """A finger and a rig drawn from the certificate's priors, and the value of every parameter."""
+    rng = np.random.default_rng(seed)
+    model = Model(read_finger("an1979_middle"), LAYOUT, CERTIFICATE)
+    table = model.parameters
+    theta = np.clip(table.centre + rng.normal(size=len(table)) * table.sd, table.lower, table.upper)
+    finger = model.finger.replace_values(**model.values_at(theta)._asdict())
+    return finger, dict(zip(table.names, theta.tolist(), strict=True))
+
+
+@pytest.fixture(scope="module", params=[1, 2])
+def recovered(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Recovered:
+    seed = int(request.param)
+    finger, truth = perturbed(seed)
+    folder = tmp_path_factory.mktemp(f"rig{seed}")
+    rig = {name: value for name, value in truth.items() if not name.startswith(("point", "fraction"))}
+    _, wrenches = simulate_session(
+        finger, read_protocol("levels"), folder, cell=CELL, seed=seed, finger_name="an1979_middle", truth=rig
+    )
+    bench = open_bench(folder)
+    theta = np.array([truth[name] for name in bench.model.parameters.names])
+    return Recovered(bench, refit_bench(bench), theta, wrenches)
+
+
+def test_truth_lies_within_the_stated_uncertainty(recovered: Recovered) -> None:
+    fit = recovered.fit
+    assert fit.outcome == "converged"
+    sd = np.sqrt(np.diag(fit.covariance))
+    z = ((fit.theta - recovered.truth)[sd > 0]) / sd[sd > 0]
+    assert np.mean(np.abs(z) < 1.96) > 0.9
+    assert np.abs(z).max() < 4.0
+
+
+def test_truth_is_as_likely_as_it_should_be(recovered: Recovered) -> None:
+    """How much worse the truth fits than the optimum is chi-square with as many degrees of freedom as parameters."""
+    fit = recovered.fit
+    problem = map_problem(recovered.bench.model, recovered.bench.observations)
+    worse = objective_at(problem, recovered.truth) - fit.objective
+    low, high = (float(stats.chi2.ppf(p, int(fit.free.sum()))) for p in (1e-3, 1 - 1e-3))
+    assert low < worse < high
+
+
+def test_misfit_is_what_noise_alone_leaves(recovered: Recovered) -> None:
+    """The penalised optimum itself is chi-square with as many degrees of freedom as readings."""
+    fit = recovered.fit
+    assert fit.objective < stats.chi2.ppf(1 - 1e-4, fit.residuals)
+    assert fit.objective > 0.4 * fit.residuals
+
+
+def test_unseen_loads_are_predicted_within_the_stated_uncertainty(recovered: Recovered) -> None:
+    bench, fit = recovered.bench, recovered.fit
+    unseen = bench.observations.where("validation")
+    slope = np.asarray(bench.model.jacobian(bench.observations.inputs, fit.theta))[unseen][:, :3]
+    variance = np.einsum("ncp,pq,ncq->nc", slope, fit.covariance, slope)
+    predicted = np.asarray(bench.model.predict(bench.observations.inputs, fit.theta).reading)[unseen, :3]
+    first = np.asarray(bench.model.predict(bench.observations.inputs).reading)[unseen, :3]
+    truth = np.array([recovered.wrenches[bench.observations.ids[i]][:3] for i in unseen])
+    z = np.sqrt(np.mean((predicted - truth) ** 2 / variance))
+    assert 0.2 < z < 1.5
+    assert np.sqrt(np.mean((predicted - truth) ** 2)) < 0.3 * np.sqrt(np.mean((first - truth) ** 2))
+
+
+def test_validation_cases_are_never_fitted(recovered: Recovered) -> None:
+    """Spoiling every validation reading changes nothing in the fit."""
+    bench = recovered.bench
+    spoilt = bench.observations.wrench.copy()
+    spoilt[bench.observations.where("validation")] += 5.0
+    one = refit_map(map_problem(bench.model, bench.observations))
+    two = refit_map(map_problem(bench.model, replace(bench.observations, wrench=spoilt)))
+    assert np.array_equal(one.theta, two.theta)
+
+
+def test_values_that_fit_as_well_widen_the_uncertainty(recovered: Recovered) -> None:
+    """Several places fit this rig nearly as well; a single start would not know."""
+    problem = map_problem(recovered.bench.model, recovered.bench.observations)
+    alone = refit_map(problem)
+    assert len(recovered.fit.optima) > 1
+    assert sum(share for _, share in recovered.fit.optima) == pytest.approx(1.0)
+    assert np.trace(recovered.fit.covariance) > np.trace(alone.covariance)
+    assert recovered.fit.objective <= alone.objective * (1 + 1e-9)
+    assert "fit nearly as well" in recovered.fit.message
+
+
+def test_what_was_not_loaded_is_called_unknown() -> None:
+    """Without EDC cases the data say nothing about how the hood shares its tension."""
+    bench = open_bench("synek2019_H01")
+    keep = ["EDC" not in m for m in bench.observations.masses_g]
+    roles = tuple(r if k else "validation" for r, k in zip(bench.observations.roles, keep, strict=True))
+    fit = refit_map(map_problem(bench.model, replace(bench.observations, roles=roles)))
+    assert not fit.parameter("fraction.EDC_ES").identified
+    assert fit.parameter("fraction.RI_ES").identified
+    assert "fraction.EDC_ES" in [p.name for p in fit.parameters if not p.identified]
+    assert "say nothing about" in fit.message
+
+
+def test_a_flat_direction_has_no_uncertainty_but_a_flag() -> None:
+    """Eq 5 puts no prior on the fractions: without EDC cases its fraction is undetermined, not merely wide."""
+    bench = open_bench("synek2019_H01")
+    roles = tuple(
+        "validation" if "EDC" in m else r
+        for r, m in zip(bench.observations.roles, bench.observations.masses_g, strict=True)
+    )
+    fit = refit_map(eq5_problem(bench.model, replace(bench.observations, roles=roles)))
+    unknown = fit.parameter("fraction.EDC_ES")
+    assert unknown.sd is None
+    assert not unknown.identified
+    assert fit.parameter("fraction.RI_ES").sd is not None
+
+
+def test_two_parameters_that_act_alike_are_named_as_a_pair() -> None:
+    """A common error of friction and the gain of the cell scale every tip force alike."""
+    bench = open_bench("synek2019_HMEAN")
+    budget = replace(SYNEK2019, name="wide", tension_factor_common_sd=0.5, cell_gain_sd=0.5)
+    model = Model(bench.model.finger, bench.model.layout, budget)
+    fit = refit_map(map_problem(model, bench.observations))
+    pairs = {frozenset(pair[:2]) for pair in fit.correlated}
+    gains = {frozenset(("tension_factor.common", f"cell_gain.{c}")) for c in ("Fx", "Fy")}
+    assert pairs & (gains | {frozenset(("cell_gain.Fx", "cell_gain.Fy"))})
+    assert "cannot be told apart" in fit.message
+
+
+def test_a_parameter_at_its_bound_is_said_to_be() -> None:
+    bench = open_bench("DEV-12")
+    fit = refit_map(map_problem(bench.model, bench.observations))
+    held = [p for p in fit.parameters if p.at_bound]
+    assert held
+    assert all(p.value in (0.0, 1.0) for p in held if p.name.startswith("fraction"))
+    assert "at a bound" in fit.message
+
+
+def test_our_solver_is_no_worse_than_slsqp_on_the_published_objective() -> None:
+    for name in ("synek2019_HMEAN", "synek2019_H01"):
+        bench = open_bench(name)
+        problem = eq5_problem(bench.model, bench.observations)
+        published, ours = refit_slsqp(problem), refit_map(problem)
+        assert published.outcome == ours.outcome == "converged"
+        assert len(ours.parameters) == 56
+        assert ours.objective <= published.objective * (1 + 1e-6)
+
+
+def test_eq5_finds_the_published_points() -> None:
+    """The identification run again ends at the published optimised model (same data, same objective)."""
+    bench = open_bench("synek2019_HMEAN")
+    fit = refit_slsqp(eq5_problem(bench.model, bench.observations))
+    published = Model(read_finger("synek2019_optimised"), bench.model.layout, bench.model.budget).initial
+    points = bench.model.parameters.select("point.")
+    assert np.max(np.abs(fit.theta - published)[points]) < 0.05
+    assert np.max(np.abs(fit.theta - published)[bench.model.parameters.select("fraction.")]) < 0.002
