@@ -11,7 +11,7 @@ demo: $(VENV)/.installed  ## Run the main job on shipped data
 	$(BIN)/fingertwin demo
 
 test: $(VENV)/.dev check  ## Check style, types and layers, then run the tests
-	$(BIN)/pytest -n 2 --dist worksteal
+	$(BIN)/pytest -n 2 --dist loadfile
 
 check: $(VENV)/.dev  ## Style, types, layers
 	$(BIN)/ruff check .

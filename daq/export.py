@@ -26,27 +26,38 @@ def export_cases(measured: MeasuredSession, path: str | Path) -> Path:
     Raises:
         InputError: the ending is neither `.csv` nor `.parquet`.
     """
-    import pyarrow as pa
-    import pyarrow.csv
-    import pyarrow.parquet
-
     file = Path(path)
     ending = file.suffix.lower()
     if ending not in (".csv", ".parquet"):
         raise InputError(f"{file.name} ends in {ending!r}", "a name ending in .csv or .parquet")
+    write_columns(case_columns(measured), file, "csv" if ending == ".csv" else "parquet")
+    return file
+
+
+def write_columns(columns: Mapping[str, list[Any]], file: Path, file_format: str) -> None:
+    """Write columns of one length as `csv` or `parquet`; the name appears when the file is complete.
+
+    Raises:
+        InputError: there is no row.
+    """
+    import pyarrow as pa
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    if not columns or not next(iter(columns.values())):
+        raise InputError("nothing to export", "at least one row")
     # A column without a single number is still one of numbers.
     table = pa.table(
         {
             name: pa.array(values, pa.float64()) if all(v is None for v in values) else pa.array(values)
-            for name, values in case_columns(measured).items()
+            for name, values in columns.items()
         }
     )
     with replacing(file) as temporary:
-        if ending == ".csv":
+        if file_format == "csv":
             pa.csv.write_csv(table, temporary, pa.csv.WriteOptions(quoting_header="none"))
         else:
             pa.parquet.write_table(table, temporary)
-    return file
 
 
 def case_columns(measured: MeasuredSession) -> Mapping[str, list[Any]]:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from daq.errors import ModelError
+from daq.files import replacing
 from daq.locations import data_dir
 from fingermodel.fingers import (
     COMPONENTS,
@@ -329,6 +330,5 @@ def write_finger(document: dict[str, Any], path: Path, heading: str = "") -> Non
     """Write a finger document as YAML, under a temporary name that is then renamed."""
     text = "".join(f"# {line}\n" for line in heading.splitlines())
     text += yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None)
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

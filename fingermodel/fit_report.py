@@ -34,7 +34,8 @@ class FittedParameter:
 class Fit:
     """The outcome of a refit as a value; `message` says what to do.
 
-    `optima` are the objective and the probability of each distinct optimum that was found, best first.
+    `optima` are the objective and the probability of each distinct optimum that was found, best first. `weighted` says
+    whether the objective counts in standard uncertainties (Eq 5 does not).
     """
 
     method: str
@@ -51,6 +52,7 @@ class Fit:
     correlated: tuple[tuple[str, str, float], ...]
     residuals: int
     optima: tuple[tuple[float, float], ...] = ()
+    weighted: bool = True
 
     def parameter(self, name: str) -> FittedParameter:
         """Return one fitted parameter by name."""
@@ -109,13 +111,15 @@ def describe(
     unknown = local[0].unknown
 
     sd = np.sqrt(np.diag(covariance))
+    # Whether data speak is asked where the values stand: rivals elsewhere disagree about what they say.
+    local_sd = np.sqrt(np.diag(local[0].covariance) * noise)
     parameters = []
     for i, p in enumerate(table):
         if not problem.free[i]:
             continue
         width = problem.sd[i] if np.isfinite(problem.sd[i]) else (problem.upper[i] - problem.lower[i]) / np.sqrt(12.0)
         # Data that shrink the prior's variance by less than a hundredth have said nothing.
-        informed = not unknown[i] and (at_bound[i] or sd[i] ** 2 < 0.99 * width**2)
+        informed = not unknown[i] and (at_bound[i] or local_sd[i] ** 2 < 0.99 * width**2)
         prior_sd = float(problem.sd[i]) if np.isfinite(problem.sd[i]) else None
         parameters.append(
             FittedParameter(
@@ -145,6 +149,7 @@ def describe(
         correlated=_correlated(table.names, covariance),
         residuals=len(problem.rows),
         optima=tuple((o.objective, float(share)) for o, share in zip(ranked, weight, strict=True)),
+        weighted=problem.log_det != 0.0,
     )
     return _with_message(fit)
 
@@ -230,6 +235,11 @@ def _with_message(fit: Fit) -> Fit:
         "not_finite": "The model gives no finite forces here: check postures and masses.",
     }
     text = [parts[fit.outcome]]
+    if misfit_is_excessive(fit):
+        text.append(
+            f"The misfit is {fit.objective:.0f} where noise and priors leave about {fit.residuals}: the model lacks "
+            "something, or the stated uncertainties are too small."
+        )
     bound = [p.name for p in fit.parameters if p.at_bound]
     if bound:
         text.append(
@@ -245,13 +255,24 @@ def _with_message(fit: Fit) -> Fit:
     rivals = [share for _, share in fit.optima[1:] if share > 0.01]
     if rivals:
         text.append(
-            f"{len(rivals)} other sets of values fit nearly as well (probability {sum(rivals):.2f} together); "
+            f"Elsewhere {len(rivals)} optima fit nearly as well (probability {sum(rivals):.2f} together); "
             "the stated uncertainties cover them."
         )
     if fit.correlated:
         a, b, r = fit.correlated[0]
         text.append(f"{len(fit.correlated)} pairs cannot be told apart (|r| >= 0.95), first {a} and {b} ({r:+.2f}).")
     return replace(fit, message=" ".join(text))
+
+
+def misfit_is_excessive(fit: Fit) -> bool:
+    """Whether the optimum fits worse than noise and priors allow (one chance in a thousand).
+
+    The penalised optimum itself is chi-square with as many degrees of freedom as there are readings. Eq 5 states no
+    noise, so there is nothing to hold its misfit against.
+    """
+    from scipy.special import chdtrc
+
+    return fit.weighted and bool(chdtrc(fit.residuals, fit.objective) < 1e-3)
 
 
 def _few(names: list[str], count: int = 3) -> str:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ModelError
+from daq.files import replacing
 from fingermodel.budget import Budget, budget_of
 from fingermodel.finger_files import finger_document, finger_from_dict, read_finger
 from fingermodel.fingers import Finger
@@ -132,10 +133,8 @@ def write_revision(document: Mapping[str, Any], path: Path) -> None:
     """
     if path.exists():
         raise ModelError(f"{path} exists", "a new file: revisions are never overwritten", "Choose another --out")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    temporary.replace(path)
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 
 def free_path(folder: Path, session: str) -> Path:

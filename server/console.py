@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
+from daq.files import replacing
 
 
 def answer(command: str, body: dict[str, Any], json_file: str | None) -> bool:
@@ -35,10 +36,8 @@ def answer(command: str, body: dict[str, Any], json_file: str | None) -> bool:
         return True
     path = Path(json_file)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(path.name + ".tmp")
-        temporary.write_text(text + "\n", encoding="utf-8")
-        temporary.replace(path)
+        with replacing(path) as temporary:
+            temporary.write_text(text + "\n", encoding="utf-8")
     except OSError as error:
         raise InputError(f"cannot write {path} ({error.strerror})", "a path that can be written") from error
     return False

@@ -2,66 +2,52 @@
 
 from __future__ import annotations
 
-import csv
 import json as json_module
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
 from server.console import answer, progress, say
 from server.workflow import compare_bench, open_bench
 
-VECTORS = (("measured", "N"), ("measured_sd", "N"), ("predicted", "N"), ("residual", "N"))
+if TYPE_CHECKING:
+    from fingermodel.compare import Comparison
 
 
 def export_source(source: str, file_format: str, out: Path | None, model: str | None, json: str | None) -> None:
-    """Write a session's cases with predictions, or a revision's parameters, as CSV or Parquet."""
+    """Write a session's cases, measured and predicted, or a revision's parameters, as CSV or Parquet."""
+    from daq.export import case_columns, write_columns
+
+    columns: dict[str, list[Any]]
     if Path(source).suffix == ".json" and Path(source).is_file():
         from fingermodel.model_files import read_revision
 
         revision = read_revision(Path(source))
-        name, rows = revision.id, [dict(p) for p in revision.document["parameters"]]
+        name, rows = revision.id, revision.document["parameters"]
+        columns = {key: [row[key] for row in rows] for key in rows[0]} if rows else {}
     else:
         with progress("Reading and correcting") as tell:
             bench = open_bench(source, model, tell)
         name = bench.measured.session.id
-        muscles = bench.model.finger.topology.muscles
-        rows = [_case_row(c.as_dict(), muscles) for c in compare_bench(bench).cases]
+        columns = {**case_columns(bench.measured), **_predicted_columns(compare_bench(bench))}
+        columns["model"] = [bench.loaded.name] * len(columns["id"])
     path = out or Path(f"{name}.{file_format}")
-    write_rows(path, rows, file_format)
-    if not answer("export", {"source": source, "file": str(path), "rows": len(rows)}, json):
-        say(f"{len(rows)} rows: {path}")
+    write_columns(columns, path, file_format)
+    count = len(next(iter(columns.values())))
+    if not answer("export", {"source": source, "file": str(path), "rows": count}, json):
+        say(f"{count} rows: {path}")
 
 
-def _case_row(case: dict[str, Any], muscles: Sequence[str]) -> dict[str, Any]:
-    row = {key: case[key] for key in ("id", "role", "posture", "location")}
-    row |= {f"mass_{m}_g": case["masses_g"].get(m, 0.0) for m in muscles}
-    for name, unit in VECTORS:
-        row |= {f"{name}_F{axis}_{unit}": x for axis, x in zip("xyz", case[f"{name}_{unit}"], strict=True)}
-    for name in ("measured", "predicted"):
-        values = case[f"{name}_Nmm"] or (None, None, None)
-        row |= {f"{name}_T{axis}_Nmm": x for axis, x in zip("xyz", values, strict=True)}
-    return row | {"z": case["z"]}
-
-
-def write_rows(path: Path, rows: Sequence[dict[str, Any]], file_format: str) -> None:
-    """Write rows of one shape under a temporary name that is then renamed."""
-    if not rows:
-        raise InputError("nothing to export", "at least one load case")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(path.name + ".tmp")
-    if file_format == "parquet":
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        pq.write_table(pa.Table.from_pylist(list(rows)), temporary)
-    else:
-        with temporary.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
-    temporary.replace(path)
+def _predicted_columns(comparison: Comparison) -> dict[str, list[Any]]:
+    """Predicted force and tip moment, force residual and z of every case, in the measured cases' order."""
+    columns: dict[str, list[Any]] = {}
+    for i, axis in enumerate("xyz"):
+        columns[f"predicted_F{axis}_N"] = [float(c.predicted_N[i]) for c in comparison.cases]
+        columns[f"residual_F{axis}_N"] = [float(c.measured_N[i] - c.predicted_N[i]) for c in comparison.cases]
+        columns[f"predicted_T{axis}_Nmm"] = [
+            None if c.predicted_Nmm is None else float(c.predicted_Nmm[i]) for c in comparison.cases
+        ]
+    return columns | {"z": [c.z for c in comparison.cases]}
 
 
 def simulate_rig(

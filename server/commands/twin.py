@@ -189,7 +189,7 @@ def print_fit(fit: Fit, before: Comparison, after: Comparison) -> None:
             cells = [b["rmse_N"], e["rmse_N"], b["direction_error_deg"], e["direction_error_deg"]]
             lines.append([name, plane, *cells, b["magnitude_error_pct"], e["magnitude_error_pct"]])
     table("Errors before and after (validation cases were not fitted)", columns, lines)
-    say(f"{fit.outcome}: {fit.message}")
+    say(fit.message)
     change = f"{fit.objective_before:.4g} -> {fit.objective:.4g}"
     say(f"Objective {change} in {fit.evaluations} evaluations, {fit.seconds:.2f} s")
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import html
 import json
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import plotly.graph_objects as go
+
+from daq.files import replacing
 
 # Plotly's tool bar would by default offer to send the figure, with its data, to a server of its maker.
 OPTIONS = {
@@ -65,10 +66,9 @@ def write_report(path: Path, sections: Sequence[Section], title: str, subtitle: 
     Returns:
         The path.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.part")
-    partial.write_text(report_html(sections, title, subtitle), encoding="utf-8")
-    os.replace(partial, path)  # noqa: PTH105 - replaces on every system
+    text = report_html(sections, title, subtitle)
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
     return path
 
 

@@ -6,7 +6,6 @@ A figure drawn twice gives the same bytes. Text in the SVG stays text.
 from __future__ import annotations
 
 import io
-import os
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from daq.files import replacing
 from server.figures.static_axes import Canvas, finish_axes
 from server.figures.static_cells import bar_slots
 from server.figures.static_notes import draw_annotations, draw_shapes
@@ -69,9 +69,9 @@ def write_static(folder: Path, figures: Mapping[str, Any], scale: float = 2.0) -
     for name, figure in figures.items():
         for file_format in ("png", "svg"):
             path = folder / f"{name}.{file_format}"
-            partial = path.with_name(f".{path.name}.part")
-            partial.write_bytes(render(figure, file_format, scale))
-            os.replace(partial, path)  # noqa: PTH105 - replaces on every system
+            data = render(figure, file_format, scale)
+            with replacing(path) as temporary:
+                temporary.write_bytes(data)
             written.append(path)
     return written
 
