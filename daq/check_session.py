@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from daq.errors import InputError
 from daq.findings import Finding, finding
 from daq.locations import data_dir
+from daq.protocols import read_protocol
 from daq.session_models import LoadCase, Open, Session
 from daq.vocabulary import JOINT_ANGLES, did_you_mean
 
@@ -134,21 +136,32 @@ def _mass_units(session: Session) -> Iterator[Finding]:
 
 
 def _loads(session: Session) -> Iterator[Finding]:
-    published = PUBLISHED_G.get(session.specimen.species.lower(), PUBLISHED_G["human"])
+    limits, why = _limits_g(session)
+    if isinstance(limits, Finding):
+        yield limits
+        return
     for case in session.cases:
         for tendon, mass in case.masses_g.items():
-            limit = max(MOST_LOAD * published[tendon], LEAST_LIMIT_G)
-            if mass > limit:
+            limit = limits.get(tendon, 0.0)
+            if mass > limit * (1.0 + 1e-6):
                 remedy = "Is it in mg?" if mass > 2e4 else "Sutures rupture: check the mass, or exclude the case"
+                where = f"{case_name(case)}: masses_g.{tendon}"
                 yield finding(
-                    "warning",
-                    "load_beyond_protocol",
-                    f"{case_name(case)}: masses_g.{tendon}",
-                    f"{mass:g} g",
-                    f"at most {limit:g} g ({MOST_LOAD:g} times the published 5 % of maximum force, "
-                    f"{published[tendon]:g} g, or {LEAST_LIMIT_G:g} g)",
-                    remedy,
+                    "warning", "load_beyond_protocol", where, f"{mass:g} g", f"at most {limit:g} g {why}", remedy
                 )
+
+
+def _limits_g(session: Session) -> tuple[dict[str, float] | Finding, str]:
+    """The most that may hang on each tendon: of the protocol that the session names, or of the published one."""
+    if session.protocol is not None:
+        try:
+            protocol = read_protocol(session.protocol, session.folder)
+        except InputError as error:
+            return finding("warning", "unknown_protocol", "protocol", str(error)), ""
+        return protocol.heaviest_g(), f"(protocol {protocol.id})"
+    published = PUBLISHED_G.get(session.specimen.species.lower(), PUBLISHED_G["human"])
+    limits = {tendon: max(MOST_LOAD * mass, LEAST_LIMIT_G) for tendon, mass in published.items()}
+    return limits, f"({MOST_LOAD:g} times the published 5 % of maximum force, or {LEAST_LIMIT_G:g} g)"
 
 
 def _cases(session: Session) -> Iterator[Finding]:

@@ -8,6 +8,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
 from daq.errors import ReadingsError
 from daq.vocabulary import did_you_mean
@@ -15,6 +17,11 @@ from daq.vocabulary import did_you_mean
 QUANTITIES = ("t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 HEADERS = ("t_s", "Fx_N", "Fy_N", "Fz_N", "Tx_Nmm", "Ty_Nmm", "Tz_Nmm")
 STATUS = "status"
+
+# Of one block while reading, and of one row group while writing Parquet.
+BLOCK_BYTES = 1 << 20
+BLOCK_ROWS = 1 << 15
+ROW_GROUP_ROWS = 1 << 18
 
 # Exact by definition: standard gravity 9.80665 m/s², the pound 0.45359237 kg, the inch 25.4 mm.
 _KGF = 9.80665
@@ -59,6 +66,21 @@ class Columns:
     status: Column | None
     conversions: tuple[str, ...]
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ColumnFile:
+    """A readings file and where its columns are.
+
+    Attributes:
+        path: of the file.
+        kind: of the file, told by its content.
+        columns: which column holds what, and its factor.
+    """
+
+    path: Path
+    kind: Literal["csv", "csv.gz", "parquet"]
+    columns: Columns
 
 
 def find_columns(headers: Sequence[str], file: str) -> Columns:

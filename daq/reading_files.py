@@ -19,8 +19,8 @@ import pyarrow.csv
 import pyarrow.parquet
 from numpy.typing import NDArray
 
+from daq.columns import BLOCK_BYTES, BLOCK_ROWS, HEADERS, ROW_GROUP_ROWS, ColumnFile
 from daq.errors import ReadingsError
-from daq.readings import BLOCK_BYTES, BLOCK_ROWS, HEADERS, ROW_GROUP_ROWS, ReadingSource
 
 Batch = tuple[list[NDArray[np.float64]], NDArray[np.int64] | None]
 
@@ -72,7 +72,7 @@ def parquet_headers(path: Path) -> list[str]:
         raise _torn(path, error) from error
 
 
-def csv_batches(source: ReadingSource) -> Iterator[Batch]:
+def csv_batches(source: ColumnFile) -> Iterator[Batch]:
     """Yield the used columns of a CSV file as float arrays, in its own units."""
     columns = source.columns
     wanted = [*columns.used, *([columns.status] if columns.status else [])]
@@ -104,7 +104,7 @@ def csv_batches(source: ReadingSource) -> Iterator[Batch]:
         raise _torn(source.path, error) from error
 
 
-def parquet_batches(source: ReadingSource) -> Iterator[Batch]:
+def parquet_batches(source: ColumnFile) -> Iterator[Batch]:
     """Yield the used columns of a Parquet file as float arrays, in its own units."""
     columns = source.columns
     wanted = [*columns.used, *([columns.status] if columns.status else [])]
@@ -141,7 +141,7 @@ def write_batches(path: Path, ending: str, tables: Iterator[dict[str, Any]]) -> 
             writer.write_table(table)
 
 
-def fault(source: ReadingSource, rows_before: int, block: NDArray[np.float64]) -> ReadingsError:
+def fault(source: ColumnFile, rows_before: int, block: NDArray[np.float64]) -> ReadingsError:
     """Name the first number of a block (n, 7) that is not finite."""
     if source.kind != "parquet":
         found = _first_fault(source)
@@ -163,7 +163,7 @@ def _floats(array: pa.Array) -> NDArray[np.float64]:
     return out
 
 
-def _status(array: pa.Array, source: ReadingSource) -> NDArray[np.int64]:
+def _status(array: pa.Array, source: ColumnFile) -> NDArray[np.int64]:
     """Return status flags, given as whole numbers or as hexadecimal text."""
     codes = array.dictionary_encode()
     values = []
@@ -180,7 +180,7 @@ def _status(array: pa.Array, source: ReadingSource) -> NDArray[np.int64]:
     return np.array(values, dtype=np.int64)[codes.indices.to_numpy()]
 
 
-def _width(source: ReadingSource) -> int:
+def _width(source: ColumnFile) -> int:
     return len(csv_headers(source.path, source.kind))
 
 
@@ -200,7 +200,7 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _first_fault(source: ReadingSource) -> ReadingsError | None:
+def _first_fault(source: ColumnFile) -> ReadingsError | None:
     """Read a CSV file row by row and name the first row that cannot be used."""
     width, name = _width(source), source.path.name
     row = 0
@@ -234,7 +234,7 @@ def _first_fault(source: ReadingSource) -> ReadingsError | None:
     return None
 
 
-def _bad_number(source: ReadingSource, row: int, line: int, header: str, value: str) -> ReadingsError:
+def _bad_number(source: ColumnFile, row: int, line: int, header: str, value: str) -> ReadingsError:
     where = f"row {row} (line {line})" if line else f"row {row}"
     remedy = "Write a decimal point, not a comma" if "," in value else ""
     return ReadingsError(f"{source.path.name}: {where}, column {header.strip()} is {value}", "a finite number", remedy)

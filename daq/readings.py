@@ -13,15 +13,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.columns import HEADERS, QUANTITIES, STATUS, Columns, find_columns
+from daq.columns import HEADERS, QUANTITIES, ROW_GROUP_ROWS, STATUS, ColumnFile, find_columns
 from daq.errors import ReadingsError
 from daq.files import replacing
 
 Floats = NDArray[np.float64]
-
-BLOCK_BYTES = 1 << 20
-BLOCK_ROWS = 1 << 15
-ROW_GROUP_ROWS = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,18 +39,8 @@ class ReadingBlock:
 
 
 @dataclass(frozen=True)
-class ReadingSource:
-    """A readings file whose header has been read.
-
-    Attributes:
-        path: of the file.
-        kind: of the file, told by its content.
-        columns: which column holds what, and its factor.
-    """
-
-    path: Path
-    kind: Literal["csv", "csv.gz", "parquet"]
-    columns: Columns
+class ReadingSource(ColumnFile):
+    """A readings file whose header has been read; `blocks` reads the rest."""
 
     @property
     def conversions(self) -> tuple[str, ...]:

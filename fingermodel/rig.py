@@ -6,18 +6,15 @@ It serves tests, and a user who plans an experiment: simulate the protocol, refi
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from daq.errors import InputError
-from daq.locations import data_dir
+from daq.protocols import PlannedCase, Protocol, plan
 from daq.readings import ReadingBlock, write_readings
 from daq.sessions import Session, parse_session, read_session, write_session
 from daq.simulated import LoadStep, SimulatedCell, readings
@@ -28,115 +25,6 @@ from fingermodel.observations import posture_rad
 from fingermodel.stages import Layout, LoadCaseInput
 
 Floats = NDArray[np.float64]
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Timing(_Strict):
-    """How long each state lasts; windows keep `guard_s` away from the next change."""
-
-    tare_s: float = Field(gt=0)
-    load_s: float = Field(gt=0)
-    settle_s: float = Field(ge=0)
-    guard_s: float = Field(ge=0)
-
-    @model_validator(mode="after")
-    def _windows_exist(self) -> Timing:
-        if min(self.load_s, self.tare_s) <= self.settle_s + self.guard_s:
-            raise ValueError("load_s and tare_s must exceed settle_s + guard_s")
-        return self
-
-
-class Block(_Strict):
-    """The same loads in several postures, the cell staying at one place."""
-
-    role: Literal["identification", "validation"]
-    location: Literal["tip", "bone"]
-    postures: list[str] = Field(min_length=1)
-    masses_g: list[dict[str, float]] = Field(min_length=1)
-
-
-class Protocol(_Strict):
-    """A bench protocol, `protocol/1`: postures, timing and blocks of load cases."""
-
-    format: Literal["protocol/1"]
-    id: str
-    title: str = ""
-    postures_deg: dict[str, dict[str, float]]
-    timing: Timing
-    blocks: list[Block] = Field(min_length=1)
-
-
-@dataclass(frozen=True)
-class PlannedCase:
-    """One load case of a protocol with its windows [s]."""
-
-    id: str
-    role: str
-    posture: str
-    location: str
-    masses_g: dict[str, float]
-    unloaded_s: tuple[float, float]
-    loaded_s: tuple[float, float]
-    block_start_s: float
-    load_start_s: float
-
-
-def read_protocol(name_or_path: str) -> Protocol:
-    """Read a protocol by its name in `data/protocols`, or from a file.
-
-    Raises:
-        InputError: no such protocol, or one that does not meet the format.
-    """
-    path = Path(name_or_path)
-    if not path.is_file():
-        path = data_dir() / "protocols" / f"{name_or_path}.yaml"
-    if not path.is_file():
-        names = sorted(p.stem for p in (data_dir() / "protocols").glob("*.yaml"))
-        raise InputError(f"no protocol {name_or_path!r}", f"a file, or one of {', '.join(names)}")
-    try:
-        protocol = Protocol.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path.name} is not YAML ({' '.join(str(error).split())})", "a protocol/1 file") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(p) for p in first["loc"]) or "the file"
-        raise InputError(f"{path.name}: {place}: {first['msg']}", "a protocol/1 file") from error
-    for block in protocol.blocks:
-        for posture in block.postures:
-            if posture not in protocol.postures_deg:
-                raise InputError(f"{path.name} uses posture {posture!r}", f"one of {', '.join(protocol.postures_deg)}")
-    return protocol
-
-
-def plan(protocol: Protocol, repeats: int = 1) -> tuple[tuple[PlannedCase, ...], float]:
-    """Lay a protocol out in time.
-
-    Args:
-        protocol: to lay out.
-        repeats: how often the whole protocol is run, one after the other.
-
-    Returns:
-        The cases in order, and the length of the session [s].
-    """
-    t, timing = 0.0, protocol.timing
-    cases: list[PlannedCase] = []
-    for _ in range(repeats):
-        for block in protocol.blocks:
-            for posture in block.postures:
-                start = t
-                tare = (t + timing.settle_s, t + timing.tare_s - timing.guard_s)
-                t += timing.tare_s
-                for masses in block.masses_g:
-                    loaded = (t + timing.settle_s, t + timing.load_s - timing.guard_s)
-                    name = f"c{len(cases) + 1:03d}"
-                    cases.append(
-                        PlannedCase(name, block.role, posture, block.location, dict(masses), tare, loaded, start, t)
-                    )
-                    t += timing.load_s
-    return tuple(cases), t
 
 
 def simulate_session(

@@ -158,12 +158,13 @@ def options(
 def main() -> None:
     """Run the command line."""
     try:
-        code = app(standalone_mode=False)
+        code = app(sys.argv[1:] or ["--help"], standalone_mode=False)
     except InputError as error:
         _fail(str(error), 2)
     except TyperException as error:
         text = error.format_message() if hasattr(error, "format_message") else str(error)
-        _fail(f"{' '.join(text.split())} Try 'fingertwin --help'.", 2)
+        text = " ".join(text.replace("Value error, ", "").split()).rstrip(".")
+        _fail(f"{text}. Try 'fingertwin --help'.", 2)
     except (KeyboardInterrupt, typer.Abort):
         _fail("Interrupted; nothing that was already written is lost.", 130)
     except BrokenPipeError:

@@ -31,7 +31,7 @@ def export_source(source: str, file_format: str, out: Path | None, model: str | 
         name = bench.measured.session.id
         columns = {**case_columns(bench.measured), **_predicted_columns(compare_bench(bench))}
         columns["model"] = [bench.loaded.name] * len(columns["id"])
-    path = out or Path(f"{name}.{file_format}")
+    path = out or Path(f"{Path(name).name or 'export'}.{file_format}")
     write_columns(columns, path, file_format)
     count = len(next(iter(columns.values())))
     if not answer("export", {"source": source, "file": str(path), "rows": count}, json):
@@ -54,15 +54,16 @@ def simulate_rig(
     protocol: str, out: Path, model: str, rate_hz: float, noise_N: float, repeats: int, seed: int, json: str | None
 ) -> None:
     """Write a simulated session, with the truth beside it."""
+    from daq.protocols import read_protocol
     from daq.simulated import SimulatedCell
     from fingermodel.finger_files import read_finger
     from fingermodel.model_files import read_revision
-    from fingermodel.rig import read_protocol, simulate_session
+    from fingermodel.rig import simulate_session
 
-    if not rate_hz > 0 or not noise_N >= 0 or repeats < 1:
+    if not 0 < rate_hz <= 1e6 or not 0 <= noise_N <= 1e3 or repeats < 1 or seed < 0:
         raise InputError(
-            f"rate {rate_hz:g} Hz, noise {noise_N:g} N, {repeats} repeats",
-            "a rate above 0, noise of 0 or more, 1 or more",
+            f"rate {rate_hz:g} Hz, noise {noise_N:g} N, {repeats} repeats, seed {seed}",
+            "a rate above 0 and up to 1e6, noise of 0 to 1000, 1 repeat or more, a seed of 0 or more",
         )
     if (out / "session.yaml").exists():
         raise InputError(f"{out} already holds a session", "a new folder", "Choose another --out")

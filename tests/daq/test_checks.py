@@ -148,6 +148,12 @@ def top(**values: Any) -> Change:
     return lambda d, _: d.update(values)
 
 
+def overloaded(data: dict[str, Any], _: ReadingBlock) -> None:
+    """More than the published protocol hangs on FDP, though less than anything else would remark."""
+    data["protocol"] = "synek2019"
+    data["cases"][0]["masses_g"] = {"FDP": 1000}
+
+
 DEFECTS: dict[str, tuple[Change, str, str]] = {
     "time order": (swap_times, "error", "time_order"),
     "nan": (poison, "error", "readings"),
@@ -183,6 +189,8 @@ DEFECTS: dict[str, tuple[Change, str, str]] = {
     "kg": (every_case(masses_g={"FDP": 0.95}), "warning", "mass_units"),
     "newton": (case(masses_g={"FDP": 9.32}), "warning", "mass_units"),
     "beyond": (case(masses_g={"FDP": 1500}), "warning", "load_beyond_protocol"),
+    "no such protocol": (top(protocol="own.yaml"), "warning", "unknown_protocol"),
+    "beyond the named protocol": (overloaded, "warning", "load_beyond_protocol"),
     "beyond, small": (case(masses_g={"LU": 300}), "warning", "load_beyond_protocol"),
     "force too large": (every_case(masses_g={"FDP": 40}), "warning", "force_units"),
     "one posture": (every_case(posture="hook"), "warning", "single_posture"),

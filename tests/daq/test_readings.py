@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import daq.readings
 from daq.errors import ReadingsError
 from daq.readings import HEADERS, ReadingBlock, open_readings, write_readings
 from tests.daq.benches import in_blocks
@@ -272,6 +271,11 @@ def test_no_file_whatsoever_gives_another_exception(content: str | bytes, zipped
         assert "\n" not in line
 
 
-def test_block_sizes_bound_memory() -> None:
-    assert daq.readings.BLOCK_BYTES <= 1 << 22
-    assert daq.readings.BLOCK_ROWS <= 1 << 17
+@pytest.mark.parametrize("name", ["r.csv", "r.csv.gz", "r.parquet"])
+def test_blocks_stay_small_however_long_the_file(name: str, tmp_path: Path) -> None:
+    n = 100_000
+    long = ReadingBlock(np.arange(n) / 1000.0, np.tile(np.arange(6.0), (n, 1)))
+    write_readings(tmp_path / name, [long])
+    sizes = [len(block) for block in open_readings(tmp_path / name).blocks()]
+    assert sum(sizes) == n
+    assert max(sizes) <= 1 << 16

@@ -12,13 +12,14 @@ from daq.checks import check
 from daq.corrections import measure
 from daq.errors import InputError
 from daq.measured import MeasuredCheck
+from daq.protocols import plan, read_protocol
 from daq.readings import open_readings
 from daq.simulated import LoadStep, SimulatedCell, readings
 from fingermodel.finger_files import read_finger
 from fingermodel.observations import observe
 from fingermodel.problems import map_problem
 from fingermodel.refit import refit_map
-from fingermodel.rig import plan, read_protocol, simulate_session
+from fingermodel.rig import simulate_session
 from tests.fingermodel.fingers import Bench, open_bench
 
 CELL = SimulatedCell(rate_hz=50.0)

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
+from daq.protocols import read_protocol
 from daq.simulated import SimulatedCell
 from fingermodel.budget import CERTIFICATE, SYNEK2019
 from fingermodel.eq5 import refit_slsqp
@@ -19,7 +20,7 @@ from fingermodel.fit_report import Fit
 from fingermodel.model import Model
 from fingermodel.problems import eq5_problem, map_problem, objective_at
 from fingermodel.refit import refit_map
-from fingermodel.rig import read_protocol, simulate_session
+from fingermodel.rig import simulate_session
 from fingermodel.stages import Layout
 from server.workflow import Bench, open_bench, refit_bench
 
