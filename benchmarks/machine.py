@@ -38,7 +38,7 @@ class Timing:
 
     Attributes:
         seconds: of each repetition, by the wall clock.
-        share: of the core that this process had, of each repetition; NaN where children did the work.
+        share: of the core that this process and its children had, of each repetition.
     """
 
     seconds: tuple[float, ...]
@@ -66,18 +66,23 @@ def repeat(work: Callable[[], object], times: int, patience_s: float = 20.0) -> 
     spoilt: list[tuple[float, float]] = []
     began = time.perf_counter()
     while len(kept) < times:
-        wall, own = time.perf_counter(), time.process_time()
+        wall, own = time.perf_counter(), _own_seconds()
         work()
-        own, wall = time.process_time() - own, time.perf_counter() - wall
-        patient = time.perf_counter() - began < patience_s
-        (kept if own > OWN_SHARE * wall or not patient else spoilt).append((wall, own / wall))
-        if not patient and kept:
+        own, wall = _own_seconds() - own, time.perf_counter() - wall
+        (kept if own > OWN_SHARE * wall else spoilt).append((wall, own / wall))
+        if time.perf_counter() - began > patience_s and len(kept) + len(spoilt) >= times:
             break
-    seconds, share = zip(*(kept + spoilt[: times - len(kept)]), strict=True)
+    seconds, share = zip(*(kept + sorted(spoilt))[:times], strict=True)
     return Timing(seconds, share)
 
 
-def wait_until_quiet(patience_s: float = 30.0) -> None:
+def _own_seconds() -> float:
+    """Processor time of this process and of its children that have ended."""
+    children = os.times()
+    return time.process_time() + children.children_user + children.children_system
+
+
+def wait_until_quiet(patience_s: float = 15.0) -> None:
     """Wait until the cores are all but idle, and say so where they never are."""
     began = time.perf_counter()
     while (busy := _busy_cores()) > 0.3:

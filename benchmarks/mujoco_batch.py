@@ -14,7 +14,7 @@ from tests.fingermodel.mujoco_finger import MujocoFinger, sharing
 Floats = NDArray[np.float64]
 
 # Cases a pass: MuJoCo's results of one pass stay in the cache; measured best.
-CHUNK = 2048
+CHUNK = 1024
 
 
 class MujocoBatch:

@@ -21,9 +21,9 @@ CHUNK = 8192
 
 
 class _Segments(NamedTuple):
-    """The segments that cross one joint: their indices, and which of them rest on the bone in flexion, in extension."""
+    """The segments that cross one joint: their numbers, and which of them rest on the bone in flexion, in extension."""
 
-    index: NDArray[np.intp]
+    members: NDArray[np.intp]
     dorsal: NDArray[np.bool_]
     palmar: NDArray[np.bool_]
 
@@ -69,14 +69,14 @@ class NumpyFinger:
         out, first = np.empty_like(cosine), 0
         for number, (joint, segments) in enumerate(zip(self.topology.joints, self.segments, strict=True)):
             last = first + len(joint.rotations)
-            point = (self.proximal[segments.index] - self.centre[number]).T[:, :, None]
+            point = (self.proximal[segments.members] - self.centre[number]).T[:, :, None]
             for i in range(first, last):
                 felt = _felt(segments, cosine[i], sine[i]) if i - first == joint.flexion else (cosine[i], sine[i])
                 point = _rotate(point, self.axis[i], felt[0], -felt[1])
-            anchor = self.distal[segments.index].T
+            anchor = self.distal[segments.members].T
             line = point - anchor[:, :, None]
             # anchor × direction: the anchor's own part of the line has no moment about itself.
-            pull = segment_tension[segments.index] / np.sqrt((line**2).sum(axis=0))
+            pull = segment_tension[segments.members] / np.sqrt((line**2).sum(axis=0))
             x, y, z = point * pull
             moment = [
                 anchor[1] @ z - anchor[2] @ y,
@@ -100,7 +100,9 @@ class NumpyFinger:
                 carried = np.concatenate([carried, _like(self.axis[i], carried)], axis=1)
                 carried = _rotate(carried, self.axis[i], cosine[i], -sine[i])
             index += len(joint.rotations)
-        levers, spins, lever, column = [], [], self.load_point[:, None], carried.shape[1]
+        levers: list[Floats] = []
+        spins: list[Floats] = []
+        lever, column = self.load_point[:, None], carried.shape[1]
         for joint in reversed(self.topology.joints):
             count = len(joint.rotations)
             spins[:0] = [carried[:, k] for k in range(column - count, column)]

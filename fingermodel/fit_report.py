@@ -149,7 +149,7 @@ def describe(
         correlated=_correlated(table.names, covariance),
         residuals=len(problem.rows),
         optima=tuple((o.objective, float(share)) for o, share in zip(ranked, weight, strict=True)),
-        weighted=problem.log_det != 0.0,
+        weighted=problem.weighted,
     )
     return _with_message(fit)
 

@@ -49,6 +49,11 @@ class Problem:
     free: NDArray[np.bool_]
 
     @property
+    def weighted(self) -> bool:
+        """Whether the objective counts in standard uncertainties (Eq 5 does not)."""
+        return self.log_det != 0.0
+
+    @property
     def scale(self) -> Floats:
         """Natural step of each parameter: its prior's width, or a tenth of its range where the prior is flat."""
         span = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, 10.0)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fingermodel.fingers import FingerValues
 from fingermodel.fit_report import Fit, Optimum, Outcome, describe
-from fingermodel.model import Structure, jax_values, predict_case
+from fingermodel.model import Structure, predict_case
 from fingermodel.problems import Problem, objective_at
 from fingermodel.solver import CONVERGED, NOT_FINITE, STALLED, Solution, minimise
 from fingermodel.stages import LoadCaseInput
@@ -63,23 +63,27 @@ def solve(problem: Problem, start: Floats) -> Solution:
     """Run the compiled solver; the answer is in coordinates scaled about the priors' centre."""
     scale = problem.scale
     wrench = np.nan_to_num(problem.observations.wrench).reshape(-1)[problem.rows]
-    # Only the cases that are fitted: validation cases would be differentiated for nothing.
-    used, place = np.unique(problem.rows // 6, return_inverse=True)
-    cases = jax.tree.map(lambda field: field[used], problem.observations.inputs)
+    # Only cases and components that are fitted: the others would be differentiated for nothing.
+    used, case = np.unique(problem.rows // 6, return_inverse=True)
+    components, component = np.unique(problem.rows % 6, return_inverse=True)
+    inputs: LoadCaseInput = jax.tree.map(lambda field: np.asarray(field)[used], problem.observations.inputs)
     return _solve(
         problem.model.structure,
-        jax_values(problem.model.finger.values),
-        cases,
-        jnp.asarray(6 * place + problem.rows % 6),
-        jnp.asarray(wrench),
-        jnp.asarray(problem.whitener),
-        jnp.asarray(problem.centre),
-        jnp.asarray(scale),
-        jnp.asarray((start - problem.centre) / scale),
-        jnp.asarray(problem.weight),
-        jnp.asarray((problem.lower - problem.centre) / scale),
-        jnp.asarray((problem.upper - problem.centre) / scale),
-        jnp.asarray(problem.free),
+        problem.model.finger.values,
+        inputs,
+        np.eye(6)[components],
+        case * len(components) + component,
+        wrench,
+        problem.whitener,
+        problem.centre,
+        scale,
+        (start - problem.centre) / scale,
+        problem.weight,
+        (problem.lower - problem.centre) / scale,
+        (problem.upper - problem.centre) / scale,
+        problem.free,
+        # A ten-thousandth of a unit of chi-square is nothing to anybody; Eq 5 has no such unit.
+        np.float64(1e-4 if problem.weighted else 1e-18),
     )
 
 
@@ -88,6 +92,7 @@ def _solve(
     structure: Structure,
     values: FingerValues,
     cases: LoadCaseInput,
+    components: Array,
     rows: Array,
     wrench: Array,
     whitener: Array,
@@ -98,23 +103,21 @@ def _solve(
     lower: Array,
     upper: Array,
     free: Array,
+    floor: Array,
 ) -> Solution:
+    count = cases.setting.shape[0]
+
+    def readings(thetas: Array) -> Array:
+        return jax.vmap(lambda theta, case: predict_case(structure, values, theta, case).reading)(thetas, cases)
+
     def linearise(x: Array) -> tuple[Array, Array]:
         theta = centre + scale * x
-
-        def one(case: LoadCaseInput) -> tuple[Array, Array]:
-            # Reverse mode: six readings against a hundred parameters.
-            def reading(t: Array) -> tuple[Array, Array]:
-                value = predict_case(structure, values, t, case).reading
-                return value, value
-
-            jacobian, value = jax.jacrev(reading, has_aux=True)(theta)
-            return value, jacobian
-
-        value, jacobian = jax.vmap(one)(cases)
-        size = theta.shape[0]
-        residual = whitener @ (wrench - value.reshape(-1)[rows])
-        return residual, -(whitener @ (jacobian.reshape(-1, size)[rows] * scale))
+        # Every case with parameters of its own: one reverse pass a component then differentiates all cases.
+        reading, pull_back = jax.vjp(readings, jnp.broadcast_to(theta, (count, theta.shape[0])))
+        slopes = jax.vmap(lambda component: pull_back(jnp.broadcast_to(component, reading.shape))[0])(components)
+        jacobian = jnp.swapaxes(slopes, 0, 1).reshape(-1, theta.shape[0])[rows]
+        predicted = (reading @ components.T).reshape(-1)[rows]
+        return whitener @ (wrench - predicted), -(whitener @ (jacobian * scale))
 
     zero = jnp.zeros_like(start)
-    return minimise(linearise, start, zero, weight, lower, upper, free)
+    return minimise(linearise, start, zero, weight, lower, upper, free, floor=floor)

@@ -61,7 +61,8 @@ def minimise(
     upper: Array,
     free: Array,
     *,
-    max_evaluations: int = 200,
+    floor: Array | float = 1e-18,
+    max_evaluations: int = 400,
     tolerance: float = 1e-9,
 ) -> Solution:
     """Minimise |r(x)|² + Σ weight (x − centre)² within bounds, over the free parameters.
@@ -74,8 +75,9 @@ def minimise(
         lower: (parameters,) bound.
         upper: (parameters,) bound.
         free: (parameters,) bool.
+        floor: converged once a further step promises less than this …
+        tolerance: … or less than this fraction of the objective.
         max_evaluations: of the residuals.
-        tolerance: converged once a further step promises less than this fraction of the objective.
     """
     tiny = 1e-12  # keeps directions solvable that neither data nor prior determine
 
@@ -112,7 +114,7 @@ def minimise(
         decrement = jnp.abs(promised)
         evaluations = loop.evaluations + 1
         status = jnp.where(
-            decrement <= tolerance * best + 1e-18,
+            decrement <= tolerance * best + floor,
             CONVERGED,
             jnp.where(damping > 1e12, STALLED, jnp.where(evaluations >= max_evaluations, TOO_MANY, -1)),
         )

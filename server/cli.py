@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -157,6 +158,8 @@ def options(
 
 def main() -> None:
     """Run the command line."""
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # where an encoding lacks a letter, a ? does
     try:
         code = app(sys.argv[1:] or ["--help"], standalone_mode=False)
     except InputError as error:
@@ -172,8 +175,10 @@ def main() -> None:
         sys.stderr.close()
         raise SystemExit(0) from None
     except OSError as error:
-        where = f" {error.filename}" if error.filename else ""
-        _fail(f"{error.strerror or error}:{where}. Check the path, its rights and the space left.", 2)
+        where = f": {error.filename}" if error.filename else ""
+        _fail(f"{error.strerror or error}{where}. Check the path, its rights and the space left.", 2)
+    if code == 130:  # Typer makes Ctrl-C within a command an exit code
+        _fail("Interrupted; nothing that was already written is lost.", 130)
     raise SystemExit(code if isinstance(code, int) else 0)
 
 

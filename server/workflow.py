@@ -54,11 +54,11 @@ def open_bench(session_path: str | Path, model: str | None = None, progress: Pro
         model: a revision, a finger file or a shipped finger; by default the session's own finger.
         progress: called with the fraction of the readings that has been read.
     """
+    prepare_jax()
     from fingermodel.budget import budget_of
     from fingermodel.model_files import load_model
     from fingermodel.observations import layout_of, observe
 
-    use_compilation_cache()
     measured = measure(read_session(session_path), progress)
     session = measured.session
     budget = budget_of(session.budget)
@@ -120,16 +120,14 @@ def save_revision(bench: Bench, fit: Fit, path: Path, before: dict[str, Any], af
     return str(document["id"])
 
 
-def use_compilation_cache() -> None:
-    """Keep compiled models between runs, in the user's cache folder."""
+def prepare_jax() -> None:
+    """Keep compiled models between runs, in the user's cache folder, unless the user has chosen one."""
     import os
 
     import jax
     from platformdirs import user_cache_path
 
-    if "JAX_COMPILATION_CACHE_DIR" in os.environ or os.environ.get("FINGERTWIN_NO_CACHE"):
-        return
-    folder = user_cache_path("fingertwin") / "compiled"
-    jax.config.update("jax_compilation_cache_dir", str(folder))
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        jax.config.update("jax_compilation_cache_dir", str(user_cache_path("fingertwin") / "compiled"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)

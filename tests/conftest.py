@@ -6,6 +6,7 @@ import os
 
 import pytest
 
+import server  # noqa: F401 - settles the number of threads before anything numerical loads
 from tests.settings import load_profile
 
 load_profile()

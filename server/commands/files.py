@@ -65,8 +65,8 @@ def simulate_rig(
             f"rate {rate_hz:g} Hz, noise {noise_N:g} N, {repeats} repeats, seed {seed}",
             "a rate above 0 and up to 1e6, noise of 0 to 1000, 1 repeat or more, a seed of 0 or more",
         )
-    if (out / "session.yaml").exists():
-        raise InputError(f"{out} already holds a session", "a new folder", "Choose another --out")
+    if out.is_dir() and any(out.iterdir()):
+        raise InputError(f"{out} is not empty", "a new folder", "Choose another --out")
     finger = read_revision(Path(model)).finger if Path(model).suffix == ".json" else read_finger(model)
     cell = SimulatedCell(rate_hz=rate_hz, noise_sd=(noise_N,) * 3 + (noise_N * 7.0,) * 3)
     with progress("Simulating"):

@@ -1,0 +1,58 @@
+"""Time everything and write the figures to RESULTS.md: `python -m benchmarks.run`."""
+
+from __future__ import annotations
+
+import datetime as dt
+import platform
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+from benchmarks.machine import describe_machine
+
+BENCHMARKS = ("predictions", "refits", "startup", "corrections")
+PACKAGES = ("fingertwin", "numpy", "scipy", "jax", "jaxlib", "mujoco", "pyarrow")
+HERE = Path(__file__).parent
+
+
+def main() -> None:
+    """Run every benchmark in a process of its own, so that none warms up or fills the memory of another."""
+    parts = []
+    for name in BENCHMARKS:
+        answer = subprocess.run([sys.executable, "-m", f"benchmarks.{name}"], check=True, stdout=subprocess.PIPE)
+        text = answer.stdout.decode("utf-8").strip()
+        print(text, end="\n\n", flush=True)
+        parts.append(text)
+    (HERE / "RESULTS.md").write_text("\n\n".join([_heading(), *parts]) + "\n", encoding="utf-8")
+
+
+def _heading() -> str:
+    versions = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
+    lines = [
+        "# Figures of the last run",
+        "",
+        'Written by `python -m benchmarks.run`. "Of the core": how much of it the benchmark had in its best run.',
+        "",
+        f"- Date: {dt.datetime.now(tz=dt.UTC):%Y-%m-%d %H:%M} UTC",
+        f"- Commit: {_commit()}",
+        f"- Machine: {describe_machine()}",
+        f"- Versions: Python {platform.python_version()}, {versions}",
+    ]
+    return "\n".join(lines)
+
+
+def _commit() -> str:
+    try:
+        return _git("rev-parse", "--short", "HEAD") + (" with changes" if _git("status", "--porcelain", "-uno") else "")
+    except (OSError, subprocess.CalledProcessError):
+        return "none yet"
+
+
+def _git(*arguments: str) -> str:
+    answer = subprocess.run(["git", *arguments], cwd=HERE, check=True, capture_output=True, text=True)
+    return answer.stdout.strip()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,105 @@
+"""What each layer may load, and what no file of the repository may hold."""
+
+from __future__ import annotations
+
+import json
+import pkgutil
+import re
+import shutil
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import daq
+import fingermodel
+
+ROOT = Path(__file__).parents[2]
+HARDWARE_WEB_DRAWING = ("serial", "fastapi", "uvicorn", "typer", "rich", "plotly", "matplotlib", "server")
+# Assembled here, so that this file does not hold what it looks for.
+MACHINES = [f"/{name}/" for name in ("work", "root", "home")]
+REGISTRIES = [
+    ".".join(words)
+    for words in (
+        ("pypi", "org"), ("files", "pythonhosted", "org"), ("registry", "npmjs", "org"), ("npmjs", "com"),
+        ("conda", "anaconda", "org"), ("registry", "yarnpkg", "com"),
+    )
+]  # fmt: skip
+
+
+@cache
+def loaded_by(*modules: str) -> frozenset[str]:
+    """Top-level names that are loaded once these modules are imported, each time in a fresh interpreter."""
+    code = (
+        "import importlib, json, sys\n"
+        f"for name in {modules!r}: importlib.import_module(name)\n"
+        "print(json.dumps(sorted({m.partition('.')[0] for m in sys.modules})))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)  # noqa: S603
+    return frozenset(json.loads(done.stdout))
+
+
+def every_module_of(path: list[str], name: str) -> tuple[str, ...]:
+    return (name, *(m.name for m in pkgutil.walk_packages(path, f"{name}.") if "_data" not in m.name))
+
+
+@pytest.mark.parametrize("module", ["fingermodel", "fingermodel.model", "fingermodel.refit"])
+def test_physics_loads_no_hardware_no_web_no_drawing(module: str) -> None:
+    assert loaded_by(module).isdisjoint(HARDWARE_WEB_DRAWING)
+
+
+def test_no_module_of_physics_loads_hardware_web_or_drawing() -> None:
+    assert loaded_by(*every_module_of(fingermodel.__path__, "fingermodel")).isdisjoint(HARDWARE_WEB_DRAWING)
+
+
+def test_no_module_of_the_bench_loads_an_array_compiler_or_the_web() -> None:
+    modules = every_module_of(daq.__path__, "daq")
+    assert "daq.corrections" in modules
+    assert loaded_by(*modules).isdisjoint(
+        {"jax", "jaxlib", "fingermodel", "server", "fastapi", "typer", "rich", "plotly", "matplotlib"}
+    )
+
+
+def test_the_command_line_starts_light() -> None:
+    heavy = {"jax", "numpy", "scipy", "pyarrow", "plotly", "matplotlib", "pydantic", "yaml"}
+    assert loaded_by("server.cli").isdisjoint(heavy)
+
+
+@cache
+def texts() -> dict[str, str]:
+    """Every text file of the repository by its path: those git tracks or would track."""
+    git = shutil.which("git")
+    if git is None or not (ROOT / ".git").exists():
+        pytest.skip("git: needed to list the repository's files")
+    listed = subprocess.run(  # noqa: S603
+        [git, "-C", str(ROOT), "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    out = {}
+    for name in filter(None, listed.split("\0")):
+        data = (ROOT / name).read_bytes() if (ROOT / name).is_file() else b""
+        if b"\0" not in data[:8192]:
+            out[name] = data.decode("utf-8", errors="replace")
+    return out
+
+
+def holding(words: list[str], before: str) -> list[str]:
+    pattern = re.compile(before + "(?:" + "|".join(map(re.escape, words)) + ")")
+    return [
+        f"{name}:{text.count(chr(10), 0, found.start()) + 1}: {found.group()}"
+        for name, text in texts().items()
+        for found in pattern.finditer(text)
+    ]
+
+
+def test_no_file_holds_a_path_of_a_machine() -> None:
+    # A word before the slash makes it part of another path or address, such as .../home/.
+    assert holding(MACHINES, r"(?<![\w.~$}<>/-])") == []
+
+
+def test_no_file_holds_the_address_of_a_package_registry() -> None:
+    assert holding(REGISTRIES, "") == []
