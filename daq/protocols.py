@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from daq.errors import InputError
 from daq.locations import data_dir
+
+Mass = Annotated[float, Field(ge=0, le=1e6)]
 
 
 class _Strict(BaseModel):
@@ -38,7 +40,7 @@ class Block(_Strict):
     role: Literal["identification", "validation"]
     location: Literal["tip", "bone"]
     postures: list[str] = Field(min_length=1)
-    masses_g: list[dict[str, float]] = Field(min_length=1)
+    masses_g: list[dict[str, Mass]] = Field(min_length=1)
 
 
 class Protocol(_Strict):
@@ -96,12 +98,12 @@ def read_protocol(name_or_path: str, folder: Path | None = None) -> Protocol:
         raise InputError(f"no protocol {name_or_path!r}", f"a file, or one of {', '.join(names)}")
     try:
         protocol = Protocol.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path.name} is not YAML ({' '.join(str(error).split())})", "a protocol/1 file") from error
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(p) for p in first["loc"]) or "the file"
         raise InputError(f"{path.name}: {place}: {first['msg']}", "a protocol/1 file") from error
+    except (yaml.YAMLError, TypeError, ValueError) as error:
+        raise InputError(f"{path.name} is not YAML ({' '.join(str(error).split())})", "a protocol/1 file") from error
     for block in protocol.blocks:
         for posture in block.postures:
             if posture not in protocol.postures_deg:

@@ -200,6 +200,10 @@ def read_yaml(file: Path) -> Any:
         raise SessionError(f"{name} is not YAML{where}: {error.problem}", "YAML") from error
     except yaml.YAMLError as error:
         raise SessionError(f"{name} is not YAML: {error}", "YAML") from error
+    except (TypeError, ValueError) as error:  # a list as a key, the 45th of a month
+        raise SessionError(
+            f"{name} holds what YAML allows and nobody can read ({error})", "plain keys and values"
+        ) from error
 
 
 def _short(file: Path) -> str:

@@ -126,8 +126,8 @@ def _masses(value: Any) -> dict[str, float]:
             hint = did_you_mean(str(tendon), TENDONS)
             refuse("is not a tendon", f"one of {' '.join(TENDONS)}", hint[:1].upper() + hint[1:], at=[str(tendon)])
         grams = number(mass, [tendon], "g")
-        if grams < 0.0:
-            refuse(f"is {grams:g}", "a mass in g that is not negative", at=[tendon])
+        if not 0.0 <= grams <= 1e6:
+            refuse(f"is {grams:g}", "a mass in g that is not negative, and below a ton", at=[tendon])
         out[str(tendon)] = grams
     return out
 

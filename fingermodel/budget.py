@@ -89,16 +89,17 @@ def budget_of(setting: str | Mapping[str, Any] | None) -> Budget:
         return BUDGETS[setting]
     known = {f.name for f in fields(Budget)} - {"name"}
     values: dict[str, Any] = {}
-    base = BUDGETS.get(str(setting.get("base", "certificate")), CERTIFICATE)
+    base = budget_of(str(setting.get("base", "certificate")))
     for key, value in setting.items():
         if key == "base":
             continue
         if key not in known:
             raise ModelError(f"budget has no {key!r}", f"some of {', '.join(sorted(known))}")
         if key == "tendon_point_sd_mm":
-            if not isinstance(value, Mapping):
+            if not isinstance(value, Mapping) or not value:
                 raise ModelError(f"budget.{key} is {value!r}", "a size in mm for each joint, {DIP: 0.6, …}")
-            values[key] = tuple((str(j), _size(f"{key}.{j}", x)) for j, x in value.items())
+            sizes = dict(base.tendon_point_sd_mm) | {str(j): _size(f"{key}.{j}", x) for j, x in value.items()}
+            values[key] = tuple(sizes.items())
         else:
             values[key] = _size(key, value)
     return replace(base, name="session", **values)
@@ -114,6 +115,12 @@ def anatomy_parameters(finger: Finger, budget: Budget) -> tuple[Parameter, ...]:
     """Declare tendon points [mm, absolute] and hood fractions, in the order that `model.with_anatomy` reads them."""
     topology, values = finger.topology, finger.values
     sizes = dict(budget.tendon_point_sd_mm)
+    joints = [joint.name for joint in topology.joints]
+    strange = [name for name in sizes if name not in joints and name not in dict(CERTIFICATE.tendon_point_sd_mm)]
+    if strange:
+        raise ModelError(
+            f"budget.tendon_point_sd_mm names {strange[0]!r}", f"joints of {finger.id}: {', '.join(joints)}"
+        )
     out: list[Parameter] = []
     for end, points in (("proximal", values.proximal_point), ("distal", values.distal_point)):
         for segment, point in zip(topology.segments, points, strict=True):

@@ -20,7 +20,8 @@ PLANES = {"sagittal": 2, "space": 3}
 class CaseComparison:
     """One load case: what was read and what the model says the cell should have read.
 
-    Forces in N and torques in N mm, in the mount's frame; `z` is the Mahalanobis norm of the force residual.
+    Forces in N and torques in N mm, in the mount's frame; `z` is the Mahalanobis norm of the force residual,
+    `z_sagittal` that of its x and y alone.
     """
 
     id: str
@@ -34,6 +35,7 @@ class CaseComparison:
     measured_Nmm: Floats | None
     predicted_Nmm: Floats | None
     z: float | None
+    z_sagittal: float | None = None
 
     @property
     def muscles(self) -> str:
@@ -55,6 +57,7 @@ class CaseComparison:
             "measured_Nmm": None if self.measured_Nmm is None else self.measured_Nmm.tolist(),
             "predicted_Nmm": None if self.predicted_Nmm is None else self.predicted_Nmm.tolist(),
             "z": self.z,
+            "z_sagittal": self.z_sagittal,
         }
 
 
@@ -187,8 +190,6 @@ def compare(model: Model, observations: Observations, theta: Floats | None = Non
         torque_known = bool(np.isfinite(measured[3:]).all())
         block = covariance[i][:3, :3]
         residual = measured[:3] - predicted[:3]
-        positive = bool(np.all(np.diag(block) > 0))
-        z = float(np.sqrt(residual @ np.linalg.solve(block, residual))) if positive else None
         # At the bone the clamp's point is not known, so the model has no moment to compare.
         has_prediction = torque_known and observations.locations[i] == "tip"
         cases.append(
@@ -203,10 +204,18 @@ def compare(model: Model, observations: Observations, theta: Floats | None = Non
                 predicted_N=predicted[:3],
                 measured_Nmm=measured[3:] if torque_known else None,
                 predicted_Nmm=predicted[3:] if has_prediction else None,
-                z=z,
+                z=_norm(residual, block),
+                z_sagittal=_norm(residual[:2], block[:2, :2]),
             )
         )
     return Comparison(tuple(cases), observations.noise_assumed)
+
+
+def _norm(residual: Floats, covariance: Floats) -> float | None:
+    """Mahalanobis norm, None without any uncertainty."""
+    if not np.all(np.diag(covariance) > 0):
+        return None
+    return float(np.sqrt(residual @ np.linalg.solve(covariance, residual)))
 
 
 def summarise(cases: Iterable[CaseComparison], components: int) -> ErrorSummary:

@@ -138,10 +138,10 @@ def read_finger(name_or_path: str | os.PathLike[str], folder: Path | None = None
     path = _find(text, folder)
     try:
         raw: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
-        raise ModelError(f"{path.name} is not YAML ({' '.join(str(error).split())})", "a finger/1 file") from error
     except UnicodeDecodeError as error:
         raise ModelError(f"{path.name} is not text", "a finger/1 file in UTF-8") from error
+    except (yaml.YAMLError, TypeError, ValueError) as error:
+        raise ModelError(f"{path.name} is not YAML ({' '.join(str(error).split())})", "a finger/1 file") from error
     return finger_from_dict(raw, path.name)
 
 

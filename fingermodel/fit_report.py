@@ -255,7 +255,8 @@ def _with_message(fit: Fit) -> Fit:
     rivals = [share for _, share in fit.optima[1:] if share > 0.01]
     if rivals:
         text.append(
-            f"Elsewhere {len(rivals)} optima fit nearly as well (probability {sum(rivals):.2f} together); "
+            f"Elsewhere {len(rivals)} {'optima fit' if len(rivals) > 1 else 'optimum fits'} nearly as well "
+            f"(probability {sum(rivals):.2f}); "
             "the stated uncertainties cover them."
         )
     if fit.correlated:

@@ -200,7 +200,7 @@ def load_model(
         if not path.is_file():
             raise ModelError(f"no model file {path}", "a revision written by `fingertwin refit --out`")
         return _from_revision(read_revision(path), session_id, layout)
-    finger = read_finger(name if name is not None else finger_name, folder)
+    finger = read_finger(finger_name, folder) if name is None else read_finger(name)
     model = Model(finger, layout, budget)
     return LoadedModel(finger.id, model, model.initial, finger.id, ())
 
@@ -212,9 +212,8 @@ def _from_revision(revision: Revision, session_id: str, layout: Layout) -> Loade
     kinds = {p.name: p.kind for p in model.parameters}
     own = revision.session == session_id
     theta = Model(revision.finger, layout, model.budget).initial
-    if own:
-        for name, value in revision.theta.items():
-            if kinds.get(name, "anatomy") != "anatomy":
-                theta[model.parameters.index[name]] = value
+    for name, value in revision.theta.items():
+        if name in kinds and (own or kinds[name] == "anatomy"):
+            theta[model.parameters.index[name]] = value
     note = f"fitted to session {revision.session}: its anatomy is used here, the errors of that rig are not"
     return LoadedModel(revision.id, model, theta, revision.id, () if own else (note,))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from daq.errors import ModelError, SessionError
 from daq.measured import MeasuredSession
+from daq.sessions import Session
 from fingermodel.budget import Budget
 from fingermodel.fingers import Finger, Topology
 from fingermodel.model import jax_values, tip_kinematics_batch
@@ -48,6 +49,12 @@ class Observations:
     covariance: Floats
     layout: Layout
     noise_assumed: bool
+
+    @property
+    def posture_angles(self) -> dict[str, Floats]:
+        """Angles (rotations,) [rad] of each posture in use."""
+        angles = np.asarray(self.inputs.posture)
+        return {name: angles[self.postures.index(name)] for name in dict.fromkeys(p for p in self.postures if p)}
 
     @property
     def case_covariance(self) -> Floats:
@@ -92,8 +99,7 @@ def observe(measured: MeasuredSession, finger: Finger, budget: Budget) -> Observ
         SessionError: a posture or tendon that the finger does not have, or no case left.
     """
     session, topology = measured.session, finger.topology
-    if not measured.cases:
-        raise SessionError("no load case left", "at least one that is not excluded")
+    require_usable(session, finger)
     layout = layout_of(measured)
     postures = {
         name: posture_rad(topology, posture.model_dump(), f"posture {name}")
@@ -103,10 +109,6 @@ def observe(measured: MeasuredSession, finger: Finger, budget: Budget) -> Observ
     tension = np.zeros((len(measured.cases) + len(measured.checks), len(topology.muscles)))
     for i, m in enumerate(measured.cases):
         for muscle, mass in m.case.masses_g.items():
-            if muscle not in topology.muscles:
-                raise SessionError(
-                    f"case {m.case.id} loads {muscle}", f"one of {', '.join(topology.muscles)} ({finger.id})"
-                )
             tension[i, topology.muscles.index(muscle)] = mass * weight
     n, k = len(measured.cases), len(measured.checks)
     posture = np.zeros((n + k, len(topology.rotations)))
@@ -154,25 +156,47 @@ def observe(measured: MeasuredSession, finger: Finger, budget: Budget) -> Observ
     )
 
 
-def singular_postures(finger: Finger, observations: Observations) -> list[str]:
-    """Names of postures in which joint torques do not determine the tip force (a straight finger)."""
+def singular_postures(finger: Finger, postures: Mapping[str, Floats]) -> list[str]:
+    """Names of postures (rotations,) [rad] that leave the finger straight: torques do not give the tip force."""
     topology = finger.topology
-    names = list(dict.fromkeys(p for p in observations.postures if p))
-    postures = observations.inputs.posture[np.array([observations.postures.index(name) for name in names], int)]
-    jacobians = np.asarray(tip_kinematics_batch(topology, jax_values(finger.values), postures).jacobian)
+    batch = jnp.asarray(np.array(list(postures.values())).reshape(-1, len(topology.rotations)))
+    jacobians = np.asarray(tip_kinematics_batch(topology, jax_values(finger.values), batch).jacobian)
     # A typical lever makes rows of force and of moment comparable.
     unit = np.array([[1.0 if c < 3 else 20.0] for c in topology.reactions])
     square = jacobians[:, list(topology.reactions)] * unit
-    return [name for name, matrix in zip(names, square, strict=True) if np.linalg.cond(matrix) > 1e6]
+    return [name for name, matrix in zip(postures, square, strict=True) if np.linalg.cond(matrix) > 1e6]
 
 
-def require_determined(finger: Finger, observations: Observations) -> None:
+def require_usable(session: Session, finger: Finger) -> None:
+    """Refuse a session that no model with this finger could predict, without looking at its readings.
+
+    Raises:
+        SessionError: no case left, a joint or a tendon that the finger lacks.
+        ModelError: a posture that leaves the tip force undetermined.
+    """
+    cases = [c for c in session.cases if c.excluded is None]
+    if not cases:
+        raise SessionError("no load case left", "at least one that is not excluded")
+    topology = finger.topology
+    for case in cases:
+        for muscle in case.masses_g:
+            if muscle not in topology.muscles:
+                known = ", ".join(topology.muscles)
+                raise SessionError(f"case {case.id} loads {muscle}", f"one of {known} ({finger.id})")
+    used = dict.fromkeys(c.posture for c in cases)
+    require_determined(
+        finger,
+        {name: posture_rad(topology, session.postures_deg[name].model_dump(), f"posture {name}") for name in used},
+    )
+
+
+def require_determined(finger: Finger, postures: Mapping[str, Floats]) -> None:
     """Refuse a posture in which the tip force is not determined.
 
     Raises:
         ModelError: naming the posture.
     """
-    bad = singular_postures(finger, observations)
+    bad = singular_postures(finger, postures)
     if bad:
         raise ModelError(
             f"posture {bad[0]} leaves the finger straight, so joint torques do not determine the tip force",

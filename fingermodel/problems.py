@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from daq.errors import SessionError
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
-from fingermodel.observations import Observations, require_determined
+from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
 
@@ -94,9 +94,7 @@ def map_problem(model: Model, observations: Observations, plane: Plane | None = 
 
     Raises:
         SessionError: no identification case, or a reading without any uncertainty.
-        ModelError: a posture that leaves the tip force undetermined.
     """
-    require_determined(model.finger, observations)
     plane = plane or model.finger.judged_in
     rows = fit_rows(observations, plane)
     _require_rows(rows)
@@ -154,7 +152,6 @@ def eq5_problem(model: Model, observations: Observations) -> Problem:
 
     The hood's fractions have no penalty; those that the published study fixed stay fixed.
     """
-    require_determined(model.finger, observations)
     rows = fit_rows(observations, "sagittal", moments=False)
     _require_rows(rows)
     table, unit = model.parameters, model.finger.length_unit_mm

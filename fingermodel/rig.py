@@ -5,7 +5,7 @@ It serves tests, and a user who plans an experiment: simulate the protocol, refi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +15,20 @@ from numpy.typing import NDArray
 
 from daq.errors import InputError
 from daq.protocols import PlannedCase, Protocol, plan
-from daq.readings import ReadingBlock, write_readings
+from daq.readings import write_readings
 from daq.sessions import Session, parse_session, read_session, write_session
 from daq.simulated import LoadStep, SimulatedCell, readings
 from fingermodel.budget import CERTIFICATE, Budget
 from fingermodel.fingers import Finger
 from fingermodel.model import Model
-from fingermodel.observations import posture_rad
+from fingermodel.observations import posture_rad, require_usable
 from fingermodel.stages import Layout, LoadCaseInput
 
 Floats = NDArray[np.float64]
+
+
+# Fewer say nothing about their own scatter.
+LEAST_READINGS = 5
 
 
 def simulate_session(
@@ -64,19 +68,23 @@ def simulate_session(
     """
     cell = cell or SimulatedCell()
     cases, end_s = plan(protocol, repeats)
-    model, theta = _truth_model(finger, cases, budget, truth or {})
-    wrench = np.asarray(model.predict(_inputs(finger, protocol, cases, model.layout, tension_factor), theta).reading)
-    steps = _steps(cases, wrench, seed)
-    folder.mkdir(parents=True, exist_ok=True)
-
-    def blocks() -> Iterator[ReadingBlock]:
-        yield from readings(cell, steps, end_s, seed + 1)
-
-    write_readings(folder / readings_name, blocks())
+    shortest = min(end - start for c in cases for start, end in (c.unloaded_s, c.loaded_s))
+    if shortest * cell.rate_hz < LEAST_READINGS:
+        raise InputError(
+            f"{cell.rate_hz:g} Hz leaves {shortest * cell.rate_hz:.1f} readings in a window of {shortest:g} s",
+            f"at least {LEAST_READINGS}",
+            "Sample faster, or hold each load longer",
+        )
     document = _document(protocol, cases, session_id, finger_name or finger.id, tension_factor, cell, readings_name)
     session, faults = parse_session(document, None, "the simulated session")
     if session is None:
         raise faults[0]
+    require_usable(session, finger)
+    model, theta = _truth_model(finger, cases, budget, truth or {})
+    wrench = np.asarray(model.predict(_inputs(finger, protocol, cases, model.layout, tension_factor), theta).reading)
+    steps = _steps(cases, wrench, seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_readings(folder / readings_name, readings(cell, steps, end_s, seed + 1))
     write_session(session, folder)
     return read_session(folder), {c.id: wrench[i] for i, c in enumerate(cases)}
 
@@ -103,8 +111,6 @@ def _inputs(
     tension = np.zeros((len(cases), len(muscles)))
     for i, case in enumerate(cases):
         for muscle, mass in case.masses_g.items():
-            if muscle not in muscles:
-                raise InputError(f"protocol {protocol.id} loads {muscle}", f"one of {', '.join(muscles)}")
             tension[i, muscles.index(muscle)] = mass * 9.81e-3 * tension_factor
     postures = {n: posture_rad(finger.topology, p, f"posture {n}") for n, p in protocol.postures_deg.items()}
     return LoadCaseInput(

@@ -54,5 +54,5 @@ def superposition(model: Model, observations: Observations, comparison: Comparis
         )
         if case.location == "bone":
             tip = tension[i] @ np.asarray(model.finger.values.suture) - to_base[i] @ tip
-        out.append(replace(case, predicted_N=tip, predicted_Nmm=None, z=None))
+        out.append(replace(case, predicted_N=tip, predicted_Nmm=None, z=None, z_sagittal=None))
     return Comparison(tuple(out), comparison.noise_assumed)

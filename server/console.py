@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import re
+import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -58,30 +62,42 @@ def clean(value: Any) -> Any:
 
 def say(text: str = "") -> None:
     """Print one line of plain text."""
-    from rich.console import Console
+    sys.stdout.write(text + "\n")
 
-    Console(highlight=False, soft_wrap=True).print(text, markup=False)
+
+def columns_wide() -> int:
+    """Width that tables may take: the terminal's, or 200 in a pipe, where there is nothing to fit."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else 200
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], note: str = "") -> None:
-    """Print a table; numbers are aligned to the right, None is a dash."""
+    """Print a table; numbers are aligned to the right and never broken, None is a dash."""
     from rich import box
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
-    out = Table(
-        title=escape(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, caption=escape(note)
-    )
-    out.caption_justify = "left"
+    out = Table(title=escape(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+    out.caption, out.caption_justify = escape(note), "left"
     for i, name in enumerate(columns):
-        numeric = all(isinstance(row[i], int | float) or row[i] is None for row in rows)
-        out.add_column(escape(name), justify="right" if numeric else "left", overflow="fold")
+        cells = [row[i] for row in rows]
+        numeric = all(isinstance(x, int | float) or x is None for x in cells)
+        # Numbers in text (a vector, a mass with its tendon) are kept whole too.
+        whole = numeric or all(re.fullmatch(r"[\s\d.+-]*", str(x)) for x in cells)
+        longest_word = max((len(word) for word in name.split()), default=1)
+        out.add_column(
+            escape(name),
+            justify="right" if numeric else "left",
+            overflow="fold",
+            no_wrap=whole and not name.count(" "),
+            min_width=max([longest_word, *(len(shown(x)) for x in cells)]) if whole else longest_word,
+        )
     for row in rows:
         out.add_row(*(escape(shown(x)) for x in row))
-    # In a pipe there is no width to fit: let lines be as long as they are.
-    console = Console(highlight=False) if sys.stdout.isatty() else Console(highlight=False, width=200)
-    console.print(out)
+    buffer = StringIO()
+    colour = sys.stdout.isatty() and "NO_COLOR" not in os.environ
+    Console(file=buffer, highlight=False, width=columns_wide(), force_terminal=colour).print(out)
+    sys.stdout.write("\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n")
 
 
 def shown(value: Any) -> str:

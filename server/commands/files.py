@@ -18,10 +18,14 @@ def export_source(source: str, file_format: str, out: Path | None, model: str | 
     """Write a session's cases, measured and predicted, or a revision's parameters, as CSV or Parquet."""
     from daq.export import case_columns, write_columns
 
+    if out is not None and out.suffix.lower() in (".csv", ".parquet") and out.suffix.lower() != f".{file_format}":
+        raise InputError(f"--format {file_format} and {out.name}", "one of the two", "Let name and format agree")
     columns: dict[str, list[Any]]
     if Path(source).suffix == ".json" and Path(source).is_file():
         from fingermodel.model_files import read_revision
 
+        if model is not None:
+            raise InputError(f"--model {model} with a model to export", "no --model", "Leave it out")
         revision = read_revision(Path(source))
         name, rows = revision.id, revision.document["parameters"]
         columns = {key: [row[key] for row in rows] for key in rows[0]} if rows else {}

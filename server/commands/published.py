@@ -45,7 +45,7 @@ def reproduce_study(study: str, figures: Path | None, json: str | None) -> None:
         [
             [
                 r.quantity,
-                f"{r.published:g}",
+                r.printed,
                 "–" if r.ours is None else f"{r.ours:.4g}",
                 r.unit,
                 words[r.agrees] or r.note.partition(":")[0],

@@ -6,13 +6,16 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from server.console import answer, progress, say, table
+import numpy as np
+
+from daq.errors import InputError
+from server.console import answer, columns_wide, progress, say, table
 from server.drawing import draw_comparison
 from server.workflow import Bench, compare_bench, open_bench, refit_bench, save_revision
 
 if TYPE_CHECKING:
     from fingermodel.compare import Comparison
-    from fingermodel.fit_report import Fit
+    from fingermodel.fit_report import Fit, FittedParameter
 
 
 def compare_session(session: str, model: str | None, figures: Path | None, json: str | None) -> None:
@@ -44,6 +47,10 @@ def refit_session(
     from fingermodel.compare import compare
     from fingermodel.model_files import free_path
 
+    if method == "slsqp" and plane is not None:
+        raise InputError(f"--plane {plane} with --method slsqp", "no --plane", "Eq 5 is posed in the sagittal plane")
+    if out is not None and out.exists():
+        raise InputError(f"{out} exists", "a new file: revisions are never overwritten", "Choose another --out")
     with progress("Reading and correcting") as tell:
         bench = open_bench(session, model, tell)
     before = compare_bench(bench)
@@ -100,24 +107,9 @@ def fit_body(fit: Fit, before: Comparison, after: Comparison) -> dict[str, Any]:
 def print_comparison(bench: Bench, comparison: Comparison) -> None:
     """Print the cases and the summaries."""
     session = bench.measured.session
-    rows = [
-        [
-            c.id,
-            c.role[:5],
-            c.posture,
-            c.location,
-            " ".join(f"{m} {mass:g}" for m, mass in c.masses_g.items()),
-            _triple(c.measured_N),
-            _triple(c.predicted_N),
-            _triple(c.measured_N - c.predicted_N),
-            c.z,
-        ]
-        for c in comparison.cases
-    ]
     table(
         f"{session.id} against {bench.loaded.name}: force on the cell [N], x proximal, y dorsal, z radial",
-        ["case", "role", "posture", "at", "masses [g]", "measured", "predicted", "residual", "z"],
-        rows,
+        *_case_table(comparison, columns_wide()),
         "z: residual in standard uncertainties of the reading"
         + (" (assumed from the budget, none is stated)" if comparison.noise_assumed else ""),
     )
@@ -131,9 +123,30 @@ def print_comparison(bench: Bench, comparison: Comparison) -> None:
         )
 
 
+def _case_table(comparison: Comparison, width: int) -> tuple[list[str], list[list[Any]]]:
+    """Columns and rows of the load cases, with as much as fits: vectors, fewer of them, or magnitudes alone."""
+    rows: list[list[Any]] = []
+    if width < 120:
+        for c in comparison.cases:
+            sizes = [float(np.linalg.norm(v)) for v in (c.measured_N, c.predicted_N, c.measured_N - c.predicted_N)]
+            rows.append([c.id, c.location, *sizes, c.z])
+        return ["case", "at", "|measured|", "|predicted|", "|residual|", "z"], rows
+    for c in comparison.cases:
+        masses = " ".join(f"{m} {mass:g}" for m, mass in c.masses_g.items())
+        vectors = [_triple(c.measured_N), _triple(c.predicted_N)]
+        if width < 160:
+            rows.append([c.id, c.location, masses, *vectors, c.z])
+        else:
+            rest = _triple(c.measured_N - c.predicted_N)
+            rows.append([c.id, c.role[:5], c.posture, c.location, masses, *vectors, rest, c.z])
+    if width < 160:
+        return ["case", "at", "masses [g]", "measured", "predicted", "z"], rows
+    return ["case", "role", "posture", "at", "masses [g]", "measured", "predicted", "residual", "z"], rows
+
+
 def print_summary(comparison: Comparison) -> None:
     """Print error summaries by role and location, then by muscle and by posture."""
-    columns = ["", "plane", "cases", "RMSE [N]", "RMSE [%]", "magnitude [N]", "magnitude [%]", "direction [deg]"]
+    columns = ["", "plane", "cases", "RMSE [N]", "RMSE [%]", "size [N]", "size [%]", "direction [deg]", "of"]
     rows = []
     for what, groups in (
         ("", comparison.summary()),
@@ -144,8 +157,14 @@ def print_summary(comparison: Comparison) -> None:
             for plane in ("sagittal", "space"):
                 e = planes[plane]
                 numbers = ["rmse_N", "rmse_rel_pct", "magnitude_error_N", "magnitude_error_pct", "direction_error_deg"]
+                numbers.append("direction_cases")
                 rows.append([what + name, plane, e["cases"], *(e[k] for k in numbers)])
-    table("Errors", columns, rows)
+    table(
+        "Errors",
+        columns,
+        rows,
+        "size: of the force's magnitude; direction: over the cases (of) that stand out from their uncertainty",
+    )
     moments = comparison.moments()
     if moments:
         table(
@@ -162,10 +181,7 @@ def print_fit(fit: Fit, before: Comparison, after: Comparison) -> None:
         key=lambda p: -abs(p.value - p.initial) / (p.prior_sd or 1.0),
     )
     flat = [p for p in fit.parameters if not p.prior_sd]
-    rows = [
-        [p.name, p.unit, p.initial, p.value, p.sd, p.prior_sd, _remark(p.at_bound, p.identified)]
-        for p in [*flat, *moved[:12]]
-    ]
+    rows = [[p.name, p.unit, p.initial, p.value, p.sd, p.prior_sd, _remark(p)] for p in [*flat, *moved[:12]]]
     table(
         f"{len(fit.parameters)} parameters fitted to {fit.residuals} readings by {fit.method}; what moved most",
         ["parameter", "unit", "before", "value", "sd", "prior sd", ""],
@@ -194,8 +210,13 @@ def print_fit(fit: Fit, before: Comparison, after: Comparison) -> None:
     say(f"Objective {change} in {fit.evaluations} evaluations, {fit.seconds:.2f} s")
 
 
-def _remark(at_bound: bool, identified: bool) -> str:
-    return "at bound" if at_bound else "" if identified else "prior only"
+def _remark(p: FittedParameter) -> str:
+    if p.at_bound:
+        return "at bound"
+    if not p.identified:
+        return "prior only"
+    moved = abs(p.value - p.initial) / p.prior_sd if p.prior_sd else 0.0
+    return f"{moved:.1f} prior sd away" if moved > 2.0 else ""
 
 
 def _triple(v: Any) -> str:

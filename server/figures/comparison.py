@@ -187,7 +187,7 @@ def _plans(
             "z",
             "Where the errors are",
             "A case to the right of the dashed line misses by more than its measurement's noise alone would explain."
-            + (" z takes Fz too, which this finger does not predict." if plane == "sagittal" else ""),
-            lambda: z_figure(comparison, before=before, before_name=before_name),
+            + (" Fz is left out, which this finger does not predict." if plane == "sagittal" else ""),
+            lambda: z_figure(comparison, before=before, before_name=before_name, plane=plane),
         ),
     ]

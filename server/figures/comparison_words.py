@@ -102,7 +102,7 @@ def case_table(comparison: Comparison) -> Table:
     """Tabulate every case: load, forces, residual and z."""
     largest = max((float(np.abs(c.measured_N).max()) for c in comparison.cases), default=1.0)
     digits = 3 if largest >= 0.1 else 6
-    header = ["case", "role", "posture", "at", "load", "measured [N]", "predicted [N]", "predicted − measured [N]", "z"]
+    header = ["case", "role", "at", "load", "measured [N]", "predicted [N]", "predicted − measured [N]", "z"]
     rows = [_case_row(c, digits) for c in comparison.cases]
     return Table(header, rows, "Forces as (Fx, Fy, Fz); z is the residual's norm in standard uncertainties.")
 
@@ -112,5 +112,7 @@ def _case_row(case: CaseComparison, digits: int) -> list[str]:
         return f"({', '.join(fixed(float(x), digits) for x in v)})"
 
     forces = (case.measured_N, case.predicted_N, case.predicted_N - case.measured_N)
-    named = [case.id, case.role, case.posture, case.location, load_text(case.masses_g)]
+    # Many ids begin with the posture already.
+    name = case.id if case.posture in case.id else f"{case.id} {case.posture}"
+    named = [name, case.role, case.location, load_text(case.masses_g)]
     return [*named, *(force(f) for f in forces), number(case.z, 1)]

@@ -29,8 +29,6 @@ from server.figures.style import (
 )
 
 AFTER, BEFORE = "#3b5b7a", "#b9c6d3"
-# Square root of the 95 % quantile of chi-square with 3 degrees of freedom: the norm of three standard normal residuals.
-CHI3_95 = 2.7955
 _BAR, _GROUP_GAP, _LEFT, _RIGHT, _TOP, _BOTTOM = 22, 40, 150, 60, 84, 54  # [px]
 
 # Label, and what the cases have in common: role, location, muscles, posture.

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 
 from fingermodel.compare import CaseComparison, Comparison
+from fingermodel.fingers import Plane
 from server.figures.style import (
     INK,
     SMALL_PX,
@@ -20,23 +22,36 @@ from server.figures.style import (
     number,
     plain,
 )
-from server.figures.summary import CHI3_95
 
+# 95 % of chi with as many degrees of freedom as there are components.
+CHI_95: dict[Plane, float] = {"sagittal": 2.4477, "space": 2.7955}
+COMPONENTS: dict[Plane, str] = {"sagittal": "Fx and Fy", "space": "Fx, Fy and Fz"}
 _ROW, _TOP, _BOTTOM = 26, 84, 96  # [px]
 _TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 
 
-def z_figure(comparison: Comparison, *, before: Comparison | None = None, before_name: str = "before") -> go.Figure:
+def z_figure(
+    comparison: Comparison,
+    *,
+    before: Comparison | None = None,
+    before_name: str = "before",
+    plane: Plane = "space",
+) -> go.Figure:
     """Draw the Mahalanobis norm of every case's force residual, a row for every place and loaded tendon.
 
     Args:
         comparison: of the model.
         before: of the model that it is held against, drawn pale.
         before_name: of that model.
+        plane: whose force components count; a finger that cannot predict Fz is judged without it.
 
     Raises:
         NothingToDrawError: no case states an uncertainty.
     """
+    if plane == "sagittal":
+        comparison = _sagittal(comparison)
+        before = _sagittal(before) if before else None
+    limit = CHI_95[plane]
     cases = [c for c in comparison.cases if c.z is not None and np.isfinite(c.z)]
     if not cases:
         raise NothingToDrawError("No case has an uncertainty against which its residual could be judged.")
@@ -64,18 +79,18 @@ def z_figure(comparison: Comparison, *, before: Comparison | None = None, before
             data.append(go.Scatter(x=[None], y=[None], mode="markers", marker=marker, name=name, hoverinfo="skip"))
     end = len(rows) - 0.5
     limit = go.Scatter(
-        x=[CHI3_95, CHI3_95],
+        x=[limit, limit],
         y=[-0.5, end],
         mode="lines",
         line={"color": INK, "width": 1, "dash": "dash"},
-        name=f"95 % limit of noise alone, {number(CHI3_95, 1)}",
+        name=f"95 % limit of noise alone, {number(limit, 1)}",
         hoverinfo="skip",
     )
     return figure(
         [limit, *data],
         _layout(labels, low, high, end, len(rows) * _ROW, bent=bent),
         title="Residual of every case against its measurement uncertainty",
-        subtitle=_subtitle(comparison, cases, bent=bent),
+        subtitle=_subtitle(comparison, cases, plane, bent=bent),
         height=len(rows) * _ROW + _TOP + _BOTTOM,
         margin={"l": 110, "r": 30, "t": _TOP, "b": _BOTTOM},
     )
@@ -111,10 +126,16 @@ def _layout(labels: list[str], low: float, high: float, end: float, plot: int, *
     }
 
 
-def _subtitle(comparison: Comparison, cases: list[CaseComparison], *, bent: bool) -> str:
-    beyond = sum(float(c.z or 0.0) > CHI3_95 for c in cases)
+def _sagittal(comparison: Comparison) -> Comparison:
+    return Comparison(tuple(replace(c, z=c.z_sagittal) for c in comparison.cases), comparison.noise_assumed)
+
+
+def _subtitle(comparison: Comparison, cases: list[CaseComparison], plane: Plane, *, bent: bool) -> str:
+    beyond = sum(float(c.z or 0.0) > CHI_95[plane] for c in cases)
     said = " (assumed)" if comparison.noise_assumed else ""
-    parts = [f"{beyond} of {len(cases)} cases beyond the 95 % limit of measurement noise{said}; Fx, Fy and Fz together"]
+    parts = [
+        f"{beyond} of {len(cases)} cases beyond the 95 % limit of measurement noise{said}; {COMPONENTS[plane]} together"
+    ]
     if missing := len(comparison.cases) - len(cases):
         parts.append(f"{missing} without any uncertainty are left out")
     if bent and any(float(c.z or 0.0) < 0.1 for c in cases):

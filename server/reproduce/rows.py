@@ -17,6 +17,7 @@ class Row:
         unit: of both.
         agrees: None where a comparison would mean nothing; `note` says why.
         note: why, or under which condition.
+        printed: the published number with its printed digits.
     """
 
     quantity: str
@@ -25,6 +26,7 @@ class Row:
     unit: str
     agrees: bool | None
     note: str = ""
+    printed: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data."""
@@ -38,9 +40,9 @@ def row(quantity: str, published: str, ours: float, unit: str, note: str = "") -
     """
     digits = len(published.partition(".")[2])
     agrees = abs(ours - float(published)) <= 0.5 * 10.0**-digits * 1.01
-    return Row(quantity, float(published), ours, unit, agrees, note)
+    return Row(quantity, float(published), ours, unit, agrees, note, published)
 
 
 def not_available(quantity: str, published: str, ours: float | None, unit: str, note: str) -> Row:
     """A number that cannot be recomputed from what was published."""
-    return Row(quantity, float(published), ours, unit, None, note)
+    return Row(quantity, float(published), ours, unit, None, note, published)

@@ -16,6 +16,10 @@ import pytest
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 HEADINGS = ("Summary", "Force components", "Tip forces", "metacarpal", "errors", "Load cases")
 PNG = b"\x89PNG\r\n\x1a\n"
+BROWSER = next((path for name in NAMES if (path := shutil.which(name))), None)
+
+if BROWSER is None and "browser" not in os.environ.get("FINGERTWIN_REQUIRE", "").split(","):
+    pytest.skip("chromium is not installed: the report is not opened in a browser", allow_module_level=True)
 
 
 class Page(NamedTuple):
@@ -64,12 +68,9 @@ def elements(text: str) -> Elements:
 
 @pytest.fixture(scope="module")
 def browser() -> str:
-    for name in NAMES:
-        if path := shutil.which(name):
-            return path
-    if "browser" in os.environ.get("FINGERTWIN_REQUIRE", "").split(","):
-        pytest.fail("chromium is not installed, and FINGERTWIN_REQUIRE asks for it")
-    pytest.skip("chromium is not installed: the report is not opened in a browser")
+    if BROWSER is None:
+        pytest.fail("chromium is not installed, and FINGERTWIN_REQUIRE asks for a browser")
+    return BROWSER
 
 
 def opened(browser: str, page: Path, folder: Path, *what: str) -> subprocess.CompletedProcess[str]:
