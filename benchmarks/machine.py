@@ -69,7 +69,7 @@ def repeat(work: Callable[[], object], times: int, patience_s: float = 20.0) -> 
         wall, own = time.perf_counter(), _own_seconds()
         work()
         own, wall = _own_seconds() - own, time.perf_counter() - wall
-        (kept if own > OWN_SHARE * wall else spoilt).append((wall, own / wall))
+        (kept if own > OWN_SHARE * wall else spoilt).append((wall, min(own / wall, 1.0)))
         if time.perf_counter() - began > patience_s and len(kept) + len(spoilt) >= times:
             break
     seconds, share = zip(*(kept + sorted(spoilt))[:times], strict=True)

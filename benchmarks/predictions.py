@@ -8,6 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.machine import repeat, table, wait_until_quiet
+from benchmarks.mujoco_batch import MujocoBatch
+from benchmarks.numpy_finger import NumpyFinger
+from fingermodel.finger_files import read_finger
+from fingermodel.fingers import Finger
+from fingermodel.model import clamp_forces_batch, jax_values
+from tests.fingermodel.fingers import straight
 
 Floats = NDArray[np.float64]
 Forces = tuple[Floats, Floats]
@@ -19,19 +25,14 @@ TARGET = 1_000_000
 
 def main() -> None:
     """Time them and print the table."""
-    from benchmarks.mujoco_batch import MujocoBatch
-    from benchmarks.numpy_finger import NumpyFinger
-    from fingermodel.finger_files import read_finger
-    from tests.fingermodel.fingers import straight
-
     wrapped = read_finger("an1979_middle")
     plain = straight(wrapped)
     posture, tension = draw(len(wrapped.topology.muscles))
     rivals: list[tuple[str, Callable[[Floats, Floats], Forces]]] = [
-        ("straight tendons: ours", ours(plain.topology, plain.values)),
+        ("straight tendons: ours", ours(plain)),
         ("straight tendons: MuJoCo", MujocoBatch(plain.topology, plain.values).forces),
         ("straight tendons: NumPy", NumpyFinger(plain.topology, plain.values).forces),
-        ("wrapping tendons: ours", ours(wrapped.topology, wrapped.values)),
+        ("wrapping tendons: ours", ours(wrapped)),
         ("wrapping tendons: NumPy", NumpyFinger(wrapped.topology, wrapped.values).forces),
     ]
     rows, known = [], dict[str, tuple[Forces, float]]()
@@ -68,17 +69,12 @@ def draw(muscles: int) -> tuple[Floats, Floats]:
     return rng.uniform(lowest, highest, (CASES, 4)), rng.uniform(0.0, 9.0, (CASES, muscles))
 
 
-def ours(topology: object, values: object) -> Callable[[Floats, Floats], Forces]:
+def ours(finger: Finger) -> Callable[[Floats, Floats], Forces]:
     """Return our batch as a function from arrays to arrays."""
-    from fingermodel.fingers import FingerValues, Topology
-    from fingermodel.model import clamp_forces_batch, jax_values
-
-    assert isinstance(topology, Topology)
-    assert isinstance(values, FingerValues)
-    numbers = jax_values(values)
+    values = jax_values(finger.values)
 
     def forces(posture: Floats, tension: Floats) -> Forces:
-        answer = clamp_forces_batch(topology, numbers, posture, tension)
+        answer = clamp_forces_batch(finger.topology, values, posture, tension)
         return np.asarray(answer.tip), np.asarray(answer.bone)
 
     return forces

@@ -57,7 +57,6 @@ class CaseComparison:
             "measured_Nmm": None if self.measured_Nmm is None else self.measured_Nmm.tolist(),
             "predicted_Nmm": None if self.predicted_Nmm is None else self.predicted_Nmm.tolist(),
             "z": self.z,
-            "z_sagittal": self.z_sagittal,
         }
 
 

@@ -24,7 +24,9 @@ def run_demo(out: Path) -> None:
     began = time.perf_counter()
     say(f"1. A recorded bench session ({RECORDED}): raw load-cell readings of 96 load cases")
     report = check(RECORDED)
-    say(f"   check: {'usable' if report.ok else 'NOT usable'}, {len(report.findings)} remarks")
+    say(
+        f"   check: {'usable' if report.ok else 'NOT usable'}, {len(report.errors)} errors, {len(report.warnings)} warnings"
+    )
     with progress("Reading and correcting") as tell:
         bench = open_bench(RECORDED, None, tell)
     first = compare_bench(bench)
@@ -42,6 +44,7 @@ def run_demo(out: Path) -> None:
         "sagittal",
         [("initial model", initial), ("published optimised", published), ("our refit", ours)],
     )
+    say("Bone forces are mostly tension: they rest on the friction factor, which no fit to tip forces can better.")
     say(f"Done in {time.perf_counter() - began:.0f} s. Open {out / 'recorded' / 'compare.html'}")
     say(f"                and {out / 'published' / 'compare.html'} in a browser.")
 
@@ -56,7 +59,7 @@ def _refit(bench: Bench, folder: Path, before: Comparison) -> Comparison:
     path = free_path(folder, bench.measured.session.id)
     save_revision(bench, fit, path, before.summary(), after.summary())
     say(f"   {fit.outcome} in {fit.evaluations} evaluations, {fit.seconds:.2f} s; {path}")
-    say(f"   misfit {fit.objective:.0f} where noise alone would leave about {fit.residuals}")
+    say(f"   {fit.message}")
     draw_comparison(bench, after, folder, before=before, theta=fit.theta, model_name="refitted", static=False)
     return after
 
