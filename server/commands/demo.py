@@ -24,9 +24,8 @@ def run_demo(out: Path) -> None:
     began = time.perf_counter()
     say(f"1. A recorded bench session ({RECORDED}): raw load-cell readings of 96 load cases")
     report = check(RECORDED)
-    say(
-        f"   check: {'usable' if report.ok else 'NOT usable'}, {len(report.errors)} errors, {len(report.warnings)} warnings"
-    )
+    verdict = "usable" if report.ok else "NOT usable"
+    say(f"   check: {verdict}, {len(report.errors)} errors, {len(report.warnings)} warnings")
     with progress("Reading and correcting") as tell:
         bench = open_bench(RECORDED, None, tell)
     first = compare_bench(bench)
