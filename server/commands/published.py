@@ -90,8 +90,9 @@ def print_fits(fits: list[SpecimenFit]) -> None:
         "superposition: measured single-tendon forces added up; no linear model fitted to them can promise better",
     )
     say(
-        "Our fit holds where the tip RMSE is at most the published model's, its direction and magnitude at most the larger "
-        "of that model's and the superposition limit's, and the bone within 1 deg and 1.5 points of the published model."
+        "Our fit holds where the tip RMSE is at most the published model's, its direction and magnitude at most "
+        "the larger of that model's and the superposition limit's, and the bone within 1 deg and 1.5 points of "
+        "the published model."
     )
     for fit in fits:
         held = fit.held_to()
