@@ -136,9 +136,10 @@ def _mass_units(session: Session) -> Iterator[Finding]:
 
 
 def _loads(session: Session) -> Iterator[Finding]:
-    limits, why = _limits_g(session)
-    if isinstance(limits, Finding):
-        yield limits
+    try:
+        limits, why = _limits_g(session)
+    except InputError as error:
+        yield finding("warning", "unknown_protocol", "protocol", error.found, error.expected, error.remedy)
         return
     for case in session.cases:
         for tendon, mass in case.masses_g.items():
@@ -151,13 +152,10 @@ def _loads(session: Session) -> Iterator[Finding]:
                 )
 
 
-def _limits_g(session: Session) -> tuple[dict[str, float] | Finding, str]:
+def _limits_g(session: Session) -> tuple[dict[str, float], str]:
     """The most that may hang on each tendon: of the protocol that the session names, or of the published one."""
     if session.protocol is not None:
-        try:
-            protocol = read_protocol(session.protocol, session.folder)
-        except InputError as error:
-            return finding("warning", "unknown_protocol", "protocol", str(error)), ""
+        protocol = read_protocol(session.protocol, session.folder)
         return protocol.heaviest_g(), f"(protocol {protocol.id})"
     published = PUBLISHED_G.get(session.specimen.species.lower(), PUBLISHED_G["human"])
     limits = {tendon: max(MOST_LOAD * mass, LEAST_LIMIT_G) for tendon, mass in published.items()}

@@ -6,20 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
+from daq.documents import Document, read_document, validated
 from daq.errors import InputError
 from daq.locations import data_dir
 
 Mass = Annotated[float, Field(ge=0, le=1e6)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Timing(_Strict):
+class Timing(Document):
     """How long each state lasts; windows keep `guard_s` away from the next change."""
 
     tare_s: float = Field(gt=0)
@@ -34,7 +30,7 @@ class Timing(_Strict):
         return self
 
 
-class Block(_Strict):
+class Block(Document):
     """The same loads in several postures, the cell staying at one place."""
 
     role: Literal["identification", "validation"]
@@ -43,7 +39,7 @@ class Block(_Strict):
     masses_g: list[dict[str, Mass]] = Field(min_length=1)
 
 
-class Protocol(_Strict):
+class Protocol(Document):
     """A bench protocol, `protocol/1`: postures, timing and blocks of load cases."""
 
     format: Literal["protocol/1"]
@@ -96,14 +92,8 @@ def read_protocol(name_or_path: str, folder: Path | None = None) -> Protocol:
     if not path.is_file():
         names = sorted(p.stem for p in (data_dir() / "protocols").glob("*.yaml"))
         raise InputError(f"no protocol {name_or_path!r}", f"a file, or one of {', '.join(names)}")
-    try:
-        protocol = Protocol.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(p) for p in first["loc"]) or "the file"
-        raise InputError(f"{path.name}: {place}: {first['msg']}", "a protocol/1 file") from error
-    except (yaml.YAMLError, TypeError, ValueError) as error:
-        raise InputError(f"{path.name} is not YAML ({' '.join(str(error).split())})", "a protocol/1 file") from error
+    wanted = "a protocol/1 file"
+    protocol = validated(Protocol, read_document(path, wanted), path.name, wanted)
     for block in protocol.blocks:
         for posture in block.postures:
             if posture not in protocol.postures_deg:

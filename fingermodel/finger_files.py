@@ -15,8 +15,9 @@ from typing import Any, Literal
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
+from daq.documents import Document, read_document, validated
 from daq.errors import ModelError
 from daq.files import replacing
 from daq.locations import data_dir
@@ -32,14 +33,11 @@ from fingermodel.fingers import (
 )
 
 Vector = tuple[float, float, float]
+WANTED = "a finger/1 file"
 Certainty = Literal["high", "medium", "low", "assumed", "fitted"]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class _Sourced(_Strict):
+class _Sourced(Document):
     source: str
     certainty: Certainty
     note: str = ""
@@ -49,7 +47,7 @@ class _Length(_Sourced):
     value_mm: float = Field(gt=0)
 
 
-class _Rotation(_Strict):
+class _Rotation(Document):
     name: str
     axis: Vector
     flexion: bool = False
@@ -82,12 +80,12 @@ class _Fraction(_Sourced):
     centre: float | None = Field(default=None, ge=0, le=1)
 
 
-class _Hood(_Strict):
+class _Hood(Document):
     kind: Literal["winslow_rhombus"]
     radial: list[str]
     ulnar: list[str]
     extensors: list[str]
-    partial: list[str] = []
+    partial: list[str] = Field(default_factory=list)
     central_slip: str
     radial_band: str
     ulnar_band: str
@@ -100,7 +98,7 @@ class _LoadPoint(_Sourced):
     """From the last joint's centre, in mm."""
 
 
-class FingerFile(_Strict):
+class FingerFile(Document):
     """The schema of a finger file."""
 
     format: Literal["finger/1"]
@@ -136,23 +134,12 @@ def read_finger(name_or_path: str | os.PathLike[str], folder: Path | None = None
     """
     text = os.fspath(name_or_path)
     path = _find(text, folder)
-    try:
-        raw: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except UnicodeDecodeError as error:
-        raise ModelError(f"{path.name} is not text", "a finger/1 file in UTF-8") from error
-    except (yaml.YAMLError, TypeError, ValueError) as error:
-        raise ModelError(f"{path.name} is not YAML ({' '.join(str(error).split())})", "a finger/1 file") from error
-    return finger_from_dict(raw, path.name)
+    return finger_from_dict(read_document(path, WANTED, ModelError), path.name)
 
 
 def finger_from_dict(raw: Any, where: str) -> Finger:
     """Build a finger from the contents of a finger file; `where` names it in errors."""
-    try:
-        document = FingerFile.model_validate(raw)
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(p) for p in first["loc"]) or "the file"
-        raise ModelError(f"{where}: {place}: {first['msg']}", "a finger/1 file", "See data/README.md") from error
+    document = validated(FingerFile, raw, where, WANTED, ModelError, "See data/README.md")
     _check_names(document, where)
     return _build(document)
 
