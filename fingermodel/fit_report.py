@@ -29,6 +29,11 @@ class FittedParameter:
     at_bound: bool
     identified: bool
 
+    @property
+    def moved(self) -> float:
+        """How far the value went, in standard deviations of its prior; 0 where that is flat."""
+        return abs(self.value - self.initial) / self.prior_sd if self.prior_sd else 0.0
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -97,7 +102,7 @@ def describe(
     best = ranked[0]
     theta = best.theta
     at_bound = _at_bound(problem, theta)
-    noise = _noise_variance(problem, best) if method == "slsqp" or not _has_priors(problem) else 1.0
+    noise = 1.0 if problem.weighted else _noise_variance(problem, best)
     local = [_laplace(problem, optimum) for optimum in ranked]
     log_weight = np.array(
         [-0.5 * o.objective / noise - 0.5 * part.log_det for o, part in zip(ranked, local, strict=True)]
@@ -194,10 +199,6 @@ def _at_bound(problem: Problem, theta: Floats) -> NDArray[np.bool_]:
     near = 1e-6 * problem.scale
     held: NDArray[np.bool_] = problem.free & ((theta <= problem.lower + near) | (theta >= problem.upper - near))
     return held
-
-
-def _has_priors(problem: Problem) -> bool:
-    return bool(np.any(np.isfinite(problem.sd[problem.free])))
 
 
 def _noise_variance(problem: Problem, optimum: Optimum) -> float:

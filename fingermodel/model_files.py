@@ -125,14 +125,23 @@ def revision_document(
     return {"format": FORMAT, "id": f"{session}-{digest}", "created_utc": created} | body
 
 
-def write_revision(document: Mapping[str, Any], path: Path) -> None:
-    """Write a revision; an existing file is never overwritten.
+def require_new(path: Path) -> None:
+    """Refuse to write a revision where there is a file.
 
     Raises:
         ModelError: the file exists.
     """
     if path.exists():
         raise ModelError(f"{path} exists", "a new file: revisions are never overwritten", "Choose another --out")
+
+
+def write_revision(document: Mapping[str, Any], path: Path) -> None:
+    """Write a revision; an existing file is never overwritten.
+
+    Raises:
+        ModelError: the file exists.
+    """
+    require_new(path)
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 

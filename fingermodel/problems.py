@@ -27,7 +27,7 @@ class Problem:
         observations: whose cases they are.
         rows: (residuals,) indices into the flattened (cases, 6) wrench.
         whitener: (residuals, residuals) makes the residuals independent with unit variance (or unit weight, Eq 5).
-        log_det: ln |Σ| of the rows, 0 for Eq 5.
+        weighted: whether the objective counts in standard uncertainties (Eq 5 does not).
         start: (parameters,).
         centre: (parameters,) of the priors.
         sd: (parameters,) of the priors, inf where flat.
@@ -40,18 +40,13 @@ class Problem:
     observations: Observations
     rows: NDArray[np.intp]
     whitener: Floats
-    log_det: float
+    weighted: bool
     start: Floats
     centre: Floats
     sd: Floats
     lower: Floats
     upper: Floats
     free: NDArray[np.bool_]
-
-    @property
-    def weighted(self) -> bool:
-        """Whether the objective counts in standard uncertainties (Eq 5 does not)."""
-        return self.log_det != 0.0
 
     @property
     def scale(self) -> Floats:
@@ -121,7 +116,7 @@ def map_problem(model: Model, observations: Observations, plane: Plane | None = 
         observations=observations,
         rows=rows,
         whitener=np.linalg.inv(factor),
-        log_det=2.0 * float(np.log(np.diag(factor)).sum()),
+        weighted=True,
         start=table.centre.copy(),
         centre=table.centre,
         sd=table.sd,
@@ -171,7 +166,7 @@ def eq5_problem(model: Model, observations: Observations) -> Problem:
         observations=observations,
         rows=rows,
         whitener=np.eye(len(rows)),
-        log_det=0.0,
+        weighted=False,
         start=table.centre.copy(),
         centre=table.centre,
         sd=sd,

@@ -45,12 +45,12 @@ def refit_session(
 ) -> None:
     """Refit a model to a session, write the revision and show what changed."""
     from fingermodel.compare import compare
-    from fingermodel.model_files import free_path
+    from fingermodel.model_files import free_path, require_new
 
     if method == "slsqp" and plane is not None:
         raise InputError(f"--plane {plane} with --method slsqp", "no --plane", "Eq 5 is posed in the sagittal plane")
-    if out is not None and out.exists():
-        raise InputError(f"{out} exists", "a new file: revisions are never overwritten", "Choose another --out")
+    if out is not None:
+        require_new(out)
     with progress("Reading and correcting") as tell:
         bench = open_bench(session, model, tell)
     before = compare_bench(bench)
@@ -178,7 +178,7 @@ def print_fit(fit: Fit, before: Comparison, after: Comparison) -> None:
     """Print what moved most, and errors before and after."""
     moved = sorted(
         (p for p in fit.parameters if p.prior_sd),
-        key=lambda p: -abs(p.value - p.initial) / (p.prior_sd or 1.0),
+        key=lambda p: -p.moved,
     )
     flat = [p for p in fit.parameters if not p.prior_sd]
     rows = [[p.name, p.unit, p.initial, p.value, p.sd, p.prior_sd, _remark(p)] for p in [*flat, *moved[:12]]]
@@ -215,8 +215,7 @@ def _remark(p: FittedParameter) -> str:
         return "at bound"
     if not p.identified:
         return "prior only"
-    moved = abs(p.value - p.initial) / p.prior_sd if p.prior_sd else 0.0
-    return f"{moved:.1f} prior sd away" if moved > 2.0 else ""
+    return f"{p.moved:.1f} prior sd away" if p.moved > 2.0 else ""
 
 
 def _triple(v: Any) -> str:
