@@ -218,7 +218,7 @@ class CellMounting(Effect):
             # Moments are fitted at the tip only, so an offset at the bone would be a parameter without data.
             offset_sd = b.mount_offset_sd_mm if location == "tip" else 0.0
             for group, unit, sd, reach in (
-                ("cell_rotation", "deg", b.cell_rotation_sd_deg, 30.0),
+                ("mounting_rotation", "deg", b.cell_rotation_sd_deg, 30.0),
                 ("zero", "N", zero_sd, 5.0),
                 ("mount_offset", "mm", offset_sd, 50.0),
             ):

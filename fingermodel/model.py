@@ -138,6 +138,12 @@ def with_anatomy(topology: Topology, values: FingerValues, theta: Array) -> Fing
     )
 
 
+def parts_of(structure: Structure, theta: Array) -> tuple[Array, ...]:
+    """Split a parameter vector (…, parameters) into the anatomy's part and each effect's."""
+    first = structure.slices[0][0] if structure.slices else theta.shape[-1]
+    return (theta[..., :first], *(theta[..., a:b] for a, b in structure.slices))
+
+
 def predict_case(structure: Structure, values: FingerValues, theta: Array, case: LoadCaseInput) -> Prediction:
     """Predict one load case.
 
@@ -147,19 +153,31 @@ def predict_case(structure: Structure, values: FingerValues, theta: Array, case:
         theta: (parameters,) in the order of `Model.parameters`.
         case: one load case.
     """
+    return predict_parts(structure, values, parts_of(structure, theta), case)
+
+
+def predict_parts(
+    structure: Structure, values: FingerValues, parts: tuple[Array, ...], case: LoadCaseInput
+) -> Prediction:
+    """Predict one load case from parameters split by `parts_of`.
+
+    Differentiate this rather than `predict_case`: a slope for each slice of one long vector would be padded to the
+    whole length, once for each effect.
+    """
     topology = structure.topology
-    acting = [(effect, theta[a:b]) for effect, (a, b) in zip(structure.effects, structure.slices, strict=True)]
-    state = State(case.posture, with_anatomy(topology, values, theta), case.tension)
+    acting = list(zip(structure.effects, parts[1:], strict=True))
+    state = State(topology, case.posture, with_anatomy(topology, values, parts[0]), case.tension)
     for effect, p in acting:
         state = effect.tension(p, case, state)
     for effect, p in acting:
         state = effect.geometry(p, case, state)
-    state = state._replace(segment_tension=segment_tensions(topology, state.values, state.tension))
+    poses = joint_poses(topology, state.values, state.posture)
+    pulls = joint_pulls(topology, state.values, poses)
+    shared = segment_tensions(topology, state.values, state.tension)
+    state = state._replace(poses=poses, pulls=pulls, segment_tension=shared)
     for effect, p in acting:
         state = effect.sharing(p, case, state)
     assert state.segment_tension is not None  # noqa: S101 - filled three lines above
-    poses = joint_poses(topology, state.values, state.posture)
-    pulls = joint_pulls(topology, state.values, poses)
     state = state._replace(torque=joint_torques(poses, pulls, state.segment_tension))
     for effect, p in acting:
         state = effect.torque(p, case, state)

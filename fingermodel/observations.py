@@ -131,6 +131,7 @@ def observe(measured: MeasuredSession, finger: Finger, budget: Budget) -> Observ
     for i, check in enumerate(measured.checks):
         at = slice(6 * (n + i), 6 * (n + i) + 6)
         covariance[at, at] = check.covariance
+    since_tare, elapsed = _clock(measured)
     inputs = LoadCaseInput(
         posture=jnp.asarray(posture),
         tension=jnp.asarray(tension),
@@ -141,6 +142,10 @@ def observe(measured: MeasuredSession, finger: Finger, budget: Budget) -> Observ
             [layout.settings.index((m.case.posture, m.case.setting)) for m in measured.cases] + [0] * k
         ),
         mounting=jnp.asarray(mountings),
+        weight=jnp.asarray([weight] * n + [0.0] * k),
+        unloading=jnp.asarray([m.case.direction == "unloading" for m in measured.cases] + [False] * k),
+        since_tare=jnp.asarray([*since_tare, *[0.0] * k]),
+        elapsed=jnp.asarray([*elapsed, *[0.0] * k]),
     )
     return Observations(
         ids=tuple(m.case.id for m in measured.cases) + tuple(f"check{i}" for i in range(k)),
@@ -154,6 +159,21 @@ def observe(measured: MeasuredSession, finger: Finger, budget: Budget) -> Observ
         layout=layout,
         noise_assumed=any(not m.noise_stated for m in measured.cases),
     )
+
+
+def _clock(measured: MeasuredSession) -> tuple[Floats, Floats]:
+    """Time since the tare and since the start of each case, as shares of the session; 0 where no time is known."""
+    loaded = np.array([np.nan if m.loaded_mid_s is None else m.loaded_mid_s for m in measured.cases])
+    tared = np.array([t.mid_s for t in measured.tares])
+    before = np.array([np.nan if m.unloaded_mid_s is None else m.unloaded_mid_s for m in measured.cases])
+    timed = np.isfinite(loaded) & np.isfinite(before)
+    if not timed.any():
+        return np.zeros(len(loaded)), np.zeros(len(loaded))
+    start = float(before[timed].min())
+    length = max(float(loaded[timed].max()) - start, 1e-9)
+    # A case between two tares has a steady drift taken out already.
+    since = loaded - measured.tare_weights @ tared
+    return np.where(timed, since, 0.0) / length, np.where(timed, loaded - start, 0.0) / length
 
 
 def singular_postures(finger: Finger, postures: Mapping[str, Floats]) -> list[str]:

@@ -17,7 +17,7 @@ class Parameter:
     """One number that a fit may change.
 
     Attributes:
-        name: `group.place`, such as `point.MCP.RI.proximal.y` or `cell_rotation.bone#0.x`.
+        name: `group.place`, such as `point.MCP.RI.proximal.y` or `mounting_rotation.bone#1.x`.
         unit: mm, deg, N, 1, …
         initial: value before fitting, about which the prior stands.
         sd: prior standard deviation; 0 keeps the parameter fixed, inf is a flat prior.
@@ -25,6 +25,7 @@ class Parameter:
         upper: bound.
         kind: anatomy (belongs to the finger), budget (to this session's rig) or effect.
         centre: of the prior, where it is not the initial value.
+        plausible: range of an effect's parameter within which a finding is believed; its bounds lie further out.
     """
 
     name: str
@@ -35,10 +36,27 @@ class Parameter:
     upper: float = np.inf
     kind: Kind = "anatomy"
     centre: float | None = None
+    plausible: tuple[float, float] | None = None
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether the prior is truncated at its null value."""
+        return self.kind == "effect" and self.lower == self.initial
 
     def __post_init__(self) -> None:
         if not self.lower <= self.initial <= self.upper:
             raise ValueError(f"{self.name}: initial {self.initial} outside [{self.lower}, {self.upper}]")
+
+
+def one_sided(name: str, unit: str, maximum: float, bound: float | None = None) -> Parameter:
+    """Declare an effect's parameter that is 0 or more: half a normal distribution, half the maximum wide."""
+    upper = 1.5 * maximum if bound is None else bound
+    return Parameter(name, unit, 0.0, 0.5 * maximum, 0.0, upper, "effect", plausible=(0.0, maximum))
+
+
+def two_sided(name: str, unit: str, reach: float) -> Parameter:
+    """Declare an effect's parameter of either sign: normal about 0, half the reach wide."""
+    return Parameter(name, unit, 0.0, 0.5 * reach, -2.0 * reach, 2.0 * reach, "effect", plausible=(-reach, reach))
 
 
 class ParameterTable:
@@ -67,6 +85,10 @@ class ParameterTable:
         """Which parameters a fit may change: those whose prior has any width."""
         free: NDArray[np.bool_] = self.sd > 0.0
         return free
+
+    def of_kind(self, kind: Kind) -> NDArray[np.bool_]:
+        """Which parameters are of a kind."""
+        return np.array([p.kind == kind for p in self.parameters], dtype=bool)
 
     def select(self, *prefixes: str) -> NDArray[np.bool_]:
         """Which parameters' names start with any of the prefixes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,13 +80,16 @@ def fit_rows(observations: Observations, plane: Plane, *, moments: bool = True) 
     return np.array(rows, dtype=np.intp)
 
 
-def map_problem(model: Model, observations: Observations, plane: Plane | None = None) -> Problem:
+def map_problem(
+    model: Model, observations: Observations, plane: Plane | None = None, effects: Collection[str] = ()
+) -> Problem:
     """All parameters at once, with the budget's priors, the measured covariance and bounds.
 
     Args:
         model: finger, budget and effects.
         observations: of one session.
         plane: which force components count; by default what the finger's axes can predict.
+        effects: names of the effects' parameters that are free; all others stay at their null.
 
     Raises:
         SessionError: no identification case, or a reading without any uncertainty.
@@ -111,6 +115,7 @@ def map_problem(model: Model, observations: Observations, plane: Plane | None = 
             "Give force_sd_N, or a budget with reading_sd_N",
         ) from error
     table = model.parameters
+    free = table.free & (~table.of_kind("effect") | np.isin(table.names, list(effects)))
     return Problem(
         model=model,
         observations=observations,
@@ -122,7 +127,7 @@ def map_problem(model: Model, observations: Observations, plane: Plane | None = 
         sd=table.sd,
         lower=table.lower,
         upper=table.upper,
-        free=table.free & ~_out_of_plane(model) if plane == "sagittal" else table.free,
+        free=free & ~_out_of_plane(model) if plane == "sagittal" else free,
     )
 
 
@@ -135,7 +140,7 @@ def _out_of_plane(model: Model) -> NDArray[np.bool_]:
         last = rest.rpartition(".")[2]
         out.append(
             (group in ("point", "zero", "mount_offset") and last == "z")
-            or (group == "cell_rotation" and last in ("x", "y"))
+            or (group in ("mounting_rotation", "cell_rotation") and last in ("x", "y"))
             or (group == "posture_angle" and last in sideways)
             or (group == "cell_gain" and last in ("Fz", "Tx", "Ty"))
         )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fingermodel.fingers import FingerValues
 from fingermodel.fit_report import Fit, Optimum, Outcome, describe
-from fingermodel.model import Structure, predict_case
+from fingermodel.model import Structure, parts_of, predict_parts
 from fingermodel.problems import Problem, objective_at
 from fingermodel.solver import CONVERGED, NOT_FINITE, STALLED, Solution, minimise
 from fingermodel.stages import LoadCaseInput
@@ -107,14 +107,15 @@ def _solve(
 ) -> Solution:
     count = cases.setting.shape[0]
 
-    def readings(thetas: Array) -> Array:
-        return jax.vmap(lambda theta, case: predict_case(structure, values, theta, case).reading)(thetas, cases)
+    def readings(parts: tuple[Array, ...]) -> Array:
+        return jax.vmap(lambda own, case: predict_parts(structure, values, own, case).reading)(parts, cases)
 
     def linearise(x: Array) -> tuple[Array, Array]:
         theta = centre + scale * x
         # Every case with parameters of its own: one reverse pass a component then differentiates all cases.
-        reading, pull_back = jax.vjp(readings, jnp.broadcast_to(theta, (count, theta.shape[0])))
-        slopes = jax.vmap(lambda component: pull_back(jnp.broadcast_to(component, reading.shape))[0])(components)
+        reading, pull_back = jax.vjp(readings, parts_of(structure, jnp.broadcast_to(theta, (count, theta.shape[0]))))
+        back = jax.vmap(lambda component: pull_back(jnp.broadcast_to(component, reading.shape))[0])(components)
+        slopes = jnp.concatenate(back, axis=-1)
         jacobian = jnp.swapaxes(slopes, 0, 1).reshape(-1, theta.shape[0])[rows]
         predicted = (reading @ components.T).reshape(-1)[rows]
         return whitener @ (wrench - predicted), -(whitener @ (jacobian * scale))

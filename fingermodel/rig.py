@@ -108,6 +108,7 @@ def _inputs(
     finger: Finger, protocol: Protocol, cases: tuple[PlannedCase, ...], layout: Layout, tension_factor: float
 ) -> LoadCaseInput:
     muscles = finger.topology.muscles
+    end_s = max(c.loaded_s[1] for c in cases)
     tension = np.zeros((len(cases), len(muscles)))
     for i, case in enumerate(cases):
         for muscle, mass in case.masses_g.items():
@@ -121,6 +122,10 @@ def _inputs(
         is_check=jnp.zeros(len(cases), bool),
         setting=jnp.asarray([layout.settings.index((c.posture, 0)) for c in cases]),
         mounting=jnp.asarray([layout.mountings.index((c.location, 0)) for c in cases]),
+        weight=jnp.full(len(cases), 9.81e-3 * tension_factor),
+        unloading=jnp.zeros(len(cases), bool),
+        since_tare=jnp.asarray([(np.mean(c.loaded_s) - np.mean(c.unloaded_s)) / end_s for c in cases]),
+        elapsed=jnp.asarray([np.mean(c.loaded_s) / end_s for c in cases]),
     )
 
 

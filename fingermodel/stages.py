@@ -8,13 +8,19 @@ array code. Sums of effects act in their order. At the null value of its paramet
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 from jax import Array
 
 from fingermodel.fingers import FingerValues, Topology
+from fingermodel.kinematics import JointPose
 from fingermodel.parameters import Parameter
+from fingermodel.tendons import Pulls
+
+Stage = Literal["tension", "geometry", "sharing", "torque", "reading"]
+STAGES: tuple[Stage, ...] = ("tension", "geometry", "sharing", "torque", "reading")
 
 
 @dataclass(frozen=True)
@@ -51,6 +57,10 @@ class LoadCaseInput(NamedTuple):
         is_check: whether only `known_force` acts (a check with a known weight).
         setting: index into `Layout.settings`.
         mounting: index into `Layout.mountings`.
+        weight: what a gram pulls at the finger: gravity times friction factor [N/g].
+        unloading: whether the last motion of the load took weight off.
+        since_tare: time from the tare to the loaded reading, as a share of the session; 0 where no time is known.
+        elapsed: time of the loaded reading, as a share of the session; 0 where no time is known.
     """
 
     posture: Array
@@ -60,39 +70,72 @@ class LoadCaseInput(NamedTuple):
     is_check: Array
     setting: Array
     mounting: Array
+    weight: Array
+    unloading: Array
+    since_tare: Array
+    elapsed: Array
 
 
 class State(NamedTuple):
     """What the stages hand on. Fields fill in from left to right.
 
     Attributes:
+        topology: of the finger.
         posture: (rotations,) [rad].
         values: the finger's numbers.
-        tension: (muscles,) [N].
+        tension: (muscles,) [N], as it leaves the first bone.
+        poses: of the joints; after `geometry`.
+        pulls: of the tendon segments on the joints; after `geometry`.
         segment_tension: (segments,) [N]; after `sharing`.
         torque: (rotations,) [N mm]; after `torque`.
         wrench: (6,) reading [N, N mm]; after `reading`.
     """
 
+    topology: Topology
     posture: Array
     values: FingerValues
     tension: Array
+    poses: tuple[JointPose, ...] = ()
+    pulls: tuple[Pulls, ...] = ()
     segment_tension: Array | None = None
     torque: Array | None = None
     wrench: Array | None = None
 
 
 class Effect:
-    """Base of every effect: nothing at any stage. Subclasses are final and override one stage.
+    """Base of every effect: nothing at any stage. Subclasses are final and override the method of their stage.
 
     `p` is the effect's own slice of the parameter vector, in the order of `parameters`.
+
+    Attributes:
+        name: in the catalogue.
+        stage: at which it acts.
+        title: what happens, in a few plain words.
+        formula: what it changes.
+        source: of the form and the range.
+        tell: what gives it away in the data.
+        rests_on_clamp_assumption: whether only out-of-plane forces can support it, which a real clamp carries in part.
     """
 
     name: str = ""
+    stage: ClassVar[Stage] = "tension"
+    title: ClassVar[str] = ""
+    formula: ClassVar[str] = ""
+    source: ClassVar[str] = ""
+    tell: ClassVar[str] = ""
+    rests_on_clamp_assumption: ClassVar[bool] = False
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
-        """Declare the parameters for this finger and session."""
+        """Declare the parameters for this finger and session; none where the finger lacks what the effect acts on."""
         raise NotImplementedError
+
+    def variants(self, topology: Topology, layout: Layout) -> Mapping[str, tuple[tuple[str, ...], ...]]:
+        """Say which parameters make up a candidate: candidate name → alternatives, each a set of parameter names.
+
+        Several candidates (one pulley of six) share the effect's prior; so do several alternatives of one candidate
+        (the cell turned in both mountings alike, or in one).
+        """
+        return {self.name: (tuple(p.name for p in self.parameters(topology, layout)),)}
 
     def tension(self, p: Array, case: LoadCaseInput, state: State) -> State:
         """Change what reaches each tendon."""
@@ -113,6 +156,3 @@ class Effect:
     def reading(self, p: Array, case: LoadCaseInput, state: State) -> State:
         """Change what the cell reports."""
         return state
-
-
-STAGES = ("tension", "geometry", "sharing", "torque", "reading")

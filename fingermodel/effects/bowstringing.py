@@ -1,0 +1,53 @@
+"""The flexor tendons lift off the bone under the load that their pulleys carry."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import final
+
+import jax.numpy as jnp
+from jax import Array
+
+from fingermodel.effects.places import at, flexion_of, flexors, shifted
+from fingermodel.fingers import Topology
+from fingermodel.parameters import Parameter, one_sided
+from fingermodel.stages import Effect, Layout, LoadCaseInput, State
+
+
+@final
+@dataclass(frozen=True)
+class Bowstringing(Effect):
+    """At every bent joint the flexors move palmar under the pulley's load, less and less as the pulley tightens."""
+
+    name = "bowstringing"
+    stage = "geometry"
+    title = "the flexors bowstring"
+    formula = "y(flexors at a joint) -= d / (1 + s d), d = k 2 T sin(|q|/2)"
+    source = "pulley load of a bent cable; Brand and Hollister 1999; EFFECTS: 0-0.8 mm/N"
+    tell = "forces curve with the load level; flexed postures"
+
+    def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
+        """Lift per newton of pulley load [mm/N]; how soon the pulley tightens [1/mm]."""
+        if not flexors(topology):
+            return ()
+        return (one_sided("bowstringing.lift", "mm/N", 0.8), one_sided("bowstringing.tightening", "1/mm", 0.4))
+
+    def variants(self, topology: Topology, layout: Layout) -> Mapping[str, tuple[tuple[str, ...], ...]]:
+        """In proportion to the load, or tightening."""
+        names = tuple(p.name for p in self.parameters(topology, layout))
+        return {self.name: (names[:1], names)} if names else {}
+
+    def geometry(self, p: Array, case: LoadCaseInput, state: State) -> State:
+        """Lift the flexors' points."""
+        topology = state.topology
+        for slip in flexors(topology):
+            tension = state.tension[topology.muscles.index(slip)]
+            for joint in topology.joints:
+                segments, flexion = at(topology, slip, joint.name), flexion_of(topology, joint.name)
+                if segments and flexion is not None:
+                    # The tendon bends either way; the small number rounds off the corner at 0 deg.
+                    half = jnp.sin(0.5 * state.posture[flexion])
+                    lift = p[0] * 2.0 * tension * (jnp.sqrt(half * half + 1e-4) - 1e-2)
+                    state = shifted(state, segments, dorsal=-lift / (1.0 + p[1] * lift))
+        return state

@@ -1,0 +1,68 @@
+"""The extensor hood slides as the fingers flex, so its slips share tension otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import final
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from fingermodel.effects.places import flexion_of
+from fingermodel.extensor import segment_tensions
+from fingermodel.fingers import Hood, Topology
+from fingermodel.parameters import Parameter, two_sided
+from fingermodel.stages import Effect, Layout, LoadCaseInput, State
+
+
+@final
+@dataclass(frozen=True)
+class HoodShift(Effect):
+    """Flexion draws the hood distally: more of the extensor goes to the central slip, of the intrinsics to the bands.
+
+    Logistic in the shift, so that a fraction stays between 0 and 1 however far the hood slides.
+    """
+
+    name = "hood_shift"
+    stage = "sharing"
+    title = "the hood slides with flexion"
+    formula = "logit f_ES += 4 (k_PIP q_PIP + k_MCP q_MCP) for extensors, -= for intrinsics"
+    source = "Zancolli 1979; Garcia-Elias et al. 1991; EFFECTS: 0-1 per rad"
+    tell = "RI, UI, LU and EDC across PIP angles"
+
+    def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
+        """Change of the fractions per rad of PIP flexion and of MCP flexion."""
+        if topology.hood is None or flexion_of(topology, "PIP") is None:
+            return ()
+        return (two_sided("hood_shift.PIP", "1/rad", 1.0), two_sided("hood_shift.MCP", "1/rad", 1.0))
+
+    def variants(self, topology: Topology, layout: Layout) -> Mapping[str, tuple[tuple[str, ...], ...]]:
+        """By the PIP joint alone, or by both joints."""
+        names = tuple(p.name for p in self.parameters(topology, layout))
+        return {self.name: (names[:1], names)} if names else {}
+
+    def sharing(self, p: Array, case: LoadCaseInput, state: State) -> State:
+        """Share the tensions anew."""
+        topology = state.topology
+        pip, mcp = flexion_of(topology, "PIP"), flexion_of(topology, "MCP")
+        if topology.hood is None or pip is None or mcp is None:
+            return state
+        sign = np.array([_direction(topology.hood, name) for name in topology.fractions])
+        fraction = jnp.asarray(state.values.fraction)
+        # Four, so that the parameters are the slopes of a fraction of one half.
+        shift = 4.0 * (p[0] * state.posture[pip] + p[1] * state.posture[mcp])
+        # Odds times exp(shift), written so that no shift changes nothing to the last bit.
+        gain = jnp.expm1(sign * shift)
+        moved = fraction + fraction * (1.0 - fraction) * gain / (1.0 + fraction * gain)
+        values = state.values._replace(fraction=moved)
+        return state._replace(values=values, segment_tension=segment_tensions(topology, values, state.tension))
+
+
+def _direction(hood: Hood, fraction: str) -> float:
+    """Which way a fraction goes as the hood slides distally."""
+    muscle, _, kind = fraction.partition("_")
+    if kind != "ES":
+        return 0.0
+    return 1.0 if muscle in hood.extensors else -1.0

@@ -1,0 +1,44 @@
+"""The cell's zero wanders with time after the tare."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import final
+
+import jax.numpy as jnp
+from jax import Array
+
+from fingermodel.fingers import Topology
+from fingermodel.parameters import Parameter, two_sided
+from fingermodel.stages import Effect, Layout, LoadCaseInput, State
+
+
+@final
+@dataclass(frozen=True)
+class TareDrift(Effect):
+    """The zero drifts, steadily or ever slower; what remains in a case is the drift since its own tare."""
+
+    name = "tare_drift"
+    stage = "reading"
+    title = "the cell's zero drifts after the tare"
+    formula = "F += d (g(t) - g(t_tare)), g(t) = t + b t (1 - t), t from 0 to 1 over the session"
+    source = "EFFECTS: 1 N over the session, each axis"
+    tell = "follows the clock, not the load"
+
+    def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
+        """Drift over the session's length, each axis [N]; how much of it comes early."""
+        drift = tuple(two_sided(f"tare_drift.{a}", "N", 1.0) for a in "xyz")
+        return (*drift, two_sided("tare_drift.early", "1", 1.0))
+
+    def variants(self, topology: Topology, layout: Layout) -> Mapping[str, tuple[tuple[str, ...], ...]]:
+        """Steady, or slowing down (a cell that warms up)."""
+        names = tuple(p.name for p in self.parameters(topology, layout))
+        return {self.name: (names[:3], names)}
+
+    def reading(self, p: Array, case: LoadCaseInput, state: State) -> State:
+        """Add the drift since the tare."""
+        assert state.wrench is not None  # noqa: S101 - the stage before has filled it
+        # g(t) - g(t_tare), factored by the time between the two.
+        between = case.since_tare * (1.0 + p[3] * (1.0 - 2.0 * case.elapsed + case.since_tare))
+        return state._replace(wrench=state.wrench + jnp.concatenate([p[:3] * between, jnp.zeros(3)]))
