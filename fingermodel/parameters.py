@@ -50,7 +50,7 @@ class Parameter:
 
 def one_sided(name: str, unit: str, maximum: float, bound: float | None = None) -> Parameter:
     """Declare an effect's parameter that is 0 or more: half a normal distribution, half the maximum wide."""
-    upper = 1.5 * maximum if bound is None else bound
+    upper = 2.0 * maximum if bound is None else bound
     return Parameter(name, unit, 0.0, 0.5 * maximum, 0.0, upper, "effect", plausible=(0.0, maximum))
 
 

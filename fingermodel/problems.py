@@ -127,11 +127,11 @@ def map_problem(
         sd=table.sd,
         lower=table.lower,
         upper=table.upper,
-        free=free & ~_out_of_plane(model) if plane == "sagittal" else free,
+        free=free & ~out_of_plane(model) if plane == "sagittal" else free,
     )
 
 
-def _out_of_plane(model: Model) -> NDArray[np.bool_]:
+def out_of_plane(model: Model) -> NDArray[np.bool_]:
     """Parameters that move only what a sagittal fit does not look at, or leak the unpredicted Fz into it."""
     sideways = [r for r in model.finger.topology.rotations if r not in {j.name for j in model.finger.topology.joints}]
     out = []
@@ -139,7 +139,10 @@ def _out_of_plane(model: Model) -> NDArray[np.bool_]:
         group, _, rest = name.partition(".")
         last = rest.rpartition(".")[2]
         out.append(
-            (group in ("point", "zero", "mount_offset") and last == "z")
+            (group in ("point", "zero", "mount_offset", "zero_offset", "tare_drift") and last == "z")
+            or group == "axis_tilt"
+            or (group == "cell_crosstalk" and "Fz" in rest)
+            or (group == "suture_angle" and last == "frontal")
             or (group in ("mounting_rotation", "cell_rotation") and last in ("x", "y"))
             or (group == "posture_angle" and last in sideways)
             or (group == "cell_gain" and last in ("Fz", "Tx", "Ty"))

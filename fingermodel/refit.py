@@ -59,8 +59,20 @@ def _optimum(problem: Problem, solution: Solution) -> Optimum:
     return Optimum(theta, np.asarray(solution.jacobian), float(solution.objective), outcome)
 
 
-def solve(problem: Problem, start: Floats) -> Solution:
-    """Run the compiled solver; the answer is in coordinates scaled about the priors' centre."""
+# A ten-thousandth of a unit of chi-square is nothing to anybody.
+FLOOR = 1e-4
+EVALUATIONS = 400
+
+
+def solve(problem: Problem, start: Floats, floor: float = FLOOR, evaluations: int = EVALUATIONS) -> Solution:
+    """Run the compiled solver; the answer is in coordinates scaled about the priors' centre.
+
+    Args:
+        problem: to solve.
+        start: (parameters,).
+        floor: units of chi-square that a further step must promise; Eq 5 has no such unit and goes on to rounding.
+        evaluations: at most so many.
+    """
     scale = problem.scale
     wrench = np.nan_to_num(problem.observations.wrench).reshape(-1)[problem.rows]
     # Only cases and components that are fitted: the others would be differentiated for nothing.
@@ -82,8 +94,8 @@ def solve(problem: Problem, start: Floats) -> Solution:
         (problem.lower - problem.centre) / scale,
         (problem.upper - problem.centre) / scale,
         problem.free,
-        # A ten-thousandth of a unit of chi-square is nothing to anybody; Eq 5 has no such unit.
-        np.float64(1e-4 if problem.weighted else 1e-18),
+        np.float64(floor if problem.weighted else 1e-18),
+        np.int64(evaluations),
     )
 
 
@@ -104,6 +116,7 @@ def _solve(
     upper: Array,
     free: Array,
     floor: Array,
+    evaluations: Array,
 ) -> Solution:
     count = cases.setting.shape[0]
 
@@ -121,4 +134,4 @@ def _solve(
         return whitener @ (wrench - predicted), -(whitener @ (jacobian * scale))
 
     zero = jnp.zeros_like(start)
-    return minimise(linearise, start, zero, weight, lower, upper, free, floor=floor)
+    return minimise(linearise, start, zero, weight, lower, upper, free, floor=floor, max_evaluations=evaluations)

@@ -13,6 +13,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+# Evaluations in which something must be gained.
+PATIENCE = 8
 CONVERGED, STALLED, TOO_MANY, NOT_FINITE = 0, 1, 2, 3
 
 
@@ -20,13 +22,15 @@ class Solution(NamedTuple):
     """Where the solver ended, in its scaled coordinates.
 
     Attributes:
-        x: (parameters,).
-        objective: sum of squared residuals plus the prior's penalty.
-        jacobian: (residuals, parameters) at `x`.
-        residual: (residuals,) at `x`.
-        status: CONVERGED, STALLED, TOO_MANY or NOT_FINITE.
-        evaluations: residual evaluations.
-        decrement: twice the decrease that a further Gauss–Newton step promises.
+            x: (parameters,).
+            objective: sum of squared residuals plus the prior's penalty.
+            jacobian: (residuals, parameters) at `x`.
+            residual: (residuals,) at `x`.
+            status: # Evaluations in which something must be gained.
+    PATIENCE = 8
+    CONVERGED, STALLED, TOO_MANY or NOT_FINITE.
+            evaluations: residual evaluations.
+            decrement: twice the decrease that a further Gauss–Newton step promises.
     """
 
     x: Array
@@ -50,6 +54,7 @@ class _Loop(NamedTuple):
     evaluations: Array
     decrement: Array
     status: Array
+    milestone: Array
 
 
 def minimise(
@@ -62,7 +67,7 @@ def minimise(
     free: Array,
     *,
     floor: Array | float = 1e-18,
-    max_evaluations: int = 400,
+    max_evaluations: Array | int = 400,
     tolerance: float = 1e-9,
 ) -> Solution:
     """Minimise |r(x)|² + Σ weight (x − centre)² within bounds, over the free parameters.
@@ -113,13 +118,19 @@ def minimise(
         trial, promised = step(x, residual, jacobian, damping)
         decrement = jnp.abs(promised)
         evaluations = loop.evaluations + 1
+        # At a kink of the model (a tendon coming to rest on a bone) steps go on to promise what they cannot keep.
+        counted = evaluations % PATIENCE == 0
+        crawling = counted & (loop.milestone - best < 10.0 * floor)
+        milestone = jnp.where(counted, best, loop.milestone)
         status = jnp.where(
             decrement <= tolerance * best + floor,
             CONVERGED,
-            jnp.where(damping > 1e12, STALLED, jnp.where(evaluations >= max_evaluations, TOO_MANY, -1)),
+            jnp.where((damping > 1e12) | crawling, STALLED, jnp.where(evaluations >= max_evaluations, TOO_MANY, -1)),
         )
         status = jnp.where(first & ~jnp.isfinite(objective), NOT_FINITE, status)
-        return _Loop(x, residual, jacobian, best, trial, promised, damping, growth, evaluations, decrement, status)
+        return _Loop(
+            x, residual, jacobian, best, trial, promised, damping, growth, evaluations, decrement, status, milestone
+        )
 
     shapes = jax.eval_shape(linearise, start)
     start = jnp.clip(start, lower, upper)
@@ -136,6 +147,7 @@ def minimise(
         evaluations=jnp.array(0),
         decrement=infinite,
         status=jnp.array(-1),
+        milestone=infinite,
     )
     end = jax.lax.while_loop(lambda loop: loop.status < 0, turn, begin)
     return Solution(end.x, end.objective, end.jacobian, end.residual, end.status, end.evaluations, end.decrement)

@@ -16,19 +16,22 @@ from fingermodel.fingers import Hood, Topology
 from fingermodel.parameters import Parameter, two_sided
 from fingermodel.stages import Effect, Layout, LoadCaseInput, State
 
+HALF_FLEXED = np.pi / 4.0
+
 
 @final
 @dataclass(frozen=True)
 class HoodShift(Effect):
     """Flexion draws the hood distally: more of the extensor goes to the central slip, of the intrinsics to the bands.
 
-    Logistic in the shift, so that a fraction stays between 0 and 1 however far the hood slides.
+    The shift is counted from the half-flexed finger (PIP 45 deg, MCP 0 deg), to which the model's fractions belong, and
+    a fraction stays between 0 and 1 however far the hood slides.
     """
 
     name = "hood_shift"
     stage = "sharing"
     title = "the hood slides with flexion"
-    formula = "logit f_ES += 4 (k_PIP q_PIP + k_MCP q_MCP) for extensors, -= for intrinsics"
+    formula = "f_ES += k_PIP (q_PIP - 45 deg) + k_MCP q_MCP for extensors, -= for intrinsics"
     source = "Zancolli 1979; Garcia-Elias et al. 1991; EFFECTS: 0-1 per rad"
     tell = "RI, UI, LU and EDC across PIP angles"
 
@@ -51,11 +54,8 @@ class HoodShift(Effect):
             return state
         sign = np.array([_direction(topology.hood, name) for name in topology.fractions])
         fraction = jnp.asarray(state.values.fraction)
-        # Four, so that the parameters are the slopes of a fraction of one half.
-        shift = 4.0 * (p[0] * state.posture[pip] + p[1] * state.posture[mcp])
-        # Odds times exp(shift), written so that no shift changes nothing to the last bit.
-        gain = jnp.expm1(sign * shift)
-        moved = fraction + fraction * (1.0 - fraction) * gain / (1.0 + fraction * gain)
+        shift = p[0] * (state.posture[pip] - HALF_FLEXED) + p[1] * state.posture[mcp]
+        moved = jnp.where(sign != 0.0, jnp.clip(fraction + sign * shift, 0.0, 1.0), fraction)
         values = state.values._replace(fraction=moved)
         return state._replace(values=values, segment_tension=segment_tensions(topology, values, state.tension))
 

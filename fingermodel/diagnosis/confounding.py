@@ -1,0 +1,101 @@
+"""What this very protocol can show, and what it cannot tell apart, before any verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.diagnosis.candidates import Candidate
+from fingermodel.diagnosis.linear import Linear
+
+Floats = NDArray[np.float64]
+
+# Below this an effect as large as its prior hardly stands out from noise and budget.
+DETECTABLE = 2.0
+# Canonical correlation from which two effects are one class.
+ALIKE = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Confounding:
+    """Candidates against each other.
+
+    Attributes:
+        names: of the candidates.
+        correlation: (n, n) largest canonical correlation of what they change, beyond what the base model absorbs.
+        detectability: of each, in standard deviations at the size of its prior.
+        classes: sets of names that are alike, of two or more.
+    """
+
+    names: tuple[str, ...]
+    correlation: Floats
+    detectability: dict[str, float]
+    classes: tuple[tuple[str, ...], ...]
+
+    def alike(self, name: str) -> tuple[str, ...]:
+        """Candidates that cannot be told from one, the nearest first."""
+        if name not in self.names:
+            return ()
+        row = self.correlation[self.names.index(name)]
+        order = np.argsort(-row)
+        return tuple(self.names[i] for i in order if self.names[i] != name and row[i] >= ALIKE)
+
+    def as_dict(self) -> dict[str, object]:
+        """As the answer gives it."""
+        return {
+            "effects": list(self.names),
+            "correlation": [[round(float(x), 4) for x in row] for row in self.correlation],
+            "classes": [list(c) for c in self.classes],
+        }
+
+
+def confounding(linear: Linear, candidates: tuple[Candidate, ...]) -> Confounding:
+    """Compare the candidates' whitened columns Q = C₀^-½ G S^½ (C₀: noise and everything that the base absorbs).
+
+    Args:
+        linear: the base model straightened out.
+        candidates: with their first alternatives.
+    """
+    full, _ = linear.information
+    roots, detectability = [], {}
+    for c in candidates:
+        index = list(c.alternatives[0])
+        block = full[np.ix_(index, index)]
+        detectability[c.name] = float(np.sqrt(max(np.trace(block), 0.0) / len(index)))
+        roots.append(_inverse_root(block))
+    n = len(candidates)
+    correlation = np.eye(n)
+    for i in range(n):
+        for j in range(i):
+            cross = full[np.ix_(list(candidates[i].alternatives[0]), list(candidates[j].alternatives[0]))]
+            value = np.linalg.norm(roots[i] @ cross @ roots[j].T, 2)
+            correlation[i, j] = correlation[j, i] = min(float(value), 1.0)
+    names = tuple(c.name for c in candidates)
+    shown = np.array([detectability[name] >= DETECTABLE for name in names])
+    return Confounding(names, correlation, detectability, _classes(names, correlation, shown))
+
+
+def _inverse_root(block: Floats) -> Floats:
+    """B^-½ over the directions that the data see at all."""
+    values, vectors = np.linalg.eigh(block)
+    kept = values > max(1.0, 1e-6 * float(values.max(initial=0.0)))
+    out: Floats = (vectors[:, kept] / np.sqrt(values[kept])).T
+    return out if kept.any() else np.zeros((1, len(block)))
+
+
+def _classes(names: tuple[str, ...], correlation: Floats, shown: NDArray[np.bool_]) -> tuple[tuple[str, ...], ...]:
+    """Connected sets of candidates that are alike and can be seen."""
+    left, out = set(np.flatnonzero(shown)), []
+    while left:
+        group, todo = set(), [left.pop()]
+        while todo:
+            i = todo.pop()
+            group.add(i)
+            near = {j for j in left if correlation[i, j] >= ALIKE}
+            left -= near
+            todo += near
+        if len(group) > 1:
+            out.append(tuple(names[i] for i in sorted(group)))
+    return tuple(out)

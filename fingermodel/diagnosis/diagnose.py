@@ -1,0 +1,162 @@
+"""One session's diagnosis: search, weigh, judge, and question the verdict."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.compare import Comparison, compare
+from fingermodel.diagnosis.candidates import Candidate, candidates_of
+from fingermodel.diagnosis.confounding import Confounding, confounding
+from fingermodel.diagnosis.evidence import Evidence, Weighed, weigh
+from fingermodel.diagnosis.hints import Hint, hints
+from fingermodel.diagnosis.robustness import Robustness, robustness
+from fingermodel.diagnosis.search import Search, Searcher
+from fingermodel.diagnosis.verdict import LEAST_CASES, Verdict, judge
+from fingermodel.diagnosis.wildcard import Wildcard
+from fingermodel.fingers import Plane
+from fingermodel.model import Model
+from fingermodel.observations import Observations
+from fingermodel.problems import Problem, map_problem
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What was found out about one session.
+
+    Attributes:
+        problem: the readings and the base model.
+        candidates: that were searched.
+        search: every fit.
+        evidence: probabilities.
+        confounding: what the protocol cannot tell apart.
+        verdict: with its reasons.
+        robustness: what it hangs on.
+        hints: formulas, where nothing fits.
+        seconds: of the computation.
+        comparisons: by explanation's names, of every explanation that was weighed.
+    """
+
+    problem: Problem
+    candidates: tuple[Candidate, ...]
+    search: Search
+    evidence: Evidence
+    confounding: Confounding
+    verdict: Verdict
+    robustness: Robustness
+    hints: tuple[Hint, ...]
+    seconds: float
+    comparisons: dict[tuple[str, ...], Comparison] = field(repr=False)
+
+    @property
+    def best(self) -> Weighed:
+        """What the verdict would add: the named explanation, or else the most probable one."""
+        named = set(self.verdict.names)
+        if named and self.verdict.kind in ("found", "undecided"):
+            exact = [w for w in self.evidence.weighed if set(w.explanation.names) == named]
+            if exact:
+                return exact[0]
+        if self.verdict.kind == "nothing_missing":
+            return self.evidence.nothing
+        return self.evidence.weighed[0]
+
+    def validation_rmse(self, weighed: Weighed) -> float | None:
+        """RMSE [N] of the cases that were never fitted, in the plane that the finger is judged in."""
+        return validation_rmse(self.problem, self.comparisons[weighed.explanation.names])
+
+
+def diagnose(
+    model: Model,
+    observations: Observations,
+    *,
+    plane: Plane | None = None,
+    start: Floats | None = None,
+    thorough: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> Diagnosis:
+    """Find out what is missing.
+
+    Args:
+        model: with the whole catalogue among its effects, all at their null.
+        observations: of the session.
+        plane: of the forces that count; by default what the finger's axes can predict.
+        start: (parameters,) of an earlier fit, as one more start.
+        thorough: more starts and pairs.
+        progress: is told the share done.
+    """
+    began = time.perf_counter()
+    problem = map_problem(model, observations, plane)
+    candidates = candidates_of(model, sagittal=(plane or model.finger.judged_in) == "sagittal")
+    search = Searcher(problem, progress).run(candidates, start, thorough)
+    wildcard = Wildcard.of(problem)
+    evidence = weigh(problem, search, candidates, wildcard)
+    alike = confounding(search.nothing.linear, candidates)
+    comparisons = {
+        w.explanation.names: compare(model, observations, w.fitted.theta) for w in reversed(evidence.weighed)
+    }
+    verdict = judge(
+        problem,
+        evidence,
+        candidates,
+        alike,
+        lambda w: validation_rmse(problem, comparisons[w.explanation.names]),
+    )
+    verdict = _enough(problem, verdict)
+    questioned = robustness(problem, evidence, verdict, candidates, wildcard)
+    verdict = _settled(verdict, questioned, evidence, candidates)
+    found = hints(problem, evidence.weighed[0].fitted) if verdict.kind in ("none_of_catalogue", "undecided") else ()
+    return Diagnosis(
+        problem,
+        candidates,
+        search,
+        evidence,
+        alike,
+        verdict,
+        questioned,
+        found,
+        time.perf_counter() - began,
+        comparisons,
+    )
+
+
+def validation_rmse(problem: Problem, comparison: Comparison) -> float | None:
+    """RMSE [N] of the validation cases, in the plane that the finger is judged in."""
+    return comparison.select(role="validation").errors(problem.model.finger.judged_in).rmse_N
+
+
+def _enough(problem: Problem, verdict: Verdict) -> Verdict:
+    """A few cases, or one posture, carry no verdict that names anything."""
+    observations = problem.observations
+    cases = [i for i in np.unique(problem.rows // 6) if observations.roles[i] == "identification"]
+    if len(cases) < LEAST_CASES and verdict.kind != "undecided":
+        short = f"{len(cases)} identification cases are too few to decide anything (at least {LEAST_CASES})"
+        return replace(verdict, kind="undecided", effects=(), short=(*verdict.short, short))
+    if len({observations.postures[i] for i in cases}) < 2 and verdict.kind == "found":
+        short = "all cases were taken in one posture: what depends on posture cannot be told from what does not"
+        return replace(verdict, kind="undecided", effects=(), short=(*verdict.short, short))
+    return verdict
+
+
+def _settled(
+    verdict: Verdict, questioned: Robustness, evidence: Evidence, candidates: tuple[Candidate, ...]
+) -> Verdict:
+    """A verdict that another assumption would turn is undecided, and says on which it hangs."""
+    if verdict.kind not in ("found", "one_of"):
+        return verdict
+    short = list(verdict.short)
+    if questioned.flips_when:
+        short.append(f"it would be another if {questioned.flips_when[0]}")
+    clamp = {c.name for c in candidates if c.rests_on_clamp_assumption}
+    expected = " and ".join(sorted(verdict.names))
+    planar = " and ".join(sorted((questioned.sagittal_alone or "").split(" and ")))
+    if clamp & set(verdict.names) and expected != planar:
+        short.append("only out-of-plane forces support it, which the clamp carries in part")
+    if len(short) == len(verdict.short):
+        return verdict
+    return replace(verdict, kind="undecided", effects=(), short=tuple(short))

@@ -1,0 +1,174 @@
+"""When nothing in the catalogue fits: where the residual lives, and small formulas that would explain it.
+
+Every formula is linear in its one coefficient, dimensionally sound, and written in the language of the user's own
+effects, so that it can be added as it stands. Their slopes come from statics alone: a torque at a joint answers at the
+clamps through the finger's Jacobian, a tension through the slope with respect to its own loss, a force is itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.diagnosis.linear import Linear
+from fingermodel.diagnosis.search import Fitted
+from fingermodel.model import jax_values, tip_kinematics_batch
+from fingermodel.problems import Problem
+
+Floats = NDArray[np.float64]
+
+# A formula is worth saying from this gain on.
+WORTH = 3.0
+MOST = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Hint:
+    """One formula that would explain some of what is left.
+
+    Attributes:
+        stage: at which it acts.
+        joint: at which, None for tensions and readings.
+        formula: in the language of the user's own effects, with the coefficient k.
+        unit: of k.
+        scale: half of a plausible range of k.
+        k: most probable value.
+        log_evidence_gain: over the model as it is.
+    """
+
+    stage: str
+    joint: str | None
+    formula: str
+    unit: str
+    scale: float
+    k: float
+    log_evidence_gain: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """As the answer gives it, with an effect document that can be added."""
+        left = self.formula.partition("=")[0].rstrip("+* ")
+        name = "hint_" + "".join(c if c.isalnum() else "_" for c in left).strip("_")
+        place = f"at the {self.joint} joint" if self.joint else f"at stage {self.stage}"
+        return {
+            "stage": self.stage,
+            "joint": self.joint,
+            "formula": self.formula.split("= ", 1)[1] if self.stage == "torque" else self.formula,
+            "log_evidence_gain": self.log_evidence_gain,
+            "text": f"{self.formula} with k about {self.k:.3g} {self.unit} ({place}) explains part of what is left",
+            "effect": {
+                "format": "fingertwin-effect/1",
+                "name": name.lower(),
+                "title": f"a term that the data ask for {place}",
+                "source": "a hint of fingertwin diagnose",
+                "formula": self.formula,
+                "parameters": {"k": {"unit": self.unit, "range": [-2.0 * self.scale, 2.0 * self.scale]}},
+            },
+        }
+
+
+def hints(problem: Problem, fitted: Fitted) -> tuple[Hint, ...]:
+    """Search the library of formulas about an optimum, best first.
+
+    Args:
+        problem: whose readings count.
+        fitted: the best explanation so far; its parameters are marginalised with the base's.
+    """
+    linear = fitted.linear
+    base = np.concatenate([linear.base, np.array(fitted.explanation.parameters, dtype=np.intp)])
+    straight = Linear(linear.y, linear.h, base, np.zeros(linear.h.shape[1], dtype=bool))
+    noise = max(fitted.objective / max(len(problem.rows), 1), 1.0)
+    terms = list(_library(problem, fitted))
+    columns = problem.whitener @ np.array([change.reshape(-1)[problem.rows] * scale for _, scale, change in terms]).T
+    solved = straight.project(columns)
+    a = np.einsum("ij,ij->j", columns, solved) / noise
+    s = solved.T @ linear.y / noise
+    gain = 0.5 * s**2 / (1.0 + a) - 0.5 * np.log1p(a)
+    best = np.argsort(-gain)
+    out: list[Hint] = []
+    for i in best:
+        (stage, joint, formula, unit), scale, _ = terms[i]
+        if gain[i] < WORTH or len(out) == MOST:
+            break
+        out.append(Hint(stage, joint, formula, unit, scale, float(scale * s[i] / (1.0 + a[i])), float(gain[i])))
+    return tuple(out)
+
+
+Term = tuple[tuple[str, str | None, str, str], float, Floats]
+
+
+def _library(problem: Problem, fitted: Fitted) -> Iterator[Term]:
+    """Terms with a plausible size of the coefficient and their slope (n, 6) of every reading."""
+    model, observations = problem.model, problem.observations
+    topology, inputs = model.finger.topology, observations.inputs
+    tension, posture = np.asarray(inputs.tension), np.asarray(inputs.posture)
+    answer = _torque_answer(problem)
+    angles = {r: posture[:, k] for k, r in enumerate(topology.rotations)}
+    joints = [j for j in topology.joints if j.flexion >= 0]
+    total = " + ".join(f"t_{m}" for m in topology.muscles)
+    pulls = [(f"t_{m}", tension[:, k]) for k, m in enumerate(topology.muscles)]
+    pulls.append((f"({total})", tension.sum(axis=1)))
+    for row, rotation in enumerate(topology.rotations):
+        for words, pull in pulls:
+            for shape, values in _shapes(joints, angles):
+                formula = f"torque[{rotation}] += k * {words}{shape}"
+                yield ("torque", rotation, formula, "mm"), 2.0, answer[:, row] * (pull * values)[:, None]
+    losses = _losses(problem, fitted)
+    for m, slope in losses.items():
+        for shape, values in _shapes(joints, angles):
+            yield ("tension", None, f"tension[{m}] *= 1 + k{shape}", "1"), 0.1, slope * values[:, None]
+    reading = np.asarray(model.predict(inputs, fitted.theta).reading)
+    for place, at in (("tip", ~np.asarray(inputs.at_bone)), ("bone", np.asarray(inputs.at_bone))):
+        if not at.any():
+            continue
+        for i, a in enumerate("xyz"):
+            unit_force = np.zeros((len(at), 6))
+            unit_force[:, i] = at
+            for j, b in enumerate("xyz"):
+                yield ("reading", None, f"force.{place}[{a}] += k * F_{b}", "1"), 0.1, unit_force * reading[:, [j]]
+            clock = np.asarray(inputs.elapsed)[:, None]
+            yield ("reading", None, f"force.{place}[{a}] += k * elapsed", "N"), 0.5, unit_force * clock
+
+
+def _shapes(joints: list[Any], angles: dict[str, Floats]) -> Iterator[tuple[str, Floats]]:
+    one = np.ones(len(next(iter(angles.values()))))
+    yield "", one
+    for joint in joints:
+        rotation = joint.rotations[joint.flexion]
+        yield f" * sin(q_{rotation})", np.sin(angles[rotation])
+        yield f" * q_{rotation}", angles[rotation]
+
+
+def _torque_answer(problem: Problem) -> Floats:
+    """(n, rotations, 6) change of every reading per N mm of torque about a rotation."""
+    model, inputs = problem.model, problem.observations.inputs
+    topology = model.finger.topology
+    tip = tip_kinematics_batch(topology, jax_values(model.finger.values), jnp.asarray(inputs.posture))
+    jacobian, to_base = np.asarray(tip.jacobian), np.asarray(tip.to_base)
+    rows = list(topology.reactions)
+    inverse = np.linalg.inv(np.swapaxes(jacobian[:, rows], 1, 2))
+    wrench = np.zeros((len(jacobian), len(topology.rotations), 6))
+    wrench[:, :, rows] = np.swapaxes(inverse, 1, 2)
+    bone = np.zeros_like(wrench)
+    bone[:, :, :3] = -np.einsum("nij,nrj->nri", to_base, wrench[:, :, :3])
+    at_bone, check = np.asarray(inputs.at_bone), np.asarray(inputs.is_check)
+    out: Floats = np.where(at_bone[:, None, None], bone, wrench) * ~check[:, None, None]
+    return out
+
+
+def _losses(problem: Problem, fitted: Fitted) -> dict[str, Floats]:
+    """(n, 6) change of every reading when a tendon's tension doubles: forces are nearly linear in tension."""
+    model, inputs = problem.model, problem.observations.inputs
+    now = np.asarray(model.predict(inputs, fitted.theta).reading)
+    out = {}
+    for k, muscle in enumerate(model.finger.topology.muscles):
+        tension = np.asarray(inputs.tension).copy()
+        tension[:, k] *= 1.01
+        more = np.asarray(model.predict(inputs._replace(tension=jnp.asarray(tension)), fitted.theta).reading)
+        if np.abs(more - now).max() > 0:
+            out[muscle] = (more - now) * 100.0
+    return out

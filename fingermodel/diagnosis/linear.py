@@ -1,0 +1,142 @@
+"""The model straightened out about one optimum: what a set of parameters would explain, in closed form.
+
+All parameters are in units of their prior's width about its centre, all readings whitened, so the prior is N(0, 1) and
+the noise is N(0, 1): y = H x + e. Columns of effects that are not free are there too, at their null.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, solve_triangular
+from scipy.special import log_ndtr, ndtr, ndtri
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A linear model with Gaussian priors.
+
+    Attributes:
+        y: (n,) whitened readings, the constant part of the model taken off.
+        h: (n, parameters) whitened slopes in prior widths.
+        base: indices of the parameters that are always free.
+        one_sided: (parameters,) whose prior is cut at the null.
+    """
+
+    y: Floats
+    h: Floats
+    base: Ints
+    one_sided: NDArray[np.bool_]
+
+    @cached_property
+    def _base(self) -> tuple[Floats, Floats, Floats]:
+        """Cholesky factor of 1 + HᵀH over the base; Hᵀ y; and the base's slopes."""
+        h = self.h[:, self.base]
+        factor = np.asarray(np.linalg.cholesky(np.eye(h.shape[1]) + h.T @ h), dtype=np.float64)
+        return factor, h.T @ self.y, h
+
+    def project(self, columns: Floats) -> Floats:
+        """What of some columns (n, k) the base cannot explain, in the metric of C₀⁻¹: C₀⁻¹ columns."""
+        factor, _, h = self._base
+        out: Floats = columns - h @ cho_solve((factor, True), h.T @ columns)
+        return out
+
+    @cached_property
+    def effects(self) -> Ints:
+        """Indices of all parameters beyond the base."""
+        return np.setdiff1d(np.flatnonzero(np.abs(self.h).sum(axis=0) > 0), self.base)
+
+    @cached_property
+    def information(self) -> tuple[Floats, Floats]:
+        """A = GᵀC₀⁻¹G (parameters, parameters) and s = GᵀC₀⁻¹y (parameters,), zero outside `effects`."""
+        size = self.h.shape[1]
+        g = self.h[:, self.effects]
+        solved = self.project(g)
+        full, score = np.zeros((size, size)), np.zeros(size)
+        full[np.ix_(self.effects, self.effects)] = g.T @ solved
+        score[self.effects] = solved.T @ self.y
+        return full, score
+
+    @cached_property
+    def log_evidence_base(self) -> float:
+        """Ln N(y; 0, C₀) without its constant."""
+        factor, right, _ = self._base
+        explained = solve_triangular(factor, right, lower=True)
+        return float(-0.5 * (self.y @ self.y - explained @ explained) - np.log(np.diag(factor)).sum())
+
+    def gain(self, parameters: Sequence[int], scale: float = 1.0) -> float:
+        """Log evidence gained by freeing some effect parameters, their priors `scale` times as wide.
+
+        One-sided priors count with their ln 2 and the posterior mass on their side.
+        """
+        chosen = np.array(parameters, dtype=int)
+        full, score = self.information
+        a, s = full[np.ix_(chosen, chosen)] * scale**2, score[chosen] * scale
+        hessian = np.eye(len(chosen)) + a
+        mean = np.linalg.solve(hessian, s)
+        value = 0.5 * s @ mean - 0.5 * np.linalg.slogdet(hessian)[1]
+        return float(value) + log_mass(mean, hessian, self.one_sided[chosen])
+
+    def mean(self, parameters: Sequence[int]) -> tuple[Ints, Floats]:
+        """Most probable values of the base and some effect parameters: their indices, and values in prior widths."""
+        free = np.concatenate([self.base, np.array(parameters, dtype=int)])
+        h = self.h[:, free]
+        values = np.asarray(np.linalg.solve(np.eye(len(free)) + h.T @ h, h.T @ self.y), dtype=np.float64)
+        return free.astype(np.intp), values
+
+    def keep(self, rows: NDArray[np.bool_], covariance_root: Floats) -> Linear:
+        """The same model with some readings left out.
+
+        Args:
+            rows: which readings stay.
+            covariance_root: (n, n) whitener⁻¹: takes whitened readings back to their units.
+        """
+        y, h = (covariance_root @ self.y)[rows], (covariance_root @ self.h)[rows]
+        part = covariance_root[rows]
+        factor = np.linalg.cholesky(part @ part.T)
+        return Linear(
+            solve_triangular(factor, y, lower=True),
+            solve_triangular(factor, h, lower=True),
+            self.base,
+            self.one_sided,
+        )
+
+
+def log_mass(mean: Floats, precision: Floats, one_sided: NDArray[np.bool_]) -> float:
+    """Ln of 2ⁿ times the Gaussian's mass where the n one-sided coordinates are positive (their null is 0).
+
+    Args:
+        mean: (k,) of the Gaussian, before any bound.
+        precision: (k, k).
+        one_sided: (k,).
+    """
+    which = np.flatnonzero(one_sided)
+    if len(which) == 0:
+        return 0.0
+    covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)[np.ix_(which, which)]
+    if len(which) == 1:
+        return float(np.log(2.0) + log_ndtr(mean[which[0]] / np.sqrt(covariance[0, 0])))
+    return float(len(which) * np.log(2.0) + _log_orthant(mean[which], covariance))
+
+
+def _log_orthant(mean: Floats, covariance: Floats, draws: int = 256) -> float:
+    """Ln P(x > 0) of a Gaussian by sequential conditioning (Geweke, Hajivassiliou, Keane)."""
+    factor = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(len(mean)))
+    golden = (np.sqrt(5.0) - 1.0) / 2.0
+    uniform = (np.arange(draws)[:, None] * (golden ** np.arange(1, len(mean) + 1))[None, :] + 0.5) % 1.0
+    z = np.zeros((draws, len(mean)))
+    log_weight = np.zeros(draws)
+    for i in range(len(mean)):
+        limit = -(mean[i] + z[:, :i] @ factor[i, :i]) / factor[i, i]
+        log_weight += log_ndtr(-limit)
+        below = ndtr(limit)
+        z[:, i] = ndtri(np.clip(below + uniform[:, i] * (1.0 - below), 1e-15, 1.0 - 1e-15))
+    top = log_weight.max()
+    return float(top + np.log(np.mean(np.exp(log_weight - top))))

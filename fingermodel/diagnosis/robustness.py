@@ -1,0 +1,200 @@
+"""What a verdict hangs on: it is asked again under other priors, another budget, and without parts of the data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from fingermodel.compare import muscles_of
+from fingermodel.diagnosis.candidates import Candidate, log_prior_else
+from fingermodel.diagnosis.evidence import Evidence, Weighed
+from fingermodel.diagnosis.linear import Linear
+from fingermodel.diagnosis.verdict import Verdict
+from fingermodel.diagnosis.wildcard import Wildcard, log_marginal, log_marginal_any
+from fingermodel.problems import Problem
+
+Floats = NDArray[np.float64]
+
+# Explanations that are asked again, and multiples of the budget.
+ASKED = 4
+MULTIPLES = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """Assumptions under which the verdict would be another.
+
+    Attributes:
+        flips_when: assumptions, in words, under which something else would be favoured.
+        rests_on: parts of the data without which the verdict loses its ground (but nothing else is favoured).
+        budget_multiple_at_which_it_fails: smallest multiple of the budget tried at which it no longer holds; None if it
+            holds at all of them.
+        sagittal_alone: what is favoured when only the sagittal plane counts.
+    """
+
+    flips_when: tuple[str, ...]
+    rests_on: tuple[str, ...]
+    budget_multiple_at_which_it_fails: float | None
+    sagittal_alone: str | None
+
+
+def robustness(
+    problem: Problem,
+    evidence: Evidence,
+    verdict: Verdict,
+    candidates: tuple[Candidate, ...],
+    wildcard: Wildcard,
+) -> Robustness:
+    """Ask the best explanations again.
+
+    Args:
+        problem: that was searched.
+        evidence: of its explanations.
+        verdict: that is questioned.
+        candidates: that were searched.
+        wildcard: of the problem.
+    """
+    named = [w for w in evidence.weighed if w.explanation.size][:ASKED]
+    asked = [*named, evidence.nothing]
+    names = set(verdict.names)
+    flips: list[str] = []
+
+    def favours(values: dict[tuple[str, ...] | None, float]) -> tuple[str, ...] | None:
+        return max(values, key=lambda k: values[k])
+
+    def same(winner: tuple[str, ...] | None) -> bool:
+        if verdict.kind == "nothing_missing":
+            return winner == ()
+        if verdict.kind == "none_of_catalogue":
+            return winner is None
+        if winner is None:
+            return False
+        if verdict.kind == "one_of":
+            return bool(names & set(winner))
+        return names <= set(winner)
+
+    for nothing in (0.25, 0.75):
+        values = {
+            names_: np.log(max(p, 1e-300)) + _reweight(names_, nothing) for names_, p in evidence.probability.items()
+        }
+        if not same(favours(values)):
+            flips.append(f"the prior on nothing missing is {nothing:g}")
+    for factor, words in ((0.5, "half"), (2.0, "twice")):
+        values = {w.explanation.names: w.log_evidence + w.log_prior + _rescaled(w, factor) for w in asked}
+        values[None] = evidence.other_log_evidence + log_prior_else()
+        if not same(favours(values)):
+            flips.append(f"effects are expected {words} as large")
+    values = _at_budget(evidence, asked, 2)
+    if verdict.kind != "nothing_missing" and not same(favours(values)):
+        flips.append("the budget is twice as large")
+    rests = []
+    for words, rows in left_out(problem):
+        winner = favours(_without(problem, asked, rows))
+        if same(winner):
+            continue
+        if winner == () or winner is None:
+            rests.append(words)
+        else:
+            flips.append(f"{words} is left out: then {' and '.join(winner)}")
+    fails = None
+    if verdict.kind in ("found", "one_of"):
+        fails = next((m for m in MULTIPLES if not same(_favoured_at(problem, evidence, asked, wildcard, m))), None)
+    planar = favours(_without(problem, asked, problem.rows % 6 == 2))
+    return Robustness(tuple(flips), tuple(rests), fails, _spoken(planar))
+
+
+def _reweight(names: tuple[str, ...] | None, nothing: float) -> float:
+    return float(np.log(nothing / 0.5)) if names == () else float(np.log((1.0 - nothing) / 0.5))
+
+
+def _rescaled(weighed: Weighed, factor: float) -> float:
+    """Change of the log evidence when the effect's priors are `factor` times as wide."""
+    own = weighed.explanation.parameters
+    if not own:
+        return 0.0
+    linear = weighed.fitted.linear
+    return linear.gain(own, factor) - linear.gain(own)
+
+
+def _at_budget(evidence: Evidence, asked: Iterable[Weighed], index: int) -> dict[tuple[str, ...] | None, float]:
+    out: dict[tuple[str, ...] | None, float] = {}
+    for w in asked:
+        scale = 0.1 * w.size_N + 2e-3
+        out[w.explanation.names] = log_marginal(w.profiles[index], scale)[0] + w.log_prior
+    out[None] = log_marginal_any(evidence.nothing.profiles[index], 0.02)[0] + log_prior_else()
+    return out
+
+
+def _favoured_at(
+    problem: Problem, evidence: Evidence, asked: Iterable[Weighed], wildcard: Wildcard, multiple: float
+) -> tuple[str, ...] | None:
+    values: dict[tuple[str, ...] | None, float] = {}
+    for w in asked:
+        free = w.fitted.moving
+        own = np.isin(free, list(w.explanation.parameters))
+        profile = wildcard.profile(w.fitted.linear, free, np.where(own, 1.0, multiple))
+        values[w.explanation.names] = log_marginal(profile, 0.1 * w.size_N + 2e-3)[0] + w.log_prior
+        if w.explanation.size == 0:
+            values[None] = log_marginal_any(profile, 0.02)[0] + log_prior_else()
+    return max(values, key=lambda k: values[k])
+
+
+def left_out(problem: Problem) -> list[tuple[str, NDArray[np.bool_]]]:
+    """Parts of the data to leave out, in words, and which readings go with them."""
+    observations = problem.observations
+    cases = problem.rows // 6
+    out = []
+    postures = dict.fromkeys(observations.postures[i] for i in cases if observations.postures[i])
+    if len(postures) > 1:
+        out += [(f"posture {p}", np.array([observations.postures[i] == p for i in cases])) for p in postures]
+    muscles = dict.fromkeys(m for i in cases for m in observations.masses_g[i])
+    if len(muscles) > 1:
+        for muscle in muscles:
+            loaded = np.array([muscle in muscles_of(observations.masses_g[i]).split("+") for i in cases])
+            out.append((f"tendon {muscle}", loaded))
+    places = dict.fromkeys(observations.locations[i] for i in cases)
+    if len(places) > 1:
+        out += [(f"the {p} readings", np.array([observations.locations[i] == p for i in cases])) for p in places]
+    return [(words, rows) for words, rows in out if rows.sum() < 0.8 * len(rows)]
+
+
+def _without(
+    problem: Problem, asked: Iterable[Weighed], gone: NDArray[np.bool_]
+) -> dict[tuple[str, ...] | None, float]:
+    """Log posteriors with some readings left out, on the straightened models; a smooth rest is allowed for as noise."""
+    keep = ~gone
+    root = np.linalg.inv(problem.whitener)
+    part = root[keep]
+    factor = np.linalg.cholesky(part @ part.T)
+    thin = np.linalg.solve(factor, part)
+    out: dict[tuple[str, ...] | None, float] = {}
+    for w in asked:
+        linear = w.fitted.linear
+        columns = np.concatenate([linear.base, np.array(w.explanation.parameters, dtype=np.intp)])
+        h, y = thin @ linear.h[:, columns], thin @ linear.y
+        # The effect's form is allowed to be off by what it left over in all the readings.
+        left = max(w.fitted.objective / max(len(problem.rows), 1), 1.0) if w.explanation.size else 1.0
+        small = Linear(
+            y / np.sqrt(left),
+            h / np.sqrt(left),
+            np.arange(len(linear.base)),
+            np.concatenate([np.zeros(len(linear.base), bool), linear.one_sided[list(w.explanation.parameters)]]).astype(
+                bool
+            ),
+        )
+        value = small.log_evidence_base - 0.5 * len(y) * np.log(left)
+        own = range(len(linear.base), len(columns))
+        value += small.gain(list(own)) if w.explanation.size else 0.0
+        key = w.explanation.names
+        out[key] = float(logsumexp([out[key], value + w.log_prior])) if key in out else value + w.log_prior
+    return out
+
+
+def _spoken(winner: tuple[str, ...] | None) -> str:
+    if winner is None:
+        return "none_of_catalogue"
+    return " and ".join(winner) if winner else "nothing_missing"

@@ -1,0 +1,257 @@
+"""From probabilities to a verdict that has its reasons: found, one of, none of the catalogue, nothing, or undecided."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from fingermodel.diagnosis.candidates import Candidate
+from fingermodel.diagnosis.confounding import DETECTABLE, Confounding
+from fingermodel.diagnosis.evidence import Evidence, Weighed
+from fingermodel.problems import Problem
+
+Floats = NDArray[np.float64]
+Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undecided"]
+
+SURE = 0.9
+# Nothing is believed from here, if no effect by itself has a tenth of the probability.
+NOTHING_SURE = 0.8
+# χ² that noise would exceed once in a thousand times.
+IMPLAUSIBLE = 1e-3
+# A finding may leave a tenth of what it explains: no effect has exactly our form.
+LEFT_OVER = 0.1
+# Most names that `one_of` gives.
+MOST_NAMES = 4
+# A value is believed up to this multiple of its range: ranges are typical, not limits of nature.
+RANGE_MARGIN = 1.5
+# Cases fewer than this cannot carry a diagnosis.
+LEAST_CASES = 6
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the data say, and why.
+
+    Attributes:
+        kind: the verdict.
+        names: candidates that it names.
+        effects: their effects.
+        probability: of the verdict.
+        reasons: plain sentences for it.
+        short: what was short of a stronger verdict.
+    """
+
+    kind: Kind
+    names: tuple[str, ...]
+    effects: tuple[str, ...]
+    probability: float
+    reasons: tuple[str, ...] = ()
+    short: tuple[str, ...] = field(default=())
+
+
+def inclusion(evidence: Evidence) -> dict[str, float]:
+    """Probability that each candidate acts, alone or with another."""
+    out: dict[str, float] = {}
+    for names, probability in evidence.probability.items():
+        for name in names or ():
+            out[name] = out.get(name, 0.0) + probability
+    return dict(sorted(out.items(), key=lambda item: -item[1]))
+
+
+def chi_square_p(problem: Problem, weighed: Weighed) -> float:
+    """How often noise and priors would leave a larger misfit than an optimum does."""
+    return float(chdtrc(len(problem.rows), weighed.fitted.objective))
+
+
+def judge(
+    problem: Problem,
+    evidence: Evidence,
+    candidates: tuple[Candidate, ...],
+    classes: Confounding,
+    validation_rmse: Callable[[Weighed], float | None],
+) -> Verdict:
+    """Decide by the conditions of each verdict; whatever meets none is undecided.
+
+    Args:
+        problem: that was searched.
+        evidence: probabilities.
+        candidates: that were searched.
+        classes: what the protocol cannot tell apart.
+        validation_rmse: RMSE [N] of the cases that were never fitted, under an explanation.
+    """
+    nothing, p_other = evidence.nothing, evidence.probability[None]
+    p_nothing = evidence.probability.get((), 0.0)
+    included = inclusion(evidence)
+    best_name = max(included.values(), default=0.0)
+    if p_other >= 0.5:
+        return _other(problem, evidence, p_other)
+    if p_nothing >= max(0.5, best_name, p_other):
+        return _nothing(problem, nothing, p_nothing, included)
+    certain = tuple(name for name, p in included.items() if p >= SURE)
+    if certain:
+        return _found(problem, evidence, certain, candidates, validation_rmse)
+    return _one_of(evidence, included, candidates, classes, p_nothing)
+
+
+def _other(problem: Problem, evidence: Evidence, p_other: float) -> Verdict:
+    named = [w for w in evidence.weighed if w.explanation.size]
+    best = max(named, key=lambda w: w.log_evidence, default=evidence.nothing)
+    left = best.fitted.objective
+    reason = (
+        f"Even the best of the catalogue ({_words(best.explanation.names)}) leaves a misfit of {left:.0f} where "
+        f"noise and priors leave about {len(problem.rows)}; something smooth of {evidence.other_amplitude_N:.2f} N "
+        "that no effect here makes explains the rest."
+    )
+    if p_other >= SURE or chi_square_p(problem, best) < IMPLAUSIBLE:
+        return Verdict("none_of_catalogue", (), (), p_other, (reason,))
+    return Verdict("undecided", (), (), p_other, (reason,), ("something outside the catalogue is likely, not sure",))
+
+
+def _nothing(problem: Problem, nothing: Weighed, p_nothing: float, included: dict[str, float]) -> Verdict:
+    p_value = chi_square_p(problem, nothing)
+    top = next(iter(included), None)
+    if p_value < IMPLAUSIBLE:
+        short = f"the model without any effect misfits ({nothing.fitted.objective:.0f} of {len(problem.rows)})"
+        return Verdict("undecided", (), (), p_nothing, (), (short,))
+    if p_nothing >= NOTHING_SURE and all(p < 0.1 for p in included.values()):
+        reason = (
+            f"Noise and the rig's budget explain the readings (misfit {nothing.fitted.objective:.0f} for "
+            f"{len(problem.rows)} readings); no effect is needed."
+        )
+        return Verdict("nothing_missing", (), (), p_nothing, (reason,))
+    short = f"nothing may be missing, but {top} is not ruled out (probability {included[top]:.2f})" if top else ""
+    return Verdict("undecided", (), (), p_nothing, (), (short,))
+
+
+def _found(
+    problem: Problem,
+    evidence: Evidence,
+    certain: tuple[str, ...],
+    candidates: tuple[Candidate, ...],
+    validation_rmse: Callable[[Weighed], float | None],
+) -> Verdict:
+    exact = [w for w in evidence.weighed if set(w.explanation.names) == set(certain)]
+    together = sum(p for names, p in evidence.probability.items() if names and set(certain) <= set(names))
+    order = [c.name for c in candidates]
+    names = tuple(sorted(certain, key=order.index))
+    effects = tuple(dict.fromkeys(next(c.effect for c in candidates if c.name == n) for n in names))
+    if not exact:
+        short = f"{_words(names)} acts, but with a companion that the data do not name"
+        return Verdict("undecided", names, (), together, (), (short,))
+    chosen = max(exact, key=lambda w: w.log_evidence)
+    alone = evidence.probability[chosen.explanation.names]
+    lacks = list(conditions(problem, evidence, chosen, validation_rmse))
+    if alone < 0.3 * together:
+        rival = max(
+            (w for w in evidence.weighed if set(certain) < set(w.explanation.names)),
+            key=lambda w: evidence.probability[w.explanation.names],
+        )
+        others = _words(tuple(n for n in rival.explanation.names if n not in certain))
+        lacks.append(f"{_words(names)} acts, but not alone: perhaps with {others}")
+    if together < SURE:
+        lacks.append(f"its probability is {together:.2f}, short of {SURE}")
+    reason = (
+        f"{_words(names)} explains the readings: misfit {evidence.nothing.fitted.objective:.0f} falls to "
+        f"{chosen.fitted.objective:.0f} for {len(problem.rows)} readings; it changes the forces by "
+        f"{chosen.size_N:.3f} N (RMS)."
+    )
+    if lacks:
+        return Verdict("undecided", names, (), together, (reason,), tuple(lacks))
+    return Verdict("found", names, effects, together, (reason,))
+
+
+def conditions(
+    problem: Problem, evidence: Evidence, chosen: Weighed, validation_rmse: Callable[[Weighed], float | None]
+) -> tuple[str, ...]:
+    """What a finding lacks: a fit, a held-out error that does not rise, a value within its range, a sane anatomy."""
+    out = []
+    fitted, nothing = chosen.fitted, evidence.nothing.fitted
+    excess = max(nothing.objective - len(problem.rows), 1.0)
+    if chi_square_p(problem, chosen) < IMPLAUSIBLE and fitted.objective - len(problem.rows) > LEFT_OVER * excess:
+        out.append(f"a misfit of {fitted.objective:.0f} is left for {len(problem.rows)} readings")
+    if not fitted.converged:
+        out.append("its fit did not converge")
+    before, after = validation_rmse(evidence.nothing), validation_rmse(chosen)
+    if before is not None and after is not None and after > 1.1 * before + 2.0 * typical_sd(problem):
+        out.append(f"the error of the cases never fitted rises from {before:.3f} to {after:.3f} N")
+    strange = out_of_range(chosen)
+    if strange:
+        out.append(f"{strange[0]} lies outside what is plausible")
+    moved = newly_strained(evidence.nothing, chosen)
+    if moved:
+        out.append(f"it needs {moved[0]} further from its prior than is plausible")
+    return tuple(out)
+
+
+def typical_sd(problem: Problem) -> float:
+    """Typical uncertainty [N] of a measured force component."""
+    blocks = problem.observations.case_covariance
+    return float(np.sqrt(np.median(np.diagonal(blocks, axis1=1, axis2=2)[:, :3])))
+
+
+def out_of_range(chosen: Weighed) -> tuple[str, ...]:
+    """Names of the explanation's parameters that lie outside their plausible range, beyond their uncertainty."""
+    fitted, table = chosen.fitted, chosen.fitted.problem.model.parameters.parameters
+    out = []
+    for i in fitted.explanation.parameters:
+        p, value, sd = table[i], float(fitted.theta[i]), fitted.sd(i) or 0.0
+        if p.plausible is None:
+            continue
+        low, high = p.plausible
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        reach = RANGE_MARGIN * half if low < 0.0 < high else RANGE_MARGIN * 2.0 * half - half
+        if abs(value - middle) > reach + 2.0 * sd:
+            out.append(p.name)
+    return tuple(out)
+
+
+def newly_strained(nothing: Weighed, chosen: Weighed, limit: float = 4.0) -> tuple[str, ...]:
+    """Base parameters that an explanation pulls further from their prior than `limit` widths, and nothing did not."""
+    table = chosen.fitted.problem.model.parameters
+    own = set(chosen.explanation.parameters)
+    strained = np.abs(chosen.fitted.x) > limit
+    before = np.abs(nothing.fitted.x) > limit - 1.0
+    return tuple(table.names[i] for i in np.flatnonzero(strained & ~before) if i not in own)
+
+
+def _one_of(
+    evidence: Evidence,
+    included: dict[str, float],
+    candidates: tuple[Candidate, ...],
+    classes: Confounding,
+    p_nothing: float,
+) -> Verdict:
+    singles = {names[0]: p for names, p in evidence.probability.items() if names is not None and len(names) == 1}
+    ranked = sorted(singles.items(), key=lambda item: -item[1])
+    chosen, total = [], 0.0
+    for name, p in ranked[:MOST_NAMES]:
+        chosen.append(name)
+        total += p
+        if total >= SURE:
+            break
+    effects = tuple(dict.fromkeys(next(c.effect for c in candidates if c.name == n) for n in chosen))
+    top = next(iter(included), None)
+    if total >= SURE and len(chosen) > 1:
+        alike = [n for n in chosen[1:] if n in classes.alike(chosen[0])]
+        reason = f"{' or '.join(chosen)}: these load cases do not tell them apart" + (
+            f" ({chosen[0]} and {alike[0]} change the same readings)." if alike else "."
+        )
+        return Verdict("one_of", tuple(chosen), effects, total, (reason,))
+    short = []
+    if p_nothing > 0.1:
+        short.append(f"nothing missing has a probability of {p_nothing:.2f}")
+    if top is not None:
+        short.append(f"the best candidate, {top}, has {included[top]:.2f}")
+    weak = [n for n, d in classes.detectability.items() if d < DETECTABLE]
+    if weak:
+        short.append(f"these data cannot show {len(weak)} of {len(candidates)} candidates at all")
+    return Verdict("undecided", (), (), max(included.values(), default=0.0), (), tuple(short))
+
+
+def _words(names: tuple[str, ...]) -> str:
+    return " and ".join(names) if names else "no effect"
