@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 from daq.errors import ModelError
 from daq.files import replacing
 from fingermodel.budget import Budget, budget_of
+from fingermodel.effects.user import effect_from_dict
 from fingermodel.finger_files import finger_document, finger_from_dict, read_finger
 from fingermodel.fingers import Finger
 from fingermodel.fit_report import Fit
 from fingermodel.model import Model
-from fingermodel.stages import Layout
+from fingermodel.stages import Effect, Layout
 
 FORMAT = "fingertwin-model/1"
 
@@ -56,14 +57,39 @@ class Revision:
 
 
 @dataclass(frozen=True)
+class Step:
+    """How a revision differs from its parent.
+
+    Attributes:
+        effects: every effect that the model now holds: `{"name", "parameters", "document"}`, the last for the user's
+            own effects.
+        added: names of candidates added in this step.
+        removed: and taken out.
+        evidence: what spoke for it, such as its gain in log evidence.
+        history: of the revisions before, oldest first.
+    """
+
+    effects: tuple[dict[str, Any], ...] = ()
+    added: tuple[str, ...] = ()
+    removed: tuple[str, ...] = ()
+    evidence: dict[str, Any] | None = None
+    history: tuple[dict[str, Any], ...] = ()
+
+
+@dataclass(frozen=True)
 class LoadedModel:
-    """A model ready for one session: parameters, and what had to be left out to make it fit."""
+    """A model ready for one session: parameters, and what had to be left out to make it fit.
+
+    `added` names the parameters of the effects that earlier revisions added, `history` tells those revisions in turn.
+    """
 
     name: str
     model: Model
     theta: NDArray[np.float64]
     parent: str
     notes: tuple[str, ...]
+    added: tuple[str, ...] = ()
+    history: tuple[dict[str, Any], ...] = ()
 
 
 def revision_document(
@@ -75,6 +101,7 @@ def revision_document(
     after: Mapping[str, Any],
     readings_sha256: str | None,
     note: str = "",
+    step: Step | None = None,
 ) -> dict[str, Any]:
     """Describe a fit as a revision.
 
@@ -87,7 +114,9 @@ def revision_document(
         after: and after it.
         readings_sha256: of the readings file, None for averaged forces.
         note: anything to keep with it.
+        step: which effects it holds, what changed, and on what evidence; by default none.
     """
+    step = step or Step()
     free = np.flatnonzero(fit.free)
     names = [model.parameters.names[i] for i in free]
     body: dict[str, Any] = {
@@ -99,7 +128,10 @@ def revision_document(
         "message": fit.message,
         "objective": fit.objective,
         "objective_before": fit.objective_before,
-        "effects": [effect.name for effect in model.effects],
+        "effects": list(step.effects),
+        "added": list(step.added),
+        "removed": list(step.removed),
+        "evidence": step.evidence,
         "budget": {k: (dict(v) if k == "tendon_point_sd_mm" else v) for k, v in asdict(model.budget).items()},
         "layout": {
             "settings": [list(s) for s in model.layout.settings],
@@ -122,7 +154,30 @@ def revision_document(
     body["finger"] = finger_document(fitted, "fit", cite, "fitted")
     digest = hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()[:12]
     created = dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
-    return {"format": FORMAT, "id": f"{session}-{digest}", "created_utc": created} | body
+    identity = {"format": FORMAT, "id": f"{session}-{digest}", "created_utc": created}
+    own = {
+        "id": identity["id"],
+        "parent": parent,
+        "created_utc": created,
+        "added": list(step.added),
+        "removed": list(step.removed),
+        "log_evidence_gain": (step.evidence or {}).get("log_evidence_gain"),
+        "rmse_N": _rmse(after, model.finger.judged_in),
+    }
+    start: dict[str, Any] = {
+        "id": parent,
+        "parent": None,
+        "created_utc": None,
+        "added": [],
+        "removed": [],
+        "log_evidence_gain": None,
+        "rmse_N": _rmse(before, model.finger.judged_in),
+    }
+    return identity | body | {"history": [*(step.history or (start,)), own]}
+
+
+def _rmse(summary: Mapping[str, Any], plane: str) -> dict[str, float | None]:
+    return {place: planes[plane]["rmse_N"] for place, planes in summary.items()}
 
 
 def require_new(path: Path) -> None:
@@ -193,6 +248,7 @@ def load_model(
     folder: Path | None,
     layout: Layout,
     budget: Budget,
+    effects: tuple[Effect, ...] = (),
 ) -> LoadedModel:
     """Load what `--model` names (a revision, a finger file, a shipped finger) for one session.
 
@@ -203,26 +259,47 @@ def load_model(
         folder: of the session.
         layout: of the session.
         budget: of the session.
+        effects: that the model shall hold at their null, such as the catalogue; a revision with effects of its own
+            holds the whole catalogue anyway, so that all share one compiled program.
     """
     if name is not None and Path(name).suffix == ".json":
         path = Path(name)
         if not path.is_file():
             raise ModelError(f"no model file {path}", "a revision written by `fingertwin refit --out`")
-        return _from_revision(read_revision(path), session_id, layout)
+        return _from_revision(read_revision(path), session_id, layout, effects)
     finger = read_finger(finger_name, folder) if name is None else read_finger(name)
-    model = Model(finger, layout, budget)
+    model = Model(finger, layout, budget, effects)
     return LoadedModel(finger.id, model, model.initial, finger.id, ())
 
 
-def _from_revision(revision: Revision, session_id: str, layout: Layout) -> LoadedModel:
+def _from_revision(revision: Revision, session_id: str, layout: Layout, effects: tuple[Effect, ...]) -> LoadedModel:
     settings = {k: v for k, v in revision.document["budget"].items() if k != "name"}
+    held = revision.document.get("effects") or []
+    if held:
+        from fingermodel.effects.catalogue import CATALOGUE
+
+        known = {e.name for e in (*CATALOGUE, *effects)}
+        own_effects = [e["document"] for e in held if e.get("document")]
+        extra = [effect_from_dict(doc, revision.id) for doc in own_effects if doc["name"] not in known]
+        given = [e for e in effects if e not in CATALOGUE]
+        effects = (*CATALOGUE, *given, *extra)
     # The priors stay where they stood, so that fitting again does not count the same readings twice.
-    model = Model(revision.prior, layout, budget_of(settings))
+    model = Model(revision.prior, layout, budget_of(settings), effects)
     kinds = {p.name: p.kind for p in model.parameters}
     own = revision.session == session_id
-    theta = Model(revision.finger, layout, model.budget).initial
+    theta = model.initial
+    anatomy = Model(revision.finger, layout, model.budget).initial
+    shared = np.flatnonzero(model.parameters.of_kind("anatomy"))
+    theta[shared] = anatomy[: len(shared)]
     for name, value in revision.theta.items():
-        if name in kinds and (own or kinds[name] == "anatomy"):
+        if name in kinds and (own or kinds[name] != "budget"):
             theta[model.parameters.index[name]] = value
-    note = f"fitted to session {revision.session}: its anatomy is used here, the errors of that rig are not"
-    return LoadedModel(revision.id, model, theta, revision.id, () if own else (note,))
+    added = tuple(n for e in held for n in e["parameters"] if n in kinds)
+    note = f"fitted to session {revision.session}: its anatomy"
+    note += (
+        " and its effects are used here, the small errors of that rig are not"
+        if added
+        else (" is used here, the errors of that rig are not")
+    )
+    history = tuple(revision.document.get("history") or ())
+    return LoadedModel(revision.id, model, theta, revision.id, () if own else (note,), added, history)

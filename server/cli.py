@@ -85,6 +85,57 @@ def refit(
     refit_session(session, method, model, out, plane, figures, json)
 
 
+EffectFiles = Annotated[
+    list[str] | None,
+    typer.Option("--effect", metavar="FILE", help="An effect of your own (.yaml formulas, or .py); repeatable."),
+]
+
+
+@app.command()
+def diagnose(
+    session: Session,
+    model: ModelOption = None,
+    thorough: Annotated[bool, typer.Option(help="More starts and more pairs; may take a minute.")] = False,
+    effect: EffectFiles = None,
+    figures: Figures = None,
+    json: Json = None,
+) -> None:
+    """Find where the model fails and which physical effect is missing, or that the data cannot say."""
+    from server.commands.diagnosis import diagnose_session
+
+    diagnose_session(session, model, thorough, effect or [], figures, json)
+
+
+@app.command()
+def add(
+    names: Annotated[list[str], typer.Argument(metavar="EFFECT... SESSION", help="Effects, then the session.")],
+    without: Annotated[
+        list[str] | None, typer.Option(metavar="EFFECT", help="An effect to take out of the model; repeatable.")
+    ] = None,
+    model: ModelOption = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="MODEL", help="Where to write the revision; by default models/SESSION-rN.json."),
+    ] = None,
+    figures: Figures = None,
+    json: Json = None,
+) -> None:
+    """Add effects to the model, refit, and report the fall of the error on cases that were never fitted."""
+    from server.commands.additions import add_to_session
+
+    add_to_session(names, without or [], model, out, figures, json)
+
+
+@app.command()
+def effects(
+    name: Annotated[str | None, typer.Argument(help="One effect; all by default.")] = None, json: Json = None
+) -> None:
+    """Show the catalogue: formula, parameters, units, ranges, source."""
+    from server.commands.additions import show_effects
+
+    show_effects(name, json)
+
+
 @app.command()
 def reproduce(
     study: Annotated[str, typer.Argument(help="Published study: synek2019.")],

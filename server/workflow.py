@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,10 +21,20 @@ if TYPE_CHECKING:
     from fingermodel.model import Model
     from fingermodel.model_files import LoadedModel
     from fingermodel.observations import Observations
+    from fingermodel.stages import Effect
 
 Progress = Callable[[float], None]
 # Starts of the solver: enough to see whether other values fit as well, still about a second.
 STARTS = 8
+
+
+@dataclass(frozen=True)
+class Change:
+    """What a revision adds to its parent or takes out, and what spoke for it."""
+
+    added: tuple[str, ...] = ()
+    removed: tuple[str, ...] = ()
+    evidence: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -46,13 +56,22 @@ class Bench:
         return self.loaded.theta
 
 
-def open_bench(session_path: str | Path, model: str | None = None, progress: Progress | None = None) -> Bench:
+def open_bench(
+    session_path: str | Path,
+    model: str | None = None,
+    progress: Progress | None = None,
+    *,
+    catalogue: bool = False,
+    effects: Sequence[str] = (),
+) -> Bench:
     """Read a session, correct its readings and load the model to compare with.
 
     Args:
         session_path: folder, session.yaml, or the name of a shipped session.
         model: a revision, a finger file or a shipped finger; by default the session's own finger.
         progress: called with the fraction of the readings that has been read.
+        catalogue: whether the model shall hold the catalogue's effects, at their null.
+        effects: files of the user's own effects, which come with the catalogue.
     """
     prepare_jax()
     from fingermodel.budget import budget_of
@@ -62,9 +81,18 @@ def open_bench(session_path: str | Path, model: str | None = None, progress: Pro
     measured = measure(read_session(session_path), progress)
     session = measured.session
     budget = budget_of(session.budget)
-    loaded = load_model(model, session.id, session.finger, session.folder, layout_of(measured), budget)
+    held = held_effects(effects) if catalogue or effects else ()
+    loaded = load_model(model, session.id, session.finger, session.folder, layout_of(measured), budget, held)
     observations = observe(measured, loaded.model.finger, loaded.model.budget)
     return Bench(measured, observations, loaded)
+
+
+def held_effects(files: Sequence[str] = ()) -> tuple[Effect, ...]:
+    """The catalogue, and effects of the user's from their files or formulas."""
+    from fingermodel.effects.catalogue import CATALOGUE
+    from fingermodel.effects.user import load_effect
+
+    return (*CATALOGUE, *(load_effect(Path(f)) for f in files))
 
 
 def compare_bench(bench: Bench) -> Comparison:
@@ -89,7 +117,7 @@ def refit_bench(bench: Bench, method: str = "map", plane: str | None = None, sta
 
     if method == "slsqp":
         return refit_slsqp(eq5_problem(bench.model, bench.observations))
-    problem = map_problem(bench.model, bench.observations, plane)  # type: ignore[arg-type]
+    problem = map_problem(bench.model, bench.observations, plane, bench.loaded.added)  # type: ignore[arg-type]
     own = bench.loaded.name == bench.model.finger.id
     return refit_map(problem, start=None if own else bench.theta, starts=starts)
 
@@ -106,16 +134,46 @@ def readings_digest(measured: MeasuredSession) -> str | None:
     return digest.hexdigest()
 
 
-def save_revision(bench: Bench, fit: Fit, path: Path, before: dict[str, Any], after: dict[str, Any]) -> str:
-    """Write a fit as a revision and return its id."""
-    from fingermodel.model_files import revision_document, write_revision
+def save_revision(
+    bench: Bench,
+    fit: Fit,
+    path: Path,
+    before: dict[str, Any],
+    after: dict[str, Any],
+    change: Change | None = None,
+) -> dict[str, Any]:
+    """Write a fit as a revision and return its document."""
+    from fingermodel.model_files import Step, revision_document, write_revision
 
-    session = bench.measured.session
+    session, change = bench.measured.session, change or Change()
+    free = [p.name for p in fit.parameters if p.kind == "effect"]
+    step = Step(_held(bench, free), change.added, change.removed, change.evidence, bench.loaded.history)
     document = revision_document(
-        bench.model, fit, bench.loaded.parent, session.id, before, after, readings_digest(bench.measured)
+        bench.model,
+        fit,
+        bench.loaded.parent,
+        session.id,
+        before,
+        after,
+        readings_digest(bench.measured),
+        step=step,
     )
     write_revision(document, path)
-    return str(document["id"])
+    return document
+
+
+def _held(bench: Bench, parameters: Sequence[str]) -> tuple[dict[str, Any], ...]:
+    """The effects whose parameters are free, as a revision keeps them."""
+    from fingermodel.effects.catalogue import EFFECTS
+    from fingermodel.effects.user import effect_document
+
+    out = []
+    for effect in bench.model.effects:
+        names = [p for p in parameters if p.split(".")[0] == effect.name]
+        if names:
+            document = None if effect.name in EFFECTS else effect_document(effect)
+            out.append({"name": effect.name, "parameters": names, "document": document})
+    return tuple(out)
 
 
 def prepare_jax() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from fingermodel.diagnosis.hints import Hint, hints
 from fingermodel.diagnosis.robustness import Robustness, robustness
 from fingermodel.diagnosis.search import Search, Searcher
 from fingermodel.diagnosis.verdict import LEAST_CASES, Verdict, judge
-from fingermodel.diagnosis.wildcard import Wildcard
+from fingermodel.diagnosis.wildcard import AMPLITUDES_N, Wildcard, anything
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
 from fingermodel.observations import Observations
@@ -76,6 +76,7 @@ def diagnose(
     observations: Observations,
     *,
     plane: Plane | None = None,
+    held: Sequence[str] = (),
     start: Floats | None = None,
     thorough: bool = False,
     progress: Callable[[float], None] | None = None,
@@ -86,15 +87,18 @@ def diagnose(
         model: with the whole catalogue among its effects, all at their null.
         observations: of the session.
         plane: of the forces that count; by default what the finger's axes can predict.
+        held: parameters of effects that the model has already; they are free throughout, and no candidates.
         start: (parameters,) of an earlier fit, as one more start.
         thorough: more starts and pairs.
         progress: is told the share done.
     """
     began = time.perf_counter()
-    problem = map_problem(model, observations, plane)
-    candidates = candidates_of(model, sagittal=(plane or model.finger.judged_in) == "sagittal")
+    problem = map_problem(model, observations, plane, held)
+    had = {name.split(".")[0] for name in held}
+    every = candidates_of(model, sagittal=(plane or model.finger.judged_in) == "sagittal")
+    candidates = tuple(c for c in every if c.effect not in had)
     search = Searcher(problem, progress).run(candidates, start, thorough)
-    wildcard = Wildcard.of(problem)
+    wildcard = Wildcard.of(anything(problem), AMPLITUDES_N)
     evidence = weigh(problem, search, candidates, wildcard)
     alike = confounding(search.nothing.linear, candidates)
     comparisons = {

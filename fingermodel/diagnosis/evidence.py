@@ -17,7 +17,7 @@ from scipy.special import logsumexp
 
 from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else
 from fingermodel.diagnosis.search import Fitted, Search
-from fingermodel.diagnosis.wildcard import Wildcard, log_marginal, log_marginal_any, rms_of
+from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard, form_of, rms_of
 from fingermodel.problems import Problem
 
 Floats = NDArray[np.float64]
@@ -25,10 +25,8 @@ Floats = NDArray[np.float64]
 BUDGET_FACTORS = np.array([1.0, 1.41, 2.0])
 # ln of the budget's size: two thirds of rigs lie below a factor 1.6.
 BUDGET_SPREAD = 0.5
-# An effect's form may be off by this share of the change that it makes …
+# An effect's form may be off by this share of the change that it makes in each case.
 FORM_ERROR = 0.1
-# … and what the base model leaves out anyway is of this size [N].
-LEAST_FORM_N = 2e-3
 # Smallest amplitude [N] that would be something of its own.
 LEAST_ELSE_N = 0.02
 # How many explanations are weighed with all this.
@@ -41,18 +39,24 @@ class Weighed:
 
     Attributes:
         fitted: its optimum.
-        profiles: (budget factors, amplitudes) log evidence.
+        form: the error of its form, relative to its own change; nothing has none.
         size_N: RMS change of the fitted forces that it makes.
+        by_budget: (budget factors,) log evidence at each multiple of the budget.
         log_evidence: all integrated out.
-        amplitude_N: of the wildcard that goes with it.
+        form_error: most probable, as a share of the effect.
+        budget_factor: most probable multiple of the budget.
+        misfit: χ² with the budget and the error of the form as large as is most probable.
         log_prior: of the explanation.
     """
 
     fitted: Fitted
-    profiles: Floats
+    form: Wildcard
     size_N: float
+    by_budget: Floats
     log_evidence: float
-    amplitude_N: float
+    form_error: float
+    budget_factor: float
+    misfit: float
     log_prior: float
 
     @property
@@ -100,9 +104,9 @@ def weigh(problem: Problem, search: Search, candidates: tuple[Candidate, ...], w
     chosen = _in_question(ranked)
     if search.nothing not in chosen:
         chosen.append(search.nothing)
-    weighed = [_weighed(problem, fitted, search.nothing, candidates, wildcard) for fitted in chosen]
-    other = other_evidence([w.profiles for w in weighed if w.explanation.size == 0])
-    return assemble(weighed, other)
+    weighed = [_weighed(problem, fitted, candidates) for fitted in chosen]
+    nothing = next(w for w in weighed if w.explanation.size == 0)
+    return assemble(weighed, other_evidence(nothing.fitted, wildcard))
 
 
 def _in_question(ranked: Sequence[Fitted]) -> list[Fitted]:
@@ -112,21 +116,48 @@ def _in_question(ranked: Sequence[Fitted]) -> list[Fitted]:
     return chosen + [f for f in singles if f not in chosen]
 
 
-def _weighed(
-    problem: Problem, fitted: Fitted, nothing: Fitted, candidates: tuple[Candidate, ...], wildcard: Wildcard
-) -> Weighed:
-    size = effect_size(problem, fitted)
-    profiles = np.array([_profile(wildcard, fitted, b) for b in BUDGET_FACTORS])
-    value, amplitude = _integrated(profiles, size)
+def _weighed(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]) -> Weighed:
+    change = change_of(problem, fitted)
+    form = Wildcard.of(form_of(problem, change), FORM_ERRORS)
+    each = [at_budget(fitted, form, b) for b in BUDGET_FACTORS]
     # The straightened model knows nothing of bounds: what the cut priors change comes from the fit itself.
     correction = fitted.log_evidence - fitted.gaussian_log_evidence
-    return Weighed(fitted, profiles, size, value + correction, amplitude, log_prior(fitted.explanation, candidates))
+    by_budget = np.array([value for value, _ in each]) + correction
+    total = by_budget + budget_log_weight()
+    best = int(np.argmax(total))
+    return Weighed(
+        fitted,
+        form,
+        rms_of(problem.observations, problem.rows, change),
+        by_budget,
+        float(logsumexp(total)),
+        each[best][1],
+        float(BUDGET_FACTORS[best]),
+        misfit_at(fitted, form, float(BUDGET_FACTORS[best]), each[best][1]),
+        log_prior(fitted.explanation, candidates),
+    )
 
 
-def _profile(wildcard: Wildcard, fitted: Fitted, factor: float) -> Floats:
-    free = fitted.moving
+def _scales(fitted: Fitted, factor: float) -> tuple[NDArray[np.intp], Floats]:
+    free = fitted.inner
     own = np.isin(free, list(fitted.explanation.parameters))
-    return wildcard.profile(fitted.linear, free, np.where(own, 1.0, factor))
+    return free, np.where(own, 1.0, factor)
+
+
+def at_budget(fitted: Fitted, form: Wildcard, factor: float) -> tuple[float, float]:
+    """Log evidence with the budget so many times as large, and the most probable error of the effect's form."""
+    free, scale = _scales(fitted, factor)
+    return form.log_marginal(form.profile(fitted.linear, free, scale), FORM_ERROR)
+
+
+def misfit_at(fitted: Fitted, form: Wildcard, factor: float, form_error: float) -> float:
+    """χ² of the readings with the budget so many times as large, and an error of the effect's form allowed for."""
+    free, scale = _scales(fitted, factor)
+    h = np.concatenate([fitted.linear.h[:, free] * scale, form.root * form_error], axis=1)
+    y = fitted.linear.y
+    right = h.T @ y
+    straight = float(y @ y - right @ np.linalg.solve(np.eye(h.shape[1]) + h.T @ h, right))
+    return min(straight, fitted.objective)
 
 
 def budget_log_weight() -> Floats:
@@ -136,24 +167,17 @@ def budget_log_weight() -> Floats:
     return out
 
 
-def _integrated(profiles: Floats, size_N: float) -> tuple[float, float]:
-    """Log evidence over budget and form, and the amplitude of the form's error [N] at the best budget."""
-    scale = FORM_ERROR * size_N + LEAST_FORM_N
-    each = [log_marginal(p, scale) for p in profiles]
-    total = np.array([e[0] for e in each]) + budget_log_weight()
-    return float(logsumexp(total)), each[int(np.argmax(total))][1]
+def other_at_budget(nothing: Fitted, wildcard: Wildcard, factor: float) -> tuple[float, float]:
+    """Log evidence of something else with the budget so many times as large, and its most probable amplitude [N]."""
+    free, scale = _scales(nothing, factor)
+    return wildcard.log_marginal_any(wildcard.profile(nothing.linear, free, scale), LEAST_ELSE_N)
 
 
-def other_evidence(profiles: Sequence[Floats]) -> tuple[float, float]:
+def other_evidence(nothing: Fitted, wildcard: Wildcard) -> tuple[float, float]:
     """Log evidence of something smooth that is none of the catalogue, and its most probable amplitude [N]."""
-    best = (-np.inf, 0.0)
-    for own in profiles:
-        each = [log_marginal_any(p, LEAST_ELSE_N) for p in own]
-        total = np.array([e[0] for e in each]) + budget_log_weight()
-        value = float(logsumexp(total))
-        if value > best[0]:
-            best = (value, each[int(np.argmax(total))][1])
-    return best
+    each = [other_at_budget(nothing, wildcard, b) for b in BUDGET_FACTORS]
+    total = np.array([value for value, _ in each]) + budget_log_weight()
+    return float(logsumexp(total)), each[int(np.argmax(total))][1]
 
 
 def assemble(weighed: Sequence[Weighed], other: tuple[float, float], nothing: float = 0.5) -> Evidence:
@@ -165,13 +189,6 @@ def assemble(weighed: Sequence[Weighed], other: tuple[float, float], nothing: fl
     norm = float(logsumexp(list(values.values())))
     ranked = sorted(weighed, key=lambda w: -(w.log_evidence + w.log_prior))
     return Evidence(tuple(ranked), other[0], other[1], {n: float(np.exp(v - norm)) for n, v in values.items()})
-
-
-def effect_size(problem: Problem, fitted: Fitted) -> float:
-    """RMS change [N] of the fitted forces that an explanation makes at its optimum, everything else the same."""
-    if fitted.explanation.size == 0:
-        return 0.0
-    return rms_of(problem.observations, problem.rows, change_of(problem, fitted))
 
 
 def change_of(problem: Problem, fitted: Fitted) -> Floats:

@@ -11,10 +11,10 @@ from scipy.special import logsumexp
 
 from fingermodel.compare import muscles_of
 from fingermodel.diagnosis.candidates import Candidate, log_prior_else
-from fingermodel.diagnosis.evidence import Evidence, Weighed
+from fingermodel.diagnosis.evidence import Evidence, Weighed, at_budget, other_at_budget
 from fingermodel.diagnosis.linear import Linear
 from fingermodel.diagnosis.verdict import Verdict
-from fingermodel.diagnosis.wildcard import Wildcard, log_marginal, log_marginal_any
+from fingermodel.diagnosis.wildcard import Wildcard
 from fingermodel.problems import Problem
 
 Floats = NDArray[np.float64]
@@ -88,8 +88,7 @@ def robustness(
         values[None] = evidence.other_log_evidence + log_prior_else()
         if not same(favours(values)):
             flips.append(f"effects are expected {words} as large")
-    values = _at_budget(evidence, asked, 2)
-    if verdict.kind != "nothing_missing" and not same(favours(values)):
+    if verdict.kind != "nothing_missing" and not same(_favoured_at(evidence, asked, wildcard, 2.0)):
         flips.append("the budget is twice as large")
     rests = []
     for words, rows in left_out(problem):
@@ -102,7 +101,7 @@ def robustness(
             flips.append(f"{words} is left out: then {' and '.join(winner)}")
     fails = None
     if verdict.kind in ("found", "one_of"):
-        fails = next((m for m in MULTIPLES if not same(_favoured_at(problem, evidence, asked, wildcard, m))), None)
+        fails = next((m for m in MULTIPLES if not same(_favoured_at(evidence, asked, wildcard, m))), None)
     planar = favours(_without(problem, asked, problem.rows % 6 == 2))
     return Robustness(tuple(flips), tuple(rests), fails, _spoken(planar))
 
@@ -120,26 +119,14 @@ def _rescaled(weighed: Weighed, factor: float) -> float:
     return linear.gain(own, factor) - linear.gain(own)
 
 
-def _at_budget(evidence: Evidence, asked: Iterable[Weighed], index: int) -> dict[tuple[str, ...] | None, float]:
-    out: dict[tuple[str, ...] | None, float] = {}
-    for w in asked:
-        scale = 0.1 * w.size_N + 2e-3
-        out[w.explanation.names] = log_marginal(w.profiles[index], scale)[0] + w.log_prior
-    out[None] = log_marginal_any(evidence.nothing.profiles[index], 0.02)[0] + log_prior_else()
-    return out
-
-
 def _favoured_at(
-    problem: Problem, evidence: Evidence, asked: Iterable[Weighed], wildcard: Wildcard, multiple: float
+    evidence: Evidence, asked: Iterable[Weighed], wildcard: Wildcard, multiple: float
 ) -> tuple[str, ...] | None:
-    values: dict[tuple[str, ...] | None, float] = {}
+    """What is most probable with the budget so many times as large."""
+    other = other_at_budget(evidence.nothing.fitted, wildcard, multiple)[0]
+    values: dict[tuple[str, ...] | None, float] = {None: other + log_prior_else()}
     for w in asked:
-        free = w.fitted.moving
-        own = np.isin(free, list(w.explanation.parameters))
-        profile = wildcard.profile(w.fitted.linear, free, np.where(own, 1.0, multiple))
-        values[w.explanation.names] = log_marginal(profile, 0.1 * w.size_N + 2e-3)[0] + w.log_prior
-        if w.explanation.size == 0:
-            values[None] = log_marginal_any(profile, 0.02)[0] + log_prior_else()
+        values[w.explanation.names] = at_budget(w.fitted, w.form, multiple)[0] + w.log_prior
     return max(values, key=lambda k: values[k])
 
 

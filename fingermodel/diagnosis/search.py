@@ -96,9 +96,16 @@ class Fitted:
         return self._laplace(trust_step=True)
 
     @cached_property
+    def inner(self) -> NDArray[np.intp]:
+        """Free parameters that are not held at any bound."""
+        near = 1e-6 * self.problem.scale
+        inside = (self.theta > self.problem.lower + near) & (self.theta < self.problem.upper - near)
+        return self.moving[inside[self.moving]]
+
+    @cached_property
     def gaussian_log_evidence(self) -> float:
-        """Ln N(y; 0, 1 + HHᵀ) of the straightened model without its constant: no bounds at all."""
-        h, y = -self.jacobian[:, self.moving], self.residual - self.jacobian[:, self.moving] @ self.x[self.moving]
+        """Log of N(y; 0, 1 + HHᵀ) of the straightened model without its constant, over what no bound holds."""
+        h, y = -self.jacobian[:, self.inner], self.residual - self.jacobian[:, self.inner] @ self.x[self.inner]
         factor = np.linalg.cholesky(np.eye(h.shape[1]) + h.T @ h)
         explained = np.linalg.solve(factor, h.T @ y)
         return float(-0.5 * (y @ y - explained @ explained) - np.log(np.diag(factor)).sum())
@@ -267,7 +274,10 @@ class Searcher:
         for explanation in sorted(hopeful, key=lambda e: -value[e])[:FINISHED]:
             found = self.best[explanation]
             if explanation not in self._finished or self._finished[explanation] is not found:
-                self._finished[explanation] = self.fit(explanation, [found.theta], LAST)
+                found = self.fit(explanation, [found.theta], LAST)
+                if not found.converged and value[explanation] > limit + 0.5 * CONTENDERS:
+                    found = self.fit(explanation, [found.theta], 4 * LAST)
+                self._finished[explanation] = found
 
     def _ranked(self, size: int) -> list[Fitted]:
         """Best optimum of each different set of names of a size, best first."""

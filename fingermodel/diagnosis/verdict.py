@@ -65,7 +65,7 @@ def inclusion(evidence: Evidence) -> dict[str, float]:
 
 def chi_square_p(problem: Problem, weighed: Weighed) -> float:
     """How often noise and priors would leave a larger misfit than an optimum does."""
-    return float(chdtrc(len(problem.rows), weighed.fitted.objective))
+    return float(chdtrc(len(problem.rows), weighed.misfit))
 
 
 def judge(
@@ -88,7 +88,7 @@ def judge(
     p_nothing = evidence.probability.get((), 0.0)
     included = inclusion(evidence)
     best_name = max(included.values(), default=0.0)
-    if p_other >= 0.5:
+    if p_other >= 0.5 or _none_fits(problem, evidence):
         return _other(problem, evidence, p_other)
     if p_nothing >= max(0.5, best_name, p_other):
         return _nothing(problem, nothing, p_nothing, included)
@@ -98,17 +98,29 @@ def judge(
     return _one_of(evidence, included, candidates, classes, p_nothing)
 
 
+def _none_fits(problem: Problem, evidence: Evidence) -> bool:
+    """Whether nothing fits, and the most probable explanation leaves far more than its form could be off by."""
+    best, nothing = evidence.weighed[0], evidence.nothing
+    return chi_square_p(problem, nothing) < IMPLAUSIBLE and _leaves_too_much(problem, nothing, best)
+
+
+def _leaves_too_much(problem: Problem, nothing: Weighed, chosen: Weighed) -> bool:
+    excess = max(nothing.fitted.objective - len(problem.rows), 1.0)
+    left = chosen.misfit - len(problem.rows)
+    return chi_square_p(problem, chosen) < IMPLAUSIBLE and left > LEFT_OVER * excess
+
+
 def _other(problem: Problem, evidence: Evidence, p_other: float) -> Verdict:
     named = [w for w in evidence.weighed if w.explanation.size]
     best = max(named, key=lambda w: w.log_evidence, default=evidence.nothing)
-    left = best.fitted.objective
+    left = best.misfit
     reason = (
         f"Even the best of the catalogue ({_words(best.explanation.names)}) leaves a misfit of {left:.0f} where "
         f"noise and priors leave about {len(problem.rows)}; something smooth of {evidence.other_amplitude_N:.2f} N "
         "that no effect here makes explains the rest."
     )
-    if p_other >= SURE or chi_square_p(problem, best) < IMPLAUSIBLE:
-        return Verdict("none_of_catalogue", (), (), p_other, (reason,))
+    if p_other >= SURE or _leaves_too_much(problem, evidence.nothing, best):
+        return Verdict("none_of_catalogue", (), (), max(p_other, SURE), (reason,))
     return Verdict("undecided", (), (), p_other, (reason,), ("something outside the catalogue is likely, not sure",))
 
 
@@ -116,11 +128,11 @@ def _nothing(problem: Problem, nothing: Weighed, p_nothing: float, included: dic
     p_value = chi_square_p(problem, nothing)
     top = next(iter(included), None)
     if p_value < IMPLAUSIBLE:
-        short = f"the model without any effect misfits ({nothing.fitted.objective:.0f} of {len(problem.rows)})"
+        short = f"the model without any effect misfits ({nothing.misfit:.0f} of {len(problem.rows)})"
         return Verdict("undecided", (), (), p_nothing, (), (short,))
     if p_nothing >= NOTHING_SURE and all(p < 0.1 for p in included.values()):
         reason = (
-            f"Noise and the rig's budget explain the readings (misfit {nothing.fitted.objective:.0f} for "
+            f"Noise and the rig's budget explain the readings (misfit {nothing.misfit:.0f} for "
             f"{len(problem.rows)} readings); no effect is needed."
         )
         return Verdict("nothing_missing", (), (), p_nothing, (reason,))
@@ -170,10 +182,9 @@ def conditions(
 ) -> tuple[str, ...]:
     """What a finding lacks: a fit, a held-out error that does not rise, a value within its range, a sane anatomy."""
     out = []
-    fitted, nothing = chosen.fitted, evidence.nothing.fitted
-    excess = max(nothing.objective - len(problem.rows), 1.0)
-    if chi_square_p(problem, chosen) < IMPLAUSIBLE and fitted.objective - len(problem.rows) > LEFT_OVER * excess:
-        out.append(f"a misfit of {fitted.objective:.0f} is left for {len(problem.rows)} readings")
+    fitted = chosen.fitted
+    if _leaves_too_much(problem, evidence.nothing, chosen):
+        out.append(f"a misfit of {chosen.misfit:.0f} is left for {len(problem.rows)} readings")
     if not fitted.converged:
         out.append("its fit did not converge")
     before, after = validation_rmse(evidence.nothing), validation_rmse(chosen)
@@ -214,8 +225,8 @@ def newly_strained(nothing: Weighed, chosen: Weighed, limit: float = 4.0) -> tup
     """Base parameters that an explanation pulls further from their prior than `limit` widths, and nothing did not."""
     table = chosen.fitted.problem.model.parameters
     own = set(chosen.explanation.parameters)
-    strained = np.abs(chosen.fitted.x) > limit
-    before = np.abs(nothing.fitted.x) > limit - 1.0
+    strained = np.abs(chosen.fitted.x) > limit * chosen.budget_factor
+    before = np.abs(nothing.fitted.x) > (limit - 1.0) * chosen.budget_factor
     return tuple(table.names[i] for i in np.flatnonzero(strained & ~before) if i not in own)
 
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.linalg import solve_triangular
+from scipy.special import erf, logsumexp
 
 from fingermodel.diagnosis.linear import Linear
 from fingermodel.observations import Observations
@@ -23,47 +24,100 @@ Floats = NDArray[np.float64]
 POSTURE_LENGTH = 0.6
 # A lever [mm] that turns an unexplained force into an unexplained moment.
 LEVER_MM = 10.0
+# Share of an error in an effect's form that does not point along the effect.
+ASIDE = 0.4
 AMPLITUDES_N = np.concatenate([[0.0], np.geomspace(1e-3, 3.0, 28)])
+FORM_ERRORS = np.concatenate([[0.0], np.geomspace(5e-3, 0.2, 11)])
 
 
-def features(problem: Problem) -> Floats:
-    """Columns (n, k) whose sum with independent N(0, 1) weights is the wildcard of amplitude 1 N, whitened.
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Where each fitted reading belongs: one row a reading.
 
-    Each muscle pulls in proportion to its load, smoothly over postures; a smaller part bends with the load, another
-    belongs to each setting of the rig, and the smallest to each case alone.
+    `kinds` are masks of (location, component), `load` each muscle's share of its largest load, `smooth` the posture's
+    values on a smooth basis, `settings` a column for each setting of a posture.
     """
+
+    kinds: list[NDArray[np.bool_]]
+    load: Floats
+    smooth: Floats
+    settings: Floats
+    moment: NDArray[np.bool_]
+
+
+def _places(problem: Problem) -> _Places:
     observations = problem.observations
     cases, components = problem.rows // 6, problem.rows % 6
-    used = np.unique(cases)
     tension = np.asarray(observations.inputs.tension)
-    largest = np.maximum(tension.max(axis=0), 1e-9)
-    load = tension / largest
-    names = list(dict.fromkeys(observations.postures[i] for i in used if observations.postures[i]))
+    load = (tension / np.maximum(tension.max(axis=0), 1e-9))[cases]
+    names = list(dict.fromkeys(observations.postures[i] for i in cases if observations.postures[i]))
     angles = observations.posture_angles
     root = _posture_root(np.array([angles[n] for n in names]))
-    place = np.array([names.index(p) if p in names else -1 for p in observations.postures])
+    place = np.array([names.index(p) if p in names else -1 for p in observations.postures])[cases]
     smooth = np.where(place[:, None] >= 0, root[np.maximum(place, 0)], 0.0)
-    size = np.where(components >= 3, LEVER_MM, 1.0)
-    blocks: list[Floats] = []
-    kinds = sorted({(observations.locations[c], int(k)) for c, k in zip(cases, components, strict=True)})
     located = np.array(observations.locations)[cases]
     checks = np.array([observations.roles[c] == "check" for c in cases])
-    for location, component in kinds:
-        rows = (located == location) & (components == component) & ~checks
-        if not rows.any():
-            continue
-        for m in range(load.shape[1]):
-            pull = load[cases, m] * rows
-            if not pull.any():
-                continue
-            blocks.append(pull[:, None] * smooth[cases])
-            blocks.append(0.3 * (pull * (1.0 - load[cases, m]))[:, None] * smooth[cases])
-        settings = np.asarray(observations.inputs.setting)[cases]
-        blocks.append(0.2 * (rows[:, None] & (settings[:, None] == np.unique(settings)[None, :])))
-    norm = np.sqrt((load**2).sum(axis=1))
-    alone = np.zeros((len(cases), len(cases)))
-    np.fill_diagonal(alone, 0.1 * norm[cases] * ~checks)
-    columns = np.concatenate([*blocks, alone], axis=1) * size[:, None]
+    kinds = [
+        (located == location) & (components == component) & ~checks
+        for location in dict.fromkeys(located)
+        for component in sorted(set(components))
+    ]
+    setting = np.asarray(observations.inputs.setting)[cases]
+    settings = (setting[:, None] == np.unique(setting)[None, :]).astype(float)
+    return _Places([k for k in kinds if k.any()], load, smooth, settings, components >= 3)
+
+
+def anything(problem: Problem) -> Floats:
+    """Columns (n, k) whose sum with independent N(0, 1) weights is anything smooth of amplitude 1 N, whitened.
+
+    Each muscle pulls in proportion to its load, smoothly over postures; smaller parts bend with the load or do not
+    depend on it, another belongs to each setting of the rig, and the smallest to each case alone.
+    """
+    at = _places(problem)
+    blocks: list[Floats] = []
+    for rows in at.kinds:
+        for m in range(at.load.shape[1]):
+            load = at.load[:, m] * rows
+            if load.any():
+                blocks.append(load[:, None] * at.smooth)
+                blocks.append(0.3 * (load * (1.0 - at.load[:, m]))[:, None] * at.smooth)
+                blocks.append(0.2 * (load > 0.0)[:, None] * at.smooth)
+        blocks.append(0.2 * rows[:, None] * at.settings)
+    blocks.append(np.diag(0.1 * np.sqrt((at.load**2).sum(axis=1))))
+    return _whitened(problem, np.concatenate(blocks, axis=1) * np.where(at.moment, LEVER_MM, 1.0)[:, None])
+
+
+def form_of(problem: Problem, change: Floats) -> Floats:
+    """Columns (n, k) of an error in an effect's form, relative to the change that the effect makes in each case.
+
+    Args:
+        problem: whose readings count.
+        change: (cases, 6) that the effect makes [N, N mm].
+    """
+    at = _places(problem)
+    cases = problem.rows // 6
+    force, moment = np.linalg.norm(change[:, :3], axis=1), np.linalg.norm(change[:, 3:], axis=1)
+    # An effect that shows in moments alone may still be a little off in forces, and the other way round.
+    size = np.where(at.moment, np.maximum(moment, LEVER_MM * force)[cases], force[cases])
+    own = change.reshape(-1)[problem.rows]
+    # Along its own direction: by all tendons alike, by each, by posture; and how each of these depends on the load.
+    heavy = at.load.max(axis=1) - 0.5
+    blocks: list[Floats] = [own[:, None], (own * heavy)[:, None], own[:, None] * at.smooth]
+    for m in range(at.load.shape[1]):
+        pulled = own * (at.load[:, m] > 0.0)
+        if pulled.any():
+            blocks += [pulled[:, None], (pulled * heavy)[:, None], pulled[:, None] * at.smooth]
+    # And a little in any direction.
+    for rows in at.kinds:
+        for m in range(at.load.shape[1]):
+            loaded = ASIDE * size * (at.load[:, m] > 0.0) * rows
+            if loaded.any():
+                blocks += [loaded[:, None] * at.smooth, (loaded * (at.load[:, m] - 0.5))[:, None] * at.smooth]
+    columns = np.concatenate(blocks, axis=1)
+    return _whitened(problem, columns) if columns.any() else np.zeros((len(problem.rows), 1))
+
+
+def _whitened(problem: Problem, columns: Floats) -> Floats:
     out: Floats = problem.whitener @ columns[:, np.abs(columns).sum(axis=0) > 0]
     return out
 
@@ -75,19 +129,29 @@ def _posture_root(angles: Floats) -> Floats:
     return out
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Wildcard:
-    """Whitened features, reduced to as many directions as there are readings."""
+    """A Gaussian process over the readings, as whitened columns reduced to independent directions.
+
+    Attributes:
+        root: (n, k).
+        amplitudes: that are tried, the first of them 0.
+    """
 
     root: Floats
+    amplitudes: Floats
 
     @classmethod
-    def of(cls, problem: Problem) -> Wildcard:
-        """Build the wildcard of a problem's readings."""
-        phi = features(problem)
-        values, vectors = np.linalg.eigh(phi @ phi.T)
-        kept = values > 1e-9 * values.max()
-        return cls(vectors[:, kept] * np.sqrt(values[kept]))
+    def of(cls, columns: Floats, amplitudes: Floats) -> Wildcard:
+        """Reduce columns to the directions that matter."""
+        if columns.shape[1] < columns.shape[0]:
+            gram = columns.T @ columns
+            values, vectors = np.linalg.eigh(gram)
+            kept = values > 1e-7 * max(float(values.max()), 1e-300)
+            return cls(columns @ vectors[:, kept], amplitudes)
+        values, vectors = np.linalg.eigh(columns @ columns.T)
+        kept = values > 1e-7 * max(float(values.max()), 1e-300)
+        return cls(vectors[:, kept] * np.sqrt(values[kept]), amplitudes)
 
     def profile(self, linear: Linear, free: NDArray[np.intp], scale: Floats) -> Floats:
         """Ln N(y; 0, 1 + H P Hᵀ + τ² K) for every amplitude, without its constant.
@@ -99,7 +163,7 @@ class Wildcard:
         """
         h = linear.h[:, free] * scale
         factor = np.linalg.cholesky(np.eye(h.shape[1]) + h.T @ h)
-        inner = np.linalg.solve(factor, np.column_stack([h.T @ linear.y, h.T @ self.root]))
+        inner = solve_triangular(factor, np.column_stack([h.T @ linear.y, h.T @ self.root]), lower=True)
         y_part, root_part = inner[:, 0], inner[:, 1:]
         quiet = linear.y @ linear.y - y_part @ y_part
         cross = self.root.T @ linear.y - root_part.T @ y_part
@@ -107,36 +171,25 @@ class Wildcard:
         values, vectors = np.linalg.eigh(gram)
         values = np.maximum(values, 0.0)
         seen = (vectors.T @ cross) ** 2
-        tau2 = AMPLITUDES_N[:, None] ** 2
+        tau2 = self.amplitudes[:, None] ** 2
         explained = (tau2 * seen / (1.0 + tau2 * values)).sum(axis=1)
         return np.asarray(
             -0.5 * (quiet - explained) - 0.5 * np.log1p(tau2 * values).sum(axis=1) - np.log(np.diag(factor)).sum()
         )
 
+    def log_marginal(self, profile: Floats, scale: float) -> tuple[float, float]:
+        """Log evidence over a half-normal amplitude of a given size, and the most probable amplitude."""
+        a = self.amplitudes
+        edges = np.concatenate([[0.0, a[1] / 2.0], np.sqrt(a[1:-1] * a[2:]), [a[-1] * 2.0]])
+        weight = erf(edges[1:] / (scale * np.sqrt(2.0))) - erf(edges[:-1] / (scale * np.sqrt(2.0)))
+        total = profile + np.log(np.maximum(weight, 1e-300))
+        return float(logsumexp(total)), float(a[int(np.argmax(total))])
 
-def log_marginal(profile: Floats, scale_N: float) -> tuple[float, float]:
-    """Log evidence over a half-normal amplitude of a given size, and the most probable amplitude [N]."""
-    amplitude = AMPLITUDES_N
-    edges = np.concatenate([[0.0], np.sqrt(np.maximum(amplitude[1:-1] * amplitude[2:], 0.0)), [amplitude[-1] * 2.0]])
-    edges = np.insert(edges, 1, amplitude[1] / 2.0)
-    weight = _half_normal(edges[1:] / scale_N) - _half_normal(edges[:-1] / scale_N)
-    log_weight = np.log(np.maximum(weight, 1e-300))
-    total = profile + log_weight
-    return float(logsumexp(total)), float(amplitude[int(np.argmax(total))])
-
-
-def log_marginal_any(profile: Floats, least_N: float) -> tuple[float, float]:
-    """Log evidence over an amplitude that may be anything above the least, flat in its logarithm."""
-    chosen = least_N <= AMPLITUDES_N
-    total = np.where(chosen, profile, -np.inf) - np.log(chosen.sum())
-    return float(logsumexp(total)), float(AMPLITUDES_N[int(np.argmax(total))])
-
-
-def _half_normal(x: Floats) -> Floats:
-    from scipy.special import erf
-
-    out: Floats = erf(x / np.sqrt(2.0))
-    return out
+    def log_marginal_any(self, profile: Floats, least: float) -> tuple[float, float]:
+        """Log evidence over an amplitude that may be anything above the least, flat in its logarithm."""
+        chosen = self.amplitudes >= least
+        total = np.where(chosen, profile, -np.inf) - np.log(chosen.sum())
+        return float(logsumexp(total)), float(self.amplitudes[int(np.argmax(total))])
 
 
 def rms_of(observations: Observations, rows: NDArray[np.intp], change: Floats) -> float:

@@ -1,0 +1,215 @@
+"""A diagnosis as the contract's answer: plain values, units in the names, null for what is unknown."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.diagnosis.calibration import calibrate
+from fingermodel.diagnosis.candidates import Explanation
+from fingermodel.diagnosis.diagnose import Diagnosis
+from fingermodel.diagnosis.evidence import Weighed
+from fingermodel.diagnosis.search import Fitted
+from fingermodel.diagnosis.verdict import chi_square_p, inclusion, out_of_range
+from fingermodel.diagnosis.where import where
+
+Floats = NDArray[np.float64]
+
+
+def answer(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Everything that one session's diagnosis says, without nulls and next load cases (their modules give those).
+
+    Args:
+        diagnosis: of `diagnose`.
+    """
+    d, evidence = diagnosis, diagnosis.evidence
+    nothing, best = evidence.nothing, d.best
+    verdict, robust = d.verdict, d.robustness
+    before, after = d.comparisons[()], d.comparisons[best.explanation.names]
+    calibration = calibrate(d.search.nothing.linear, d.candidates)
+    rows = len(d.problem.rows)
+    return {
+        "verdict": verdict.kind,
+        "effects": list(verdict.effects),
+        "candidates": list(verdict.names),
+        "probability": verdict.probability,
+        "confirmed": None,
+        "sentence": sentence(d),
+        "reasons": [*verdict.reasons, *(f"Short of more: {s}." for s in verdict.short)],
+        "robustness": {
+            "flips_when": list(robust.flips_when),
+            "rests_on": list(robust.rests_on),
+            "budget_multiple_at_which_it_fails": robust.budget_multiple_at_which_it_fails,
+            "sagittal_alone": robust.sagittal_alone,
+        },
+        "ranking": ranking(d),
+        "inclusion": {name: p for name, p in inclusion(evidence).items() if p >= 1e-4},
+        "where": where(d.problem, nothing.fitted.theta),
+        "hints": [h.as_dict() for h in d.hints],
+        "before": before.summary(),
+        "after": after.summary(),
+        "chi_square": {
+            "value": nothing.misfit,
+            "degrees_of_freedom": rows,
+            "p_value": chi_square_p(d.problem, nothing),
+            "after": best.misfit,
+            "after_p_value": chi_square_p(d.problem, best),
+            "budget_factor": nothing.budget_factor,
+        },
+        "cases": [
+            {
+                "id": old.id,
+                "role": old.role,
+                "posture": old.posture,
+                "location": old.location,
+                "masses_g": old.masses_g,
+                "measured_N": old.measured_N.tolist(),
+                "measured_sd_N": old.measured_sd_N.tolist(),
+                "before_N": old.predicted_N.tolist(),
+                "after_N": new.predicted_N.tolist(),
+            }
+            for old, new in zip(before.cases, after.cases, strict=True)
+        ],
+        "confounding": d.confounding.as_dict(),
+        "detectability": {k: round(v, 3) for k, v in d.confounding.detectability.items()},
+        "candidates_searched": d.search.searched,
+        "false_finding_rate": calibration.false_finding_rate,
+        "calibration": calibration.as_dict(),
+        "seconds": d.seconds,
+    }
+
+
+def ranking(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Every explanation that was fitted, best first, with nothing missing and something else in their places."""
+    d, evidence = diagnosis, diagnosis.evidence
+    rows, seen = [], set()
+    for weighed in evidence.weighed:
+        names = weighed.explanation.names
+        if names not in seen:
+            seen.add(names)
+            rows.append(_row(d, weighed))
+    rows.append(
+        {
+            "effects": ["none_of_catalogue"],
+            "candidates": [],
+            "probability": evidence.probability[None],
+            "log_evidence_gain": evidence.other_log_evidence - evidence.nothing.log_evidence,
+            "validation_rmse_N": {"before": d.validation_rmse(evidence.nothing), "after": None},
+            "parameters": [],
+            "indistinguishable_from": [],
+            "size_N": evidence.other_amplitude_N,
+        }
+    )
+    rows.sort(key=lambda r: -r["probability"])
+    others = sorted(d.search.fitted, key=lambda f: -f.log_evidence)
+    for fitted in others:
+        names = fitted.explanation.names
+        if names not in seen:
+            seen.add(names)
+            rows.append(_unweighed(d, fitted))
+    return rows
+
+
+def _row(d: Diagnosis, weighed: Weighed) -> dict[str, Any]:
+    nothing, fitted = d.evidence.nothing, weighed.fitted
+    parameters = _parameters(fitted)
+    strength = _strength(fitted)
+    spread = 1.96 / strength if strength else None
+    alike = [a for n in weighed.explanation.names for a in d.confounding.alike(n)]
+    return {
+        "effects": list(weighed.explanation.effects),
+        "candidates": list(weighed.explanation.names),
+        "probability": d.evidence.probability[weighed.explanation.names],
+        "log_evidence_gain": weighed.log_evidence - nothing.log_evidence,
+        "validation_rmse_N": {"before": d.validation_rmse(nothing), "after": d.validation_rmse(weighed)},
+        "parameters": parameters,
+        "indistinguishable_from": [a for a in alike if a not in weighed.explanation.names],
+        "variant": _variant(d, weighed.explanation),
+        "size_N": weighed.size_N,
+        "size_low_N": weighed.size_N * max(1.0 - spread, 0.0) if spread else None,
+        "size_high_N": weighed.size_N * (1.0 + spread) if spread else None,
+        "in_range": not out_of_range(weighed),
+        "detectability": _detectability(d, weighed.explanation),
+        "form_error": weighed.form_error,
+        "misfit": weighed.misfit,
+        "largest_abs_z": _largest_z(fitted),
+    }
+
+
+def _unweighed(d: Diagnosis, fitted: Fitted) -> dict[str, Any]:
+    return {
+        "effects": list(fitted.explanation.effects),
+        "candidates": list(fitted.explanation.names),
+        "probability": 0.0,
+        "log_evidence_gain": fitted.log_evidence - d.search.nothing.log_evidence,
+        "validation_rmse_N": {"before": d.validation_rmse(d.evidence.nothing), "after": None},
+        "parameters": _parameters(fitted),
+        "indistinguishable_from": [a for n in fitted.explanation.names for a in d.confounding.alike(n)],
+        "detectability": _detectability(d, fitted.explanation),
+    }
+
+
+def _parameters(fitted: Fitted) -> list[dict[str, Any]]:
+    table = fitted.problem.model.parameters.parameters
+    return [
+        {"name": table[i].name, "value": float(fitted.theta[i]), "sd": fitted.sd(i), "unit": table[i].unit}
+        for i in fitted.explanation.parameters
+    ]
+
+
+def _strength(fitted: Fitted) -> float:
+    """How many standard deviations an explanation's parameters together lie from their null."""
+    at = np.flatnonzero(np.isin(fitted.moving, list(fitted.explanation.parameters)))
+    if len(at) == 0:
+        return 0.0
+    x = fitted.x[fitted.moving[at]]
+    return float(np.sqrt(x @ np.linalg.solve(fitted.covariance[np.ix_(at, at)], x)))
+
+
+def _variant(d: Diagnosis, explanation: Explanation) -> str | None:
+    by_name = {c.name: c for c in d.candidates}
+    parts = [
+        f"{name}: form {k + 1} of {len(by_name[name].alternatives)}"
+        for name, k in zip(explanation.names, explanation.alternative, strict=True)
+        if len(by_name[name].alternatives) > 1
+    ]
+    return "; ".join(parts) or None
+
+
+def _detectability(d: Diagnosis, explanation: Explanation) -> float | None:
+    values = [d.confounding.detectability.get(n) for n in explanation.names]
+    known = [v for v in values if v is not None]
+    return min(known) if known else None
+
+
+def _largest_z(fitted: Fitted) -> float:
+    """Largest whitened residual after the fit: what a posterior predictive check would stumble over."""
+    return float(np.abs(fitted.residual).max(initial=0.0))
+
+
+def sentence(d: Diagnosis) -> str:
+    """The verdict in one plain sentence."""
+    verdict = d.verdict
+    titles = {e.name: e.title for e in d.problem.model.effects}
+    named = [f"{titles.get(e, e)} ({n})" for e, n in _named(d)]
+    if verdict.kind == "found":
+        values = ", ".join(
+            f"{p['name']} = {p['value']:.3g}" + (f" ± {p['sd']:.2g}" if p["sd"] else "") + f" {p['unit']}"
+            for p in _parameters(d.best.fitted)[:3]
+        )
+        return f"Found: {' and '.join(named)}; {values}; probability {verdict.probability:.2f}."
+    if verdict.kind == "one_of":
+        return f"One of these, which the load cases do not tell apart: {'; '.join(named)}."
+    if verdict.kind == "none_of_catalogue":
+        return "Something is missing that no effect here describes; see where it lies and the formulas offered."
+    if verdict.kind == "nothing_missing":
+        return "Nothing is missing: noise and the small errors that every rig has explain the readings."
+    leader = f" Most likely: {' and '.join(named)}, but it does not stand." if named else ""
+    return f"Undecided.{leader}"
+
+
+def _named(d: Diagnosis) -> list[tuple[str, str]]:
+    by_name = {c.name: c.effect for c in d.candidates}
+    return [(by_name[n], n) for n in d.verdict.names]

@@ -1,0 +1,382 @@
+"""Sums of readings that must vanish, with all that may keep them from it: noise, shared tares, the rig's budget.
+
+Nothing here knows a tendon point. What the budget's errors change is worked out from the measured forces themselves:
+a turned cell turns what was read, a wrong angle changes it by the posture's Jacobian at the joint torques in question.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve
+from scipy.special import chdtrc
+
+from fingermodel.model import Model, jax_values, tip_kinematics_batch
+from fingermodel.observations import Observations
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.bool_]
+K = TypeVar("K", bound=Hashable)
+
+# Nobody reads a cell better than this: 1 mN and 0.02 N mm.
+_FLOOR = np.array([1e-3] * 3 + [2e-2] * 3)
+# A moment arm changes with its joint's angle by its own length a radian, as far as is known without tendon points.
+_ARM_PER_RAD = 1.0
+# The product of two normal errors has long tails: it counts as a normal one of this many standard deviations.
+_PRODUCT = 2.0
+# Where no reading states its noise, its size is log-normal by this factor.
+_NOISE_FACTOR = 2.0
+# (e_a × v)_b = Σ_c _CROSS[a, b, c] v_c.
+_CROSS = np.cross(np.eye(3)[:, None], np.eye(3)[None]).swapaxes(1, 2)
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(21)
+
+
+@dataclass(frozen=True)
+class Test:
+    """One chi-square test.
+
+    Attributes:
+        what: was tested.
+        statistic: chi-square.
+        freedom: its degrees of freedom.
+        p_value: of it; where the noise is assumed, averaged over its size.
+    """
+
+    what: str
+    statistic: float
+    freedom: int
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a pattern contributes to some residuals.
+
+    Attributes:
+        test: of whether it is zero.
+        value: (patterns,) best estimate.
+        sd: (patterns,) of it.
+        share: of the residuals' chi-square that the patterns take up.
+    """
+
+    test: Test
+    value: Floats
+    sd: Floats
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """What should vanish.
+
+    Attributes:
+        value: (k,) [N or N mm].
+        covariance: (k, k) by noise and budget.
+        noise: (k, k) by noise alone.
+        noise_assumed: whether the readings state no uncertainty.
+    """
+
+    value: Floats
+    covariance: Floats
+    noise: Floats
+    noise_assumed: bool
+
+    @cached_property
+    def _factor(self) -> Floats:
+        return np.linalg.cholesky(self.covariance)
+
+    @cached_property
+    def _solved(self) -> Floats:
+        out: Floats = cho_solve((self._factor, True), self.value)
+        return out
+
+    @property
+    def chi2(self) -> float:
+        """Chi-square of all of them."""
+        return float(self.value @ self._solved)
+
+    def worst(self, width: int = 3) -> tuple[int, float]:
+        """Which `width` of them in a row stand out most from their uncertainty, and how large these are."""
+        value = self.value.reshape(-1, width)
+        at = np.arange(len(self.value)).reshape(-1, width)
+        blocks = self.covariance[at[:, :, None], at[:, None, :]]
+        z2 = np.einsum("ka,ka->k", value, np.linalg.solve(blocks, value[:, :, None])[..., 0])
+        k = int(np.argmax(z2))
+        return k, float(np.linalg.norm(value[k]))
+
+    @property
+    def rms(self) -> float:
+        """Root of their mean square."""
+        return float(np.sqrt(np.mean(self.value**2)))
+
+    @property
+    def unexplained(self) -> Floats:
+        """(k,) what the most probable budget errors leave of them."""
+        out: Floats = self.noise @ self._solved
+        return out
+
+    def all(self, what: str) -> Test:
+        """Test whether they vanish together."""
+        return self._test(what, self.chi2, len(self.value))
+
+    def part(self, what: str, rows: Rows) -> Test:
+        """Test whether some of them vanish."""
+        value, covariance = self.value[rows], self.covariance[np.ix_(rows, rows)]
+        return self._test(what, float(value @ np.linalg.solve(covariance, value)), int(rows.sum()))
+
+    def along(self, what: str, patterns: Floats) -> Estimate:
+        """Test whether they contain some patterns (k, patterns)."""
+        solved = cho_solve((self._factor, True), patterns)
+        information, score = patterns.T @ solved, patterns.T @ self._solved
+        covariance = np.linalg.pinv(information, hermitian=True)
+        value = covariance @ score
+        statistic = float(score @ value)
+        test = self._test(what, statistic, int(np.linalg.matrix_rank(information, hermitian=True)))
+        return Estimate(test, value, np.sqrt(np.diag(covariance)), statistic / max(self.chi2, 1e-300))
+
+    def _test(self, what: str, statistic: float, freedom: int) -> Test:
+        if self.noise_assumed:
+            sizes = _NOISE_FACTOR ** (2.0 * _NODES)
+            p = float(chdtrc(freedom, statistic / sizes) @ _WEIGHTS / _WEIGHTS.sum())
+        else:
+            p = float(chdtrc(freedom, statistic))
+        return Test(what, statistic, freedom, p)
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """A session's wrenches with what one standard deviation of each budget error changes in them.
+
+    Attributes:
+        model: of whose finger the bones and joints are used.
+        observations: of the session.
+        wrench: (n, 6) [N, N mm], zero where not read.
+        read: (n, 6) whether it was.
+        tension: (n, muscles) [N].
+        jacobian: (n, 6, rotations) of the load point, distal phalanx's axes.
+        to_base: (n, 3, 3) takes the distal phalanx's axes to the metacarpal's.
+        loaded: indices of the cases in which a weight hangs, in order.
+    """
+
+    model: Model
+    observations: Observations
+    wrench: Floats
+    read: Rows
+    tension: Floats
+    jacobian: Floats
+    to_base: Floats
+    loaded: list[int]
+
+    @cached_property
+    def masses(self) -> tuple[tuple[tuple[str, float], ...], ...]:
+        """What hangs in each case, by name of the tendon."""
+        return tuple(tuple(sorted((k, v) for k, v in m.items() if v > 0.0)) for m in self.observations.masses_g)
+
+    @cached_property
+    def mix(self) -> tuple[tuple[tuple[str, float], ...], ...]:
+        """Which tendons are loaded in which proportion in each case."""
+        totals = [sum(v for _, v in m) for m in self.masses]
+        return tuple(
+            tuple((k, round(v / t, 6)) for k, v in m) if t > 0.0 else ()
+            for m, t in zip(self.masses, totals, strict=True)
+        )
+
+    @cached_property
+    def setting(self) -> list[int]:
+        """Setting of each case's posture."""
+        return [int(x) for x in np.asarray(self.observations.inputs.setting)]
+
+    @cached_property
+    def mounting(self) -> list[int]:
+        """Mounting of the cell in each case."""
+        return [int(x) for x in np.asarray(self.observations.inputs.mounting)]
+
+    @cached_property
+    def unloading(self) -> list[bool]:
+        """Whether weight had come off last."""
+        return [bool(x) for x in np.asarray(self.observations.inputs.unloading)]
+
+    @property
+    def load(self) -> Floats:
+        """(n,) sum of the tensions [N]."""
+        return self.tension.sum(axis=1)
+
+    def at(self, location: str) -> list[int]:
+        """Loaded cases that were read there."""
+        return [i for i in self.loaded if self.observations.locations[i] == location]
+
+    def groups(self, cases: Iterable[int], key: Callable[[int], K]) -> dict[K, list[int]]:
+        """Sort cases by what they have in common."""
+        out: dict[K, list[int]] = defaultdict(list)
+        for i in cases:
+            out[key(i)].append(i)
+        return dict(out)
+
+    def ids(self, cases: Iterable[int]) -> tuple[str, ...]:
+        """Ids of some cases, in the session's order, each once."""
+        return tuple(self.observations.ids[i] for i in sorted(set(cases)))
+
+    def name(self, case: int, *, mount: bool = True) -> str:
+        """A load case in words: `FDP 950 g + LU 45 g in hook at the tip`."""
+        hung = " + ".join(f"{k} {v:.4g} g" for k, v in self.masses[case])
+        place = f" at the {self.observations.locations[case]}" if mount else ""
+        return f"{hung} in {self.observations.postures[case]}{place}"
+
+    def newton_per_gram(self, case: int) -> float:
+        """What a gram pulls at the finger."""
+        return float(np.asarray(self.observations.inputs.weight)[case])
+
+    def forces(self, weights: Floats) -> Residuals:
+        """Sums of forces: weights (k, n) of the cases give 3 k residuals, x, y, z of each sum in turn."""
+        k, n = weights.shape
+        full = np.zeros((k, 3, n, 6))
+        for axis in range(3):
+            full[:, axis, :, axis] = weights
+        return self.residuals(full.reshape(3 * k, n, 6))
+
+    def residuals(self, weights: Floats, constant: Floats | None = None, extra: Floats | None = None) -> Residuals:
+        """Sums of components of wrenches.
+
+        Args:
+            weights: (k, n, 6).
+            constant: (k,) taken from the sums.
+            extra: (k, errors) what one standard deviation of further errors changes in them.
+        """
+        flat = weights.reshape(len(weights), -1)
+        used = np.flatnonzero(flat.any(axis=0))
+        w = flat[:, used]
+        own = self.observations.covariance[np.ix_(used, used)] + np.diag(_FLOOR[used % 6] ** 2)
+        noise = w @ own @ w.T
+        spread = w @ self.spread[used]
+        if extra is not None:
+            spread = np.hstack([spread, extra])
+        value = w @ self.wrench.reshape(-1)[used]
+        if constant is not None:
+            value = value - constant
+        return Residuals(value, noise + spread @ spread.T, noise, self.observations.noise_assumed)
+
+    @cached_property
+    def spread(self) -> Floats:
+        """(6 n, errors) what one standard deviation of each budget error changes in the readings."""
+        b, n = self.model.budget, len(self.wrench)
+        gain = np.einsum("nc,cd->ncd", b.cell_gain_sd * self.wrench, np.eye(6)).reshape(6 * n, 6)
+        columns = [self._mountings(), gain, self._angles()]
+        if b.tension_factor_case_sd:
+            scatter = np.einsum("nc,nm->ncm", b.tension_factor_case_sd * self.wrench, np.eye(n))
+            columns.append(scatter.reshape(6 * n, n))
+        return np.hstack(columns)
+
+    def _mountings(self) -> Floats:
+        """(6 n, errors) by the cell's rotation, zero and offset in each mounting.
+
+        Moments are read so finely that products of two errors count: a rotation twice over; a rotation of what the
+        offset makes of the force; an offset whose lever acts on what gain and zero did to the force.
+        """
+        b, n = self.model.budget, len(self.wrench)
+        places = [location for location, _ in self.observations.layout.mountings]
+        zero_sd = np.array([b.zero_bone_sd_N if p == "bone" else b.zero_tip_sd_N for p in places])[self.mounting]
+        offset_sd = np.array([b.mount_offset_sd_mm if p == "tip" else 0.0 for p in places])[self.mounting]
+        rotation_sd = np.deg2rad(b.cell_rotation_sd_deg)
+        # [case, force or moment, component, error]
+        own = np.zeros((n, 2, 3, 39))
+        both = self.wrench.reshape(n, 2, 3)
+        turned = np.einsum("abc,nkc->nkba", _CROSS, both)
+        own[..., :3] = rotation_sd * turned
+        twice = np.einsum("abc,nkcd->nkbad", _CROSS, turned).reshape(n, 2, 3, 9)
+        own[..., 3:12] = _PRODUCT * rotation_sd**2 * twice
+        own[:, 0, :, 12:15] = zero_sd[:, None, None] * np.eye(3)
+        own[:, 1, :, 15:18] = offset_sd[:, None, None] * turned[:, 0]
+        by_gain = np.einsum("abc,nc->nbac", _CROSS, both[:, 0]).reshape(n, 3, 9)
+        own[:, 1, :, 18:27] = (_PRODUCT * offset_sd * b.cell_gain_sd)[:, None, None] * by_gain
+        own[:, 1, :, 30:39] = (_PRODUCT * offset_sd * rotation_sd)[:, None, None] * twice[:, 0]
+        # Each component of their product is the difference of two terms.
+        own[:, 1, :, 27:30] = (_PRODUCT * np.sqrt(2.0) * offset_sd * zero_sd)[:, None, None] * np.eye(3)
+        member = np.eye(len(places))[self.mounting]
+        return np.einsum("nkce,nm->nkcme", own, member).reshape(6 * n, -1)
+
+    def _angles(self) -> Floats:
+        """(6 n, errors) by the angles of each setting.
+
+        A wrong angle changes the tip force that the same joint torques need, and turns it against the metacarpal; and
+        it changes the torques by the moment arms, which cancels unless a posture was set more than once.
+        """
+        layout, n = self.observations.layout, len(self.wrench)
+        sd = np.deg2rad(self.model.budget.angle_sd_deg)
+        at_bone = np.array([x == "bone" for x in self.observations.locations])
+        tip = self._tip_wrench(at_bone)
+        reactions = list(self.model.finger.topology.reactions)
+        spin, velocity = self.jacobian[:, 3:].swapaxes(1, 2), self.jacobian[:, :3].swapaxes(1, 2)
+        rotations = spin.shape[1]
+        lever = self.jacobian[:, reactions].swapaxes(1, 2)
+        # Change of each column i of the Jacobian by an angle j beyond it; [n, j, i].
+        moved = np.cross(spin[:, None], velocity[:, :, None]) - np.cross(spin[:, :, None], velocity[:, None])
+        spun = -np.cross(spin[:, :, None], spin[:, None])
+        change = np.concatenate([moved, spun], axis=-1) * np.tri(rotations, k=-1)[None, :, :, None]
+        force = np.zeros((n, 6, rotations))
+        force[:, reactions] = -np.linalg.solve(lever, np.einsum("njic,nc->nij", change, tip))
+        turned = np.cross(spin, tip[:, None, :3]).swapaxes(1, 2)
+        by_angle = self._as_read(force, turned, at_bone)
+        settings = len(layout.settings)
+        columns = [np.einsum("ncr,ns->ncsr", sd * by_angle, np.eye(settings)[self.setting]).reshape(6 * n, -1)]
+        if settings > len({posture for posture, _ in layout.settings}):
+            torque = np.einsum("nic,nc->ni", lever, tip[:, reactions])
+            arms = np.zeros((n, 6, rotations))
+            arms[:, reactions] = np.linalg.solve(lever, torque[:, :, None] * np.eye(rotations))
+            by_arm = sd * _ARM_PER_RAD * self._as_read(arms, np.zeros((n, 3, rotations)), at_bone)
+            groups = list(self.groups(range(n), lambda i: (self.setting[i], self.mix[i])).values())
+            member = np.zeros((n, len(groups)))
+            for g, cases in enumerate(groups):
+                member[cases, g] = 1.0
+            columns.append(np.einsum("ncr,ng->ncgr", by_arm, member).reshape(6 * n, -1))
+        return np.hstack(columns)
+
+    def _as_read(self, change: Floats, turned: Floats, at_bone: Rows) -> Floats:
+        """Change of the tip wrench (n, 6, errors), and of its direction (n, 3, errors), as the cell sees it."""
+        at_base = np.zeros_like(change)
+        at_base[:, :3] = -self.to_base @ (change[:, :3] + turned)
+        out: Floats = np.where(at_bone[:, None, None], at_base, change)
+        return out
+
+    def _tip_wrench(self, at_bone: Rows) -> Floats:
+        """(n, 6) tip wrench of every case, from its balance where the bone was read and the tip never was."""
+        tip = self.wrench.copy()
+        read = self.groups(self.at("tip"), lambda i: (self.observations.postures[i], self.masses[i]))
+        pull = self.tension @ np.asarray(self.model.finger.values.suture)
+        for i in np.flatnonzero(at_bone):
+            same = read.get((self.observations.postures[i], self.masses[i]))
+            if same:
+                tip[i] = self.wrench[same].mean(axis=0)
+            else:
+                tip[i, :3] = (pull[i] - self.wrench[i, :3]) @ self.to_base[i]
+                tip[i, 3:] = 0.0
+        carried = np.isin(np.arange(6), self.model.finger.topology.reactions)
+        return np.where(carried, tip, 0.0)
+
+
+def readings_of(model: Model, observations: Observations) -> Readings:
+    """Collect what the tests need of a session.
+
+    Args:
+        model: gives postures their Jacobian and orientation, sutures their direction, and the budget.
+        observations: of the session.
+    """
+    finger = model.finger
+    tips = tip_kinematics_batch(finger.topology, jax_values(finger.values), observations.inputs.posture)
+    tension = np.asarray(observations.inputs.tension)
+    usable = np.isfinite(observations.wrench[:, :3]).all(axis=1) & (tension.sum(axis=1) > 0.0)
+    return Readings(
+        model=model,
+        observations=observations,
+        wrench=np.nan_to_num(observations.wrench),
+        read=np.isfinite(observations.wrench),
+        tension=tension,
+        jacobian=np.asarray(tips.jacobian),
+        to_base=np.asarray(tips.to_base),
+        loaded=[i for i in np.flatnonzero(usable).tolist() if observations.roles[i] != "check"],
+    )

@@ -1,0 +1,186 @@
+"""`fingertwin add` and `fingertwin effects`: put effects into a model, take them out, and look them up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from daq.errors import InputError
+from server.commands.twin import fit_body, print_fit, provenance
+from server.console import answer, progress, say, table
+from server.workflow import Bench, Change, compare_bench, open_bench, save_revision
+
+if TYPE_CHECKING:
+    from fingermodel.compare import Comparison
+    from fingermodel.diagnosis.addition import Addition
+
+
+def add_to_session(
+    names: list[str],
+    without: list[str],
+    model: str | None,
+    out: Path | None,
+    figures: Path | None,
+    json: str | None,
+) -> None:
+    """Add effects to a session's model, refit, write the revision and show the fall of the error."""
+    from fingermodel.model_files import free_path, require_new
+
+    effects, session = names[:-1], names[-1]
+    if not effects and not without:
+        raise InputError(f"only {session!r} is given", "effects and then a session: fingertwin add hanger_mass DEV-02")
+    if out is not None:
+        require_new(out)
+    chosen, files = _resolved(effects)
+    with progress("Reading and correcting") as tell:
+        bench = open_bench(session, model, tell, catalogue=True, effects=files)
+    with progress("Refitting"):
+        before, addition, after = add_bench(bench, chosen, without)
+    path = out or free_path(Path("models"), bench.measured.session.id)
+    document = save_revision(
+        bench,
+        addition.fit,
+        path,
+        before.summary(),
+        after.summary(),
+        Change(addition.names, tuple(without), {"log_evidence_gain": addition.log_evidence_gain}),
+    )
+    page = None
+    if figures:
+        from server.drawing import draw_comparison
+
+        page = draw_comparison(
+            bench, after, figures, before=before, theta=addition.fit.theta, model_name=" + ".join(addition.names)
+        )
+    body = (
+        provenance(bench)
+        | fit_body(addition.fit, before, after)
+        | {
+            "added": list(addition.names),
+            "removed": list(without),
+            "log_evidence_gain": addition.log_evidence_gain,
+            "history": document["history"],
+            "model": str(path),
+        }
+    )
+    if answer("add", body, json):
+        return
+    print_fit(addition.fit, before, after)
+    say(f"Evidence: ln Z rises by {addition.log_evidence_gain:.1f} with {', '.join(addition.names) or 'nothing added'}")
+    print_history(document["history"])
+    say(f"Model: {path}   (fingertwin diagnose {session} --model {path})")
+    if page:
+        say(f"Figures: {page}")
+
+
+def add_bench(bench: Bench, names: list[str], without: list[str]) -> tuple[Comparison, Addition, Comparison]:
+    """Refit with effects added and others taken out; errors before are those of the base refitted without the new."""
+    from fingermodel.compare import compare
+    from fingermodel.diagnosis.addition import add_effects
+
+    held = tuple(p for p in bench.loaded.added if not _matches(p, without))
+    unknown = [w for w in without if not any(_matches(p, [w]) for p in bench.loaded.added)]
+    if unknown:
+        has = sorted({p.split(".")[0] for p in bench.loaded.added})
+        raise InputError(
+            f"the model has no {unknown[0]} to take out", f"one of {', '.join(has) or 'none: it has no effect'}"
+        )
+    before = compare_bench(bench)
+    own = bench.loaded.name == bench.model.finger.id
+    start = None if own else bench.theta
+    addition = add_effects(bench.model, bench.observations, names, held=held, start=start)
+    return before, addition, compare(bench.model, bench.observations, addition.fit.theta)
+
+
+def print_history(history: list[dict[str, Any]]) -> None:
+    """Print the chain of revisions: what each added, on what evidence, and the errors after it."""
+    places = list(history[-1]["rmse_N"])
+    rows = []
+    for step in history:
+        change = " ".join([*(f"+{a}" for a in step["added"]), *(f"-{r}" for r in step["removed"])])
+        rows.append(
+            [step["id"], change or ("start" if step["parent"] is None else "refit"), step["log_evidence_gain"]]
+            + [step["rmse_N"].get(p) for p in places]
+        )
+    table("Fall of the error: RMSE [N] by revision", ["revision", "change", "ln evidence", *places], rows)
+
+
+def _matches(parameter: str, names: list[str]) -> bool:
+    return any(parameter == n or parameter.startswith(f"{n}.") for n in names)
+
+
+def _resolved(effects: list[str]) -> tuple[list[str], list[str]]:
+    """Names of effects, and files among them; a formula in quotes becomes an effect of its own."""
+    from fingermodel.effects.user import load_effect, shipped_effects
+
+    names, files = [], []
+    shipped = set(shipped_effects())
+    for given in effects:
+        if given.endswith((".yaml", ".yml", ".py")) or given in shipped:
+            files.append(given)
+            names.append(load_effect(Path(given)).name)
+        else:
+            names.append(given)
+    return names, files
+
+
+def show_effects(name: str | None, json: str | None) -> None:
+    """List the catalogue, or show one effect whole."""
+    from fingermodel.effects.catalogue import CATALOGUE, EFFECTS
+    from fingermodel.finger_files import read_finger
+    from fingermodel.model import ANY_LAYOUT
+
+    topology = read_finger("an1979_middle").topology
+    if name is not None and name not in EFFECTS:
+        from fingermodel.effects.formula_tree import near
+
+        raise InputError(f"no effect {name!r}{near(name, EFFECTS)}", f"one of {', '.join(EFFECTS)}")
+    chosen = CATALOGUE if name is None else (EFFECTS[name],)
+    rows: list[dict[str, Any]] = []
+    for effect in chosen:
+        parameters = effect.parameters(topology, ANY_LAYOUT)
+        rows.append(
+            {
+                "name": effect.name,
+                "stage": effect.stage,
+                "title": effect.title,
+                "formula": effect.formula,
+                "tell": effect.tell,
+                "source": effect.source,
+                "rests_on_clamp_assumption": effect.rests_on_clamp_assumption,
+                "candidates": list(effect.variants(topology, ANY_LAYOUT)),
+                "parameters": [
+                    {
+                        "name": p.name,
+                        "unit": p.unit,
+                        "null": p.initial,
+                        "range": list(p.plausible) if p.plausible else None,
+                        "prior_sd": p.sd,
+                        "one_sided": p.one_sided,
+                    }
+                    for p in parameters
+                ],
+            }
+        )
+    if answer("effects", {"effects": rows}, json):
+        return
+    if name is None:
+        table(
+            "Catalogue of effects",
+            ["name", "stage", "what happens"],
+            [[r["name"], r["stage"], r["title"]] for r in rows],
+        )
+        say("fingertwin effects NAME shows formula, parameters, ranges and source.")
+        return
+    row = rows[0]
+    say(f"{row['name']} ({row['stage']}): {row['title']}")
+    say(f"  formula: {row['formula']}")
+    say(f"  given away by: {row['tell']}")
+    say(f"  source: {row['source']}")
+    if row["rests_on_clamp_assumption"]:
+        say("  only out-of-plane forces support it, which a real clamp carries in part")
+    table(
+        "Parameters",
+        ["name", "unit", "null", "from", "to", "prior sd"],
+        [[p["name"], p["unit"], p["null"], *(p["range"] or (None, None)), p["prior_sd"]] for p in row["parameters"]],
+    )

@@ -1,0 +1,124 @@
+"""`fingertwin diagnose`: where a session's model fails and which effect is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from server.commands.twin import provenance
+from server.console import answer, progress, say, table
+from server.workflow import Bench, open_bench
+
+if TYPE_CHECKING:
+    from fingermodel.diagnosis.diagnose import Diagnosis
+
+
+def diagnose_session(
+    session: str,
+    model: str | None,
+    thorough: bool,
+    effects: list[str],
+    figures: Path | None,
+    json: str | None,
+) -> None:
+    """Diagnose one session and show it."""
+    with progress("Reading and correcting") as tell:
+        bench = open_bench(session, model, tell, catalogue=True, effects=effects)
+    with progress("Fitting every effect") as tell:
+        diagnosis = run_diagnosis(bench, thorough, tell)
+    body = diagnosis_body(bench, diagnosis)
+    page = None
+    if figures:
+        from server.diagnosis_report import draw_diagnosis
+
+        page = draw_diagnosis(body, figures, list(bench.loaded.history) or None)
+        body["figures"] = str(page)
+    if answer("diagnose", body, json):
+        return
+    print_diagnosis(body)
+    if page:
+        say(f"Report: {page}")
+
+
+def run_diagnosis(bench: Bench, thorough: bool = False, tell: Any = None) -> Diagnosis:
+    """Diagnose a bench; effects that its model holds already are part of the base model."""
+    from fingermodel.diagnosis.diagnose import diagnose
+
+    own = bench.loaded.name == bench.model.finger.id
+    return diagnose(
+        bench.model,
+        bench.observations,
+        held=bench.loaded.added,
+        start=None if own else bench.theta,
+        thorough=thorough,
+        progress=tell,
+    )
+
+
+def diagnosis_body(bench: Bench, diagnosis: Diagnosis) -> dict[str, Any]:
+    """The contract's answer."""
+    from fingermodel.diagnosis.answer import answer as body_of
+    from fingermodel.diagnosis.nulls import nulls
+
+    body = body_of(diagnosis)
+    body["nulls"] = [n.as_dict() for n in nulls(bench.model, bench.observations)]
+    return provenance(bench) | {"held": list(bench.loaded.added)} | body
+
+
+def print_diagnosis(body: dict[str, Any]) -> None:
+    """Print the verdict first, then what it stands on."""
+    say(body["sentence"])
+    for reason in body["reasons"]:
+        say(f"  {reason}")
+    robust = body["robustness"]
+    for flip in robust["flips_when"][:3]:
+        say(f"  It would be another if {flip}.")
+    if robust["rests_on"]:
+        say(f"  It rests on {', '.join(robust['rests_on'])}.")
+    if robust["budget_multiple_at_which_it_fails"]:
+        say(f"  It fails with a budget {robust['budget_multiple_at_which_it_fails']:g} times as large.")
+    rows = []
+    for row in body["ranking"][:8]:
+        first = row["parameters"][:3]
+        values = ", ".join(f"{p['name']} {p['value']:.3g} {p['unit']}" for p in first)
+        more = f" (+{len(row['parameters']) - 3})" if len(row["parameters"]) > 3 else ""
+        rmse = row["validation_rmse_N"]
+        name = " + ".join(row["candidates"]) or ("something else" if row["effects"] else "nothing missing")
+        rows.append([name, row["probability"], row["log_evidence_gain"], rmse["after"], values + more])
+    table(
+        "Explanations",
+        ["what is missing", "probability", "ln evidence", "unseen RMSE [N]", "value"],
+        rows,
+        f"{body['candidates_searched']} searched; by chance, {100 * body['false_finding_rate']:.1f} % of sessions like "
+        "this one without any effect would be given one",
+    )
+    _print_where(body["where"])
+    for null in body["nulls"]:
+        if null["verdict"] != "not_tested":
+            say(f"{'ok  ' if null['verdict'] == 'holds' else 'FAIL'} {null['text']}")
+    for hint in body["hints"]:
+        say(f"Hint: {hint['text']}; fingertwin add '{hint['effect']['formula']}' {body['session']}")
+    _print_fall(body)
+
+
+def _print_where(where: dict[str, Any]) -> None:
+    rows = []
+    for label, key in (("muscle", "by_muscle"), ("posture", "by_posture"), ("mount", "by_location")):
+        worst = sorted(where[key].items(), key=lambda item: -(item[1]["z_rms"] or 0.0))[:3]
+        rows += [[label, name, e["cases"], e["rmse_N"], e["z_rms"]] for name, e in worst]
+    table(
+        "Where the model without it fails",
+        ["by", "", "cases", "RMSE [N]", "z"],
+        rows,
+        "z: residual in standard uncertainties of the readings",
+    )
+
+
+def _print_fall(body: dict[str, Any]) -> None:
+    rows = []
+    plane = body["judged_in"]
+    for place, planes in body["before"].items():
+        before, after = planes[plane]["rmse_N"], body["after"][place][plane]["rmse_N"]
+        seen = "fitted" if place.startswith("identification") else "never fitted"
+        rows.append([place, seen, before, after])
+    table("RMSE [N] before and after", ["cases", "", "before", "after"], rows)

@@ -1,0 +1,184 @@
+"""Figures of a diagnosis as one HTML page, and as PNG and SVG, from nothing but its answer.
+
+The answer is the JSON of `fingertwin diagnose`, so that the page can be drawn anew from a saved file. Whatever the
+answer lacks is said to be absent; nothing is computed here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from daq.files import replacing
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+    from server.figures.report import Picture, Section, Table
+
+History = Sequence[Mapping[str, Any]]
+
+# Sentences fill the cells of these tables; and the verdict is what the page is for.
+_STYLE = """
+#verdict > h2 { margin-top: 20px; }
+#verdict > p:first-of-type { font-size: 25px; line-height: 1.32; font-weight: 600; max-width: 34em;
+  margin: 10px 0 14px; }
+#verdict > p:nth-of-type(2) { font-size: 17px; }
+nav { font-size: 14px; border-bottom: 1px solid #eee; padding-bottom: 10px; }
+nav ol { columns: 3; font-size: 14px; }
+td { white-space: normal; overflow-wrap: break-word; }
+td.n, td:first-child { white-space: nowrap; }
+th { max-width: 9em; }
+#which-explanation td:nth-child(2) { min-width: 9em; }
+"""
+
+
+def draw_diagnosis(
+    answer: dict[str, Any], folder: Path, history: list[dict[str, Any]] | None = None, static: bool = True
+) -> Path:
+    """Draw a diagnosis and return its page.
+
+    Args:
+        answer: of `fingertwin diagnose`; an optional `plane` (`sagittal`, else space) says in which the errors of
+            cases and roles are drawn.
+        folder: for `diagnose.html`, PNG and SVG; made where it is absent.
+        history: of the model's revisions, oldest first: `added`, `removed`, `log_evidence_gain`, `rmse_N`.
+        static: whether to write PNG and SVG too.
+    """
+    from server.figures.diagnosis_words import title
+    from server.figures.report import report_html
+    from server.figures.static import write_static
+
+    figures: dict[str, go.Figure] = {}
+    sections = _sections(answer, history, figures)
+    model = str(answer.get("model") or "")
+    text = report_html(sections, title(answer), f"Model: {model}" if model else "")
+    folder.mkdir(parents=True, exist_ok=True)
+    page = folder / "diagnose.html"
+    with replacing(page) as temporary:
+        temporary.write_text(text.replace("</style>", f"{_STYLE}</style>", 1), encoding="utf-8")
+    if static:
+        write_static(folder, figures)
+    return page
+
+
+def diagnosis_figures(answer: dict[str, Any], history: list[dict[str, Any]] | None = None) -> dict[str, go.Figure]:
+    """Draw every figure of a diagnosis that has something to show, by name."""
+    figures: dict[str, go.Figure] = {}
+    _sections(answer, history, figures)
+    return figures
+
+
+def _sections(answer: Mapping[str, Any], history: History | None, figures: dict[str, go.Figure]) -> list[Section]:
+    """Return the page's parts, and put its figures into `figures`."""
+    from server.figures import diagnosis_tables as tables
+    from server.figures import diagnosis_words as said
+    from server.figures.diagnosis_confounding import confounding_figure
+    from server.figures.diagnosis_held_out import held_out_figure
+    from server.figures.diagnosis_map import residual_map
+    from server.figures.diagnosis_ranking import ranking_figure
+    from server.figures.diagnosis_revisions import revisions_figure
+    from server.figures.diagnosis_torque import torque_figure
+    from server.figures.report import Picture, Section
+    from server.figures.style import NothingToDrawError
+
+    def picture(name: str, draw: Callable[[], go.Figure], caption: str) -> Picture | str:
+        try:
+            figures[name] = draw()
+        except NothingToDrawError as nothing:
+            return f"No figure: {str(nothing)[:1].lower()}{str(nothing)[1:]}"
+        return Picture(figures[name], caption)
+
+    def or_else(found: Sequence[Table], otherwise: str) -> Sequence[Table | str]:
+        return found or [otherwise]
+
+    cases = said.counts(answer)
+    return [
+        Section("Verdict", said.verdict_sentences(answer)),
+        Section("What the verdict hangs on", said.robustness_sentences(answer)),
+        Section(
+            "Where the model fails",
+            [
+                *([cases] if cases else []),
+                picture(
+                    "residual_map",
+                    lambda: residual_map(answer),
+                    "The colours mean the same in every report: pale within noise, darkest from twenty standard "
+                    "uncertainties on.",
+                ),
+                *tables.where_table(answer),
+                *said.torque_sentences(answer),
+                picture(
+                    "missing_torque",
+                    lambda: torque_figure(answer),
+                    "All joints on one scale, so that what matters most stands out.",
+                ),
+                *tables.torque_table(answer),
+            ],
+        ),
+        Section(
+            "Which explanation",
+            [
+                picture(
+                    "ranking",
+                    lambda: ranking_figure(answer),
+                    "Evidence is counted against nothing missing. Validation cases were not fitted.",
+                ),
+                *tables.ranking_table(answer),
+                *tables.parameter_table(answer),
+                *tables.inclusion_table(answer),
+            ],
+        ),
+        Section(
+            "What cannot be told apart",
+            [
+                *said.confounding_sentences(answer),
+                picture(
+                    "confounding",
+                    lambda: confounding_figure(answer),
+                    "Largest canonical correlation of what two effects do to the readings, after tendon points and "
+                    "budget have taken up what they can.",
+                ),
+            ],
+        ),
+        Section(
+            "Tests that need no model",
+            or_else(tables.nulls_table(answer), "None: the session's load cases allow no such test."),
+        ),
+        Section(
+            "Error before and after",
+            [
+                *or_else(tables.error_table(answer), "No error before or after is stated."),
+                picture(
+                    "revisions",
+                    lambda: revisions_figure(answer, history),
+                    "Identification cases are fitted, validation cases never.",
+                ),
+                *tables.revision_table(answer, history),
+                picture(
+                    "held_out",
+                    lambda: held_out_figure(answer),
+                    "Grey marks: the measurement's own standard uncertainty; a residual to their left is within it.",
+                ),
+                *tables.held_out_table(answer),
+            ],
+        ),
+        Section(
+            "Hints at a formula",
+            or_else(tables.hints_table(answer), "None: no simple formula takes up what is left."),
+        ),
+        Section(
+            "Load cases to run next",
+            or_else(tables.next_cases_table(answer), "None: no available load case would tell the explanations apart."),
+        ),
+        Section("How this was found", [*said.METHOD, *_duration(answer)]),
+    ]
+
+
+def _duration(answer: Mapping[str, Any]) -> list[str]:
+    from server.figures.diagnosis_answer import value
+    from server.figures.style import number
+
+    seconds = value(answer.get("seconds"))
+    return [] if seconds is None else [f"The diagnosis took {number(seconds, 1)} s."]

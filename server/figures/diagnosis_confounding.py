@@ -1,0 +1,152 @@
+"""Which effects the load cases can tell apart: how much alike the traces of every two are, with their classes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import plotly.graph_objects as go
+
+from server.figures.diagnosis_answer import DETECTABLE, Answer, effect_name, part, shortened, value, words
+from server.figures.style import GRID, INK, SMALL_PX, WIDTH, NothingToDrawError, axis, figure, fixed, number, plain
+
+MOST = 32
+_TOP, _BOTTOM, _RIGHT = 92, 20, 90  # [px]
+_LEAST_CELL, _MOST_CELL = 19, 46  # [px]
+_LONGEST = 30  # of a label [characters]
+_COLORS = ((0.0, "#f4f6f8"), (0.5, "#d3dfea"), (0.9, "#7fb0d6"), (1.0, "#4f94c8"))
+
+
+def classes_of(answer: Answer) -> list[list[str]]:
+    """Return the classes of two effects and more that the data cannot tell apart."""
+    found = part(answer, "confounding").get("classes")
+    several = [words(c) for c in found] if isinstance(found, list | tuple) else []
+    return [c for c in several if len(c) > 1]
+
+
+def confounding_figure(answer: Answer) -> go.Figure:
+    """Draw the largest canonical correlation of every two effects, classes next to each other and outlined.
+
+    Args:
+        answer: of a diagnosis.
+
+    Raises:
+        NothingToDrawError: fewer than two effects.
+    """
+    names, matrix = _matrix(answer)
+    if len(names) < 2:
+        raise NothingToDrawError("There are not two effects whose traces could be compared.")
+    detectability = {str(k): value(v) for k, v in part(answer, "detectability").items()}
+    total = len(names)
+    if total > MOST:
+        weight = {n: (any(n in c for c in classes_of(answer)), detectability.get(n) or 0.0) for n in names}
+        names = sorted(names, key=lambda n: weight[n], reverse=True)[:MOST]
+    order, classes = _by_class(names, classes_of(answer))
+    labels = [_label(n, detectability) for n in order]
+    columns = [shortened(effect_name(n), _LONGEST) for n in order]
+    left = 24 + round(6.4 * max(len(t) for t in labels))
+    room = WIDTH - left - _RIGHT
+    cell = max(_LEAST_CELL, min(_MOST_CELL, room // len(order)))
+    plot, below = cell * len(order), round(6.2 * max(len(t) for t in columns)) + 12
+    z = [[1.0 if a == b else matrix.get((a, b)) for b in order] for a in order]
+    heat = go.Heatmap(
+        x=list(range(len(order))),
+        y=list(range(len(order))),
+        z=z,
+        zmin=0.0,
+        zmax=1.0,
+        colorscale=[[at, color] for at, color in _COLORS],
+        text=[[_number(v, i == k, cell) for k, v in enumerate(line)] for i, line in enumerate(z)],
+        texttemplate="%{text}",
+        textfont={"size": 9 if cell < 26 else SMALL_PX, "color": INK},
+        xgap=1,
+        ygap=1,
+        hoverinfo="text",
+        hovertext=[[_hover(a, b, matrix.get((a, b))) for b in order] for a in order],
+        hoverongaps=False,
+        colorbar={
+            "title": {"text": "alike", "side": "top", "font": {"size": SMALL_PX + 1, "color": INK}},
+            "thickness": 12,
+            "len": 1.0,
+            "tickfont": {"size": SMALL_PX, "color": INK},
+            "tickvals": [0, 0.5, 0.9, 1],
+            "ticktext": ["0", "0.5", "0.9", "1"],
+            "outlinewidth": 0,
+        },
+    )
+    frame: dict[str, Any] = {"ticks": "", "showgrid": False, "linecolor": GRID, "tickvals": list(range(len(order)))}
+    layout = {
+        "xaxis": axis(ticktext=[plain(t) for t in columns], tickangle=-90, range=[-0.5, len(order) - 0.5], **frame),
+        "yaxis": axis(ticktext=[plain(t) for t in labels], range=[len(order) - 0.5, -0.5], **frame),
+        "shapes": [_outline(first, last) for first, last in classes],
+    }
+    return figure(
+        [heat],
+        layout,
+        title="What these load cases can tell apart",
+        subtitle=_subtitle(total, len(order), classes, detectability),
+        height=plot + _TOP + _BOTTOM + below,
+        margin={"l": left, "r": max(WIDTH - left - plot, _RIGHT), "t": _TOP, "b": _BOTTOM + below},
+    )
+
+
+def _matrix(answer: Answer) -> tuple[list[str], dict[tuple[str, str], float | None]]:
+    names = words(part(answer, "confounding").get("effects"))
+    lines = part(answer, "confounding").get("correlation")
+    found: dict[tuple[str, str], float | None] = {}
+    for a, line in zip(names, lines if isinstance(lines, list | tuple) else (), strict=False):
+        for b, v in zip(names, line if isinstance(line, list | tuple) else (), strict=False):
+            found[a, b] = value(v)
+    return (names if found else []), found
+
+
+def _by_class(names: Sequence[str], classes: Sequence[Sequence[str]]) -> tuple[list[str], list[tuple[int, int]]]:
+    """Order effects so that a class stands together; return the first and last place of each class too."""
+    order: list[str] = []
+    places = []
+    for one in classes:
+        own = [n for n in one if n in names and n not in order]
+        if len(own) > 1:
+            places.append((len(order), len(order) + len(own) - 1))
+            order += own
+    return [*order, *(n for n in names if n not in order)], places
+
+
+def _label(name: str, detectability: dict[str, float | None]) -> str:
+    d = detectability.get(name)
+    spoken = shortened(effect_name(name), _LONGEST)
+    return spoken if d is None else f"{spoken}, d = {number(d, 1)}"
+
+
+def _number(v: float | None, own: bool, cell: int) -> str:
+    """Correlation for a cell; small ones are left to the colour where cells are small."""
+    if v is None or own or (cell < 40 and v < 0.5):
+        return ""
+    return fixed(v, 2).removeprefix("0") if v < 0.995 else "1"
+
+
+def _hover(a: str, b: str, v: float | None) -> str:
+    return "" if v is None or a == b else f"{plain(effect_name(a))}<br>{plain(effect_name(b))}<br>{number(v, 3)}"
+
+
+def _outline(first: int, last: int) -> dict[str, Any]:
+    return {
+        "type": "rect",
+        "xref": "x",
+        "yref": "y",
+        "x0": first - 0.5,
+        "x1": last + 0.5,
+        "y0": first - 0.5,
+        "y1": last + 0.5,
+        "line": {"color": INK, "width": 2},
+        "layer": "above",
+    }
+
+
+def _subtitle(total: int, shown: int, classes: Sequence[Any], detectability: dict[str, float | None]) -> str:
+    text = "1: two effects leave the same trace in the readings; 0: quite different ones."
+    if classes:
+        text += " Outlined: one class, not to be told apart."
+    if any(v is not None for v in detectability.values()):
+        text += f"<br>d: typical size of an effect against noise and budget; below {DETECTABLE:g} it cannot be seen."
+    return text + (f" {shown} of {total} effects are drawn." if shown < total else "")

@@ -1,0 +1,194 @@
+"""The validation cases before and after: how far prediction and measurement are apart in each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import plotly.graph_objects as go
+
+from server.figures.diagnosis_answer import BETTER, WORSE, Answer, plane_of, rows, shortened, value, vector
+from server.figures.style import (
+    COMPONENT_AXES,
+    INK,
+    PLANE_NAMES,
+    SMALL_PX,
+    NothingToDrawError,
+    axis,
+    figure,
+    load_text,
+    number,
+    plain,
+)
+
+MOST_ROWS = 40
+_ROW, _TOP, _BOTTOM, _RIGHT = 22, 112, 60, 84  # [px]
+_LONGEST = 62  # of a label [characters]
+
+
+class Held(NamedTuple):
+    """One validation case: norms of its residual before and after [N], and of its uncertainty."""
+
+    label: str
+    before_N: float
+    after_N: float
+    sd_N: float | None
+    hover: str
+
+
+def held_out(answer: Answer) -> list[Held]:
+    """Return the validation cases that state a force and both predictions, the worst before first."""
+    count = 2 if plane_of(answer) == "sagittal" else 3
+    out = []
+    for case in rows(answer, "cases"):
+        forces = [vector(case.get(k)) for k in ("measured_N", "before_N", "after_N")]
+        if case.get("role") != "validation" or any(f is None or len(f) < count for f in forces):
+            continue
+        measured, before, after = ([*(f or ())][:count] for f in forces)
+        sd = vector(case.get("measured_sd_N"))
+        out.append(
+            Held(
+                _label(case),
+                math.dist(measured, before),
+                math.dist(measured, after),
+                math.hypot(*sd[:count]) if sd else None,
+                _hover(case, measured, before, after),
+            )
+        )
+    return sorted(out, key=lambda h: -h.before_N)
+
+
+def held_out_figure(answer: Answer) -> go.Figure:
+    """Draw the residual of every validation case before and after, joined by a line, the worst before on top.
+
+    Args:
+        answer: of a diagnosis.
+
+    Raises:
+        NothingToDrawError: no validation case with both predictions.
+    """
+    cases = held_out(answer)
+    if not cases:
+        raise NothingToDrawError("There is no validation case with a prediction before and after.")
+    total, cases = len(cases), cases[:MOST_ROWS]
+    plot = _ROW * len(cases)
+    top = 1.06 * max(max(c.before_N, c.after_N, c.sd_N or 0.0) for c in cases) or 1.0
+    labels = [shortened(c.label, _LONGEST) for c in cases]
+    left = 30 + round(6.4 * max(len(t) for t in labels))
+    fell = sum(c.after_N < c.before_N for c in cases)
+    places = list(range(len(cases)))
+    data = [*_lines(cases), _noise(cases, places), *_points(cases, places)]
+    layout: dict[str, Any] = {
+        "xaxis": axis(f"‖predicted \N{MINUS SIGN} measured‖ {PLANE_NAMES[plane_of(answer)]} [N]", range=[0.0, top]),
+        "yaxis": axis(
+            tickvals=places,
+            ticktext=[plain(t) for t in labels],
+            range=[len(cases) - 0.4, -0.6],
+            ticks="",
+            showline=False,
+        ),
+        "annotations": [_change(c, i) for i, c in enumerate(cases)],
+        "showlegend": True,
+        "legend": {
+            "orientation": "h",
+            "x": 0.0,
+            "xanchor": "left",
+            "y": 1.0 + 10 / plot,
+            "yanchor": "bottom",
+            "font": {"size": SMALL_PX + 1},
+        },
+    }
+    many = f"The worst {len(cases)} of {total} cases" if total > len(cases) else f"{total} cases"
+    return figure(
+        [trace for trace in data if trace is not None],
+        layout,
+        title="Held-out load cases: predicted against measured, before and after",
+        subtitle=f"{many} never fitted; the residual falls in {fell} of them. At the right the change [N].",
+        height=plot + _TOP + _BOTTOM,
+        margin={"l": left, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
+    )
+
+
+def _lines(cases: Sequence[Held]) -> list[go.Scatter]:
+    out: list[go.Scatter] = []
+    for falls, color, name in ((True, BETTER, "falls"), (False, WORSE, "rises")):
+        own = [(i, c) for i, c in enumerate(cases) if (c.after_N <= c.before_N) == falls]
+        if own:
+            line: dict[str, Any] = {"color": color, "width": 2.5}
+            x = [v for _, c in own for v in (c.before_N, c.after_N, None)]
+            y = [v for i, _ in own for v in (i, i, None)]
+            out.append(
+                go.Scatter(x=x, y=y, mode="lines", line=line, name=name, hoverinfo="skip", legendrank=1003 + len(out))
+            )
+    return out
+
+
+def _points(cases: Sequence[Held], places: Sequence[int]) -> list[go.Scatter]:
+    out: list[go.Scatter] = []
+    for name, symbol, values in (
+        ("before", "circle-open", [c.before_N for c in cases]),
+        ("after", "circle", [c.after_N for c in cases]),
+    ):
+        look: dict[str, Any] = {"symbol": symbol, "size": 9, "color": INK}
+        hover = [c.hover for c in cases]
+        out.append(
+            go.Scatter(
+                x=values,
+                y=list(places),
+                mode="markers",
+                marker=look,
+                name=name,
+                legendrank=1001 + len(out),
+                hoverinfo="text",
+                hovertext=hover,
+            )
+        )
+    return out
+
+
+def _noise(cases: Sequence[Held], places: Sequence[int]) -> go.Scatter | None:
+    known = [(c.sd_N, i) for c, i in zip(cases, places, strict=True) if c.sd_N is not None]
+    if not known:
+        return None
+    return go.Scatter(
+        x=[v for sd, _ in known for v in (sd, sd, None)],
+        y=[v for _, i in known for v in (i - 0.34, i + 0.34, None)],
+        mode="lines",
+        line={"color": "#8a8a8a", "width": 2},
+        name="noise, 1 sd",
+        hoverinfo="skip",
+        legendrank=1005,
+    )
+
+
+def _change(case: Held, row: int) -> dict[str, Any]:
+    change = case.after_N - case.before_N
+    text = f"+{number(change, 3)}" if change > 0 else number(change, 3)
+    return {
+        "text": text,
+        "x": 1.0,
+        "y": row,
+        "xref": "paper",
+        "yref": "y",
+        "xanchor": "left",
+        "yanchor": "middle",
+        "xshift": 12,
+        "showarrow": False,
+        "font": {"size": SMALL_PX, "color": BETTER if change <= 0 else WORSE},
+    }
+
+
+def _label(case: Answer) -> str:
+    masses = case.get("masses_g")
+    known = {str(k): m for k, v in masses.items() if (m := value(v)) is not None} if isinstance(masses, dict) else {}
+    where = [str(w).replace("_", " ") for k in ("posture", "location") if (w := case.get(k))]
+    return f"{case.get('id', '')}  {load_text(known)}, {', '.join(where)}"
+
+
+def _hover(case: Answer, measured: Sequence[float], before: Sequence[float], after: Sequence[float]) -> str:
+    def force(values: Sequence[float]) -> str:
+        return ", ".join(f"{a} {number(v, 3)}" for a, v in zip(COMPONENT_AXES, values, strict=False))
+
+    lines = [f"<b>{plain(_label(case))}</b>", f"measured {force(measured)} N"]
+    return "<br>".join([*lines, f"before {force(before)} N", f"after {force(after)} N"])

@@ -1,0 +1,213 @@
+"""Where the model fails: residuals in standard uncertainties by loaded tendon and posture, a panel for each mount."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import plotly.graph_objects as go
+
+from server.figures.diagnosis_answer import (
+    Answer,
+    in_tendon_order,
+    locations_in_order,
+    muscles_of,
+    rows,
+    shortened,
+    value,
+)
+from server.figures.style import (
+    GRID,
+    INK,
+    SMALL_PX,
+    TEXT_PX,
+    WIDTH,
+    NothingToDrawError,
+    axis,
+    domain,
+    figure,
+    number,
+    plain,
+    posture_name,
+)
+
+# One scale for every session, so that colours compare: pale where noise explains the residual, dark far beyond.
+_COLORS = ("#eef1f5", "#fbe6c0", "#f0b35c", "#dd7a2b")
+_LOW, _HIGH = 0.5, 20.0
+_TICKS = (0.5, 1, 2, 5, 10, 20)
+_ROW, _TOP, _BOTTOM, _RIGHT, _BETWEEN = 27, 100, 64, 90, 34  # [px]
+_WIDEST, _NARROWEST = 96, 34  # of a cell [px]
+_LONGEST = 24  # of a label [characters]
+
+
+class Cell(NamedTuple):
+    """Residuals of the cases of one tendon, posture and mount."""
+
+    cases: int
+    rmse_N: float | None
+    z_rms: float | None
+
+
+def residual_map(answer: Answer) -> go.Figure:
+    """Draw the root mean square z of every tendon and posture; what was not tested stays empty.
+
+    Args:
+        answer: of a diagnosis.
+
+    Raises:
+        NothingToDrawError: no cell.
+    """
+    cells = _cells(answer)
+    if not any(c.z_rms is not None for c in cells.values()):
+        raise NothingToDrawError("There is no residual to show by tendon and posture.")
+    locations = locations_in_order(where for where, _, _ in cells)
+    muscles = in_tendon_order(m for _, m, _ in cells)
+    postures = list(dict.fromkeys(p for _, _, p in cells))
+    left = 30 + 8 * max(len(shortened(m, _LONGEST)) for m in muscles)
+    room = WIDTH - left - _RIGHT - _BETWEEN * (len(locations) - 1)
+    width = max(_NARROWEST, min(_WIDEST, room // (len(locations) * len(postures)))) * len(postures)
+    plot = width * len(locations) + _BETWEEN * (len(locations) - 1)
+    turned = width / len(postures) < 6.4 * max(len(line) for p in postures for line in _lines(p).split("<br>"))
+    data: list[go.Heatmap] = []
+    layout: dict[str, Any] = {"annotations": []}
+    for index, location in enumerate(locations):
+        suffix, begin = str(index + 1) if index else "", index * (width + _BETWEEN)
+        layout[f"xaxis{suffix}"] = axis(
+            domain=domain(begin / plot, (begin + width) / plot),
+            anchor=f"y{suffix}",
+            tickvals=list(range(len(postures))),
+            ticktext=[_name(p) if turned else _lines(p) for p in postures],
+            tickangle=-90 if turned else 0,
+            range=[-0.5, len(postures) - 0.5],
+            **_frame(),
+        )
+        layout[f"yaxis{suffix}"] = axis(
+            anchor=f"x{suffix}",
+            tickvals=list(range(len(muscles))),
+            ticktext=[plain(shortened(m, _LONGEST)) for m in muscles],
+            range=[len(muscles) - 0.5, -0.5],
+            showticklabels=index == 0,
+            **_frame(),
+        )
+        data.append(_panel(cells, location, muscles, postures, suffix, last=index == len(locations) - 1))
+        layout["annotations"].append(
+            {
+                "text": f"<b>{plain(shortened(_mount(location), 40))}</b>",
+                "x": begin / plot,
+                "y": 1.0,
+                "xref": "paper",
+                "yref": "paper",
+                "xanchor": "left",
+                "yanchor": "bottom",
+                "yshift": 4,
+                "showarrow": False,
+                "font": {"size": TEXT_PX, "color": INK},
+            }
+        )
+    bottom = round(6.4 * max(len(_name(p)) for p in postures)) + 20 if turned else _BOTTOM
+    return figure(
+        data,
+        layout,
+        title="Where the model fails, before any effect is added",
+        subtitle=_subtitle(cells),
+        height=_ROW * len(muscles) + _TOP + bottom,
+        margin={"l": left, "r": max(WIDTH - left - plot, _RIGHT), "t": _TOP, "b": bottom},
+    )
+
+
+def _cells(answer: Answer) -> dict[tuple[str, str, str], Cell]:
+    """Cells by mount, tendons and posture; those that come twice are pooled."""
+    out: dict[tuple[str, str, str], Cell] = {}
+    for row in rows(answer, "where", "cells"):
+        key = (str(row.get("location", "")), muscles_of(row), str(row.get("posture", "")))
+        new = Cell(int(value(row.get("cases")) or 1), value(row.get("rmse_N")), value(row.get("z_rms")))
+        out[key] = _pooled(out[key], new) if key in out else new
+    return out
+
+
+def _pooled(a: Cell, b: Cell) -> Cell:
+    def both(x: float | None, y: float | None) -> float | None:
+        if x is None or y is None:
+            return y if x is None else x
+        return math.sqrt((a.cases * x**2 + b.cases * y**2) / (a.cases + b.cases))
+
+    return Cell(a.cases + b.cases, both(a.rmse_N, b.rmse_N), both(a.z_rms, b.z_rms))
+
+
+def _panel(
+    cells: dict[tuple[str, str, str], Cell],
+    location: str,
+    muscles: Sequence[str],
+    postures: Sequence[str],
+    suffix: str,
+    *,
+    last: bool,
+) -> go.Heatmap:
+    grid = [[cells.get((location, m, p)) for p in postures] for m in muscles]
+    shown = [[None if c is None else c.z_rms for c in line] for line in grid]
+    return go.Heatmap(
+        x=list(range(len(postures))),
+        y=list(range(len(muscles))),
+        z=[[None if z is None else math.log10(min(max(z, _LOW), _HIGH)) for z in line] for line in shown],
+        zmin=math.log10(_LOW),
+        zmax=math.log10(_HIGH),
+        colorscale=[[k / (len(_COLORS) - 1), c] for k, c in enumerate(_COLORS)],
+        text=[["" if z is None else number(z, 0 if z >= 99.95 else 1) for z in line] for line in shown],
+        texttemplate="%{text}",
+        textfont={"size": SMALL_PX + 1, "color": INK},
+        xgap=2,
+        ygap=2,
+        hoverinfo="text",
+        hovertext=[
+            [_hover(location, m, p, c) for p, c in zip(postures, line, strict=True)]
+            for m, line in zip(muscles, grid, strict=True)
+        ],
+        hoverongaps=False,
+        showscale=last,
+        colorbar={
+            "title": {"text": "z", "side": "top", "font": {"size": TEXT_PX, "color": INK}},
+            "thickness": 12,
+            "len": 1.0,
+            "tickfont": {"size": SMALL_PX, "color": INK},
+            "tickvals": [math.log10(t) for t in _TICKS],
+            "ticktext": [f"{t:g}" for t in _TICKS[:-1]] + [f"≥ {_TICKS[-1]:g}"],
+            "outlinewidth": 0,
+        },
+        xaxis=f"x{suffix}",
+        yaxis=f"y{suffix}",
+    )
+
+
+def _hover(location: str, muscles: str, posture: str, cell: Cell | None) -> str:
+    if cell is None:
+        return ""
+    many = f"{cell.cases} case{'' if cell.cases == 1 else 's'}"
+    what = f"<b>{plain(muscles)}</b> {posture_name(posture)}, {plain(location)}: {many}"
+    return f"{what}<br>z {number(cell.z_rms, 1)}, RMSE {number(cell.rmse_N, 3)} N"
+
+
+def _subtitle(cells: dict[tuple[str, str, str], Cell]) -> str:
+    (location, muscles, posture), worst = max(cells.items(), key=lambda item: item[1].z_rms or 0.0)
+    case = f"{plain(shortened(muscles, _LONGEST))}, {_name(posture).lower()}, {plain(shortened(location, _LONGEST))}"
+    found = f"Worst: {case}, z = {number(worst.z_rms, 1)}"
+    what = "Residual in standard uncertainties z, root mean square over cases (1: noise alone)."
+    return f"{what}<br>{found}. Empty: not tested."
+
+
+def _mount(location: str) -> str:
+    return f"Cell at the {location}" if location else "All cases"
+
+
+def _name(posture: str) -> str:
+    return posture_name(shortened(posture, _LONGEST))
+
+
+def _lines(posture: str) -> str:
+    """A posture's name, a long one on two lines."""
+    name = _name(posture)
+    return name.replace(" ", "<br>", 1) if len(name) > 9 else name
+
+
+def _frame() -> dict[str, Any]:
+    return {"ticks": "", "showgrid": False, "linecolor": GRID, "mirror": True}

@@ -1,0 +1,233 @@
+"""The explanations that were tried, most probable first, with what each gains on the data and on held-out cases."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import plotly.graph_objects as go
+
+from server.figures.diagnosis_answer import (
+    EFFECT_COLOR,
+    ELSE_COLOR,
+    NOTHING_COLOR,
+    Answer,
+    explanation_name,
+    from_to,
+    kind,
+    named_rows,
+    part,
+    probability_text,
+    ranked,
+    rows,
+    shortened,
+    signed,
+    size_text,
+    value,
+    with_sd,
+)
+from server.figures.style import (
+    BAND,
+    INK,
+    MUTED,
+    SMALL_PX,
+    NothingToDrawError,
+    axis,
+    figure,
+    mix,
+    plain,
+)
+
+MOST_ROWS = 12
+_ROW, _TOP, _BOTTOM, _RIGHT = 30, 136, 40, 20  # [px]
+_LONGEST = 38  # of a label [characters]
+_KINDS = {
+    "effects": (EFFECT_COLOR, "effects of the catalogue"),
+    "nothing": (NOTHING_COLOR, "nothing missing"),
+    "else": (ELSE_COLOR, "something outside the catalogue"),
+}
+_SYMBOLS = {"effects": "square", "nothing": "circle", "else": "diamond"}
+_INKS = {"effects": INK, "nothing": MUTED, "else": "#8a5f00"}
+# One axis spans the whole width: a sign of the kind, bars from 0 to 1, then columns of numbers.
+_BEGIN, _END = -0.05, 2.75
+_COLUMNS = ((0.58, "log evidence<br>gain"), (0.78, "held-out RMSE [N]<br>before → after"), (1.0, "size [N]<br>(95 %)"))
+
+
+def shown_rows(answer: Answer) -> list[Answer]:
+    """Return the rows that are drawn: the most probable, those that the verdict names, nothing, something else."""
+    order, named = ranked(answer), named_rows(answer)
+    return [r for i, r in enumerate(order) if i < MOST_ROWS or kind(r) != "effects" or r in named]
+
+
+def ranking_figure(answer: Answer) -> go.Figure:
+    """Draw the probability of every explanation as a bar, with its evidence, held-out error and size beside it.
+
+    Args:
+        answer: of a diagnosis.
+
+    Raises:
+        NothingToDrawError: no explanation.
+    """
+    shown, named = shown_rows(answer), named_rows(answer)
+    if not shown:
+        raise NothingToDrawError("No explanation was ranked.")
+    names = [_label(r) for r in shown]
+    left = 34 + round(6.8 * max(len(line) for n in names for line in n))
+    plot = _ROW * len(shown)
+    data = [trace for which in _KINDS for trace in _bars(shown, named, which)]
+    layout: dict[str, Any] = {
+        "barmode": "overlay",
+        "xaxis": axis(
+            range=[_BEGIN, _END],
+            tickvals=[0, 0.25, 0.5, 0.75, 1.0],
+            ticktext=["0", "0.25", "0.5", "0.75", "1"],
+            showline=False,
+            ticks="",
+        ),
+        "yaxis": axis(range=[len(shown) - 0.5, -0.5], visible=False),
+        "annotations": [*_labels(shown, names, named), *_columns(shown)],
+        "shapes": [_band(i) for i, r in enumerate(shown) if r in named],
+        "showlegend": True,
+        "legend": {
+            "orientation": "h",
+            "x": 0.0,
+            "xanchor": "left",
+            "y": 1.0 + 38 / plot,
+            "yanchor": "bottom",
+            "font": {"size": SMALL_PX + 1},
+        },
+    }
+    return figure(
+        data,
+        layout,
+        title="Explanations, most probable first",
+        subtitle=_subtitle(answer, shown, named),
+        height=plot + _TOP + _BOTTOM,
+        margin={"l": left, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
+    )
+
+
+def _bars(shown: Sequence[Answer], named: Sequence[Answer], which: str) -> list[go.Bar | go.Scatter]:
+    """Bars of one kind of explanation, each with the sign of its kind before it."""
+    color, name = _KINDS[which]
+    own = [(i, r) for i, r in enumerate(shown) if kind(r) == which]
+    if not own:
+        return []
+    inks = [color if r in named or which != "effects" else mix(color, "#ffffff", 0.45) for _, r in own]
+    bars = go.Bar(
+        x=[value(r.get("probability")) or 0.0 for _, r in own],
+        y=[i for i, _ in own],
+        orientation="h",
+        width=0.62,
+        marker={"color": inks, "line": {"width": 0}},
+        text=[plain(probability_text(r.get("probability"))) for _, r in own],
+        textposition="outside",
+        textangle=0,
+        constraintext="none",
+        cliponaxis=False,
+        textfont={"size": SMALL_PX + 1, "color": INK},
+        name=name,
+        legendgroup=which,
+        showlegend=False,
+        hoverinfo="text",
+        hovertext=[_hover(r) for _, r in own],
+    )
+    sign: dict[str, Any] = {"symbol": _SYMBOLS[which], "size": 9, "color": color}
+    signs = go.Scatter(
+        x=[0.5 * _BEGIN] * len(own),
+        y=[i for i, _ in own],
+        mode="markers",
+        marker=sign,
+        name=name,
+        legendgroup=which,
+        hoverinfo="skip",
+    )
+    return [bars, signs]
+
+
+def _labels(shown: Sequence[Answer], names: Sequence[Sequence[str]], named: Sequence[Answer]) -> list[dict[str, Any]]:
+    """Names of the rows, bold what the verdict names, and what the bars are."""
+    start = -_BEGIN / (_END - _BEGIN)
+    out = [_word("probability", start, 1.0, "paper", MUTED, 4) | {"xanchor": "left", "align": "left"}]
+    for i, (row, lines) in enumerate(zip(shown, names, strict=True)):
+        text = "<br>".join(f"<b>{plain(line)}</b>" if row in named else plain(line) for line in lines)
+        out.append(_word(text, 0.0, i, "y", _INKS[kind(row)], 0) | {"xshift": -6})
+    return out
+
+
+def _columns(shown: Sequence[Answer]) -> list[dict[str, Any]]:
+    out = []
+    for column, (x, title) in enumerate(_COLUMNS):
+        out.append(_word(title, x, 1.0, "paper", MUTED, 4))
+        for i, row in enumerate(shown):
+            text = (_evidence, _held_out, size_text)[column](row)
+            out.append(_word(plain(text), x, i, "y", INK, 0))
+    return out
+
+
+def _evidence(row: Answer) -> str:
+    return signed(row.get("log_evidence_gain"))
+
+
+def _held_out(row: Answer) -> str:
+    both = part(row, "validation_rmse_N")
+    return from_to(both.get("before"), both.get("after"))
+
+
+def _label(row: Answer) -> list[str]:
+    """Lines of an explanation's name: two effects on two where they are long."""
+    name = explanation_name(row) + (" *" if row.get("in_range") is False else "")
+    first, plus, second = name.partition(" + ")
+    lines = [f"{first} +", second] if plus and len(name) > 34 else [name]
+    return [shortened(line, _LONGEST) for line in lines]
+
+
+def _hover(row: Answer) -> str:
+    lines = [f"<b>{plain(explanation_name(row))}</b>", f"probability {plain(probability_text(row.get('probability')))}"]
+    for parameter in rows(row, "parameters"):
+        found, sd = with_sd(parameter.get("value"), parameter.get("sd"))
+        lines.append(plain(f"{parameter.get('name', '')} = {found} ± {sd} {parameter.get('unit', '')}"))
+    return "<br>".join(lines)
+
+
+def _band(row: int) -> dict[str, Any]:
+    """A pale band behind a row that the verdict names."""
+    return {
+        "type": "rect",
+        "xref": "paper",
+        "yref": "y",
+        "x0": 0.0,
+        "x1": 1.0,
+        "y0": row - 0.5,
+        "y1": row + 0.5,
+        "fillcolor": BAND,
+        "line": {"width": 0},
+        "layer": "below",
+    }
+
+
+def _subtitle(answer: Answer, shown: Sequence[Answer], named: Sequence[Answer]) -> str:
+    parts = ["Shaded: what the verdict names" if named else "The verdict names none of them"]
+    rest = [r for r in ranked(answer) if r not in shown]
+    if rest:
+        together = sum(value(r.get("probability")) or 0.0 for r in rest)
+        parts.append(f"{len(rest)} more, together {plain(probability_text(together))}, are not drawn")
+    if any(r.get("in_range") is False for r in shown):
+        parts.append("* a value outside its plausible range")
+    return "; ".join(parts) + "."
+
+
+def _word(text: str, x: float, y: float, yref: str, ink: str, shift: int) -> dict[str, Any]:
+    return {
+        "text": text,
+        "x": x,
+        "y": y,
+        "xref": "paper",
+        "yref": yref,
+        "xanchor": "right",
+        "yanchor": "middle" if yref == "y" else "bottom",
+        "yshift": shift,
+        "align": "right",
+        "showarrow": False,
+        "font": {"size": SMALL_PX + 1, "color": ink},
+    }

@@ -1,0 +1,225 @@
+"""The tables of a diagnosis: where it fails, explanations and their values, nulls, errors, hints, next load cases."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from server.figures.diagnosis_answer import (
+    Answer,
+    effect_name,
+    explanation_name,
+    from_to,
+    kind,
+    locations_in_order,
+    named_rows,
+    part,
+    probability_text,
+    ranked,
+    rows,
+    signed,
+    size_text,
+    value,
+    with_sd,
+    words,
+)
+from server.figures.diagnosis_held_out import held_out
+from server.figures.diagnosis_ranking import shown_rows
+from server.figures.diagnosis_revisions import steps_of
+from server.figures.report import Table
+from server.figures.style import load_text, number
+
+_GROUPS = {
+    "by_location": "mount",
+    "by_muscle": "loaded tendon",
+    "by_posture": "posture",
+    "by_load_level": "load level",
+    "by_component": "component",
+}
+_NULLS = {"holds": "holds", "violated": "violated", "not_tested": "not tested"}
+_MOST_VALUES = 5  # explanations whose values are told
+
+
+def where_table(answer: Answer) -> list[Table]:
+    """Tabulate the residual by mount, tendon, posture, load level and component, the worst of each first."""
+    out = []
+    for key, name in _GROUPS.items():
+        found = [(str(k), part(v)) for k, v in part(answer, "where", key).items()]
+        found.sort(key=lambda item: -(value(item[1].get("z_rms")) or 0.0))
+        out += [
+            [
+                f"{name}: {k}",
+                number(value(v.get("cases")), 0),
+                number(value(v.get("rmse_N")), 3),
+                number(value(v.get("z_rms")), 1),
+            ]
+            for k, v in found
+        ]
+    caption = "Before any effect is added, the worst first; z = 1 is noise alone."
+    return [Table(["cases", "n", "RMSE [N]", "z"], out, caption)] if out else []
+
+
+def torque_table(answer: Answer) -> list[Table]:
+    """Tabulate the missing torque by joint."""
+    found = [(str(k), part(v)) for k, v in part(answer, "where", "joint_torque_Nmm").items()]
+    lines = [[k, number(value(v.get("rms")), 2), number(value(v.get("sd")), 2)] for k, v in found]
+    header = ["joint", "missing torque, RMS [N mm]", "sd [N mm]"]
+    return [Table(header, lines, "Missing joint torque over all cases.")] if lines else []
+
+
+def ranking_table(answer: Answer) -> list[Table]:
+    """Tabulate the explanations that are drawn, with what they gain and what they are easily taken for."""
+    named, out = named_rows(answer), []
+    for place, row in enumerate(shown_rows(answer), start=1):
+        held = part(row, "validation_rmse_N")
+        remarks = ["named by the verdict"] if row in named else []
+        remarks += ["value outside its range"] if row.get("in_range") is False else []
+        share = value(row.get("wildcard_share"))
+        if alike := words(row.get("indistinguishable_from")):
+            remarks.append(f"not told apart from {', '.join(effect_name(n) for n in alike)}")
+        out.append(
+            [
+                str(place),
+                explanation_name(row),
+                probability_text(row.get("probability")),
+                signed(row.get("log_evidence_gain")),
+                size_text(row),
+                from_to(held.get("before"), held.get("after")),
+                "–" if share is None or kind(row) != "effects" else number(100 * share, 0),
+                "; ".join(remarks),
+            ]
+        )
+    header = [
+        "",
+        "explanation",
+        "probability",
+        "log evidence gain",
+        "size [N] (95 %)",
+        "held-out RMSE [N], before → after",
+        "wildcard share [%]",
+        "remarks",
+    ]
+    more = len(ranked(answer)) - len(out)
+    caption = "Explanations, most probable first" + (f"; {more} less probable ones are left out." if more > 0 else ".")
+    return [Table(header, out, caption)] if out else []
+
+
+def parameter_table(answer: Answer) -> list[Table]:
+    """Tabulate the fitted values of the explanations that the verdict names and of the most probable ones."""
+    chosen = [r for r in ranked(answer) if rows(r, "parameters")]
+    named = [r for r in named_rows(answer) if r in chosen]
+    chosen = [*named, *[r for r in chosen if r not in named][: max(_MOST_VALUES - len(named), 0)]]
+    out = []
+    for row in chosen:
+        name = explanation_name(row)
+        for parameter in rows(row, "parameters"):
+            found, sd = with_sd(parameter.get("value"), parameter.get("sd"))
+            unit = str(parameter.get("unit") or "1")
+            out.append([name, str(parameter.get("name", "")), found, sd, unit])
+            name = ""
+    header = ["explanation", "parameter", "value", "sd", "unit"]
+    caption = "Values with their standard deviations, budget and effect fitted together."
+    return [Table(header, out, caption)] if out else []
+
+
+def inclusion_table(answer: Answer) -> list[Table]:
+    """Tabulate the effects one by one: how probable in any explanation, and how well the data show it."""
+    inclusion, detectability = part(answer, "inclusion"), part(answer, "detectability")
+    names = [str(n) for n in dict.fromkeys([*inclusion, *detectability])]
+    names.sort(key=lambda n: (-(value(inclusion.get(n)) or 0.0), -(value(detectability.get(n)) or 0.0)))
+    lines = [
+        [effect_name(n), probability_text(inclusion.get(n)), number(value(detectability.get(n)), 1)] for n in names
+    ]
+    header = ["effect", "inclusion probability", "detectability d"]
+    caption = "Every effect, in whatever explanation; d is its typical size against noise and budget (below 2 unseen)."
+    return [Table(header, lines, caption)] if lines else []
+
+
+def nulls_table(answer: Answer) -> list[Table]:
+    """Tabulate the tests that need no model."""
+    lines = [
+        [str(n.get("name", "")), _NULLS.get(str(n.get("verdict")), str(n.get("verdict", ""))), str(n.get("text") or "")]
+        for n in rows(answer, "nulls")
+    ]
+    lines = [[effect_name(name.replace(" ", "_")), verdict, text] for name, verdict, text in lines]
+    return [Table(["test", "outcome", "what was found"], lines)] if lines else []
+
+
+def error_table(answer: Answer) -> list[Table]:
+    """Tabulate the errors before and after by role and mount, as a comparison does."""
+    before, after = part(answer, "before"), part(answer, "after")
+    keys = [str(k) for k in dict.fromkeys([*before, *after])]
+    places = locations_in_order(k.partition("/")[2] for k in keys)
+    keys.sort(key=lambda k: (k.partition("/")[0], places.index(k.partition("/")[2])))
+
+    def both(key: str, plane: str, name: str, digits: int) -> str:
+        return from_to(part(before, key, plane).get(name), part(after, key, plane).get(name), digits)
+
+    lines = [
+        [
+            key.replace("/", ", "),
+            number(value(part(before, key, "space").get("cases", part(after, key, "space").get("cases"))), 0),
+            both(key, "sagittal", "rmse_N", 3),
+            both(key, "sagittal", "rmse_rel_pct", 1),
+            both(key, "sagittal", "magnitude_error_N", 3),
+            both(key, "sagittal", "direction_error_deg", 1),
+            both(key, "space", "rmse_N", 3),
+        ]
+        for key in keys
+    ]
+    header = ["cases", "n", "RMSE [N]", "RMSE [%]", "magnitude [N]", "direction [°]", "RMSE in space [N]"]
+    caption = "Errors before → after, in the sagittal plane unless said otherwise. Validation cases are never fitted."
+    return [Table(header, lines, caption)] if lines else []
+
+
+def revision_table(answer: Answer, history: Sequence[Mapping[str, Any]] | None) -> list[Table]:
+    """Tabulate the error at every revision, where there is a history."""
+    steps = steps_of(answer, history) if history else []
+    keys = list(dict.fromkeys(k for s in steps for k in s.rmse_N))
+    lines = [[", ".join(s.lines), *(number(s.rmse_N.get(k), 3) for k in keys)] for s in steps]
+    header = ["revision", *(k.replace("/", ", ") + " [N]" for k in keys)]
+    return [Table(header, lines, "RMSE at every revision of the model, oldest first.")] if lines else []
+
+
+def held_out_table(answer: Answer) -> list[Table]:
+    """Tabulate the residual of every validation case before and after."""
+    lines = [
+        [h.label, number(h.before_N, 3), number(h.after_N, 3), signed(h.after_N - h.before_N, 3), number(h.sd_N, 3)]
+        for h in held_out(answer)
+    ]
+    header = ["validation case", "before [N]", "after [N]", "change [N]", "uncertainty [N]"]
+    caption = "Norm of predicted − measured of every validation case, and of the measurement's standard uncertainty."
+    return [Table(header, lines, caption)] if lines else []
+
+
+def hints_table(answer: Answer) -> list[Table]:
+    """Tabulate the formulas that would take up what is left."""
+    lines = [
+        [
+            str(h.get("formula") or "–"),
+            ", ".join(str(w) for w in (h.get("stage"), h.get("joint")) if w),
+            signed(h.get("log_evidence_gain")),
+            str(h.get("text") or ""),
+        ]
+        for h in rows(answer, "hints")
+    ]
+    return [Table(["formula", "acts on", "log evidence gain", "in words"], lines)] if lines else []
+
+
+def next_cases_table(answer: Answer) -> list[Table]:
+    """Tabulate the load cases that would tell most."""
+    lines = []
+    for case in rows(answer, "next_cases"):
+        masses = {str(k): m for k, v in part(case, "masses_g").items() if (m := value(v)) is not None}
+        lines.append(
+            [
+                str(case.get("posture") or "–"),
+                str(case.get("location") or "–"),
+                load_text(masses).replace(" ", "\N{NO-BREAK SPACE}") if masses or "masses_g" in case else "–",
+                number(value(case.get("information_nat")), 2),
+                " / ".join(effect_name(n) for n in words(case.get("separates"))),
+                str(case.get("text") or ""),
+            ]
+        )
+    header = ["posture", "at", "load", "information [nat]", "separates", "in words"]
+    return [Table(header, lines, "Most telling first.")] if lines else []

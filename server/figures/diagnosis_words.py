@@ -1,0 +1,197 @@
+"""A diagnosis in plain sentences: the verdict, what it hangs on, what cannot be told apart, and how it was found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from server.figures.diagnosis_answer import (
+    CONFOUNDED,
+    DETECTABLE,
+    Answer,
+    effect_name,
+    explanation_name,
+    named_rows,
+    part,
+    probability_text,
+    rows,
+    value,
+    vector,
+    words,
+)
+from server.figures.diagnosis_confounding import classes_of
+from server.figures.style import number
+
+VERDICTS = {
+    "found": "found",
+    "one_of": "one of several",
+    "none_of_catalogue": "none of the catalogue",
+    "nothing_missing": "nothing missing",
+    "undecided": "undecided",
+}
+
+
+def title(answer: Answer) -> str:
+    """Name the page by the sessions that were diagnosed."""
+    ids = words(answer.get("sessions")) or words(answer.get("session"))
+    shown = ", ".join(ids[:3]) + (f" and {len(ids) - 3} more" if len(ids) > 3 else "")
+    return f"Diagnosis of {shown}" if shown else "Diagnosis"
+
+
+def listed(names: Sequence[str], last: str = "and") -> str:
+    """Write `a, b and c`."""
+    return f"{', '.join(names[:-1])} {last} {names[-1]}" if len(names) > 1 else "".join(names)
+
+
+def verdict_sentences(answer: Answer) -> list[str]:
+    """Say the verdict first, then how sure it is and why."""
+    out = [_sentence(answer), _status(answer), *words(answer.get("reasons"))]
+    chi = part(answer, "chi_square")
+    if (found := value(chi.get("value"))) is not None:
+        said = f"χ² of the model without any effect: {number(found, 1)}"
+        if (freedom := value(chi.get("degrees_of_freedom"))) is not None:
+            said += f" at {freedom:g} degrees of freedom"
+        if value(chi.get("p_value")) is not None:
+            said += f" (p {_equals(chi.get('p_value'))})"
+        if (after := value(chi.get("after"))) is not None:
+            said += f"; {number(after, 1)} with the best explanation"
+        out.append(said + ".")
+    return [*out, *_search(answer), *words(answer.get("notes"))]
+
+
+def _equals(p: object) -> str:
+    text = probability_text(p)
+    return f"{text[0]} {text[1:]}" if text[0] in "<>" else f"= {text}"
+
+
+def _sentence(answer: Answer) -> str:
+    if own := words(answer.get("sentence")):
+        return own[0]
+    named = [effect_name(e) for e in words(answer.get("effects"))]
+    said = {
+        "found": f"Missing in the model: {listed(named)}.",
+        "one_of": f"One of these is missing, and these load cases cannot say which: {listed(named, 'or')}.",
+        "none_of_catalogue": "Something is missing that no effect of the catalogue explains.",
+        "nothing_missing": "Nothing is missing: the model explains the readings within their uncertainty.",
+    }
+    return said.get(str(answer.get("verdict")), "Undecided: the readings do not settle what is missing.")
+
+
+def _status(answer: Answer) -> str:
+    verdict = str(answer.get("verdict", "undecided"))
+    said = f"Verdict: {VERDICTS.get(verdict, verdict)}"
+    if value(answer.get("probability")) is not None:
+        said += f", probability {probability_text(answer.get('probability'))}"
+    if verdict not in ("found", "one_of"):
+        return said + "."
+    confirmed = answer.get("confirmed")
+    if confirmed is None:
+        return said + (
+            ". Not confirmed yet: that takes a load case of a new mounting or session, measured after its prediction "
+            "was frozen."
+        )
+    if confirmed is False:
+        return said + ". Not confirmed: a load case measured after its prediction was frozen did not agree."
+    named = f" by {confirmed}" if isinstance(confirmed, str) else ""
+    return said + f". Confirmed{named}: a load case measured after its prediction was frozen agreed."
+
+
+def _search(answer: Answer) -> list[str]:
+    out = []
+    if (searched := value(answer.get("candidates_searched"))) is not None:
+        out.append(f"{searched:g} explanation{'' if searched == 1 else 's'} searched.")
+    if (rate := value(answer.get("false_finding_rate"))) is not None:
+        out.append(f"False-finding rate simulated on this protocol: {number(100 * rate, 1)} %.")
+    elif out:
+        out.append("The false-finding rate of this protocol was not simulated.")
+    return [" ".join(out)] if out else []
+
+
+def robustness_sentences(answer: Answer) -> list[str]:
+    """Say under which assumptions the verdict changes."""
+    robust = part(answer, "robustness")
+    if not robust:
+        return ["Not tried: no assumption was varied."]
+    out = []
+    if flips := words(robust.get("flips_when")):
+        out.append(f"The verdict changes with: {'; '.join(flips)}.")
+    elif "flips_when" in robust:
+        out.append("The verdict stays the same under every change of assumptions that was tried.")
+    if (multiple := value(robust.get("budget_multiple_at_which_it_fails"))) is not None:
+        out.append(
+            f"It holds until the rig's own errors (the budget) are taken to be {number(multiple, 1)} times as large."
+        )
+    if alone := words(robust.get("sagittal_alone")):
+        out.append(f"With the forces in the sagittal plane alone the verdict is: {VERDICTS.get(alone[0], alone[0])}.")
+    return out or ["Not tried: no assumption was varied."]
+
+
+def confounding_sentences(answer: Answer) -> list[str]:
+    """Say which effects are one class, and which the data cannot show at all."""
+    out = []
+    for one in classes_of(answer):
+        names = listed([effect_name(n) for n in one])
+        out.append(f"One class, not to be told apart by these load cases: {names}.")
+    if not out:
+        out.append(
+            f"No two effects leave traces that are alike (largest canonical correlation {CONFOUNDED} and above)."
+            if part(answer, "confounding")
+            else "Which effects can be told apart was not worked out."
+        )
+    weak = [
+        effect_name(str(k))
+        for k, v in part(answer, "detectability").items()
+        if (d := value(v)) is not None and d < DETECTABLE
+    ]
+    if weak:
+        out.append(f"These data cannot show (detectability below {DETECTABLE:g}): {listed(weak)}.")
+    for row in named_rows(answer):
+        if (alike := words(row.get("indistinguishable_from"))) and answer.get("verdict") == "found":
+            names = listed([effect_name(n) for n in alike])
+            out.append(f"{explanation_name(row).capitalize()} leaves nearly the same trace as {names}.")
+    return out
+
+
+def torque_sentences(answer: Answer) -> list[str]:
+    """Say what the missing torques are, and what they cannot tell, where there are any."""
+    if not part(answer, "where", "joint_torque_Nmm") and not rows(answer, "where", "joint_torque_cases"):
+        return []
+    said = (
+        "The residual forces, taken back through the Jacobian into joint torques: what the readings ask for beyond the "
+        "model. Without a measured Mz they are known only up to one amount common to DIP, PIP and MCP, which their "
+        "standard deviations contain."
+    )
+    clear = [
+        str(joint)
+        for joint, found in part(answer, "where", "joint_torque_Nmm").items()
+        if (r := value(part(found).get("rms"))) is not None
+        and (s := value(part(found).get("sd"))) is not None
+        and r > 2 * s > 0
+    ]
+    return [said + (f" Clearly missing at {listed(clear)}." if clear else "")]
+
+
+def counts(answer: Answer) -> str:
+    """Say how many load cases there were, and where."""
+    cases = rows(answer, "cases")
+    if not cases:
+        return ""
+    held = sum(c.get("role") == "validation" for c in cases)
+    at = [(w, sum(c.get("location") == w for c in cases)) for w in ("tip", "bone")]
+    where = listed([f"{n} at the {w}" for w, n in at if n])
+    none = sum(vector(c.get("measured_N")) is None for c in cases)
+    said = f"{len(cases)} load case{'' if len(cases) == 1 else 's'}, {where or 'mount unknown'}; {held} held out."
+    return said + (f" {none} without a measured force." if none else "")
+
+
+METHOD = (
+    "Every explanation is fitted anew together with the budget: tendon points, tension factor, cell and clamp may vary "
+    "within the errors that any rig has, because a refit would otherwise hide the effect or invent one.",
+    "Explanations are ranked by their evidence (Laplace approximation), which rewards fit and charges for freedom. "
+    "Half of the prior probability is on nothing missing. Something else stands for whatever the catalogue lacks: a "
+    "smooth error over posture, load and component that belongs to no effect.",
+    "Validation cases are never fitted. A finding needs a probability of its class of 0.9, more evidence than "
+    "something else, a χ² that passes or falls decisively, a held-out error that does not rise, and a value inside its "
+    "range. Whatever falls short is said to be undecided.",
+    "The log evidence gain (natural logarithm) is against nothing missing: +3 multiplies an explanation's odds by "
+    "about twenty, +5 by about 150. Size is the root mean square change of the fitted readings that the effect makes.",
+)
