@@ -30,6 +30,7 @@ nav ol { columns: 3; font-size: 14px; }
 td { white-space: normal; overflow-wrap: break-word; }
 td.n, td:first-child { white-space: nowrap; }
 th { max-width: 9em; }
+#tests-that-need-no-model td:nth-child(2) { white-space: nowrap; }
 #which-explanation td:nth-child(2) { min-width: 9em; }
 """
 
@@ -40,7 +41,7 @@ def draw_diagnosis(
     """Draw a diagnosis and return its page.
 
     Args:
-        answer: of `fingertwin diagnose`; an optional `plane` (`sagittal`, else space) says in which the errors of
+        answer: of `fingertwin diagnose`; its `judged_in` (`sagittal`, else space) says in which plane the errors of
             cases and roles are drawn.
         folder: for `diagnose.html`, PNG and SVG; made where it is absent.
         history: of the model's revisions, oldest first: `added`, `removed`, `log_evidence_gain`, `rmse_N`.
@@ -90,8 +91,8 @@ def _sections(answer: Mapping[str, Any], history: History | None, figures: dict[
             return f"No figure: {str(nothing)[:1].lower()}{str(nothing)[1:]}"
         return Picture(figures[name], caption)
 
-    def or_else(found: Sequence[Table], otherwise: str) -> Sequence[Table | str]:
-        return found or [otherwise]
+    def or_else(found: Sequence[Table], otherwise: str, key: str = "") -> Sequence[Table | str]:
+        return found or [otherwise if not key or key in answer else "Not worked out for this answer."]
 
     cases = said.counts(answer)
     return [
@@ -144,7 +145,7 @@ def _sections(answer: Mapping[str, Any], history: History | None, figures: dict[
         ),
         Section(
             "Tests that need no model",
-            or_else(tables.nulls_table(answer), "None: the session's load cases allow no such test."),
+            or_else(tables.nulls_table(answer), "None: the session's load cases allow no such test.", "nulls"),
         ),
         Section(
             "Error before and after",
@@ -166,11 +167,15 @@ def _sections(answer: Mapping[str, Any], history: History | None, figures: dict[
         ),
         Section(
             "Hints at a formula",
-            or_else(tables.hints_table(answer), "None: no simple formula takes up what is left."),
+            or_else(tables.hints_table(answer), "None: no simple formula takes up what is left.", "hints"),
         ),
         Section(
             "Load cases to run next",
-            or_else(tables.next_cases_table(answer), "None: no available load case would tell the explanations apart."),
+            or_else(
+                tables.next_cases_table(answer),
+                "None: no available load case would tell the explanations apart.",
+                "next_cases",
+            ),
         ),
         Section("How this was found", [*said.METHOD, *_duration(answer)]),
     ]

@@ -62,7 +62,7 @@ def open_bench(
     progress: Progress | None = None,
     *,
     catalogue: bool = False,
-    effects: Sequence[str] = (),
+    effects: Sequence[Effect | str] = (),
 ) -> Bench:
     """Read a session, correct its readings and load the model to compare with.
 
@@ -71,7 +71,7 @@ def open_bench(
         model: a revision, a finger file or a shipped finger; by default the session's own finger.
         progress: called with the fraction of the readings that has been read.
         catalogue: whether the model shall hold the catalogue's effects, at their null.
-        effects: files of the user's own effects, which come with the catalogue.
+        effects: the user's own, or their files, which come with the catalogue.
     """
     prepare_jax()
     from fingermodel.budget import budget_of
@@ -87,12 +87,13 @@ def open_bench(
     return Bench(measured, observations, loaded)
 
 
-def held_effects(files: Sequence[str] = ()) -> tuple[Effect, ...]:
-    """The catalogue, and effects of the user's from their files or formulas."""
+def held_effects(own: Sequence[Effect | str] = ()) -> tuple[Effect, ...]:
+    """The catalogue, and effects of the user's, or those in their files."""
     from fingermodel.effects.catalogue import CATALOGUE
     from fingermodel.effects.user import load_effect
 
-    return (*CATALOGUE, *(load_effect(Path(f)) for f in files))
+    loaded = (load_effect(Path(e)) if isinstance(e, str) else e for e in own)
+    return (*CATALOGUE, *dict.fromkeys(loaded))
 
 
 def compare_bench(bench: Bench) -> Comparison:

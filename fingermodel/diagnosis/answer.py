@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from fingermodel.diagnosis.calibration import calibrate
 from fingermodel.diagnosis.candidates import Explanation
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.evidence import Weighed
 from fingermodel.diagnosis.search import Fitted
-from fingermodel.diagnosis.verdict import chi_square_p, inclusion, out_of_range
+from fingermodel.diagnosis.verdict import inclusion, out_of_range
 from fingermodel.diagnosis.where import where
 
 Floats = NDArray[np.float64]
@@ -51,12 +52,13 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "before": before.summary(),
         "after": after.summary(),
         "chi_square": {
-            "value": nothing.misfit,
+            "value": nothing.fitted.objective,
             "degrees_of_freedom": rows,
-            "p_value": chi_square_p(d.problem, nothing),
-            "after": best.misfit,
-            "after_p_value": chi_square_p(d.problem, best),
-            "budget_factor": nothing.budget_factor,
+            "p_value": float(chdtrc(rows, nothing.fitted.objective)),
+            "after": best.fitted.objective,
+            "after_p_value": float(chdtrc(rows, best.fitted.objective)),
+            "budget_factor": best.budget_factor,
+            "after_allowing_for_form_and_budget": best.misfit,
         },
         "cases": [
             {
@@ -115,7 +117,7 @@ def ranking(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 def _row(d: Diagnosis, weighed: Weighed) -> dict[str, Any]:
     nothing, fitted = d.evidence.nothing, weighed.fitted
     parameters = _parameters(fitted)
-    strength = _strength(fitted)
+    strength = fitted.strength(fitted.explanation.parameters)
     spread = 1.96 / strength if strength else None
     alike = [a for n in weighed.explanation.names for a in d.confounding.alike(n)]
     return {
@@ -143,7 +145,8 @@ def _unweighed(d: Diagnosis, fitted: Fitted) -> dict[str, Any]:
         "effects": list(fitted.explanation.effects),
         "candidates": list(fitted.explanation.names),
         "probability": 0.0,
-        "log_evidence_gain": fitted.log_evidence - d.search.nothing.log_evidence,
+        # Too far behind to be weighed with the budget's size and the form left open, so on no common footing.
+        "log_evidence_gain": None,
         "validation_rmse_N": {"before": d.validation_rmse(d.evidence.nothing), "after": None},
         "parameters": _parameters(fitted),
         "indistinguishable_from": [a for n in fitted.explanation.names for a in d.confounding.alike(n)],
@@ -157,15 +160,6 @@ def _parameters(fitted: Fitted) -> list[dict[str, Any]]:
         {"name": table[i].name, "value": float(fitted.theta[i]), "sd": fitted.sd(i), "unit": table[i].unit}
         for i in fitted.explanation.parameters
     ]
-
-
-def _strength(fitted: Fitted) -> float:
-    """How many standard deviations an explanation's parameters together lie from their null."""
-    at = np.flatnonzero(np.isin(fitted.moving, list(fitted.explanation.parameters)))
-    if len(at) == 0:
-        return 0.0
-    x = fitted.x[fitted.moving[at]]
-    return float(np.sqrt(x @ np.linalg.solve(fitted.covariance[np.ix_(at, at)], x)))
 
 
 def _variant(d: Diagnosis, explanation: Explanation) -> str | None:

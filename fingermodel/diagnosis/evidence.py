@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import chdtrc, logsumexp
 
 from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else
 from fingermodel.diagnosis.search import Fitted, Search
@@ -27,6 +27,14 @@ BUDGET_FACTORS = np.array([1.0, 1.41, 2.0])
 BUDGET_SPREAD = 0.5
 # An effect's form may be off by this share of the change that it makes in each case.
 FORM_ERROR = 0.1
+# χ² that noise would exceed once in a thousand times.
+IMPLAUSIBLE = 1e-3
+# A finding may leave a tenth of what it explains: no effect has exactly our form.
+LEFT_OVER = 0.1
+# Whatever its form: what explains less of the misfit than this much is not the explanation.
+LEFT_OVER_PLAIN = 0.3
+# Standard deviations at which an effect's form begins to matter.
+CLEAR = 10.0
 # Smallest amplitude [N] that would be something of its own.
 LEAST_ELSE_N = 0.02
 # How many explanations are weighed with all this.
@@ -46,6 +54,7 @@ class Weighed:
         form_error: most probable, as a share of the effect.
         budget_factor: most probable multiple of the budget.
         misfit: χ² with the budget and the error of the form as large as is most probable.
+        plain_misfit: the same without any error of the form.
         log_prior: of the explanation.
     """
 
@@ -57,12 +66,28 @@ class Weighed:
     form_error: float
     budget_factor: float
     misfit: float
+    plain_misfit: float
     log_prior: float
 
     @property
     def explanation(self) -> Explanation:
         """What is freed."""
         return self.fitted.explanation
+
+    @property
+    def implausible(self) -> bool:
+        """Whether noise would leave a larger misfit less than once in a thousand times."""
+        return bool(chdtrc(len(self.fitted.problem.rows), self.misfit) < IMPLAUSIBLE)
+
+    def leaves_too_much(self, nothing: Weighed) -> bool:
+        """Whether far more of the misfit is left than an error of its form could be: then it is not the explanation."""
+        readings = len(self.fitted.problem.rows)
+        excess = max(nothing.fitted.objective - readings, 1.0)
+        if self.implausible and self.misfit - readings > LEFT_OVER * excess:
+            return True
+        return bool(chdtrc(readings, self.plain_misfit) < IMPLAUSIBLE) and (
+            self.plain_misfit - readings > LEFT_OVER_PLAIN * excess
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +142,8 @@ def _in_question(ranked: Sequence[Fitted]) -> list[Fitted]:
 
 
 def _weighed(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]) -> Weighed:
-    change = change_of(problem, fitted)
-    form = Wildcard.of(form_of(problem, change), FORM_ERRORS)
+    change = change_of(problem, fitted, fitted.explanation.parameters)
+    form = Wildcard.of(_form_columns(problem, fitted, candidates), FORM_ERRORS)
     each = [at_budget(fitted, form, b) for b in BUDGET_FACTORS]
     # The straightened model knows nothing of bounds: what the cut priors change comes from the fit itself.
     correction = fitted.log_evidence - fitted.gaussian_log_evidence
@@ -134,8 +159,21 @@ def _weighed(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]
         each[best][1],
         float(BUDGET_FACTORS[best]),
         misfit_at(fitted, form, float(BUDGET_FACTORS[best]), each[best][1]),
+        misfit_at(fitted, form, float(BUDGET_FACTORS[best]), 0.0),
         log_prior(fitted.explanation, candidates),
     )
+
+
+def _form_columns(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]) -> Floats:
+    """Errors of the forms of all members; a member that hardly stands out lends no freedom to the others."""
+    by_name = {c.name: c for c in candidates}
+    columns = []
+    for name, k in zip(fitted.explanation.names, fitted.explanation.alternative, strict=True):
+        own = by_name[name].alternatives[k]
+        strength = fitted.strength(own)
+        weight = strength / (strength + CLEAR)
+        columns.append(weight * form_of(problem, change_of(problem, fitted, own)))
+    return np.concatenate(columns, axis=1) if columns else np.zeros((len(problem.rows), 1))
 
 
 def _scales(fitted: Fitted, factor: float) -> tuple[NDArray[np.intp], Floats]:
@@ -181,21 +219,24 @@ def other_evidence(nothing: Fitted, wildcard: Wildcard) -> tuple[float, float]:
 
 
 def assemble(weighed: Sequence[Weighed], other: tuple[float, float], nothing: float = 0.5) -> Evidence:
-    """Turn evidences into probabilities; explanations of the same names add up."""
+    """Turn evidences into probabilities: explanations of the same names add up, what does not fit counts for none."""
+    none = next(w for w in weighed if w.explanation.size == 0)
     total: dict[tuple[str, ...] | None, list[float]] = {None: [other[0] + log_prior_else(nothing)]}
     for w in weighed:
+        if w.explanation.size and none.implausible and w.leaves_too_much(none):
+            total.setdefault(w.explanation.names, [-np.inf])
+            continue
         total.setdefault(w.explanation.names, []).append(w.log_evidence + w.log_prior)
     values = {names: float(logsumexp(v)) for names, v in total.items()}
     norm = float(logsumexp(list(values.values())))
-    ranked = sorted(weighed, key=lambda w: -(w.log_evidence + w.log_prior))
+    ranked = sorted(weighed, key=lambda w: (-values[w.explanation.names], -(w.log_evidence + w.log_prior)))
     return Evidence(tuple(ranked), other[0], other[1], {n: float(np.exp(v - norm)) for n, v in values.items()})
 
 
-def change_of(problem: Problem, fitted: Fitted) -> Floats:
-    """(n, 6) what an explanation changes in every reading [N, N mm]."""
+def change_of(problem: Problem, fitted: Fitted, parameters: Sequence[int]) -> Floats:
+    """(n, 6) what some effect parameters change in every reading [N, N mm], everything else the same."""
     model, inputs = problem.model, problem.observations.inputs
-    without = fitted.theta.copy()
-    own = list(fitted.explanation.parameters)
+    without, own = fitted.theta.copy(), list(parameters)
     without[own] = model.parameters.initial[own]
     out: Floats = np.asarray(model.predict(inputs, fitted.theta).reading) - np.asarray(
         model.predict(inputs, without).reading

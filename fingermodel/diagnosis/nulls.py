@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.nulls_answer import Null, concluded, count, figure, not_tested, pm, worst
-from fingermodel.diagnosis.nulls_budget import Readings, Residuals, readings_of
+from fingermodel.diagnosis.nulls_answer import Null, Residuals, concluded, count, figure, not_tested, pm
+from fingermodel.diagnosis.nulls_budget import Readings, readings_of
 from fingermodel.diagnosis.nulls_loads import load_levels, repeats, superposition
 from fingermodel.fingers import COMPONENTS
 from fingermodel.model import Model
@@ -67,18 +67,18 @@ def balance(r: Readings) -> Null:
     above = int(np.sum(stated * (1.0 + rest[:, 0] / size) > 1.0))
     amount = (
         f"along the metacarpal they carry {pm(100.0 + 100.0 * gain, 100.0 * sd)} % of the stated tensions (friction "
-        f"factor c = {pm(stated * (1.0 + gain), stated * sd, 3)}, stated {stated:.3f}), across it "
-        f"{figure(float(np.sqrt(np.mean(rest[:, 1:] ** 2))))} N are left (RMS), {lean:.1f}° aslant on average"
+        f"factor c = {pm(stated * (1.0 + gain), stated * sd, 3)}, stated {stated:.3f}); across it "
+        f"{figure(float(np.sqrt(np.mean(rest[:, 1:] ** 2))))} N are left (RMS), on average {lean:.1f}° off its axis"
     )
     if above:
         amount += f"; c is above 1 in {above} of {count(len(pairs), 'load')}, which no friction explains"
     return concluded(
-        r,
+        r.observations,
         "balance",
         parts,
         f"Tip and bone together balance the tendons' pulls in {count(len(pairs), 'load')}: {amount}.",
         f"Tip and bone do not balance the tendons' pulls in {count(len(pairs), 'load')}: {amount}; worst is "
-        f"{worst(r, residual, first, mount=False)}.",
+        f"{r.worst(residual, first, mount=False)}.",
         [i for pair in pairs for cases in pair for i in cases],
     )
 
@@ -138,7 +138,7 @@ def fds_no_dip_torque(r: Readings) -> Null:
         f"{pm(float(arm.value[0]), float(arm.sd[0]), 2)} mm"
     )
     return concluded(
-        r,
+        r.observations,
         name,
         (residual.all("torque"), arm.test),
         f"FDS alone leaves the {last.name} without torque, as it must: {amount}.",
@@ -166,15 +166,15 @@ def moments_closure(r: Readings) -> Null:
     names = " and ".join("M" + COMPONENTS[c][1:] for c in free)
     only = ", ".join(("F" if c < 3 else "M") + COMPONENTS[c][1:] for c in carried)
     amount = (
-        f"{figure(residual.rms)} N mm (RMS of {count(len(cases), 'case')}), of which the cell's place and rotation "
-        f"can be all but {figure(float(np.sqrt(np.mean(left**2))))} N mm"
+        f"{figure(residual.rms)} N mm (RMS of {count(len(cases), 'case')}), of which the cell's offset and rotation "
+        f"within their budget leave {figure(float(np.sqrt(np.mean(left**2))))} N mm unexplained"
     )
     return concluded(
-        r,
+        r.observations,
         name,
         (residual.all("moments"),),
         f"The tip clamp carries {only} only, as the model assumes: {names} are {amount}.",
         f"The tip clamp carries more than {only}, or the cell sits otherwise than its budget allows: {names} are "
-        f"{amount}; worst is {r.name(cases[k], mount=False)} ({figure(float(np.linalg.norm(left[k])))} N mm left).",
+        f"{amount}; worst is {r.name(cases[k], mount=False)}.",
         cases,
     )

@@ -1,20 +1,140 @@
-"""What a test that needs no model found: its verdict, and the words and figures of its sentence."""
+"""From residuals that should vanish to an answer: chi-square, verdict, and the figures of its sentence."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve
+from scipy.special import chdtrc
 
-from fingermodel.diagnosis.nulls_budget import Readings, Residuals, Test
+from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
 Verdict = Literal["holds", "violated", "not_tested"]
 
+Rows = NDArray[np.bool_]
+
 VIOLATED_BELOW = 1e-3
+# Where no reading states its noise, its size is log-normal by this factor.
+_NOISE_FACTOR = 2.0
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(21)
+
+
+@dataclass(frozen=True)
+class Test:
+    """One chi-square test.
+
+    Attributes:
+        what: was tested.
+        statistic: chi-square.
+        freedom: its degrees of freedom.
+        p_value: of it; where the noise is assumed, averaged over its size.
+    """
+
+    what: str
+    statistic: float
+    freedom: int
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a pattern contributes to some residuals.
+
+    Attributes:
+        test: of whether it is zero.
+        value: (patterns,) best estimate.
+        sd: (patterns,) of it.
+        share: of the residuals' chi-square that the patterns take up.
+    """
+
+    test: Test
+    value: Floats
+    sd: Floats
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """What should vanish.
+
+    Attributes:
+        value: (k,) [N or N mm].
+        covariance: (k, k) by noise and budget.
+        noise: (k, k) by noise alone.
+        noise_assumed: whether the readings state no uncertainty.
+    """
+
+    value: Floats
+    covariance: Floats
+    noise: Floats
+    noise_assumed: bool
+
+    @cached_property
+    def _factor(self) -> NDArray[np.floating[Any]]:
+        return np.linalg.cholesky(self.covariance)
+
+    @cached_property
+    def _solved(self) -> Floats:
+        out: Floats = cho_solve((self._factor, True), self.value)
+        return out
+
+    @property
+    def chi2(self) -> float:
+        """Chi-square of all of them."""
+        return float(self.value @ self._solved)
+
+    def worst(self, width: int = 3) -> tuple[int, float]:
+        """Which `width` of them in a row stand out most from their uncertainty, and how large these are."""
+        value = self.value.reshape(-1, width)
+        at = np.arange(len(self.value)).reshape(-1, width)
+        blocks = self.covariance[at[:, :, None], at[:, None, :]]
+        z2 = np.einsum("ka,ka->k", value, np.linalg.solve(blocks, value[:, :, None])[..., 0])
+        k = int(np.argmax(z2))
+        return k, float(np.linalg.norm(value[k]))
+
+    @property
+    def rms(self) -> float:
+        """Root of their mean square."""
+        return float(np.sqrt(np.mean(self.value**2)))
+
+    @property
+    def unexplained(self) -> Floats:
+        """(k,) what the most probable budget errors leave of them."""
+        out: Floats = self.noise @ self._solved
+        return out
+
+    def all(self, what: str) -> Test:
+        """Test whether they vanish together."""
+        return self._test(what, self.chi2, len(self.value))
+
+    def part(self, what: str, rows: Rows) -> Test:
+        """Test whether some of them vanish."""
+        value, covariance = self.value[rows], self.covariance[np.ix_(rows, rows)]
+        return self._test(what, float(value @ np.linalg.solve(covariance, value)), int(rows.sum()))
+
+    def along(self, what: str, patterns: Floats) -> Estimate:
+        """Test whether they contain some patterns (k, patterns)."""
+        solved = cho_solve((self._factor, True), patterns)
+        information, score = patterns.T @ solved, patterns.T @ self._solved
+        covariance = np.linalg.pinv(information, hermitian=True)
+        value = covariance @ score
+        statistic = float(score @ value)
+        test = self._test(what, statistic, int(np.linalg.matrix_rank(information, hermitian=True)))
+        return Estimate(test, value, np.sqrt(np.diag(covariance)), statistic / max(self.chi2, 1e-300))
+
+    def _test(self, what: str, statistic: float, freedom: int) -> Test:
+        if self.noise_assumed:
+            sizes = _NOISE_FACTOR ** (2.0 * _NODES)
+            p = float(chdtrc(freedom, statistic / sizes) @ _WEIGHTS / _WEIGHTS.sum())
+        else:
+            p = float(chdtrc(freedom, statistic))
+        return Test(what, statistic, freedom, p)
 
 
 @dataclass(frozen=True)
@@ -47,36 +167,34 @@ def not_tested(name: str, reason: str) -> Null:
     return Null(name, "not_tested", reason, None, None, ())
 
 
-def concluded(r: Readings, name: str, parts: Sequence[Test], holds: str, violated: str, cases: Iterable[int]) -> Null:
+def concluded(
+    observations: Observations, name: str, parts: Sequence[Test], holds: str, violated: str, cases: Iterable[int]
+) -> Null:
     """The answer from a test's parts: Bonferroni's p-value, and the sentence that goes with it.
 
     Args:
-        r: the session.
+        observations: of the session.
         name: of the test.
         parts: that were tried.
         holds: what to say where nothing stands out.
         violated: what to say where something does.
-        cases: that were used.
+        cases: indices of those that were used.
     """
     telling = min(parts, key=lambda t: t.p_value)
     p = min(1.0, telling.p_value * len(parts))
     bad = p < VIOLATED_BELOW
     text = violated if bad else holds
-    if r.observations.noise_assumed:
+    if observations.noise_assumed:
         text = f"{text.removesuffix('.')}; the noise is assumed, not stated."
-    return Null(name, "violated" if bad else "holds", text, telling.statistic, p, r.ids(cases))
-
-
-def worst(r: Readings, residual: Residuals, cases: Sequence[int], *, mount: bool = True) -> str:
-    """The case whose force stands out most: `FDP 950 g in hook at the tip (0.31 N)`."""
-    k, size = residual.worst()
-    return f"{r.name(cases[k], mount=mount)} ({figure(size)} N)"
+    ids = tuple(observations.ids[i] for i in sorted(set(cases)))
+    return Null(name, "violated" if bad else "holds", text, telling.statistic, p, ids)
 
 
 def figure(value: float) -> str:
     """A number in two significant digits, with a proper minus sign and no exponent."""
     if value == 0.0 or not np.isfinite(value):
         return "0"
+    value = float(f"{value:.1e}")
     decimals = max(0, 1 - int(np.floor(np.log10(abs(value)))))
     return f"{value:z.{min(decimals, 4)}f}".replace("-", "\N{MINUS SIGN}")
 

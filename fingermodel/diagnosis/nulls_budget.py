@@ -7,16 +7,15 @@ a turned cell turns what was read, a wrong angle changes it by the posture's Jac
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve
-from scipy.special import chdtrc
 
+from fingermodel.diagnosis.nulls_answer import Residuals, figure
 from fingermodel.model import Model, jax_values, tip_kinematics_batch
 from fingermodel.observations import Observations
 
@@ -30,123 +29,8 @@ _FLOOR = np.array([1e-3] * 3 + [2e-2] * 3)
 _ARM_PER_RAD = 1.0
 # The product of two normal errors has long tails: it counts as a normal one of this many standard deviations.
 _PRODUCT = 2.0
-# Where no reading states its noise, its size is log-normal by this factor.
-_NOISE_FACTOR = 2.0
 # (e_a × v)_b = Σ_c _CROSS[a, b, c] v_c.
 _CROSS = np.cross(np.eye(3)[:, None], np.eye(3)[None]).swapaxes(1, 2)
-_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(21)
-
-
-@dataclass(frozen=True)
-class Test:
-    """One chi-square test.
-
-    Attributes:
-        what: was tested.
-        statistic: chi-square.
-        freedom: its degrees of freedom.
-        p_value: of it; where the noise is assumed, averaged over its size.
-    """
-
-    what: str
-    statistic: float
-    freedom: int
-    p_value: float
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """What a pattern contributes to some residuals.
-
-    Attributes:
-        test: of whether it is zero.
-        value: (patterns,) best estimate.
-        sd: (patterns,) of it.
-        share: of the residuals' chi-square that the patterns take up.
-    """
-
-    test: Test
-    value: Floats
-    sd: Floats
-    share: float
-
-
-@dataclass(frozen=True, eq=False)
-class Residuals:
-    """What should vanish.
-
-    Attributes:
-        value: (k,) [N or N mm].
-        covariance: (k, k) by noise and budget.
-        noise: (k, k) by noise alone.
-        noise_assumed: whether the readings state no uncertainty.
-    """
-
-    value: Floats
-    covariance: Floats
-    noise: Floats
-    noise_assumed: bool
-
-    @cached_property
-    def _factor(self) -> Floats:
-        return np.linalg.cholesky(self.covariance)
-
-    @cached_property
-    def _solved(self) -> Floats:
-        out: Floats = cho_solve((self._factor, True), self.value)
-        return out
-
-    @property
-    def chi2(self) -> float:
-        """Chi-square of all of them."""
-        return float(self.value @ self._solved)
-
-    def worst(self, width: int = 3) -> tuple[int, float]:
-        """Which `width` of them in a row stand out most from their uncertainty, and how large these are."""
-        value = self.value.reshape(-1, width)
-        at = np.arange(len(self.value)).reshape(-1, width)
-        blocks = self.covariance[at[:, :, None], at[:, None, :]]
-        z2 = np.einsum("ka,ka->k", value, np.linalg.solve(blocks, value[:, :, None])[..., 0])
-        k = int(np.argmax(z2))
-        return k, float(np.linalg.norm(value[k]))
-
-    @property
-    def rms(self) -> float:
-        """Root of their mean square."""
-        return float(np.sqrt(np.mean(self.value**2)))
-
-    @property
-    def unexplained(self) -> Floats:
-        """(k,) what the most probable budget errors leave of them."""
-        out: Floats = self.noise @ self._solved
-        return out
-
-    def all(self, what: str) -> Test:
-        """Test whether they vanish together."""
-        return self._test(what, self.chi2, len(self.value))
-
-    def part(self, what: str, rows: Rows) -> Test:
-        """Test whether some of them vanish."""
-        value, covariance = self.value[rows], self.covariance[np.ix_(rows, rows)]
-        return self._test(what, float(value @ np.linalg.solve(covariance, value)), int(rows.sum()))
-
-    def along(self, what: str, patterns: Floats) -> Estimate:
-        """Test whether they contain some patterns (k, patterns)."""
-        solved = cho_solve((self._factor, True), patterns)
-        information, score = patterns.T @ solved, patterns.T @ self._solved
-        covariance = np.linalg.pinv(information, hermitian=True)
-        value = covariance @ score
-        statistic = float(score @ value)
-        test = self._test(what, statistic, int(np.linalg.matrix_rank(information, hermitian=True)))
-        return Estimate(test, value, np.sqrt(np.diag(covariance)), statistic / max(self.chi2, 1e-300))
-
-    def _test(self, what: str, statistic: float, freedom: int) -> Test:
-        if self.noise_assumed:
-            sizes = _NOISE_FACTOR ** (2.0 * _NODES)
-            p = float(chdtrc(freedom, statistic / sizes) @ _WEIGHTS / _WEIGHTS.sum())
-        else:
-            p = float(chdtrc(freedom, statistic))
-        return Test(what, statistic, freedom, p)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,15 +102,16 @@ class Readings:
             out[key(i)].append(i)
         return dict(out)
 
-    def ids(self, cases: Iterable[int]) -> tuple[str, ...]:
-        """Ids of some cases, in the session's order, each once."""
-        return tuple(self.observations.ids[i] for i in sorted(set(cases)))
-
     def name(self, case: int, *, mount: bool = True) -> str:
         """A load case in words: `FDP 950 g + LU 45 g in hook at the tip`."""
         hung = " + ".join(f"{k} {v:.4g} g" for k, v in self.masses[case])
         place = f" at the {self.observations.locations[case]}" if mount else ""
         return f"{hung} in {self.observations.postures[case]}{place}"
+
+    def worst(self, residual: Residuals, cases: Sequence[int], *, mount: bool = True) -> str:
+        """The case whose force stands out most, in words: `FDP 950 g in hook at the tip (0.31 N)`."""
+        k, size = residual.worst()
+        return f"{self.name(cases[k], mount=mount)} ({figure(size)} N)"
 
     def newton_per_gram(self, case: int) -> float:
         """What a gram pulls at the finger."""
@@ -253,20 +138,37 @@ class Readings:
         w = flat[:, used]
         own = self.observations.covariance[np.ix_(used, used)] + np.diag(_FLOOR[used % 6] ** 2)
         noise = w @ own @ w.T
-        spread = w @ self.spread[used]
+        spread = [w @ self.spread[used], *self._by_angles(weights, w, used)]
         if extra is not None:
-            spread = np.hstack([spread, extra])
+            spread.append(extra)
+        by_budget = np.hstack(spread)
         value = w @ self.wrench.reshape(-1)[used]
         if constant is not None:
             value = value - constant
-        return Residuals(value, noise + spread @ spread.T, noise, self.observations.noise_assumed)
+        return Residuals(value, noise + by_budget @ by_budget.T, noise, self.observations.noise_assumed)
+
+    def _by_angles(self, weights: Floats, flat: Floats, used: NDArray[np.intp]) -> list[Floats]:
+        """What wrong angles change in the sums of `residuals`.
+
+        Nothing, where a sum stays within one setting and mount: forces that add up then do so at the true angles too.
+        Moment arms matter only between settings.
+        """
+        touched = np.any(weights != 0.0, axis=2)
+        at_bone = np.array([x == "bone" for x in self.observations.locations])
+        both = touched[:, at_bone].any(axis=1) & touched[:, ~at_bone].any(axis=1)
+        anew = np.sum(touched.astype(float) @ self._set > 0.0, axis=1) > 1
+        out = []
+        for errors, concerned in zip(self.angles, (both | anew, anew), strict=True):
+            if concerned.any():
+                out.append(concerned[:, None] * (flat @ errors[used]))
+        return out
 
     @cached_property
     def spread(self) -> Floats:
-        """(6 n, errors) what one standard deviation of each budget error changes in the readings."""
+        """(6 n, errors) what one standard deviation of each budget error changes in the readings, but for angles."""
         b, n = self.model.budget, len(self.wrench)
         gain = np.einsum("nc,cd->ncd", b.cell_gain_sd * self.wrench, np.eye(6)).reshape(6 * n, 6)
-        columns = [self._mountings(), gain, self._angles()]
+        columns = [self._mountings(), gain]
         if b.tension_factor_case_sd:
             scatter = np.einsum("nc,nm->ncm", b.tension_factor_case_sd * self.wrench, np.eye(n))
             columns.append(scatter.reshape(6 * n, n))
@@ -300,13 +202,20 @@ class Readings:
         member = np.eye(len(places))[self.mounting]
         return np.einsum("nkce,nm->nkcme", own, member).reshape(6 * n, -1)
 
-    def _angles(self) -> Floats:
-        """(6 n, errors) by the angles of each setting.
+    @cached_property
+    def _set(self) -> Floats:
+        """(n, settings) 1 where a case was read in a setting."""
+        out: Floats = np.eye(len(self.observations.layout.settings))[self.setting]
+        return out
 
-        A wrong angle changes the tip force that the same joint torques need, and turns it against the metacarpal; and
-        it changes the torques by the moment arms, which cancels unless a posture was set more than once.
+    @cached_property
+    def angles(self) -> tuple[Floats, Floats]:
+        """(6 n, errors) by the angles of each setting: as the bones see them, and as the tendons do.
+
+        A wrong angle changes the tip force that the same joint torques need, and turns it against the metacarpal. It
+        changes the torques too, by the moment arms, each way of loading in its own manner.
         """
-        layout, n = self.observations.layout, len(self.wrench)
+        n = len(self.wrench)
         sd = np.deg2rad(self.model.budget.angle_sd_deg)
         at_bone = np.array([x == "bone" for x in self.observations.locations])
         tip = self._tip_wrench(at_bone)
@@ -322,19 +231,18 @@ class Readings:
         force[:, reactions] = -np.linalg.solve(lever, np.einsum("njic,nc->nij", change, tip))
         turned = np.cross(spin, tip[:, None, :3]).swapaxes(1, 2)
         by_angle = self._as_read(force, turned, at_bone)
-        settings = len(layout.settings)
-        columns = [np.einsum("ncr,ns->ncsr", sd * by_angle, np.eye(settings)[self.setting]).reshape(6 * n, -1)]
-        if settings > len({posture for posture, _ in layout.settings}):
-            torque = np.einsum("nic,nc->ni", lever, tip[:, reactions])
-            arms = np.zeros((n, 6, rotations))
-            arms[:, reactions] = np.linalg.solve(lever, torque[:, :, None] * np.eye(rotations))
-            by_arm = sd * _ARM_PER_RAD * self._as_read(arms, np.zeros((n, 3, rotations)), at_bone)
-            groups = list(self.groups(range(n), lambda i: (self.setting[i], self.mix[i])).values())
-            member = np.zeros((n, len(groups)))
-            for g, cases in enumerate(groups):
-                member[cases, g] = 1.0
-            columns.append(np.einsum("ncr,ng->ncgr", by_arm, member).reshape(6 * n, -1))
-        return np.hstack(columns)
+        torque = np.einsum("nic,nc->ni", lever, tip[:, reactions])
+        arms = np.zeros((n, 6, rotations))
+        arms[:, reactions] = _ARM_PER_RAD * np.linalg.solve(lever, torque[:, :, None] * np.eye(rotations))
+        by_arm = self._as_read(arms, np.zeros((n, 3, rotations)), at_bone)
+        own = list(self.groups(range(n), lambda i: (self.setting[i], self.mix[i])).values())
+        alike = np.zeros((n, len(own)))
+        for group, cases in enumerate(own):
+            alike[cases, group] = 1.0
+        return (
+            np.einsum("ncr,ns->ncsr", sd * by_angle, self._set).reshape(6 * n, -1),
+            np.einsum("ncr,ng->ncgr", sd * by_arm, alike).reshape(6 * n, -1),
+        )
 
     def _as_read(self, change: Floats, turned: Floats, at_bone: Rows) -> Floats:
         """Change of the tip wrench (n, 6, errors), and of its direction (n, 3, errors), as the cell sees it."""

@@ -9,8 +9,19 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.nulls_answer import Null, concluded, count, figure, not_tested, pm, vector, worst
-from fingermodel.diagnosis.nulls_budget import Estimate, Readings, Residuals, Test
+from fingermodel.diagnosis.nulls_answer import (
+    Estimate,
+    Null,
+    Residuals,
+    Test,
+    concluded,
+    count,
+    figure,
+    not_tested,
+    pm,
+    vector,
+)
+from fingermodel.diagnosis.nulls_budget import Readings
 
 Floats = NDArray[np.float64]
 # A load with the cases in which it hung.
@@ -47,12 +58,12 @@ def superposition(r: Readings) -> Null:
     cases = count(len(together), "case")
     amount = f"they differ by {figure(residual.rms)} N (RMS of {cases}, {figure(percent)} % of the force)"
     return concluded(
-        r,
+        r.observations,
         name,
         (residual.all("sum"), scale.test),
         f"Tendons loaded together give the sum of what each gives alone: {amount}.",
         f"Tendons loaded together do not give the sum of what each gives alone: {amount}; worst is "
-        f"{worst(r, residual, together)}.",
+        f"{r.worst(residual, together)}.",
         [*together, *np.flatnonzero(weights.any(axis=0)).tolist()],
     )
 
@@ -128,40 +139,40 @@ def load_levels(r: Readings) -> Null:
     there = np.array([[r.observations.locations[i] == p for p in places] for i in tops], dtype=float)
     constant = residual.along("constant", np.kron(there, np.eye(3)))
     parts = [residual.all("no load"), hanger.test, constant.test]
-    amount = (
-        f"{figure(residual.rms)} N are left (RMS of {count(len(series), 'series', 'series')}), "
-        f"{_at_no_load(hanger, constant, places)}"
-    )
-    most = f"worst is {worst(r, residual, tops)}"
+    left = f"{figure(residual.rms)} N are left (RMS of {count(len(series), 'series', 'series')})"
+    most = f"worst is {r.worst(residual, tops)}"
+    bend = ""
     if bends:
         curve = r.forces(np.array(bends))
         parts.append(curve.all("bend"))
-        amount += f", and over three or more levels the line bends by {figure(curve.rms)} N (RMS)"
+        bend = f"; over three or more levels the line bends by {figure(curve.rms)} N (RMS)"
         if parts[-1].p_value < parts[0].p_value:
-            most = f"it bends most for {worst(r, curve, bent)}"
+            most = f"it bends most for {r.worst(curve, bent)}"
+    grams = f"{pm(float(hanger.value[0]), float(hanger.sd[0]))} g"
     return concluded(
-        r,
+        r.observations,
         name,
         parts,
-        f"Forces are in proportion to the load: drawn on to no load, {amount}.",
-        f"Forces are not in proportion to the load: drawn on to no load, {amount}; {most}.",
+        f"Forces are in proportion to the load: drawn on to no load, {left}, like hangers of {grams}{bend}.",
+        f"Forces are not in proportion to the load: drawn on to no load, {left}, "
+        f"{_at_no_load(hanger, constant, places)}{bend}; {most}.",
         [i for levels in series for _, cases in levels for i in cases],
     )
 
 
 def _at_no_load(hanger: Estimate, constant: Estimate, places: Sequence[str]) -> str:
-    """What is left at no load as an unweighed hanger or as a constant force, whichever takes up more of it."""
-    grams = pm(float(hanger.value[0]), float(hanger.sd[0]))
-    # Several constants take up more of mere noise than one mass does.
-    if hanger.test.statistic - hanger.test.freedom >= constant.test.statistic - constant.test.freedom:
-        return (
-            f"as if every loaded tendon carried {grams} g more than stated ({100.0 * hanger.share:.0f} % of the misfit)"
-        )
+    """Whether what is left at no load is that of unweighed hangers, of a constant force, or of neither."""
+    grams = f"{pm(float(hanger.value[0]), float(hanger.sd[0]))} g"
     forces = [f"{vector(v)} N at the {p}" for p, v in zip(places, constant.value.reshape(-1, 3), strict=True)]
-    return (
-        f"as if the zero were off by {' and '.join(forces)} ({100.0 * constant.share:.0f} % of the misfit; "
-        f"{grams} g on every hanger would be {100.0 * hanger.share:.0f} %)"
-    )
+    hung, off = 100.0 * hanger.share, 100.0 * constant.share
+    if max(hung, off) < 50.0:
+        return (
+            f"which neither an unweighed hanger explains ({grams}, {hung:.0f} % of the misfit) nor a zero that is off "
+            f"({off:.0f} %)"
+        )
+    if hung >= off:
+        return f"as if every loaded tendon carried {grams} more than stated ({hung:.0f} % of the misfit)"
+    return f"as if the zero were off by {' and '.join(forces)} ({off:.0f} % of the misfit)"
 
 
 @dataclass(frozen=True)
@@ -182,7 +193,7 @@ def repeats(r: Readings) -> Null:
     differences = "; ".join(f.said for f in found)
     most = min(found, key=lambda f: min(t.p_value for t in f.tests)).worst
     return concluded(
-        r,
+        r.observations,
         "repeats",
         [t for f in found for t in f.tests],
         f"Loads that were hung again give the same force: {differences}.",
@@ -210,7 +221,7 @@ def _compared(r: Readings, rows: list[Floats], cases: list[int]) -> tuple[Residu
     weights = np.array(rows)
     residual = r.forces(weights)
     amount = f"{figure(residual.rms)} N (RMS of {len(rows)})"
-    return residual, amount, worst(r, residual, cases), np.flatnonzero(weights.any(axis=0)).tolist()
+    return residual, amount, r.worst(residual, cases), np.flatnonzero(weights.any(axis=0)).tolist()
 
 
 def _as_it_stood(r: Readings) -> _Again | None:

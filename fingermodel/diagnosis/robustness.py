@@ -69,14 +69,14 @@ def robustness(
     def same(winner: tuple[str, ...] | None) -> bool:
         if verdict.kind == "nothing_missing":
             return winner == ()
-        if verdict.kind == "none_of_catalogue":
-            return winner is None
         if winner is None:
             return False
         if verdict.kind == "one_of":
             return bool(names & set(winner))
         return names <= set(winner)
 
+    if verdict.kind == "none_of_catalogue":
+        return Robustness((), (), None, _spoken(favours(_without(problem, asked, problem.rows % 6 == 2))))
     for nothing in (0.25, 0.75):
         values = {
             names_: np.log(max(p, 1e-300)) + _reweight(names_, nothing) for names_, p in evidence.probability.items()
@@ -95,7 +95,8 @@ def robustness(
         winner = favours(_without(problem, asked, rows))
         if same(winner):
             continue
-        if winner == () or winner is None:
+        # Fewer names, or none, is ground lost; other names are a contradiction.
+        if winner is None or set(winner) < names or not winner:
             rests.append(words)
         else:
             flips.append(f"{words} is left out: then {' and '.join(winner)}")

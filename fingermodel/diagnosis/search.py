@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -148,6 +148,14 @@ class Fitted:
         """(moving, moving) of the parameters in prior widths."""
         h = self.jacobian[:, self.moving]
         return np.asarray(np.linalg.inv(np.eye(h.shape[1]) + h.T @ h), dtype=np.float64)
+
+    def strength(self, parameters: Sequence[int]) -> float:
+        """How many standard deviations some parameters together lie from their null."""
+        at = np.flatnonzero(np.isin(self.moving, list(parameters)))
+        if len(at) == 0:
+            return 0.0
+        x = self.x[self.moving[at]]
+        return float(np.sqrt(x @ np.linalg.solve(self.covariance[np.ix_(at, at)], x)))
 
     def sd(self, index: int) -> float | None:
         """Standard deviation of a parameter in its unit; None where it is held."""

@@ -21,10 +21,6 @@ Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undec
 SURE = 0.9
 # Nothing is believed from here, if no effect by itself has a tenth of the probability.
 NOTHING_SURE = 0.8
-# χ² that noise would exceed once in a thousand times.
-IMPLAUSIBLE = 1e-3
-# A finding may leave a tenth of what it explains: no effect has exactly our form.
-LEFT_OVER = 0.1
 # Most names that `one_of` gives.
 MOST_NAMES = 4
 # A value is believed up to this multiple of its range: ranges are typical, not limits of nature.
@@ -88,7 +84,7 @@ def judge(
     p_nothing = evidence.probability.get((), 0.0)
     included = inclusion(evidence)
     best_name = max(included.values(), default=0.0)
-    if p_other >= 0.5 or _none_fits(problem, evidence):
+    if p_other >= 0.5:
         return _other(problem, evidence, p_other)
     if p_nothing >= max(0.5, best_name, p_other):
         return _nothing(problem, nothing, p_nothing, included)
@@ -96,18 +92,6 @@ def judge(
     if certain:
         return _found(problem, evidence, certain, candidates, validation_rmse)
     return _one_of(evidence, included, candidates, classes, p_nothing)
-
-
-def _none_fits(problem: Problem, evidence: Evidence) -> bool:
-    """Whether nothing fits, and the most probable explanation leaves far more than its form could be off by."""
-    best, nothing = evidence.weighed[0], evidence.nothing
-    return chi_square_p(problem, nothing) < IMPLAUSIBLE and _leaves_too_much(problem, nothing, best)
-
-
-def _leaves_too_much(problem: Problem, nothing: Weighed, chosen: Weighed) -> bool:
-    excess = max(nothing.fitted.objective - len(problem.rows), 1.0)
-    left = chosen.misfit - len(problem.rows)
-    return chi_square_p(problem, chosen) < IMPLAUSIBLE and left > LEFT_OVER * excess
 
 
 def _other(problem: Problem, evidence: Evidence, p_other: float) -> Verdict:
@@ -119,15 +103,14 @@ def _other(problem: Problem, evidence: Evidence, p_other: float) -> Verdict:
         f"noise and priors leave about {len(problem.rows)}; something smooth of {evidence.other_amplitude_N:.2f} N "
         "that no effect here makes explains the rest."
     )
-    if p_other >= SURE or _leaves_too_much(problem, evidence.nothing, best):
-        return Verdict("none_of_catalogue", (), (), max(p_other, SURE), (reason,))
+    if p_other >= SURE:
+        return Verdict("none_of_catalogue", (), (), p_other, (reason,))
     return Verdict("undecided", (), (), p_other, (reason,), ("something outside the catalogue is likely, not sure",))
 
 
 def _nothing(problem: Problem, nothing: Weighed, p_nothing: float, included: dict[str, float]) -> Verdict:
-    p_value = chi_square_p(problem, nothing)
     top = next(iter(included), None)
-    if p_value < IMPLAUSIBLE:
+    if nothing.implausible:
         short = f"the model without any effect misfits ({nothing.misfit:.0f} of {len(problem.rows)})"
         return Verdict("undecided", (), (), p_nothing, (), (short,))
     if p_nothing >= NOTHING_SURE and all(p < 0.1 for p in included.values()):
@@ -183,9 +166,9 @@ def conditions(
     """What a finding lacks: a fit, a held-out error that does not rise, a value within its range, a sane anatomy."""
     out = []
     fitted = chosen.fitted
-    if _leaves_too_much(problem, evidence.nothing, chosen):
+    if chosen.leaves_too_much(evidence.nothing):
         out.append(f"a misfit of {chosen.misfit:.0f} is left for {len(problem.rows)} readings")
-    if not fitted.converged:
+    if fitted.promise - fitted.log_evidence > 1.0:
         out.append("its fit did not converge")
     before, after = validation_rmse(evidence.nothing), validation_rmse(chosen)
     if before is not None and after is not None and after > 1.1 * before + 2.0 * typical_sd(problem):

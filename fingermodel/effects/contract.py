@@ -153,13 +153,13 @@ def _behaviour_faults(
     null = np.array([p.initial for p in declared])
     off = [np.array([_off_null(p, rng) for p in declared]) for _ in sampled]
     jax.eval_shape(lambda p, case: _leaves(_acted(effect, p, case, sampled[0][1])), jnp.asarray(null), sampled[0][0])
+    for where, values in (("its null values", [null] * len(sampled)), ("values within its range", off)):
+        if not all(_finite(effect, p, case, s, rng) for p, (case, s) in zip(values, sampled, strict=True)):
+            yield f"effect {effect.name} has a value or slope that is not finite at {where}; expected finite ones"
     for case, state in sampled:
         if not _same(_leaves(state), _leaves(_acted(effect, jnp.asarray(null), case, state))):
             yield f"effect {effect.name} changes something at its null values; expected nothing, to the last bit"
             break
-    for where, values in (("its null values", [null] * len(sampled)), ("values within its range", off)):
-        if not all(_finite(effect, p, case, s, rng) for p, (case, s) in zip(values, sampled, strict=True)):
-            yield f"effect {effect.name} has a value or slope that is not finite at {where}; expected finite ones"
     for i, parameter in enumerate(declared):
         if parameter.sd > 0.0 and not any(
             _moves(effect, i, parameter, p, case, s) for p, (case, s) in zip(off, sampled, strict=True)

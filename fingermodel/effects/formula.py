@@ -75,7 +75,8 @@ def formula_effect(raw: Any, where: str) -> FormulaEffect:
             raise ModelError(f"{where}: {key} is empty", "a few plain words")
     formulas = _formulas(document, where)
     units: dict[str, Unit] = {}
-    declared = tuple(_parameter(n, p, units, where) for n, p in document.parameters.items())
+    # By name, so that a document whose keys were sorted gives the same effect.
+    declared = tuple(_parameter(n, p, units, where) for n, p in sorted(document.parameters.items()))
     for formula in formulas:
         require_dimensions(formula, units, where)
     _require_used(document, formulas, where)

@@ -35,7 +35,7 @@ class FormulaEffect(Effect):
         title: what happens, in a few plain words.
         source: of the form and the ranges.
         formulas: what it changes, one target each, all of one stage.
-        declared: its parameters, in the order of the file.
+        declared: its parameters, by name.
         tell: what gives it away in the data.
         alternatives: sets of parameters, any of which may make it up; all together where none are given.
         rests_on_clamp_assumption: whether only out-of-plane forces can support it.

@@ -9,7 +9,7 @@ import ast
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import lru_cache
 from typing import Any, Literal
 
 from jax import Array
@@ -118,7 +118,7 @@ def prefix_of(name: str) -> str:
     return next((p for p in PLACED if name.startswith(p) and name != p), "")
 
 
-@cache
+@lru_cache(maxsize=512)
 def parse(text: str, where: str) -> Formula:
     """Read one formula; `where` names the file in errors.
 

@@ -95,7 +95,7 @@ def require_plain(tree: ast.expr) -> tuple[str, ...]:
             raise ModelError("is too long or too deep", f"{NODE_LIMIT} terms, {DEPTH_LIMIT} deep", "Split it")
         if isinstance(node, ast.Name):
             names[node.id] = None
-        left += [(part, depth + 1) for part in _parts(node)]
+        left += [(part, depth + 1) for part in reversed(_parts(node))]
     return tuple(names)
 
 

@@ -31,9 +31,9 @@ def add_to_session(
         raise InputError(f"only {session!r} is given", "effects and then a session: fingertwin add hanger_mass DEV-02")
     if out is not None:
         require_new(out)
-    chosen, files = _resolved(effects)
+    chosen, own = _resolved(effects)
     with progress("Reading and correcting") as tell:
-        bench = open_bench(session, model, tell, catalogue=True, effects=files)
+        bench = open_bench(session, model, tell, catalogue=True, effects=own)
     with progress("Refitting"):
         before, addition, after = add_bench(bench, chosen, without)
     path = out or free_path(Path("models"), bench.measured.session.id)
@@ -109,19 +109,47 @@ def _matches(parameter: str, names: list[str]) -> bool:
     return any(parameter == n or parameter.startswith(f"{n}.") for n in names)
 
 
-def _resolved(effects: list[str]) -> tuple[list[str], list[str]]:
-    """Names of effects, and files among them; a formula in quotes becomes an effect of its own."""
+def _resolved(given: list[str]) -> tuple[list[str], list[Any]]:
+    """Names of effects, and the user's own among them: from files, shipped ones by name, or a formula in quotes."""
     from fingermodel.effects.user import load_effect, shipped_effects
 
-    names, files = [], []
+    names, own = [], []
     shipped = set(shipped_effects())
-    for given in effects:
-        if given.endswith((".yaml", ".yml", ".py")) or given in shipped:
-            files.append(given)
-            names.append(load_effect(Path(given)).name)
+    for text in given:
+        if "=" in text:
+            effect = formula_of(text)
+        elif text.endswith((".yaml", ".yml", ".py")) or text in shipped:
+            effect = load_effect(Path(text))
         else:
-            names.append(given)
-    return names, files
+            names.append(text)
+            continue
+        own.append(effect)
+        names.append(effect.name)
+    return names, own
+
+
+def formula_of(text: str) -> Any:
+    """Make an effect of a formula with one coefficient k, as a hint prints it; unit and range follow from its place."""
+    from fingermodel.effects.formula import formula_effect
+
+    left, _, right = text.partition("=")
+    left = left.rstrip("+* ")
+    if left.startswith("torque"):
+        unit, reach = ("mm", 4.0) if "t_" in right else ("N mm", 20.0)
+    elif left.startswith("force") and "F_" not in right:
+        unit, reach = "N", 1.0
+    else:
+        unit, reach = "1", 0.2
+    name = "".join(c if c.isalnum() else "_" for c in left).strip("_").lower()
+    document = {
+        "format": "fingertwin-effect/1",
+        "name": f"own_{name}",
+        "title": f"a term of the user's in {left}",
+        "source": "given as a formula",
+        "formula": text,
+        "parameters": {"k": {"unit": unit, "range": [-reach, reach]}},
+    }
+    return formula_effect(document, f"formula {text!r}")
 
 
 def show_effects(name: str | None, json: str | None) -> None:

@@ -78,12 +78,14 @@ def print_diagnosis(body: dict[str, Any]) -> None:
     if robust["budget_multiple_at_which_it_fails"]:
         say(f"  It fails with a budget {robust['budget_multiple_at_which_it_fails']:g} times as large.")
     rows = []
-    for row in body["ranking"][:8]:
+    for row in body["ranking"][:9]:
         first = row["parameters"][:3]
         values = ", ".join(f"{p['name']} {p['value']:.3g} {p['unit']}" for p in first)
         more = f" (+{len(row['parameters']) - 3})" if len(row["parameters"]) > 3 else ""
         rmse = row["validation_rmse_N"]
         name = " + ".join(row["candidates"]) or ("something else" if row["effects"] else "nothing missing")
+        if row["log_evidence_gain"] is None:
+            continue
         rows.append([name, row["probability"], row["log_evidence_gain"], rmse["after"], values + more])
     table(
         "Explanations",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from numbers import Real
 from typing import Any, Literal
 
 from server.figures.style import TENDONS, fixed, in_order, number
@@ -27,7 +28,8 @@ _SHORT |= {w.lower(): w for w in ("MCP", "PIP", "DIP")}
 
 def value(found: Any) -> float | None:
     """Return a finite number, or None for whatever else stands there."""
-    if isinstance(found, bool) or not isinstance(found, int | float):
+    # NumPy's numbers count too, for an answer that was not yet written to a file.
+    if isinstance(found, bool) or not isinstance(found, Real):
         return None
     return float(found) if math.isfinite(found) else None
 
@@ -91,8 +93,8 @@ def locations_in_order(names: Iterable[str]) -> list[str]:
 
 
 def plane_of(answer: Answer) -> Literal["sagittal", "space"]:
-    """Return the plane in which errors are drawn: that of `plane` in the answer, else space."""
-    return "sagittal" if answer.get("plane") == "sagittal" else "space"
+    """Return the plane in which errors are drawn: that in which the finger is judged, else space."""
+    return "sagittal" if answer.get("judged_in") == "sagittal" else "space"
 
 
 def summary_rmse(answer: Answer, when: str) -> dict[str, float]:
@@ -119,11 +121,13 @@ def kind(row: Answer) -> str:
 
 
 def explanation_name(row: Answer) -> str:
-    """Name a row of the ranking: its effects, each with the place that the variant says."""
+    """Name a row of the ranking: its candidates, or its effects each with the place that the variant says."""
     which = kind(row)
     if which != "effects":
         return NOTHING if which == "nothing" else ELSE
-    effects = words(row.get("effects"))
+    effects, candidates = words(row.get("effects")), words(row.get("candidates"))
+    if candidates:
+        return " + ".join(effect_name(c) for c in candidates)
     variant = [v.strip() for text in words(row.get("variant")) for v in re.split(r"[+,]", text) if v.strip()]
     named, rest = [], [v for v in variant if v not in effects]
     for effect in effects:
@@ -141,13 +145,16 @@ def ranked(answer: Answer) -> list[Answer]:
 
 def named_rows(answer: Answer) -> list[Answer]:
     """Return the rows of the ranking that the verdict names."""
-    verdict, effects, order = answer.get("verdict"), words(answer.get("effects")), ranked(answer)
+    verdict, order = answer.get("verdict"), ranked(answer)
+    # Candidates say more than effects do: which pulley, which mount.
+    key = "candidates" if words(answer.get("candidates")) else "effects"
+    names = words(answer.get(key))
     if verdict == "found":
-        return [r for r in order if sorted(words(r.get("effects"))) == sorted(effects)][:1]
+        return [r for r in order if sorted(words(r.get(key))) == sorted(names)][:1]
     if verdict == "one_of":
         best: dict[str, Answer] = {}
         for row in order:
-            if len(own := words(row.get("effects"))) == 1 and own[0] in effects:
+            if len(own := words(row.get(key))) == 1 and own[0] in names:
                 best.setdefault(own[0], row)
         return list(best.values())
     wanted = {"nothing_missing": "nothing", "none_of_catalogue": "else"}.get(str(verdict))
@@ -175,6 +182,12 @@ def from_to(before: Any, after: Any, digits: int = 3) -> str:
     if value(after) is None:
         return "–"
     return f"{number(value(before), digits)} → {number(value(after), digits)}"
+
+
+def change_text(before: float, after: float, digits: int = 3) -> str:
+    """Write a change with its sign and so many decimals, however small it is."""
+    text = fixed(after - before, digits)
+    return f"+{text}" if after > before and text.strip("0.") else text
 
 
 def size_text(row: Answer) -> str:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import plotly.graph_objects as go
 
-from server.figures.diagnosis_answer import BETTER, WORSE, Answer, plane_of, rows, shortened, value, vector
+from server.figures.diagnosis_answer import BETTER, WORSE, Answer, change_text, plane_of, rows, shortened, value, vector
 from server.figures.style import (
     COMPONENT_AXES,
     INK,
@@ -80,7 +80,9 @@ def held_out_figure(answer: Answer) -> go.Figure:
     places = list(range(len(cases)))
     data = [*_lines(cases), _noise(cases, places), *_points(cases, places)]
     layout: dict[str, Any] = {
-        "xaxis": axis(f"‖predicted \N{MINUS SIGN} measured‖ {PLANE_NAMES[plane_of(answer)]} [N]", range=[0.0, top]),
+        "xaxis": axis(
+            f"‖predicted \N{MINUS SIGN} measured‖ {PLANE_NAMES[plane_of(answer)]} [N]", range=[-0.015 * top, top]
+        ),
         "yaxis": axis(
             tickvals=places,
             ticktext=[plain(t) for t in labels],
@@ -163,10 +165,8 @@ def _noise(cases: Sequence[Held], places: Sequence[int]) -> go.Scatter | None:
 
 
 def _change(case: Held, row: int) -> dict[str, Any]:
-    change = case.after_N - case.before_N
-    text = f"+{number(change, 3)}" if change > 0 else number(change, 3)
     return {
-        "text": text,
+        "text": change_text(case.before_N, case.after_N),
         "x": 1.0,
         "y": row,
         "xref": "paper",
@@ -175,7 +175,7 @@ def _change(case: Held, row: int) -> dict[str, Any]:
         "yanchor": "middle",
         "xshift": 12,
         "showarrow": False,
-        "font": {"size": SMALL_PX, "color": BETTER if change <= 0 else WORSE},
+        "font": {"size": SMALL_PX, "color": BETTER if case.after_N <= case.before_N else WORSE},
     }
 
 

@@ -54,9 +54,13 @@ _COLUMNS = ((0.58, "log evidence<br>gain"), (0.78, "held-out RMSE [N]<br>before 
 
 
 def shown_rows(answer: Answer) -> list[Answer]:
-    """Return the rows that are drawn: the most probable, those that the verdict names, nothing, something else."""
+    """Return the rows that are drawn: the most probable, those that the verdict names, nothing, something else.
+
+    A probability of exactly 0 marks an explanation that was fitted but not weighed against the others.
+    """
     order, named = ranked(answer), named_rows(answer)
-    return [r for i, r in enumerate(order) if i < MOST_ROWS or kind(r) != "effects" or r in named]
+    kept = [r for r in order if value(r.get("probability")) != 0][:MOST_ROWS]
+    return [r for r in order if r in kept or kind(r) != "effects" or r in named]
 
 
 def ranking_figure(answer: Answer) -> go.Figure:

@@ -50,7 +50,7 @@ def steps_of(answer: Answer, history: Sequence[Mapping[str, Any]] | None) -> lis
         found = [_step(index, revision) for index, revision in enumerate(history) if isinstance(revision, Mapping)]
         if any(step.rmse_N for step in found):
             return found
-    effects = [effect_name(e) for e in words(answer.get("effects"))]
+    effects = [effect_name(e) for e in words(answer.get("candidates")) or words(answer.get("effects"))]
     joint = " or " if answer.get("verdict") == "one_of" else " + "
     after = ["after", f"with {joint.join(effects)}" if effects else "best explanation"]
     both = [Step(["before", "no effect"], summary_rmse(answer, "before")), Step(after, summary_rmse(answer, "after"))]

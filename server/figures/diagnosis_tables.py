@@ -7,10 +7,10 @@ from typing import Any
 
 from server.figures.diagnosis_answer import (
     Answer,
+    change_text,
     effect_name,
     explanation_name,
     from_to,
-    kind,
     locations_in_order,
     named_rows,
     part,
@@ -75,6 +75,7 @@ def ranking_table(answer: Answer) -> list[Table]:
         remarks = ["named by the verdict"] if row in named else []
         remarks += ["value outside its range"] if row.get("in_range") is False else []
         share = value(row.get("wildcard_share"))
+        remarks += [text for text in words(row.get("variant")) if ": " in text]
         if alike := words(row.get("indistinguishable_from")):
             remarks.append(f"not told apart from {', '.join(effect_name(n) for n in alike)}")
         out.append(
@@ -85,7 +86,7 @@ def ranking_table(answer: Answer) -> list[Table]:
                 signed(row.get("log_evidence_gain")),
                 size_text(row),
                 from_to(held.get("before"), held.get("after")),
-                "–" if share is None or kind(row) != "effects" else number(100 * share, 0),
+                "–" if share is None else number(100 * share, 0),
                 "; ".join(remarks),
             ]
         )
@@ -100,6 +101,9 @@ def ranking_table(answer: Answer) -> list[Table]:
         "remarks",
     ]
     more = len(ranked(answer)) - len(out)
+    shares = header.index("wildcard share [%]")
+    if all(line[shares] == "–" for line in out):
+        header, out = header[:shares] + header[shares + 1 :], [line[:shares] + line[shares + 1 :] for line in out]
     caption = "Explanations, most probable first" + (f"; {more} less probable ones are left out." if more > 0 else ".")
     return [Table(header, out, caption)] if out else []
 
@@ -184,7 +188,7 @@ def revision_table(answer: Answer, history: Sequence[Mapping[str, Any]] | None) 
 def held_out_table(answer: Answer) -> list[Table]:
     """Tabulate the residual of every validation case before and after."""
     lines = [
-        [h.label, number(h.before_N, 3), number(h.after_N, 3), signed(h.after_N - h.before_N, 3), number(h.sd_N, 3)]
+        [h.label, number(h.before_N, 3), number(h.after_N, 3), change_text(h.before_N, h.after_N), number(h.sd_N, 3)]
         for h in held_out(answer)
     ]
     header = ["validation case", "before [N]", "after [N]", "change [N]", "uncertainty [N]"]

@@ -52,6 +52,8 @@ def verdict_sentences(answer: Answer) -> list[str]:
             said += f" at {freedom:g} degrees of freedom"
         if value(chi.get("p_value")) is not None:
             said += f" (p {_equals(chi.get('p_value'))})"
+        if (factor := value(chi.get("budget_factor"))) is not None and factor != 1:
+            said += f", with the budget taken {factor:g} times as large"
         if (after := value(chi.get("after"))) is not None:
             said += f"; {number(after, 1)} with the best explanation"
         out.append(said + ".")
@@ -66,7 +68,7 @@ def _equals(p: object) -> str:
 def _sentence(answer: Answer) -> str:
     if own := words(answer.get("sentence")):
         return own[0]
-    named = [effect_name(e) for e in words(answer.get("effects"))]
+    named = [effect_name(e) for e in words(answer.get("candidates")) or words(answer.get("effects"))]
     said = {
         "found": f"Missing in the model: {listed(named)}.",
         "one_of": f"One of these is missing, and these load cases cannot say which: {listed(named, 'or')}.",
@@ -113,15 +115,18 @@ def robustness_sentences(answer: Answer) -> list[str]:
         return ["Not tried: no assumption was varied."]
     out = []
     if flips := words(robust.get("flips_when")):
-        out.append(f"The verdict changes with: {'; '.join(flips)}.")
+        out.append(f"Another verdict would be favoured if {'; or if '.join(flips)}.")
     elif "flips_when" in robust:
         out.append("The verdict stays the same under every change of assumptions that was tried.")
+    if rests := words(robust.get("rests_on")):
+        out.append(f"It rests on these parts of the data, without which it loses its ground: {'; '.join(rests)}.")
     if (multiple := value(robust.get("budget_multiple_at_which_it_fails"))) is not None:
         out.append(
             f"It holds until the rig's own errors (the budget) are taken to be {number(multiple, 1)} times as large."
         )
     if alone := words(robust.get("sagittal_alone")):
-        out.append(f"With the forces in the sagittal plane alone the verdict is: {VERDICTS.get(alone[0], alone[0])}.")
+        names = listed([VERDICTS.get(a, effect_name(a)) for a in alone[0].split(" and ")])
+        out.append(f"With the forces in the sagittal plane alone: {names}.")
     return out or ["Not tried: no assumption was varied."]
 
 

@@ -373,7 +373,8 @@ def undecided() -> Answer:
     }
     out["sentence"] = "The hanger's weight is the likeliest explanation, but the verdict hangs on one posture."
     out["robustness"] = {
-        "flips_when": ["budget × 2", "posture hook left out"],
+        "flips_when": ["the budget were twice as large", "the posture hook were left out"],
+        "rests_on": ["posture hook"],
         "budget_multiple_at_which_it_fails": None,
         "sagittal_alone": "undecided",
     }
@@ -529,7 +530,11 @@ def test_what_is_absent_is_said_to_be(tmp_path: Path) -> None:
     assert "None: the session's load cases allow no such test." in words
     pooled = page(undecided(), tmp_path)
     assert "Diagnosis of DEV-01, DEV-02, DEV-03 and 1 more" in pooled.words
-    assert "The verdict changes with: budget × 2; posture hook left out." in pooled.paragraphs
+    assert (
+        "Another verdict would be favoured if the budget were twice as large; or if the posture hook were left out."
+        in pooled.paragraphs
+    )
+    assert "Not worked out for this answer." in page({}, tmp_path).paragraphs
 
 
 @pytest.mark.parametrize("confirmed", [True, False, "revision r4"])
@@ -579,7 +584,7 @@ def test_no_absent_value_breaks_the_page() -> None:
 def hostile(tree: Any) -> Any:
     """An answer whose every text is hostile, but for the words that the contract fixes."""
     if isinstance(tree, dict):
-        kept = ("verdict", "role", "location", "schema", "plane")
+        kept = ("verdict", "role", "location", "schema", "judged_in")
         return {k: v if k in kept else hostile(v) for k, v in tree.items()}
     if isinstance(tree, list):
         return [hostile(v) for v in tree]
@@ -685,6 +690,14 @@ def test_the_ranking_shows_nothing_and_something_else_however_improbable() -> No
     assert len(figure.layout.shapes) == 1
 
 
+def test_explanations_that_were_not_weighed_are_not_drawn() -> None:
+    answer = one_of()
+    answer["ranking"] += [row(["axis_tilt"], 0.0, 99.0, None)]
+    assert "axis tilt" not in [n.text for n in ranking_figure(answer).layout.annotations]
+    answer |= {"verdict": "found", "effects": ["axis_tilt"]}
+    assert "<b>axis tilt</b>" in [n.text for n in ranking_figure(answer).layout.annotations]
+
+
 def test_rows_that_the_verdict_names_are_found() -> None:
     def named(answer: Answer) -> list[str]:
         return [explanation_name(r) for r in named_rows(answer)]
@@ -694,6 +707,12 @@ def test_rows_that_the_verdict_names_are_found() -> None:
     assert named(none_of_catalogue()) == ["something else"]
     assert named(nothing_missing()) == ["nothing missing"]
     assert named(undecided()) == []
+    pulley = {"effects": ["worn_pulley"], "candidates": ["worn_pulley.FDP"], "probability": 0.4}
+    other = {"effects": ["worn_pulley"], "candidates": ["worn_pulley.EDC"], "probability": 0.6}
+    ranking = {"ranking": [pulley, other], "effects": ["worn_pulley"], "verdict": "found"}
+    assert named(ranking | {"candidates": ["worn_pulley.FDP"]}) == ["worn pulley FDP"]
+    both = ranking | {"candidates": ["worn_pulley.EDC", "worn_pulley.FDP"], "verdict": "one_of"}
+    assert named(both) == ["worn pulley EDC", "worn pulley FDP"]
     assert [r["probability"] for r in ranked(one_of())] == [0.55, 0.39, 0.05, 0.01]
 
 
@@ -764,7 +783,7 @@ def test_steps_come_from_the_history_or_from_before_and_after() -> None:
     before, after = steps_of(found(), None)
     assert before.rmse_N["validation/tip"] == pytest.approx(0.9 * 0.171)
     assert after.lines == ["after", "with hanger mass"]
-    assert steps_of(found() | {"plane": "sagittal"}, None)[0].rmse_N["validation/tip"] == pytest.approx(0.171)
+    assert steps_of(found() | {"judged_in": "sagittal"}, None)[0].rmse_N["validation/tip"] == pytest.approx(0.171)
     assert steps_of(one_of(), None)[1].lines == ["after", "with cell rotation or suture angle"]
     assert steps_of(found(), []) == steps_of(found(), None)
 
@@ -796,7 +815,7 @@ def test_held_out_cases_are_sorted_and_measured_in_the_plane() -> None:
     one = next(c for c in found()["cases"] if c["id"] == cases[0].label.split()[0])
     assert cases[0].before_N == pytest.approx(math.dist(one["measured_N"], one["before_N"]))
     assert cases[0].sd_N == pytest.approx(math.sqrt(0.03**2 + 0.03**2 + 0.02**2))
-    flat = {c.label: c for c in held_out(found() | {"plane": "sagittal"})}
+    flat = {c.label: c for c in held_out(found() | {"judged_in": "sagittal"})}
     assert flat[cases[0].label].after_N == pytest.approx(math.dist(one["measured_N"][:2], one["after_N"][:2]))
     figure = held_out_figure(found())
     before, after = (next(t for t in figure.data if t.name == n) for n in ("before", "after"))
