@@ -19,13 +19,15 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-KINDS = ("none", "one", "two", "outside")
+from tests.simulator import Kind
+
+KINDS: tuple[Kind, ...] = ("none", "one", "two", "outside")
 HERE = Path(__file__).parent
 # Effects that change the readings by less than this many standard uncertainties in all are not there to be found.
 BINS = ((0.0, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 0.99), (0.99, 1.01))
 
 
-def one_session(kind: str, seed: int) -> dict[str, Any]:
+def one_session(kind: Kind, seed: int) -> dict[str, Any]:
     """Draw a session, diagnose it, and say what came out."""
     import numpy as np
 
@@ -38,7 +40,7 @@ def one_session(kind: str, seed: int) -> dict[str, Any]:
     protocol = "three_levels" if seed % 4 == 3 else "dev"
     effects, outside = draw_truth(kind, seed)
     with tempfile.TemporaryDirectory() as folder:
-        truth = draw_session(Path(folder), seed, effects, outside, protocol)  # type: ignore[arg-type]
+        truth = draw_session(Path(folder), seed, effects, outside, protocol)
         bench = open_bench(folder, catalogue=True)
         found = diagnose(bench.model, bench.observations)
         rows = [w for w in found.evidence.weighed if w.explanation.size]
@@ -178,7 +180,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1000)
     parser.add_argument("--out", type=Path, default=HERE / "recovery.md")
     given = parser.parse_args()
-    kinds = given.kinds.split(",")
+    kinds = [kind for kind in KINDS if kind in given.kinds.split(",")]
     jobs = [(kind, given.first + seed) for seed in range(given.sessions) for kind in kinds]
     rows: list[dict[str, Any]] = []
     keep = given.out.with_suffix(".jsonl")

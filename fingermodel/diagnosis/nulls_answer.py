@@ -192,7 +192,7 @@ def concluded(
 
 def figure(value: float) -> str:
     """A number in two significant digits, with a proper minus sign and no exponent."""
-    if value == 0.0 or not np.isfinite(value):
+    if abs(value) < 5e-5:
         return "0"
     value = float(f"{value:.1e}")
     decimals = max(0, 1 - int(np.floor(np.log10(abs(value)))))

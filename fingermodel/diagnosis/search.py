@@ -34,7 +34,7 @@ PAIRS = 20
 HOSTS = 4
 # Most fits only have to show that they are not in question; those that are get finished.
 FLOOR = 0.03
-FIRST, SECOND, LAST = 5, 15, 60
+FIRST, SECOND, LAST = 3, 15, 60
 # Log evidence within which singles are taken further, and explanations are finished.
 RACE, CONTENDERS = 30.0, 8.0
 FINISHED = 12
