@@ -93,17 +93,47 @@ EffectFiles = Annotated[
 
 @app.command()
 def diagnose(
-    session: Session,
+    sessions: Annotated[list[str], typer.Argument(help="One session, or several: then pooled as well.")],
     model: ModelOption = None,
     thorough: Annotated[bool, typer.Option(help="More starts and more pairs; may take a minute.")] = False,
     effect: EffectFiles = None,
+    frozen: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE", help="Predictions of `next --freeze` to hold against; by default those in models."
+        ),
+    ] = None,
     figures: Figures = None,
     json: Json = None,
 ) -> None:
     """Find where the model fails and which physical effect is missing, or that the data cannot say."""
+    if len(sessions) > 1:
+        from server.commands.pooling import diagnose_sessions
+
+        diagnose_sessions(sessions, model, thorough, effect or [], json)
+        return
     from server.commands.diagnosis import diagnose_session
 
-    diagnose_session(session, model, thorough, effect or [], figures, json)
+    diagnose_session(sessions[0], model, thorough, effect or [], frozen, figures, json)
+
+
+@app.command("next")
+def next_load_cases(
+    session: Session,
+    model: ModelOption = None,
+    effect: EffectFiles = None,
+    freeze: Annotated[
+        bool, typer.Option(help="Write the explanations' predictions down before they are measured.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Where to freeze; by default models/SESSION-frozen-….json.")
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Find the load cases that would best tell the remaining explanations apart."""
+    from server.commands.planning import next_cases
+
+    next_cases(session, model, effect or [], freeze, out, json)
 
 
 @app.command()

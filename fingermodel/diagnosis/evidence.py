@@ -129,7 +129,7 @@ def weigh(problem: Problem, search: Search, candidates: tuple[Candidate, ...], w
     chosen = _in_question(ranked)
     if search.nothing not in chosen:
         chosen.append(search.nothing)
-    weighed = [_weighed(problem, fitted, candidates) for fitted in chosen]
+    weighed = [weigh_one(problem, fitted, candidates) for fitted in chosen]
     nothing = next(w for w in weighed if w.explanation.size == 0)
     return assemble(weighed, other_evidence(nothing.fitted, wildcard))
 
@@ -141,7 +141,8 @@ def _in_question(ranked: Sequence[Fitted]) -> list[Fitted]:
     return chosen + [f for f in singles if f not in chosen]
 
 
-def _weighed(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]) -> Weighed:
+def weigh_one(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]) -> Weighed:
+    """Weigh one fit, its budget and its form left open."""
     change = change_of(problem, fitted, fitted.explanation.parameters)
     form = Wildcard.of(_form_columns(problem, fitted, candidates), FORM_ERRORS)
     each = [at_budget(fitted, form, b) for b in BUDGET_FACTORS]

@@ -129,6 +129,9 @@ class Residuals:
         return Estimate(test, value, np.sqrt(np.diag(covariance)), statistic / max(self.chi2, 1e-300))
 
     def _test(self, what: str, statistic: float, freedom: int) -> Test:
+        if freedom == 0:
+            # A pattern that the loads do not show at all.
+            return Test(what, 0.0, 0, 1.0)
         if self.noise_assumed:
             sizes = _NOISE_FACTOR ** (2.0 * _NODES)
             p = float(chdtrc(freedom, statistic / sizes) @ _WEIGHTS / _WEIGHTS.sum())

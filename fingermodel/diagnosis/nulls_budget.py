@@ -196,9 +196,9 @@ class Readings:
         own[:, 1, :, 15:18] = offset_sd[:, None, None] * turned[:, 0]
         by_gain = np.einsum("abc,nc->nbac", _CROSS, both[:, 0]).reshape(n, 3, 9)
         own[:, 1, :, 18:27] = (_PRODUCT * offset_sd * b.cell_gain_sd)[:, None, None] * by_gain
-        own[:, 1, :, 30:39] = (_PRODUCT * offset_sd * rotation_sd)[:, None, None] * twice[:, 0]
+        own[:, 1, :, 27:36] = (_PRODUCT * offset_sd * rotation_sd)[:, None, None] * twice[:, 0]
         # Each component of their product is the difference of two terms.
-        own[:, 1, :, 27:30] = (_PRODUCT * np.sqrt(2.0) * offset_sd * zero_sd)[:, None, None] * np.eye(3)
+        own[:, 1, :, 36:39] = (_PRODUCT * np.sqrt(2.0) * offset_sd * zero_sd)[:, None, None] * np.eye(3)
         member = np.eye(len(places))[self.mounting]
         return np.einsum("nkce,nm->nkcme", own, member).reshape(6 * n, -1)
 

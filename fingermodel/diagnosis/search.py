@@ -253,9 +253,9 @@ class Searcher:
         for k, gain in enumerate(gains):
             if gain >= max(gains) - NEAR:
                 explanation = single(candidate, k)
-                self.fit(explanation, [self._expected(host, explanation)])
+                self.fit(explanation, [self.expected(host, explanation)])
 
-    def _expected(self, host: Fitted, explanation: Explanation) -> Floats:
+    def expected(self, host: Fitted, explanation: Explanation) -> Floats:
         """Where the straightened model about an optimum expects another explanation's optimum."""
         free, mean = host.linear.mean(explanation.parameters)
         expected = host.x.copy()
@@ -313,7 +313,7 @@ class Searcher:
         for one in best:
             for other in best[:2]:
                 if other is not one:
-                    self.fit(one.explanation, [self._expected(other, one.explanation)])
+                    self.fit(one.explanation, [self.expected(other, one.explanation)])
 
     def _pairs(self, candidates: tuple[Candidate, ...], screened: dict[tuple[str, ...], float], count: int) -> None:
         hosts = self._ranked(1)[:HOSTS]
@@ -346,7 +346,7 @@ class Searcher:
             screened[names] = value - nothing.log_evidence
         chosen = sorted(offers.values(), key=lambda o: -o[0])[:count]
         for done, (_, host, pair) in enumerate(chosen):
-            self.fit(pair, [self._expected(host, pair)])
+            self.fit(pair, [self.expected(host, pair)])
             self._progress(0.5 + 0.5 * done / len(chosen))
         del by_name
 

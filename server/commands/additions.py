@@ -134,8 +134,10 @@ def formula_of(text: str) -> Any:
 
     left, _, right = text.partition("=")
     left = left.rstrip("+* ")
-    if left.startswith("torque"):
+    if left.startswith("torque") and "*=" not in text:
         unit, reach = ("mm", 4.0) if "t_" in right else ("N mm", 20.0)
+    elif "*=" in text:
+        unit, reach = "1", 0.2
     elif left.startswith("force") and "F_" not in right:
         unit, reach = "N", 1.0
     else:

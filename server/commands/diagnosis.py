@@ -11,6 +11,7 @@ from server.workflow import Bench, open_bench
 
 if TYPE_CHECKING:
     from fingermodel.diagnosis.diagnose import Diagnosis
+    from fingermodel.diagnosis.frozen import Confirmation
 
 
 def diagnose_session(
@@ -18,6 +19,7 @@ def diagnose_session(
     model: str | None,
     thorough: bool,
     effects: list[str],
+    frozen: list[Path] | None,
     figures: Path | None,
     json: str | None,
 ) -> None:
@@ -26,7 +28,7 @@ def diagnose_session(
         bench = open_bench(session, model, tell, catalogue=True, effects=effects)
     with progress("Fitting every effect") as tell:
         diagnosis = run_diagnosis(bench, thorough, tell)
-    body = diagnosis_body(bench, diagnosis)
+    body = diagnosis_body(bench, diagnosis, frozen)
     page = None
     if figures:
         from server.diagnosis_report import draw_diagnosis
@@ -55,14 +57,39 @@ def run_diagnosis(bench: Bench, thorough: bool = False, tell: Any = None) -> Dia
     )
 
 
-def diagnosis_body(bench: Bench, diagnosis: Diagnosis) -> dict[str, Any]:
+def diagnosis_body(bench: Bench, diagnosis: Diagnosis, frozen: list[Path] | None = None) -> dict[str, Any]:
     """The contract's answer."""
     from fingermodel.diagnosis.answer import answer as body_of
+    from fingermodel.diagnosis.next_cases import plan_next
     from fingermodel.diagnosis.nulls import nulls
 
     body = body_of(diagnosis)
     body["nulls"] = [n.as_dict() for n in nulls(bench.model, bench.observations)]
+    plan = plan_next(diagnosis)
+    body["next_cases"] = [c.as_dict() for c in plan.cases]
+    body["next_sentence"] = plan.text
+    body["instruments"] = list(plan.instruments)
+    scored = confirmation(bench, diagnosis, frozen)
+    if scored is not None:
+        body["confirmed"] = scored.confirmed
+        body["confirmation"] = {"text": scored.text, "cases": list(scored.cases)}
     return provenance(bench) | {"held": list(bench.loaded.added)} | body
+
+
+def confirmation(bench: Bench, diagnosis: Diagnosis, frozen: list[Path] | None) -> Confirmation | None:
+    """Hold predictions frozen earlier against what has been measured since; None where there are none."""
+    from fingermodel.diagnosis.frozen import read_frozen, score
+    from fingermodel.diagnosis.next_cases import name_of
+
+    session = bench.measured.session
+    paths = sorted(Path("models").glob("*-frozen-*.json")) if frozen is None else frozen
+    scores = []
+    for path in paths:
+        document = read_frozen(path)
+        if frozen is not None or document["specimen"] == session.specimen.id:
+            scores.append(score(document, name_of(diagnosis.best), session.id, bench.observations))
+    told = [s for s in scores if s.confirmed is not None]
+    return (told or scores)[-1] if scores else None
 
 
 def print_diagnosis(body: dict[str, Any]) -> None:
@@ -77,6 +104,8 @@ def print_diagnosis(body: dict[str, Any]) -> None:
         say(f"  It rests on {', '.join(robust['rests_on'])}.")
     if robust["budget_multiple_at_which_it_fails"]:
         say(f"  It fails with a budget {robust['budget_multiple_at_which_it_fails']:g} times as large.")
+    if body.get("confirmation"):
+        say(f"  Frozen predictions: {body['confirmation']['text']}.")
     rows = []
     for row in body["ranking"][:9]:
         first = row["parameters"][:3]
@@ -100,6 +129,8 @@ def print_diagnosis(body: dict[str, Any]) -> None:
             say(f"{'ok  ' if null['verdict'] == 'holds' else 'FAIL'} {null['text']}")
     for hint in body["hints"]:
         say(f"Hint: {hint['text']}; fingertwin add '{hint['effect']['formula']}' {body['session']}")
+    if body["verdict"] != "nothing_missing":
+        say(body["next_sentence"])
     _print_fall(body)
 
 

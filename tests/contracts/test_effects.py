@@ -139,7 +139,7 @@ def slopes(finger: str) -> Slopes:
 
     rows, ways = jnp.asarray(np.tile(p, (len(p), 1))), jnp.asarray(unit)
     # Run once or twice, so not worth optimising.
-    compiled = jax.jit(jax.vmap(both)).lower(rows, ways).compile({"xla_backend_optimization_level": 0})
+    compiled = jax.jit(jax.vmap(both)).lower(rows, ways).compile({"xla_backend_optimization_level": "0"})
 
     def moved(step: float) -> Floats:
         return np.asarray(compiled(rows + step * ways, ways)[0])

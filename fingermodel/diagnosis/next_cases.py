@@ -1,0 +1,303 @@
+"""The load cases that would best tell the live explanations apart, and what each expects of them.
+
+Every explanation predicts a case as a Gaussian, from draws of its parameters and the noise of readings like those
+taken; the posture is set anew for it. A case is worth the mutual information between explanation and reading (Lindley
+1956; Box and Hill 1967 and Buzzi-Ferraris and Forzatti 1984 are the published cross-checks).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.compare import muscles_of
+from fingermodel.diagnosis.diagnose import Diagnosis
+from fingermodel.diagnosis.evidence import Weighed
+from fingermodel.stages import LoadCaseInput
+
+Floats = NDArray[np.float64]
+
+DRAWS = 48
+SEED = 20191107
+# An explanation less probable than this is not waited for.
+LIVE = 0.01
+# Below this no load case tells anything.
+WORTH_NAT = 0.05
+OFFERED = 5
+
+INSTRUMENTS = {
+    "hanger_mass": "weigh the hangers",
+    "rig_friction": "pull a known weight through the pulleys, or read the bone's clamp",
+    "worn_pulley": "pull a known weight through that pulley",
+    "goniometer_bias": "measure the joint angles again, with another instrument",
+    "cell_rotation": "hang a known weight on the cell in three directions",
+    "cell_crosstalk": "hang a known weight on the cell in three directions",
+    "zero_offset": "read the unloaded cell before and after, at that mount",
+    "tare_drift": "tare again before each case",
+    "segment_length": "measure the bones in an X-ray",
+    "tip_location": "measure where the clamp holds the pulp",
+    "suture_angle": "photograph the sutures against the metacarpal",
+    "clamp_compliance": "measure the joint angles with the weight on",
+    "joint_friction": "read the bone's clamp as well",
+}
+
+
+@dataclass(frozen=True)
+class PlannedReading:
+    """A load case that could be run."""
+
+    posture: str
+    location: str
+    masses_g: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class NextCase:
+    """A load case and what it would tell.
+
+    Attributes:
+        case: what to hang where.
+        information_nat: between explanation and reading.
+        separates: names of the explanations that it parts best.
+        expected_probability: of whichever explanation is true, afterwards.
+        predictions: by explanation: mean (components,) and standard deviation, reading's noise included.
+    """
+
+    case: PlannedReading
+    information_nat: float
+    separates: tuple[str, ...]
+    expected_probability: float
+    predictions: dict[str, tuple[Floats, Floats]]
+
+    def as_dict(self) -> dict[str, Any]:
+        """As the answer gives it."""
+        c = self.case
+        return {
+            "posture": c.posture,
+            "location": c.location,
+            "masses_g": c.masses_g,
+            "information_nat": self.information_nat,
+            "separates": list(self.separates),
+            "expected_probability": self.expected_probability,
+            "predictions": {
+                name: {
+                    "mean_N": mean[:3].tolist(),
+                    "sd_N": np.sqrt(np.diag(covariance))[:3].tolist(),
+                    "mean_Mz_Nmm": float(mean[3]) if len(mean) > 3 else None,
+                    "sd_Mz_Nmm": float(np.sqrt(covariance[3, 3])) if len(mean) > 3 else None,
+                }
+                for name, (mean, covariance) in self.predictions.items()
+            },
+            "text": f"{muscles_of(c.masses_g)} in {c.posture} at the {c.location}: would part "
+            f"{' from '.join(self.separates[:2])} ({self.information_nat:.2f} nat; probability of the true one "
+            f"{self.expected_probability:.2f} afterwards)",
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What to measure next.
+
+    Attributes:
+        cases: best first; none where no available load case separates anything.
+        explanations: that were held against each other, with their probabilities.
+        instruments: what else would separate them.
+        text: one plain sentence.
+    """
+
+    cases: tuple[NextCase, ...]
+    explanations: dict[str, float]
+    instruments: tuple[str, ...]
+    text: str
+
+
+def name_of(weighed: Weighed) -> str:
+    """`hanger_mass + bowstringing`, or `nothing missing`."""
+    return " + ".join(weighed.explanation.names) or "nothing missing"
+
+
+def live_explanations(diagnosis: Diagnosis) -> dict[str, tuple[Weighed, float]]:
+    """Explanations that are still possible; a finding is held against nothing missing, to be tested."""
+    evidence = diagnosis.evidence
+    out: dict[str, tuple[Weighed, float]] = {}
+    for w in evidence.weighed:
+        p = evidence.probability[w.explanation.names]
+        if p >= LIVE and name_of(w) not in out:
+            out[name_of(w)] = (w, p)
+    if len(out) < 2 or diagnosis.verdict.kind == "found":
+        best = diagnosis.best
+        if best.explanation.size == 0:
+            best = next((w for w in evidence.weighed if w.explanation.size), best)
+        out = {name_of(best): (best, 0.5), name_of(evidence.nothing): (evidence.nothing, 0.5)}
+    total = sum(p for _, p in out.values())
+    return {name: (w, p / total) for name, (w, p) in out.items()}
+
+
+def feasible(diagnosis: Diagnosis) -> list[PlannedReading]:
+    """Postures, mounts and tendons of the session; each tendon alone, at full and half load, and in twos."""
+    observations = diagnosis.problem.observations
+    used = [i for i, role in enumerate(observations.roles) if role != "check"]
+    postures = list(dict.fromkeys(observations.postures[i] for i in used))
+    locations = list(dict.fromkeys(observations.locations[i] for i in used))
+    largest: dict[str, float] = {}
+    for i in used:
+        for muscle, mass in observations.masses_g[i].items():
+            largest[muscle] = max(largest.get(muscle, 0.0), mass)
+    loads: list[dict[str, float]] = []
+    for muscle, mass in largest.items():
+        loads += [{muscle: mass}, {muscle: round(mass / 2.0)}]
+    # No more than the rig has ever carried at once.
+    limit = max(sum(observations.masses_g[i].values()) for i in used)
+    for a, b in combinations(largest, 2):
+        if largest[a] + largest[b] <= limit + 1e-9:
+            loads.append({a: largest[a], b: largest[b]})
+    return [PlannedReading(p, place, masses) for p in postures for place in locations for masses in loads]
+
+
+def plan_next(diagnosis: Diagnosis) -> Plan:
+    """Rank the feasible load cases by what they would tell.
+
+    Args:
+        diagnosis: with its explanations.
+    """
+    live = live_explanations(diagnosis)
+    cases = feasible(diagnosis)
+    names = list(live)
+    prior = np.array([p for _, p in live.values()])
+    rng = np.random.default_rng(SEED)
+    predicted = {name: _predict(diagnosis, w, cases, rng) for name, (w, _) in live.items()}
+    out = []
+    for i, case in enumerate(cases):
+        components = [0, 1, 2, 3] if case.location == "tip" and _reads_moments(diagnosis) else [0, 1, 2]
+        each = {n: (predicted[n][0][i, components], predicted[n][1][i][np.ix_(components, components)]) for n in names}
+        information, probability = _information([each[n] for n in names], prior, rng)
+        out.append(NextCase(case, information, _parted(names, each, prior), probability, each))
+    out.sort(key=lambda c: -c.information_nat)
+    best = tuple(c for c in _varied(out) if c.information_nat >= WORTH_NAT)[:OFFERED]
+    instruments = tuple(
+        dict.fromkeys(
+            f"{INSTRUMENTS[e]} ({e})" for w, _ in live.values() for e in w.explanation.effects if e in INSTRUMENTS
+        )
+    )
+    if best:
+        text = f"Next: {best[0].as_dict()['text']}."
+    elif instruments:
+        text = f"No available load case separates {' and '.join(names)}; instead, {instruments[0]}."
+    else:
+        text = f"No available load case separates {' and '.join(names)}."
+    return Plan(best, {n: float(p) for n, p in zip(names, prior, strict=True)}, instruments, text)
+
+
+def _varied(cases: Sequence[NextCase]) -> list[NextCase]:
+    """The best case of each posture, mount and set of tendons."""
+    seen: set[tuple[str, str, str]] = set()
+    out = []
+    for c in cases:
+        key = (c.case.posture, c.case.location, muscles_of(c.case.masses_g))
+        if key not in seen:
+            seen.add(key)
+            out.append(c)
+    return out
+
+
+def _reads_moments(diagnosis: Diagnosis) -> bool:
+    return bool(np.any(diagnosis.problem.rows % 6 == 5))
+
+
+def inputs_of(diagnosis: Diagnosis, cases: Sequence[PlannedReading]) -> LoadCaseInput:
+    """The cases as the model sees them: settings and mountings as they were last in the session."""
+    model, observations = diagnosis.problem.model, diagnosis.problem.observations
+    layout, muscles = observations.layout, model.finger.topology.muscles
+    weight = float(np.asarray(observations.inputs.weight).max())
+    tension = np.zeros((len(cases), len(muscles)))
+    for i, case in enumerate(cases):
+        for muscle, mass in case.masses_g.items():
+            tension[i, muscles.index(muscle)] = mass * weight
+    settings = {name: k for k, (name, _) in enumerate(layout.settings)}
+    mountings = {name: k for k, (name, _) in enumerate(layout.mountings)}
+    n = len(cases)
+    return LoadCaseInput(
+        posture=jnp.asarray(np.array([observations.posture_angles[c.posture] for c in cases])),
+        tension=jnp.asarray(tension),
+        at_bone=jnp.asarray([c.location == "bone" for c in cases]),
+        known_force=jnp.zeros((n, 3)),
+        is_check=jnp.zeros(n, bool),
+        setting=jnp.asarray([settings[c.posture] for c in cases]),
+        mounting=jnp.asarray([mountings[c.location] for c in cases]),
+        weight=jnp.full(n, weight),
+        unloading=jnp.zeros(n, bool),
+        since_tare=jnp.full(n, 0.02),
+        elapsed=jnp.full(n, 1.0),
+    )
+
+
+def _predict(
+    diagnosis: Diagnosis, weighed: Weighed, cases: Sequence[PlannedReading], rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Mean (cases, 4) and covariance (cases, 4, 4) of Fx, Fy, Fz, Mz under an explanation, noise included."""
+    fitted, problem = weighed.fitted, diagnosis.problem
+    model, observations = problem.model, problem.observations
+    free = fitted.moving
+    root = np.linalg.cholesky(fitted.covariance + 1e-12 * np.eye(len(free)))
+    draws = fitted.x[free] + rng.normal(size=(DRAWS, len(free))) @ root.T
+    angles = np.array([n.startswith("posture_angle.") for n in model.parameters.names])
+    # As many cases a call as the session has: no new program is compiled.
+    size = len(observations.ids)
+    readings = np.zeros((DRAWS, len(cases), 4))
+    for first in range(0, len(cases), size):
+        part = list(cases[first : first + size])
+        padded = inputs_of(diagnosis, part + [part[-1]] * (size - len(part)))
+        for d in range(DRAWS):
+            x = fitted.x.copy()
+            x[free] = draws[d]
+            theta = np.clip(problem.centre + problem.scale * x, problem.lower, problem.upper)
+            # The posture will be set anew.
+            theta[angles] = theta[angles] + rng.normal(size=int(angles.sum())) * model.parameters.sd[angles]
+            reading = np.asarray(model.predict(padded, theta).reading)
+            readings[d, first : first + len(part)] = reading[: len(part), [0, 1, 2, 5]]
+    mean = readings.mean(axis=0)
+    away = readings - mean
+    covariance = np.einsum("dni,dnj->nij", away, away) / (DRAWS - 1)
+    blocks = observations.case_covariance[:, [0, 1, 2, 5]][:, :, [0, 1, 2, 5]]
+    noise = np.nan_to_num(np.median(blocks, axis=0), nan=1.0)
+    return mean, covariance + noise + 1e-9 * np.eye(4)
+
+
+def _information(each: Sequence[tuple[Floats, Floats]], prior: Floats, rng: np.random.Generator) -> tuple[float, float]:
+    """Mutual information [nat] between explanation and reading, and the true one's expected probability afterwards."""
+    factors = [np.asarray(np.linalg.cholesky(c), dtype=np.float64) for _, c in each]
+    total, right = 0.0, 0.0
+    for k, (mean, _) in enumerate(each):
+        y = mean + rng.normal(size=(DRAWS, len(mean))) @ factors[k].T
+        logs = np.stack([_log_normal(y, m, f) for (m, _), f in zip(each, factors, strict=True)], axis=1)
+        weighted = logs + np.log(np.maximum(prior, 1e-300))
+        top = weighted.max(axis=1, keepdims=True)
+        evidence = top[:, 0] + np.log(np.exp(weighted - top).sum(axis=1))
+        total += prior[k] * float(np.mean(logs[:, k] - evidence))
+        right += prior[k] * float(np.mean(np.exp(weighted[:, k] - evidence)))
+    return max(total, 0.0), min(right, 1.0)
+
+
+def _log_normal(y: Floats, mean: Floats, factor: Floats) -> Floats:
+    z = np.linalg.solve(factor, (y - mean).T)
+    out: Floats = -0.5 * (z**2).sum(axis=0) - np.log(np.diag(factor)).sum()
+    return out
+
+
+def _parted(names: Sequence[str], each: dict[str, tuple[Floats, Floats]], prior: Floats) -> tuple[str, ...]:
+    """The two explanations that a case parts best, weighed by how probable both are."""
+    best: tuple[str, ...] = (names[0],)
+    value = -1.0
+    for i, j in combinations(range(len(names)), 2):
+        (a, ca), (b, cb) = each[names[i]], each[names[j]]
+        distance = float((a - b) @ np.linalg.solve(ca + cb, a - b))
+        score = min(prior[i], prior[j]) * distance / (1.0 + distance)
+        if score > value:
+            best, value = (names[i], names[j]), score
+    return best

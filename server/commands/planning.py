@@ -1,0 +1,84 @@
+"""`fingertwin next`: the load cases that would best tell the remaining explanations apart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from server.commands.diagnosis import run_diagnosis
+from server.commands.twin import provenance
+from server.console import answer, progress, say, table
+from server.workflow import Bench, open_bench, readings_digest
+
+if TYPE_CHECKING:
+    from fingermodel.diagnosis.next_cases import Plan
+
+
+def next_cases(
+    session: str, model: str | None, effects: list[str], freeze: bool, out: Path | None, json: str | None
+) -> None:
+    """Diagnose a session, rank what could be measured next, and freeze what the explanations say of it."""
+    from fingermodel.diagnosis.next_cases import plan_next
+
+    with progress("Reading and correcting") as tell:
+        bench = open_bench(session, model, tell, catalogue=True, effects=effects)
+    with progress("Fitting every effect") as tell:
+        diagnosis = run_diagnosis(bench, False, tell)
+    with progress("Weighing load cases"):
+        plan = plan_next(diagnosis)
+    path = freeze_plan(bench, plan, out) if freeze else None
+    body: dict[str, Any] = provenance(bench) | {
+        "verdict": diagnosis.verdict.kind,
+        "explanations": plan.explanations,
+        "next_cases": [c.as_dict() for c in plan.cases],
+        "instruments": list(plan.instruments),
+        "sentence": plan.text,
+        "frozen": str(path) if path else None,
+    }
+    if answer("next", body, json):
+        return
+    say(plan.text)
+    table(
+        "Explanations held against each other",
+        ["explanation", "weight"],
+        [[name, p] for name, p in plan.explanations.items()],
+    )
+    if plan.cases:
+        rows = [
+            [
+                c.case.posture,
+                c.case.location,
+                " ".join(f"{m} {g:g}" for m, g in c.case.masses_g.items()),
+                c.information_nat,
+                c.expected_probability,
+                " / ".join(c.separates),
+            ]
+            for c in plan.cases
+        ]
+        table("Load cases worth running", ["posture", "at", "masses [g]", "nat", "then sure", "parts"], rows)
+    for instrument in plan.instruments:
+        say(f"Or: {instrument}")
+    if path:
+        say(f"Frozen: {path}. Measure the cases with the posture set anew, then run fingertwin diagnose again.")
+
+
+def freeze_plan(bench: Bench, plan: Plan, out: Path | None) -> Path:
+    """Write the plan's predictions down before the cases are measured."""
+    from daq.errors import ModelError
+    from fingermodel.diagnosis.frozen import freeze, write_frozen
+
+    if not plan.cases:
+        raise ModelError("there is no load case to freeze", "a plan with at least one", plan.text)
+    session = bench.measured.session
+    document = freeze(
+        plan,
+        session.id,
+        session.specimen.id,
+        bench.loaded.name,
+        readings_digest(bench.measured),
+        bench.observations.ids,
+    )
+    path = out or Path("models") / f"{session.id}-frozen-{document['sha256'][:8]}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_frozen(document, path)
+    return path

@@ -1,0 +1,101 @@
+"""`fingertwin diagnose` of several sessions: each by itself, and all together."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from daq.errors import InputError
+from server.commands.diagnosis import diagnosis_body
+from server.console import answer, progress, say, table
+from server.workflow import open_bench
+
+if TYPE_CHECKING:
+    from fingermodel.diagnosis.pooled import Pooled, SharedEffect
+
+
+def diagnose_sessions(
+    sessions: list[str], model: str | None, thorough: bool, effects: list[str], json: str | None
+) -> None:
+    """Diagnose several sessions and what they share."""
+    from fingermodel.diagnosis.pooled import diagnose_pooled
+
+    if len(set(sessions)) < len(sessions):
+        twice = next(s for s in sessions if sessions.count(s) > 1)
+        raise InputError(f"session {twice} is given twice", "each session once")
+    benches = []
+    for name in sessions:
+        with progress(f"Reading {name}") as tell:
+            benches.append(open_bench(name, model, tell, catalogue=True, effects=effects))
+    with progress("Fitting every effect to every session") as tell:
+        pooled = diagnose_pooled(
+            [(b.measured.session.id, b.model, b.observations) for b in benches], thorough=thorough, progress=tell
+        )
+    each = {
+        bench.measured.session.id: diagnosis_body(bench, d) for bench, d in zip(benches, pooled.diagnoses, strict=True)
+    }
+    body = pooled_body(pooled) | {"each": each}
+    if answer("diagnose", body, json):
+        return
+    say(pooled.sentence)
+    rows = [
+        [
+            e.name,
+            e.probability,
+            e.log_evidence_shared,
+            e.log_evidence_own,
+            ", ".join(f"{v:.3g} ± {s:.2g} {u}" for v, s, u in zip(e.value[:3], e.sd[:3], e.units[:3], strict=True)),
+            " ".join(f"{gain:+.1f}" for gain, _, _ in e.each),
+        ]
+        for e in pooled.ranking[:8]
+    ]
+    table(
+        f"Together: {', '.join(pooled.sessions)}",
+        ["effect", "probability", "ln evidence, one size", "own sizes", "shared value", "by session"],
+        rows,
+        f"nothing missing {pooled.p_nothing:.3f}, something else {pooled.p_other:.3f}",
+    )
+    for name, own in each.items():
+        say(f"{name}: {own['sentence']}")
+        for reason in own["reasons"]:
+            say(f"    {reason}")
+
+
+def pooled_body(pooled: Pooled) -> dict[str, Any]:
+    """The contract's answer for the sessions together."""
+    by_name = {e.name: e for e in pooled.ranking}
+    return {
+        "sessions": list(pooled.sessions),
+        "verdict": pooled.verdict,
+        "effects": list(dict.fromkeys(by_name[n].effect for n in pooled.names)),
+        "candidates": list(pooled.names),
+        "probability": pooled.probability,
+        "confirmed": None,
+        "sentence": pooled.sentence,
+        "p_nothing": pooled.p_nothing,
+        "p_other": pooled.p_other,
+        "ranking": [_row(pooled, e) for e in pooled.ranking],
+        "seconds": pooled.seconds,
+    }
+
+
+def _row(pooled: Pooled, effect: SharedEffect) -> dict[str, Any]:
+    return {
+        "effects": [effect.effect],
+        "candidates": [effect.name],
+        "probability": effect.probability,
+        "log_evidence_gain": effect.log_evidence_shared,
+        "log_evidence_gain_own_sizes": effect.log_evidence_own,
+        "same_in_all": effect.shared,
+        "parameters": [
+            {"name": n, "value": float(v), "sd": float(s), "unit": u}
+            for n, v, s, u in zip(effect.parameters, effect.value, effect.sd, effect.units, strict=True)
+        ],
+        "each": {
+            session: {
+                "log_evidence_gain": gain,
+                "values": [float(v) for v in values],
+                "sd": [float(s) if s == s else None for s in sds],  # noqa: PLR0124 - NaN is not equal to itself
+            }
+            for session, (gain, values, sds) in zip(pooled.sessions, effect.each, strict=True)
+        },
+    }
