@@ -134,4 +134,15 @@ def _solve(
         return whitener @ (wrench - predicted), -(whitener @ (jacobian * scale))
 
     zero = jnp.zeros_like(start)
-    return minimise(linearise, start, zero, weight, lower, upper, free, floor=floor, max_evaluations=evaluations)
+    return minimise(
+        linearise,
+        start,
+        zero,
+        weight,
+        lower,
+        upper,
+        free,
+        residuals=rows.shape[0],
+        floor=floor,
+        max_evaluations=evaluations,
+    )

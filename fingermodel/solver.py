@@ -66,6 +66,7 @@ def minimise(
     upper: Array,
     free: Array,
     *,
+    residuals: int | None = None,
     floor: Array | float = 1e-18,
     max_evaluations: Array | int = 400,
     tolerance: float = 1e-9,
@@ -80,6 +81,7 @@ def minimise(
         lower: (parameters,) bound.
         upper: (parameters,) bound.
         free: (parameters,) bool.
+        residuals: how many there are; given, `linearise` is traced once instead of twice.
         floor: converged once a further step promises less than this …
         tolerance: … or less than this fraction of the objective.
         max_evaluations: of the residuals.
@@ -132,13 +134,13 @@ def minimise(
             x, residual, jacobian, best, trial, promised, damping, growth, evaluations, decrement, status, milestone
         )
 
-    shapes = jax.eval_shape(linearise, start)
+    count = jax.eval_shape(linearise, start)[0].shape[0] if residuals is None else residuals
     start = jnp.clip(start, lower, upper)
     infinite = jnp.array(jnp.inf)
     begin = _Loop(
         x=start,
-        residual=jnp.zeros(shapes[0].shape),
-        jacobian=jnp.zeros(shapes[1].shape),
+        residual=jnp.zeros(count),
+        jacobian=jnp.zeros((count, start.shape[0])),
         objective=infinite,
         trial=start,
         promised=infinite,
