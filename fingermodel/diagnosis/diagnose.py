@@ -14,6 +14,7 @@ from fingermodel.diagnosis.candidates import Candidate, candidates_of
 from fingermodel.diagnosis.confounding import Confounding, confounding
 from fingermodel.diagnosis.evidence import Evidence, Weighed, weigh
 from fingermodel.diagnosis.hints import Hint, hints
+from fingermodel.diagnosis.nulls import Null, nulls
 from fingermodel.diagnosis.robustness import Robustness, robustness
 from fingermodel.diagnosis.search import Search, Searcher
 from fingermodel.diagnosis.verdict import LEAST_CASES, Verdict, judge
@@ -39,6 +40,7 @@ class Diagnosis:
         verdict: with its reasons.
         robustness: what it hangs on.
         hints: formulas, where nothing fits.
+        nulls: what the readings say without any model.
         seconds: of the computation.
         comparisons: by explanation's names, of every explanation that was weighed.
     """
@@ -51,6 +53,7 @@ class Diagnosis:
     verdict: Verdict
     robustness: Robustness
     hints: tuple[Hint, ...]
+    nulls: tuple[Null, ...]
     seconds: float
     comparisons: dict[tuple[str, ...], Comparison] = field(repr=False)
 
@@ -113,7 +116,8 @@ def diagnose(
     )
     verdict = _enough(problem, verdict)
     questioned = robustness(problem, evidence, verdict, candidates, wildcard)
-    verdict = _settled(verdict, questioned, evidence, candidates)
+    tested = nulls(model, observations)
+    verdict = _settled(verdict, questioned, tested, candidates)
     found = hints(problem, evidence.weighed[0].fitted) if verdict.kind in ("none_of_catalogue", "undecided") else ()
     return Diagnosis(
         problem,
@@ -124,6 +128,7 @@ def diagnose(
         verdict,
         questioned,
         found,
+        tested,
         time.perf_counter() - began,
         comparisons,
     )
@@ -148,7 +153,7 @@ def _enough(problem: Problem, verdict: Verdict) -> Verdict:
 
 
 def _settled(
-    verdict: Verdict, questioned: Robustness, evidence: Evidence, candidates: tuple[Candidate, ...]
+    verdict: Verdict, questioned: Robustness, tested: tuple[Null, ...], candidates: tuple[Candidate, ...]
 ) -> Verdict:
     """A verdict that another assumption would turn is undecided, and says on which it hangs."""
     if verdict.kind not in ("found", "one_of"):
@@ -161,6 +166,8 @@ def _settled(
     planar = " and ".join(sorted((questioned.sagittal_alone or "").split(" and ")))
     if clamp & set(verdict.names) and expected != planar:
         short.append("only out-of-plane forces support it, which the clamp carries in part")
+    if questioned.rests_on_moments and any(n.name == "moments_closure" and n.verdict == "violated" for n in tested):
+        short.append("only the tip's moment says so, and the clamp carries moments that the model does not know")
     if len(short) == len(verdict.short):
         return verdict
     return replace(verdict, kind="undecided", effects=(), short=tuple(short))

@@ -21,6 +21,7 @@ Floats = NDArray[np.float64]
 
 # Explanations that are asked again, and multiples of the budget.
 ASKED = 4
+CLEAR_ODDS = 2.2
 MULTIPLES = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
 
 
@@ -34,12 +35,14 @@ class Robustness:
         budget_multiple_at_which_it_fails: smallest multiple of the budget tried at which it no longer holds; None if it
             holds at all of them.
         sagittal_alone: what is favoured when only the sagittal plane counts.
+        rests_on_moments: whether the forces alone would not say so.
     """
 
     flips_when: tuple[str, ...]
     rests_on: tuple[str, ...]
     budget_multiple_at_which_it_fails: float | None
     sagittal_alone: str | None
+    rests_on_moments: bool = False
 
 
 def robustness(
@@ -64,7 +67,10 @@ def robustness(
     flips: list[str] = []
 
     def favours(values: dict[tuple[str, ...] | None, float]) -> tuple[str, ...] | None:
-        return max(values, key=lambda k: values[k])
+        winner = max(values, key=lambda k: values[k])
+        # Another verdict would need nine times the odds; less than that is doubt, not a contradiction.
+        kept = [k for k in values if same(k) and values[k] > values[winner] - CLEAR_ODDS]
+        return max(kept, key=lambda k: values[k]) if kept else winner
 
     def same(winner: tuple[str, ...] | None) -> bool:
         if verdict.kind == "nothing_missing":
@@ -88,7 +94,7 @@ def robustness(
         values[None] = evidence.other_log_evidence + log_prior_else()
         if not same(favours(values)):
             flips.append(f"effects are expected {words} as large")
-    if verdict.kind != "nothing_missing" and not same(_favoured_at(evidence, asked, wildcard, 2.0)):
+    if verdict.kind != "nothing_missing" and not same(favours(_values_at(evidence, asked, wildcard, 2.0))):
         flips.append("the budget is twice as large")
     rests = []
     for words, rows in left_out(problem):
@@ -102,9 +108,12 @@ def robustness(
             flips.append(f"{words} is left out: then {' and '.join(winner)}")
     fails = None
     if verdict.kind in ("found", "one_of"):
-        fails = next((m for m in MULTIPLES if not same(_favoured_at(evidence, asked, wildcard, m))), None)
+        fails = next((m for m in MULTIPLES if not same(favours(_values_at(evidence, asked, wildcard, m)))), None)
     planar = favours(_without(problem, asked, problem.rows % 6 == 2))
-    return Robustness(tuple(flips), tuple(rests), fails, _spoken(planar))
+    moments = problem.rows % 6 >= 3
+    forces = favours(_without(problem, asked, moments)) if moments.any() else None
+    on_moments = bool(moments.any()) and verdict.kind in ("found", "one_of") and not same(forces)
+    return Robustness(tuple(flips), tuple(rests), fails, _spoken(planar), on_moments)
 
 
 def _reweight(names: tuple[str, ...] | None, nothing: float) -> float:
@@ -120,15 +129,15 @@ def _rescaled(weighed: Weighed, factor: float) -> float:
     return linear.gain(own, factor) - linear.gain(own)
 
 
-def _favoured_at(
+def _values_at(
     evidence: Evidence, asked: Iterable[Weighed], wildcard: Wildcard, multiple: float
-) -> tuple[str, ...] | None:
-    """What is most probable with the budget so many times as large."""
+) -> dict[tuple[str, ...] | None, float]:
+    """Log posteriors with the budget so many times as large."""
     other = other_at_budget(evidence.nothing.fitted, wildcard, multiple)[0]
     values: dict[tuple[str, ...] | None, float] = {None: other + log_prior_else()}
     for w in asked:
         values[w.explanation.names] = at_budget(w.fitted, w.form, multiple)[0] + w.log_prior
-    return max(values, key=lambda k: values[k])
+    return values
 
 
 def left_out(problem: Problem) -> list[tuple[str, NDArray[np.bool_]]]:

@@ -38,6 +38,7 @@ FIRST, SECOND, LAST = 3, 15, 60
 # Log evidence within which singles are taken further, and explanations are finished.
 RACE, CONTENDERS = 30.0, 8.0
 FINISHED = 12
+SWAPS = 4
 # An alternative is refitted if its screened evidence is within this much of the best one's.
 NEAR = 4.0
 
@@ -240,6 +241,9 @@ class Searcher:
         self._nested(HOSTS * more)
         self._exchange(HOSTS * more)
         self._pairs(candidates, screened, PAIRS * more)
+        self._race(HOSTS * more, size=2)
+        self._swap(candidates)
+        self._halves(candidates)
         self._polish(candidates)
         self._nested(2)
         self._polish(candidates)
@@ -265,14 +269,42 @@ class Searcher:
         out: Floats = self.problem.centre + self.problem.scale * x
         return out
 
-    def _race(self, count: int) -> None:
-        """Take those singles further that may still win."""
-        singles = [f for f in self.best.values() if f.explanation.size == 1]
+    def _race(self, count: int, size: int = 1) -> None:
+        """Take those of a size further that may still win."""
+        singles = [f for f in self.best.values() if f.explanation.size == size]
+        if not singles:
+            return
         ranked = sorted(singles, key=lambda f: -f.promise)
         best = max(f.log_evidence for f in singles)
         for one in ranked:
-            if not one.converged and (one in ranked[:count] or one.promise > best - RACE):
+            if not one.converged and (one in ranked[:count] or (size == 1 and one.promise > best - RACE)):
                 self.fit(one.explanation, [one.theta], SECOND)
+
+    def _swap(self, candidates: tuple[Candidate, ...]) -> None:
+        """Keep one member of each of the best pairs and look for a better companion from where that pair stands."""
+        order = {c.name: i for i, c in enumerate(candidates)}
+        for pair in self._ranked(2)[:2]:
+            offers = []
+            for name, k in zip(pair.explanation.names, pair.explanation.alternative, strict=True):
+                kept = single(next(c for c in candidates if c.name == name), k)
+                for candidate in candidates:
+                    if candidate.name in pair.explanation.names:
+                        continue
+                    gains = [pair.linear.gain((*kept.parameters, *p)) for p in candidate.alternatives]
+                    other = single(candidate, int(np.argmax(gains)))
+                    offers.append((max(gains), joined(*sorted((kept, other), key=lambda e: order[e.names[0]]))))
+            for _, explanation in sorted(offers, key=lambda o: -o[0])[:SWAPS]:
+                if explanation not in self.best:
+                    self.fit(explanation, [self.expected(pair, explanation)], 2 * FIRST)
+
+    def _halves(self, candidates: tuple[Candidate, ...]) -> None:
+        """Fit each member of the best pairs alone from where the pair stands: what it can do without is no member."""
+        for pair in self._ranked(2)[:3]:
+            for name, k in zip(pair.explanation.names, pair.explanation.alternative, strict=True):
+                alone = single(next(c for c in candidates if c.name == name), k)
+                known = self.best.get(alone)
+                if known is None or known.objective > pair.objective + 20.0:
+                    self.fit(alone, [pair.theta], SECOND)
 
     def _polish(self, candidates: tuple[Candidate, ...]) -> None:
         """Finish the fits that are still in question, and the base model's."""

@@ -21,6 +21,8 @@ Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undec
 SURE = 0.9
 # Nothing is believed from here, if no effect by itself has a tenth of the probability.
 NOTHING_SURE = 0.8
+# Log evidence that a second effect must add where one alone fits.
+PASSENGER = 8.0
 # Most names that `one_of` gives.
 MOST_NAMES = 4
 # A value is believed up to this multiple of its range: ranges are typical, not limits of nature.
@@ -130,6 +132,7 @@ def _found(
     candidates: tuple[Candidate, ...],
     validation_rmse: Callable[[Weighed], float | None],
 ) -> Verdict:
+    certain = _without_passengers(evidence, certain)
     exact = [w for w in evidence.weighed if set(w.explanation.names) == set(certain)]
     together = sum(p for names, p in evidence.probability.items() if names and set(certain) <= set(names))
     order = [c.name for c in candidates]
@@ -139,15 +142,10 @@ def _found(
         short = f"{_words(names)} acts, but with a companion that the data do not name"
         return Verdict("undecided", names, (), together, (), (short,))
     chosen = max(exact, key=lambda w: w.log_evidence)
-    alone = evidence.probability[chosen.explanation.names]
     lacks = list(conditions(problem, evidence, chosen, validation_rmse))
-    if alone < 0.3 * together:
-        rival = max(
-            (w for w in evidence.weighed if set(certain) < set(w.explanation.names)),
-            key=lambda w: evidence.probability[w.explanation.names],
-        )
-        others = _words(tuple(n for n in rival.explanation.names if n not in certain))
-        lacks.append(f"{_words(names)} acts, but not alone: perhaps with {others}")
+    companion = next((name for name in inclusion(evidence) if name not in certain), None)
+    if companion is not None and 0.5 <= inclusion(evidence)[companion] < SURE and chosen.implausible:
+        lacks.append(f"{_words(names)} acts, but not alone: perhaps with {companion}")
     if together < SURE:
         lacks.append(f"its probability is {together:.2f}, short of {SURE}")
     reason = (
@@ -155,9 +153,32 @@ def _found(
         f"{chosen.fitted.objective:.0f} for {len(problem.rows)} readings; it changes the forces by "
         f"{chosen.size_N:.3f} N (RMS)."
     )
+    if len(names) > 1 and (out_of_range(chosen) or _worse(problem, evidence, chosen, validation_rmse)):
+        said = f"Only {_words(names)} together come near the readings, and not believably: {lacks[0]}."
+        return Verdict("none_of_catalogue", (), (), together, (said,))
     if lacks:
         return Verdict("undecided", names, (), together, (reason,), tuple(lacks))
     return Verdict("found", names, effects, together, (reason,))
+
+
+def _without_passengers(evidence: Evidence, certain: tuple[str, ...]) -> tuple[str, ...]:
+    """Leave out a companion that hardly adds anything where one effect alone fits: it mends that effect's form."""
+    pair = max(
+        (w for w in evidence.weighed if set(w.explanation.names) == set(certain)),
+        key=lambda w: w.log_evidence,
+        default=None,
+    )
+    if len(certain) < 2 or pair is None:
+        return certain
+    alone = [
+        w
+        for w in evidence.weighed
+        if len(w.explanation.names) == 1
+        and w.explanation.names[0] in certain
+        and not w.implausible
+        and pair.log_evidence - w.log_evidence < PASSENGER
+    ]
+    return max(alone, key=lambda w: w.log_evidence).explanation.names if alone else certain
 
 
 def conditions(
@@ -165,13 +186,10 @@ def conditions(
 ) -> tuple[str, ...]:
     """What a finding lacks: a fit, a held-out error that does not rise, a value within its range, a sane anatomy."""
     out = []
-    fitted = chosen.fitted
     if chosen.leaves_too_much(evidence.nothing):
         out.append(f"a misfit of {chosen.misfit:.0f} is left for {len(problem.rows)} readings")
-    if fitted.promise - fitted.log_evidence > 1.0:
-        out.append("its fit did not converge")
-    before, after = validation_rmse(evidence.nothing), validation_rmse(chosen)
-    if before is not None and after is not None and after > 1.1 * before + 2.0 * typical_sd(problem):
+    if _worse(problem, evidence, chosen, validation_rmse):
+        before, after = validation_rmse(evidence.nothing), validation_rmse(chosen)
         out.append(f"the error of the cases never fitted rises from {before:.3f} to {after:.3f} N")
     strange = out_of_range(chosen)
     if strange:
@@ -180,6 +198,14 @@ def conditions(
     if moved:
         out.append(f"it needs {moved[0]} further from its prior than is plausible")
     return tuple(out)
+
+
+def _worse(
+    problem: Problem, evidence: Evidence, chosen: Weighed, validation_rmse: Callable[[Weighed], float | None]
+) -> bool:
+    """Whether the error of the cases that were never fitted rises beyond its uncertainty."""
+    before, after = validation_rmse(evidence.nothing), validation_rmse(chosen)
+    return before is not None and after is not None and after > 1.1 * before + 2.0 * typical_sd(problem)
 
 
 def typical_sd(problem: Problem) -> float:
@@ -204,7 +230,7 @@ def out_of_range(chosen: Weighed) -> tuple[str, ...]:
     return tuple(out)
 
 
-def newly_strained(nothing: Weighed, chosen: Weighed, limit: float = 4.0) -> tuple[str, ...]:
+def newly_strained(nothing: Weighed, chosen: Weighed, limit: float = 5.0) -> tuple[str, ...]:
     """Base parameters that an explanation pulls further from their prior than `limit` widths, and nothing did not."""
     table = chosen.fitted.problem.model.parameters
     own = set(chosen.explanation.parameters)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
 
+import numpy as np
 from jax import Array
 
-from fingermodel.effects.places import flexion_joints, flexions
+from fingermodel.effects.places import flexion_joints, flexions, spread
 from fingermodel.fingers import Topology
 from fingermodel.parameters import Parameter, one_sided
 from fingermodel.stages import Effect, Layout, LoadCaseInput, State
@@ -16,7 +18,7 @@ from fingermodel.stages import Effect, Layout, LoadCaseInput, State
 @final
 @dataclass(frozen=True)
 class JointFriction(Effect):
-    """A share of each joint's flexion torque does not reach the clamp."""
+    """A share of each joint's torque does not reach the clamp: of its flexion, and perhaps of its other rotations."""
 
     name = "joint_friction"
     stage = "torque"
@@ -26,10 +28,26 @@ class JointFriction(Effect):
     tell = "torque, not tension: the balance of tip and bone holds"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
-        """Share lost at each flexion joint [%]."""
-        return tuple(one_sided(f"joint_friction.{j.name}", "%", 30.0) for j in flexion_joints(topology))
+        """Share lost at each flexion joint [%], then at each other rotation."""
+        names = [j.name for j in flexion_joints(topology)] + _others(topology)
+        return tuple(one_sided(f"joint_friction.{name}", "%", 30.0) for name in names)
+
+    def variants(self, topology: Topology, layout: Layout) -> Mapping[str, tuple[tuple[str, ...], ...]]:
+        """In flexion alone, or in every rotation."""
+        names = tuple(p.name for p in self.parameters(topology, layout))
+        flexing = names[: len(flexion_joints(topology))]
+        return {self.name: (flexing, names) if len(names) > len(flexing) else (names,)} if names else {}
 
     def torque(self, p: Array, case: LoadCaseInput, state: State) -> State:
         """Take the shares."""
         assert state.torque is not None  # noqa: S101 - the stage before has filled it
-        return state._replace(torque=state.torque * (1.0 - 0.01 * p @ flexions(state.topology)))
+        topology = state.topology
+        rows = [topology.rotations.index(name) for name in _others(topology)]
+        places = np.concatenate([flexions(topology), spread(rows, len(topology.rotations))])
+        return state._replace(torque=state.torque * (1.0 - 0.01 * p @ places))
+
+
+def _others(topology: Topology) -> list[str]:
+    """Rotations that are no joint's flexion."""
+    flexing = {j.rotations[j.flexion] for j in flexion_joints(topology)}
+    return [name for name in topology.rotations if name not in flexing]

@@ -61,10 +61,9 @@ def diagnosis_body(bench: Bench, diagnosis: Diagnosis, frozen: list[Path] | None
     """The contract's answer."""
     from fingermodel.diagnosis.answer import answer as body_of
     from fingermodel.diagnosis.next_cases import plan_next
-    from fingermodel.diagnosis.nulls import nulls
 
     body = body_of(diagnosis)
-    body["nulls"] = [n.as_dict() for n in nulls(bench.model, bench.observations)]
+    body["nulls"] = [n.as_dict() for n in diagnosis.nulls]
     plan = plan_next(diagnosis)
     body["next_cases"] = [c.as_dict() for c in plan.cases]
     body["next_sentence"] = plan.text
