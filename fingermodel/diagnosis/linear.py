@@ -129,8 +129,12 @@ def log_mass(mean: Floats, precision: Floats, one_sided: NDArray[np.bool_]) -> f
 def _log_orthant(mean: Floats, covariance: Floats, draws: int = 256) -> float:
     """Ln P(x > 0) of a Gaussian by sequential conditioning (Geweke, Hajivassiliou, Keane)."""
     factor = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(len(mean)))
-    golden = (np.sqrt(5.0) - 1.0) / 2.0
-    uniform = (np.arange(draws)[:, None] * (golden ** np.arange(1, len(mean) + 1))[None, :] + 0.5) % 1.0
+    # Roberts' additive recurrence: powers of the root of x^(d+1) = x + 1 fill the cube evenly.
+    ratio = 2.0
+    for _ in range(60):
+        ratio = (1.0 + ratio) ** (1.0 / (len(mean) + 1))
+    steps = ratio ** -np.arange(1.0, len(mean) + 1.0)
+    uniform = (np.arange(draws)[:, None] * steps[None, :] + 0.5) % 1.0
     z = np.zeros((draws, len(mean)))
     log_weight = np.zeros(draws)
     for i in range(len(mean)):

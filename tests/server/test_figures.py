@@ -77,7 +77,9 @@ def session(rows: Sequence[Row], *, sd: float = 0.05, scale: float = 1.0, assume
     count = len(rows)
     setting = np.array([names.index(r.posture) for r in rows])
     unused = np.zeros((count, 3)), np.zeros(count)
-    inputs = LoadCaseInput(*map(jnp.asarray, (posture, tension, at_bone, *unused, setting, at_bone.astype(int), *[np.zeros(count)] * 4)))
+    inputs = LoadCaseInput(
+        *map(jnp.asarray, (posture, tension, at_bone, *unused, setting, at_bone.astype(int), *[np.zeros(count)] * 4))
+    )
     layout = Layout(tuple((n, 0) for n in names), (("tip", 0), ("bone", 0)))
     model = Model(finger(), layout)
     wrench = np.asarray(model.predict(inputs).reading).copy()

@@ -1,0 +1,188 @@
+"""The closed forms under a diagnosis: evidence, one-sided priors, wildcard, confounding, what a verdict needs."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.stats import multivariate_normal, norm
+
+from fingermodel.diagnosis.calibration import calibrate
+from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else, pairs_of, single
+from fingermodel.diagnosis.confounding import confounding
+from fingermodel.diagnosis.linear import Linear, log_mass
+from fingermodel.diagnosis.verdict import inclusion, judge
+from fingermodel.diagnosis.wildcard import Wildcard
+from tests.settings import load_profile
+
+load_profile()
+Floats = NDArray[np.float64]
+
+
+def straight(seed: int, readings: int = 30, base: int = 6, effects: int = 5, one_sided: tuple[int, ...] = ()) -> Linear:
+    """A random linear model: `base` parameters, then `effects`."""
+    rng = np.random.default_rng(seed)
+    h = rng.normal(size=(readings, base + effects)) * rng.uniform(0.2, 3.0, base + effects)
+    sided = np.zeros(base + effects, dtype=bool)
+    sided[list(one_sided)] = True
+    return Linear(rng.normal(size=readings) * 2.0, h, np.arange(base), sided)
+
+
+def log_density(linear: Linear, columns: list[int]) -> float:
+    """ln N(y; 0, 1 + HHᵀ) over some columns, without the constant."""
+    h, n = linear.h[:, columns], len(linear.y)
+    value = multivariate_normal(np.zeros(n), np.eye(n) + h @ h.T).logpdf(linear.y)
+    return float(value + 0.5 * n * np.log(2.0 * np.pi))
+
+
+@given(st.integers(0, 10_000), st.sets(st.integers(6, 10), min_size=1, max_size=4))
+def test_the_gain_is_the_ratio_of_exact_evidences(seed: int, freed: set[int]) -> None:
+    linear, base = straight(seed), list(range(6))
+    expected = log_density(linear, [*base, *freed]) - log_density(linear, base)
+    assert linear.log_evidence_base == pytest.approx(log_density(linear, base), abs=1e-7)
+    assert linear.gain(sorted(freed)) == pytest.approx(expected, abs=1e-7)
+
+
+@given(st.floats(-3.0, 3.0), st.floats(0.2, 5.0))
+def test_a_one_sided_prior_doubles_what_lies_on_its_side(mean: float, precision: float) -> None:
+    value = log_mass(np.array([mean]), np.array([[precision]]), np.array([True]))
+    assert value == pytest.approx(np.log(2.0) + norm.logcdf(mean * np.sqrt(precision)), abs=1e-9)
+
+
+def test_several_one_sided_priors_count_with_their_orthant() -> None:
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(3, 3)) + 2.0 * np.eye(3)
+    covariance, mean = root @ root.T, np.array([1.0, -0.5, 2.0])
+    draws = mean + rng.normal(size=(400_000, 3)) @ root.T
+    expected = np.log(8.0 * np.mean(np.all(draws > 0.0, axis=1)))
+    value = log_mass(mean, np.asarray(np.linalg.inv(covariance)), np.array([True] * 3))
+    assert value == pytest.approx(expected, abs=0.02)
+
+
+@given(st.integers(0, 10_000))
+def test_the_wildcard_is_the_density_of_its_covariance(seed: int) -> None:
+    linear = straight(seed)
+    columns = np.random.default_rng(seed + 1).normal(size=(30, 8))
+    wildcard = Wildcard.of(columns, np.array([0.0, 0.3, 2.0]))
+    free, scale = np.arange(6), np.full(6, 1.5)
+    h = linear.h[:, free] * scale
+    for amplitude, value in zip(wildcard.amplitudes, wildcard.profile(linear, free, scale), strict=True):
+        covariance = np.eye(30) + h @ h.T + amplitude**2 * columns @ columns.T
+        expected = multivariate_normal(np.zeros(30), covariance).logpdf(linear.y) + 15.0 * np.log(2.0 * np.pi)
+        assert value == pytest.approx(expected, abs=1e-6)
+
+
+def candidates(count: int = 4, first: int = 6) -> tuple[Candidate, ...]:
+    return tuple(Candidate(f"e{k}", f"e{k}", ((first + k,),), 1.0, False) for k in range(count))
+
+
+def test_the_prior_is_a_probability() -> None:
+    many = (
+        *candidates(3),
+        Candidate("p.a", "p", ((9,),), 0.5, False),
+        Candidate("p.b", "p", ((10,),), 0.5, False),
+    )
+    alone = [single(c, 0) for c in many]
+    two = [Explanation((a.name, b.name), (a.effect, b.effect), (), (0, 0)) for a, b in pairs_of(many)]
+    mass = sum(np.exp(log_prior(e, many)) for e in [Explanation((), (), ()), *alone, *two]) + np.exp(log_prior_else())
+    assert mass == pytest.approx(1.0, abs=0.12)
+    assert log_prior(Explanation((), (), ()), many) == pytest.approx(np.log(0.5))
+
+
+def test_effects_that_do_the_same_are_one_class() -> None:
+    linear = straight(5, effects=3)
+    h = linear.h.copy()
+    h[:, 7] = 2.0 * h[:, 6]
+    same = confounding(Linear(linear.y, 5.0 * h, linear.base, linear.one_sided), candidates(3))
+    assert same.correlation[0, 1] == pytest.approx(1.0, abs=1e-6)
+    assert same.classes == (("e0", "e1"),)
+    assert same.alike("e0") == ("e1",)
+
+
+def test_what_the_base_absorbs_cannot_be_detected() -> None:
+    linear = straight(6, effects=2)
+    h = linear.h.copy()
+    h[:, :6] *= 1e4
+    h[:, 6] = h[:, 0] * 1e-4
+    shown = confounding(Linear(linear.y, h, linear.base, linear.one_sided), candidates(2))
+    assert shown.detectability["e0"] < 0.01
+    assert shown.detectability["e1"] > 1.0
+
+
+def test_stated_probabilities_come_true_on_simulated_sessions() -> None:
+    linear = straight(7, readings=60, effects=6, one_sided=(8, 9))
+    found = calibrate(Linear(linear.y, 3.0 * linear.h, linear.base, linear.one_sided), candidates(6), draws=600)
+    assert found.false_finding_rate <= 0.02
+    assert found.right is not None
+    assert found.right >= 0.95
+    for stated, came_true, count in found.reliability:
+        assert abs(stated - came_true) <= 3.0 * np.sqrt(stated * (1.0 - stated) / count) + 0.05
+
+
+def verdict_of(probability: dict[tuple[str, ...] | None, float]) -> Any:
+    """The verdict where only probabilities speak: everything fits, nothing is strained."""
+    model = SimpleNamespace(parameters=SimpleNamespace(parameters=(), names=()))
+    problem = SimpleNamespace(rows=np.arange(50), model=model, observations=SimpleNamespace())
+    fitted = SimpleNamespace(
+        objective=45.0, problem=problem, explanation=Explanation((), (), ()), theta=np.zeros(0), x=np.zeros(0)
+    )
+    rows = []
+    for names in probability:
+        if names is not None:
+            own = SimpleNamespace(**{**fitted.__dict__, "explanation": Explanation(names, names, ())})
+            rows.append(
+                SimpleNamespace(
+                    explanation=own.explanation,
+                    fitted=own,
+                    misfit=45.0,
+                    plain_misfit=45.0,
+                    implausible=False,
+                    log_evidence=10.0 * len(names),
+                    size_N=0.1,
+                    budget_factor=1.0,
+                    leaves_too_much=lambda _: False,
+                )
+            )
+    nothing = next(r for r in rows if r.explanation.size == 0)
+    evidence = SimpleNamespace(
+        probability=probability, weighed=tuple(rows), nothing=nothing, other_amplitude_N=0.1, other_log_evidence=0.0
+    )
+    linear = straight(1, effects=4)
+    return judge(
+        cast("Any", problem),
+        cast("Any", evidence),
+        candidates(4),
+        confounding(linear, candidates(4)),
+        lambda _: None,
+    )
+
+
+@pytest.mark.parametrize(
+    ("probability", "kind", "effects"),
+    [
+        ({("e0",): 0.97, (): 0.01, None: 0.02}, "found", ("e0",)),
+        ({("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}, "found", ("e0", "e1")),
+        ({("e0",): 0.5, ("e1",): 0.46, (): 0.02, None: 0.02}, "one_of", ("e0", "e1")),
+        ({("e0",): 0.5, (): 0.48, None: 0.02}, "undecided", ()),
+        ({("e0",): 0.02, (): 0.95, None: 0.03}, "nothing_missing", ()),
+        ({("e0",): 0.15, (): 0.83, None: 0.02}, "undecided", ()),
+        ({("e0",): 0.02, (): 0.01, None: 0.97}, "none_of_catalogue", ()),
+        ({("e0",): 0.3, (): 0.05, None: 0.65}, "undecided", ()),
+    ],
+)
+def test_a_verdict_needs_its_probability(
+    probability: dict[tuple[str, ...] | None, float], kind: str, effects: tuple[str, ...]
+) -> None:
+    verdict = verdict_of(probability)
+    assert (verdict.kind, verdict.effects) == (kind, effects)
+
+
+def test_inclusion_adds_up_over_explanations() -> None:
+    evidence = SimpleNamespace(probability={("e0", "e1"): 0.3, ("e0",): 0.6, (): 0.05, None: 0.05})
+    included = inclusion(cast("Any", evidence))
+    assert included == {"e0": pytest.approx(0.9), "e1": pytest.approx(0.3)}

@@ -1,0 +1,191 @@
+"""Diagnoses of sessions whose truth is known: recorded by another simulator, and drawn by ours of other physics."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daq.errors import ModelError
+from daq.sessions import read_session, write_session
+from fingermodel.diagnosis.addition import add_effects
+from fingermodel.diagnosis.diagnose import Diagnosis
+from fingermodel.diagnosis.frozen import freeze, read_frozen, score, write_frozen
+from fingermodel.diagnosis.next_cases import name_of, plan_next
+from fingermodel.diagnosis.pooled import diagnose_pooled
+from server.commands.diagnosis import run_diagnosis
+from server.workflow import Bench, open_bench
+from tests.simulator import Kind, draw_session, draw_truth
+
+TRUTH = Path(__file__).parents[1] / "truth"
+
+
+@cache
+def diagnosed(session: str) -> tuple[Bench, Diagnosis]:
+    bench = open_bench(session, catalogue=True)
+    return bench, run_diagnosis(bench)
+
+
+def truth_of(session: str) -> dict[str, Any]:
+    effects: dict[str, Any] = json.loads((TRUTH / f"{session}.json").read_text(encoding="utf-8"))["effects"]
+    return effects
+
+
+@pytest.mark.parametrize(
+    ("session", "kind", "effects"),
+    [
+        ("DEV-01", "nothing_missing", ()),
+        ("DEV-02", "found", ("hanger_mass",)),
+        ("DEV-03", "found", ("sheath_friction",)),
+        ("DEV-04", "found", ("cell_rotation",)),
+        ("DEV-05", "found", ("goniometer_bias",)),
+        ("DEV-06", "found", ("bowstringing",)),
+        ("DEV-08", "found", ("zero_offset",)),
+        ("DEV-09", "found", ("hood_shift",)),
+        ("DEV-10", "found", ("tare_drift",)),
+        ("DEV-11", "found", ("fdp_fds_coupling", "cell_crosstalk")),
+        ("DEV-12", "none_of_catalogue", ()),
+    ],
+)
+def test_a_recorded_session_is_read_rightly(session: str, kind: str, effects: tuple[str, ...]) -> None:
+    _, found = diagnosed(session)
+    assert (found.verdict.kind, found.verdict.effects) == (kind, effects), found.verdict
+    named = {w for w in found.evidence.probability if w}
+    assert sum(found.evidence.probability.values()) == pytest.approx(1.0, abs=1e-6)
+    assert named
+
+
+def test_an_effect_that_the_data_cannot_show_is_not_named() -> None:
+    # The volar plate of DEV-07 changes the readings by less than the budget absorbs.
+    _, found = diagnosed("DEV-07")
+    assert found.verdict.kind in ("nothing_missing", "undecided")
+    assert not found.verdict.effects
+
+
+@pytest.mark.parametrize(
+    ("session", "parameter", "value", "unit"),
+    [
+        ("DEV-02", "hanger_mass.m0", lambda t: 1000.0 * t["hanger_mass"], "g"),
+        ("DEV-08", "zero_offset.bone.x", lambda t: t["zero_offset"][1][0], "N"),
+        ("DEV-08", "zero_offset.bone.z", lambda t: t["zero_offset"][1][2], "N"),
+        ("DEV-05", "goniometer_bias.MCP", lambda t: np.rad2deg(t["goniometer_bias"][0]), "deg"),
+        ("DEV-11", "fdp_fds_coupling.kappa", lambda t: t["fdp_fds_coupling"], "1"),
+    ],
+)
+def test_a_finding_has_the_true_size_within_its_uncertainty(
+    session: str, parameter: str, value: Any, unit: str
+) -> None:
+    bench, found = diagnosed(session)
+    index = bench.model.parameters.index[parameter]
+    fitted = found.best.fitted
+    sd = fitted.sd(index)
+    assert bench.model.parameters.parameters[index].unit == unit
+    assert sd is not None
+    assert abs(fitted.theta[index] - value(truth_of(session))) < 3.0 * sd
+
+
+@pytest.mark.parametrize("session", ["DEV-02", "DEV-06", "DEV-09", "DEV-10"])
+def test_the_error_falls_where_nothing_was_fitted(session: str) -> None:
+    _, found = diagnosed(session)
+    before, after = found.validation_rmse(found.evidence.nothing), found.validation_rmse(found.best)
+    assert before is not None
+    assert after is not None
+    assert after < 0.7 * before
+
+
+def test_hints_say_where_something_unknown_acts() -> None:
+    _, found = diagnosed("DEV-12")
+    assert found.hints
+    assert found.hints[0].log_evidence_gain > 3.0
+    assert all(h.formula.startswith(("torque[", "tension[", "force.")) for h in found.hints)
+
+
+def test_adding_the_true_effect_is_what_the_diagnosis_promised() -> None:
+    bench, found = diagnosed("DEV-02")
+    added = add_effects(bench.model, bench.observations, ["hanger_mass"], starts=1)
+    assert added.names == ("hanger_mass",)
+    assert added.fit.objective == pytest.approx(found.best.fitted.objective, abs=1.0)
+    assert added.log_evidence_gain > 100.0
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_sessions_of_other_physics_are_read_rightly(tmp_path: Path, seed: int) -> None:
+    kinds: tuple[Kind, ...] = ("none", "one", "outside")
+    for kind in kinds:
+        effects, outside = draw_truth(kind, seed)
+        folder = tmp_path / kind
+        folder.mkdir()
+        draw_session(folder, seed, effects, outside, nuisance_scale=1.0)
+        bench = open_bench(folder, catalogue=True)
+        verdict = run_diagnosis(bench).verdict
+        true = {name.split(".")[0] for name in effects}
+        # Whatever it says, it names nothing false.
+        assert set(verdict.effects) <= true, (kind, seed, effects, outside, verdict)
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, Diagnosis, Path]:
+    folder = tmp_path_factory.mktemp("hanger")
+    draw_session(folder, 11, {"hanger_mass": 30.0}, nuisance_scale=0.7)
+    bench = open_bench(folder, catalogue=True)
+    return bench, run_diagnosis(bench), folder
+
+
+def test_the_next_case_tests_the_finding(planned: tuple[Bench, Diagnosis, Path]) -> None:
+    _, found, _ = planned
+    plan = plan_next(found)
+    assert found.verdict.effects == ("hanger_mass",)
+    assert plan.cases
+    assert plan.cases[0].information_nat >= plan.cases[-1].information_nat > 0.0
+    assert any("weigh the hangers" in text for text in plan.instruments)
+
+
+def test_a_frozen_prediction_confirms_or_refutes(planned: tuple[Bench, Diagnosis, Path], tmp_path: Path) -> None:
+    bench, found, _ = planned
+    document = freeze(plan_next(found), "earlier", "specimen", "model", None, ())
+    path = tmp_path / "frozen.json"
+    write_frozen(document, path)
+    with pytest.raises(ModelError, match="never overwritten"):
+        write_frozen(document, path)
+    # The rig that has the hanger bears the finding out, the same rig without it does not.
+    told = score(read_frozen(path), name_of(found.best), "later", bench.observations)
+    assert told.cases
+    assert told.confirmed is not False
+    clean = tmp_path / "clean"
+    clean.mkdir()
+    draw_session(clean, 11, None, nuisance_scale=0.7)
+    other = score(read_frozen(path), name_of(found.best), "later", open_bench(clean, catalogue=True).observations)
+    assert other.confirmed is not True
+    path.write_text(path.read_text(encoding="utf-8").replace("hook", "hock"), encoding="utf-8")
+    if "hock" in path.read_text(encoding="utf-8"):
+        with pytest.raises(ModelError, match="changed after"):
+            read_frozen(path)
+
+
+def test_a_fault_of_the_rig_shows_in_all_its_specimens(tmp_path: Path) -> None:
+    sessions = []
+    for seed in (21, 22):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        draw_session(folder, seed, {"zero_offset.bone": (0.3, 0.2, -0.2)}, nuisance_scale=0.8)
+        bench = open_bench(folder, catalogue=True)
+        sessions.append((bench.measured.session.id, bench.model, bench.observations))
+    pooled = diagnose_pooled(sessions)
+    assert (pooled.verdict, pooled.names) == ("found", ("zero_offset.bone",))
+    best = pooled.ranking[0]
+    assert best.shared
+    assert best.value == pytest.approx([0.3, 0.2, -0.2], abs=0.08)
+
+
+def test_a_few_cases_decide_nothing(tmp_path: Path) -> None:
+    session = read_session("synek2019_H01")
+    few = [c for c in session.cases if c.role == "identification"][:4]
+    write_session(session.model_copy(update={"cases": few}), tmp_path)
+    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    assert found.verdict.kind == "undecided"
+    assert not found.verdict.effects
+    assert any("too few" in s for s in found.verdict.short) or found.verdict.short

@@ -1,0 +1,115 @@
+"""`diagnose`, `add`, `effects` and `next` as their users meet them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.server.test_cli import run
+
+KEYS = {
+    "verdict", "effects", "probability", "confirmed", "robustness", "ranking", "inclusion", "where", "hints",
+    "before", "after", "next_cases", "seconds",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def added(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    path = tmp_path_factory.mktemp("models") / "hanger.json"
+    body = run("add", "hanger_mass", "DEV-02", "--out", path, "--json", "-").body("add")
+    return path, body
+
+
+def test_diagnose_answers_as_agreed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    body = run("diagnose", "DEV-02", "--figures", tmp_path / "report", "--json", "-").body("diagnose")
+    assert body.keys() >= KEYS
+    assert (body["verdict"], body["effects"]) == ("found", ["hanger_mass"])
+    assert body["probability"] >= 0.9
+    assert {"flips_when", "budget_multiple_at_which_it_fails", "sagittal_alone"} <= body["robustness"].keys()
+    first = body["ranking"][0]
+    assert first["effects"] == ["hanger_mass"]
+    assert first["validation_rmse_N"]["after"] < 0.7 * first["validation_rmse_N"]["before"]
+    (parameter,) = first["parameters"]
+    assert (parameter["name"], parameter["unit"]) == ("hanger_mass.m0", "g")
+    assert any(row["effects"] == [] for row in body["ranking"])
+    assert {"by_muscle", "by_posture", "by_location", "by_component", "joint_torque_Nmm"} <= body["where"].keys()
+    assert body["next_cases"][0].keys() >= {"posture", "location", "masses_g", "information_nat", "separates"}
+    assert (tmp_path / "report" / "diagnose.html").stat().st_size > 100_000
+
+
+def test_diagnose_prints_the_verdict_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    answer = run("diagnose", "DEV-01")
+    assert (answer.code, answer.err) == (0, "")
+    assert answer.out.startswith("Nothing is missing")
+
+
+def test_adding_writes_a_revision_that_compares(added: tuple[Path, dict[str, Any]]) -> None:
+    path, body = added
+    assert body["added"] == ["hanger_mass"]
+    assert body["log_evidence_gain"] > 100.0
+    start, step = body["history"]
+    assert step["rmse_N"]["validation/tip"] < 0.2 * start["rmse_N"]["validation/tip"]
+    compared = run("compare", "DEV-02", "--model", path, "--json", "-").body("compare")
+    assert compared["summary"]["validation/tip"]["space"]["rmse_N"] == pytest.approx(step["rmse_N"]["validation/tip"])
+
+
+def test_what_was_added_is_held_and_can_be_taken_out(added: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    path, _ = added
+    held = run("diagnose", "DEV-02", "--model", path, "--json", "-").body("diagnose")
+    assert held["held"] == ["hanger_mass.m0"]
+    assert held["verdict"] == "nothing_missing"
+    out = tmp_path / "without.json"
+    body = run("add", "DEV-02", "--without", "hanger_mass", "--model", path, "--out", out, "--json", "-").body("add")
+    assert [s["added"] for s in body["history"]] == [[], ["hanger_mass"], []]
+    assert body["removed"] == ["hanger_mass"]
+    last, before = body["history"][-1]["rmse_N"], body["history"][-2]["rmse_N"]
+    assert last["validation/tip"] > 1.5 * before["validation/tip"]
+    assert json.loads(out.read_text(encoding="utf-8"))["effects"] == []
+
+
+def test_the_catalogue_is_shown_whole() -> None:
+    body = run("effects", "--json", "-").body("effects")
+    assert len(body["effects"]) == 23
+    for effect in body["effects"]:
+        assert all(effect[key] for key in ("name", "stage", "title", "formula", "source", "tell", "parameters"))
+    assert "capstan" in run("effects", "sheath_friction").out.lower() or "exp(" in run("effects", "sheath_friction").out
+
+
+def test_next_ranks_cases_and_freezes_them(tmp_path: Path) -> None:
+    out = tmp_path / "frozen.json"
+    body = run("next", "DEV-02", "--freeze", "--out", out, "--json", "-").body("next")
+    assert body["frozen"] == str(out)
+    assert body["next_cases"]
+    frozen = json.loads(out.read_text(encoding="utf-8"))
+    assert frozen["format"] == "fingertwin-frozen/1"
+    assert set(frozen["explanations"]) == {"hanger_mass", "nothing missing"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("diagnose", "DEV-99"), "DEV-99"),
+        (("diagnose", "DEV-01", "DEV-01"), "given twice"),
+        (("diagnose", "DEV-01", "--effect", "nowhere.yaml"), "nowhere.yaml"),
+        (("add", "DEV-01"), "effects and then a session"),
+        (("add", "hangermass", "DEV-01"), "no effect 'hangermass'"),
+        (("add", "torque[PIP] += k * sqrt(t_EDC) * t_EDC", "DEV-01"), "torque[PIP]"),
+        (("add", "torque[WRIST] += k * t_EDC", "DEV-01"), "WRIST"),
+        (("add", "DEV-01", "--without", "hanger_mass"), "no hanger_mass to take out"),
+        (("effects", "hangermass"), "hanger_mass"),
+    ],
+)
+def test_bad_input_is_one_clear_line(
+    arguments: tuple[str, ...], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    answer = run(*arguments)
+    assert answer.code == 2
+    assert said in answer.err
+    assert len(answer.err.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
