@@ -118,7 +118,11 @@ def diagnose(
     questioned = robustness(problem, evidence, verdict, candidates, wildcard)
     tested = nulls(model, observations)
     verdict = _settled(verdict, questioned, tested, candidates)
-    found = hints(problem, evidence.weighed[0].fitted) if verdict.kind in ("none_of_catalogue", "undecided") else ()
+    found: tuple[Hint, ...] = ()
+    if verdict.kind in ("none_of_catalogue", "undecided"):
+        # Where no effect stands, a formula is to stand alone; else it is to stand beside the likeliest.
+        ground = evidence.nothing if verdict.kind == "none_of_catalogue" else evidence.weighed[0]
+        found = hints(problem, ground.fitted)
     return Diagnosis(
         problem,
         candidates,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import jax.numpy as jnp
@@ -112,11 +113,20 @@ def _library(problem: Problem, fitted: Fitted) -> Iterator[Term]:
     total = " + ".join(f"t_{m}" for m in topology.muscles)
     pulls = [(f"t_{m}", tension[:, k]) for k, m in enumerate(topology.muscles)]
     pulls.append((f"({total})", tension.sum(axis=1)))
+    # What two tendons do only together, and what grows faster than the load.
+    muscles = list(enumerate(topology.muscles))
+    for (i, a), (j, b) in combinations(muscles, 2):
+        if np.any((tension[:, i] > 0.0) & (tension[:, j] > 0.0)):
+            pulls.append((f"min(t_{a}, t_{b})", np.minimum(tension[:, i], tension[:, j])))
+    squares = [(f"t_{m} * t_{m}", tension[:, k] ** 2) for k, m in muscles]
     for row, rotation in enumerate(topology.rotations):
         for words, pull in pulls:
             for shape, values in _shapes(joints, angles):
                 formula = f"torque[{rotation}] += k * {words}{shape}"
                 yield ("torque", rotation, formula, "mm"), 2.0, answer[:, row] * (pull * values)[:, None]
+        for words, pull in squares:
+            formula = f"torque[{rotation}] += k * {words}"
+            yield ("torque", rotation, formula, "mm/N"), 0.3, answer[:, row] * pull[:, None]
     losses = _losses(problem, fitted)
     for m, slope in losses.items():
         for shape, values in _shapes(joints, angles):

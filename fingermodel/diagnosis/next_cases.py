@@ -160,14 +160,15 @@ def feasible(diagnosis: Diagnosis) -> list[PlannedReading]:
     return [PlannedReading(p, place, masses) for p in postures for place in locations for masses in loads]
 
 
-def plan_next(diagnosis: Diagnosis) -> Plan:
+def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = None) -> Plan:
     """Rank the feasible load cases by what they would tell.
 
     Args:
         diagnosis: with its explanations.
+        cases: that the rig could run; by default what it has shown that it can.
     """
     live = live_explanations(diagnosis)
-    cases = feasible(diagnosis)
+    cases = feasible(diagnosis) if cases is None else cases
     names = list(live)
     prior = np.array([p for _, p in live.values()])
     rng = np.random.default_rng(SEED)

@@ -136,6 +136,9 @@ def formula_of(text: str) -> Any:
     left = left.rstrip("+* ")
     if left.startswith("torque") and "*=" not in text:
         unit, reach = ("mm", 4.0) if "t_" in right else ("N mm", 20.0)
+        factors = [f.strip() for f in right.split("*")]
+        if len([f for f in factors if f.startswith("t_")]) == 2:
+            unit, reach = "mm/N", 0.6
     elif "*=" in text:
         unit, reach = "1", 0.2
     elif left.startswith("force") and "F_" not in right:

