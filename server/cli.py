@@ -110,7 +110,7 @@ def diagnose(
     if len(sessions) > 1:
         from server.commands.pooling import diagnose_sessions
 
-        diagnose_sessions(sessions, model, thorough, effect or [], json)
+        diagnose_sessions(sessions, model, thorough, effect or [], figures, json)
         return
     from server.commands.diagnosis import diagnose_session
 

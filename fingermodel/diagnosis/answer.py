@@ -197,7 +197,8 @@ def sentence(d: Diagnosis) -> str:
     if verdict.kind == "one_of":
         return f"One of these, which the load cases do not tell apart: {'; '.join(named)}."
     if verdict.kind == "none_of_catalogue":
-        return "Something is missing that no effect here describes; see where it lies and the formulas offered."
+        offered = " and the formulas offered" if d.hints else ""
+        return f"Something is missing that no effect here describes; see where it lies{offered}."
     if verdict.kind == "nothing_missing":
         return "Nothing is missing: noise and the small errors that every rig has explain the readings."
     leader = f" Most likely: {' and '.join(named)}, but it does not stand." if named else ""

@@ -13,6 +13,7 @@ from fingermodel.compare import Comparison, compare
 from fingermodel.diagnosis.candidates import Candidate, candidates_of
 from fingermodel.diagnosis.confounding import Confounding, confounding
 from fingermodel.diagnosis.evidence import Evidence, Weighed, weigh
+from fingermodel.diagnosis.held_out import held_out
 from fingermodel.diagnosis.hints import Hint, hints
 from fingermodel.diagnosis.nulls import Null, nulls
 from fingermodel.diagnosis.robustness import Robustness, robustness
@@ -65,7 +66,7 @@ class Diagnosis:
             exact = [w for w in self.evidence.weighed if set(w.explanation.names) == named]
             if exact:
                 return exact[0]
-        if self.verdict.kind == "nothing_missing":
+        if self.verdict.kind in ("nothing_missing", "none_of_catalogue"):
             return self.evidence.nothing
         return self.evidence.weighed[0]
 
@@ -116,6 +117,10 @@ def diagnose(
     )
     verdict = _enough(problem, verdict)
     questioned = robustness(problem, evidence, verdict, candidates, wildcard)
+    if verdict.kind == "nothing_missing":
+        unseen = held_out(evidence.nothing.fitted, evidence.nothing.budget_factor)
+        if unseen.surprising:
+            verdict = replace(verdict, kind="undecided", short=(*verdict.short, unseen.text))
     tested = nulls(model, observations)
     verdict = _settled(verdict, questioned, tested, candidates)
     found: tuple[Hint, ...] = ()
@@ -147,9 +152,9 @@ def _enough(problem: Problem, verdict: Verdict) -> Verdict:
     """A few cases, or one posture, carry no verdict that names anything."""
     observations = problem.observations
     cases = [i for i in np.unique(problem.rows // 6) if observations.roles[i] == "identification"]
-    if len(cases) < LEAST_CASES and verdict.kind != "undecided":
+    if len(cases) < LEAST_CASES:
         short = f"{len(cases)} identification cases are too few to decide anything (at least {LEAST_CASES})"
-        return replace(verdict, kind="undecided", effects=(), short=(*verdict.short, short))
+        return replace(verdict, kind="undecided", effects=(), reasons=(), short=(short,))
     if len({observations.postures[i] for i in cases}) < 2 and verdict.kind == "found":
         short = "all cases were taken in one posture: what depends on posture cannot be told from what does not"
         return replace(verdict, kind="undecided", effects=(), short=(*verdict.short, short))

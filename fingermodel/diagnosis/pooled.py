@@ -24,6 +24,8 @@ from fingermodel.model import Model
 from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
+# Log evidence that speaks for an effect in one session by itself.
+CLEAR_GAIN = 2.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +133,9 @@ def diagnose_pooled(
         ),
         key=lambda e: -e.probability,
     )
-    kind, names, sure, sentence = _verdict(ranked, float(probability[0]), float(probability[1]))
+    kind, names, sure, sentence = _verdict(
+        ranked, [s[0] for s in sessions], float(probability[0]), float(probability[1])
+    )
     return Pooled(
         tuple(s[0] for s in sessions),
         tuple(diagnoses),
@@ -205,7 +209,7 @@ def _fit(d: Diagnosis, name: str, alternative: int) -> Weighed:
 
 
 def _verdict(
-    ranked: Sequence[SharedEffect], p_nothing: float, p_other: float
+    ranked: Sequence[SharedEffect], sessions: Sequence[str], p_nothing: float, p_other: float
 ) -> tuple[str, tuple[str, ...], float, str]:
     best = ranked[0]
     if p_other >= max(SURE, best.probability):
@@ -214,10 +218,14 @@ def _verdict(
         return "nothing_missing", (), p_nothing, "Taken together, nothing is missing that the sessions share."
     if best.probability >= SURE:
         where = (
-            "the same in all sessions, as a fault of the rig would be"
+            "of one size in all sessions, as a fault of the rig would be"
             if best.shared
-            else "of another size in each, as anatomy would be"
+            else "of another size in each session, as what belongs to a specimen would be"
         )
+        absent = [s for s, (gain, _, _) in zip(sessions, best.each, strict=True) if gain < CLEAR_GAIN]
+        if absent and not best.shared:
+            text = f"Not shared: {best.name} shows in some sessions, but not in {', '.join(absent)}."
+            return "undecided", (), best.probability, text
         return "found", (best.name,), best.probability, f"Found in all sessions together: {best.name}, {where}."
     chosen, total = [], 0.0
     for e in ranked[:4]:

@@ -66,7 +66,8 @@ def add_to_session(
     if answer("add", body, json):
         return
     print_fit(addition.fit, before, after)
-    say(f"Evidence: ln Z rises by {addition.log_evidence_gain:.1f} with {', '.join(addition.names) or 'nothing added'}")
+    if addition.names:
+        say(f"Evidence: ln Z rises by {addition.log_evidence_gain:.1f} with {', '.join(addition.names)}")
     print_history(document["history"])
     say(f"Model: {path}   (fingertwin diagnose {session} --model {path})")
     if page:
@@ -74,7 +75,7 @@ def add_to_session(
 
 
 def add_bench(bench: Bench, names: list[str], without: list[str]) -> tuple[Comparison, Addition, Comparison]:
-    """Refit with effects added and others taken out; errors before are those of the base refitted without the new."""
+    """Refit with effects added and others taken out; errors before are those of the model as it was given."""
     from fingermodel.compare import compare
     from fingermodel.diagnosis.addition import add_effects
 
@@ -167,7 +168,7 @@ def show_effects(name: str | None, json: str | None) -> None:
     if name is not None and name not in EFFECTS:
         from fingermodel.effects.formula_tree import near
 
-        raise InputError(f"no effect {name!r}{near(name, EFFECTS)}", f"one of {', '.join(EFFECTS)}")
+        raise InputError(f"no effect {name!r}", f"one of {', '.join(EFFECTS)}", near(name, EFFECTS).rstrip("?."))
     chosen = CATALOGUE if name is None else (EFFECTS[name],)
     rows: list[dict[str, Any]] = []
     for effect in chosen:

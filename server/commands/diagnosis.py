@@ -94,6 +94,8 @@ def confirmation(bench: Bench, diagnosis: Diagnosis, frozen: list[Path] | None) 
 def print_diagnosis(body: dict[str, Any]) -> None:
     """Print the verdict first, then what it stands on."""
     say(body["sentence"])
+    for note in body["notes"]:
+        say(f"  Note: {note}")
     for reason in body["reasons"]:
         say(f"  {reason}")
     robust = body["robustness"]
@@ -119,8 +121,8 @@ def print_diagnosis(body: dict[str, Any]) -> None:
         "Explanations",
         ["what is missing", "probability", "ln evidence", "unseen RMSE [N]", "value"],
         rows,
-        f"{body['candidates_searched']} searched; by chance, {100 * body['false_finding_rate']:.1f} % of sessions like "
-        "this one without any effect would be given one",
+        f"{body['candidates_searched']} searched; of {body['calibration']['draws']} simulated sessions like this one "
+        f"without any effect, {body['false_finding_rate']:.1%} were given one",
     )
     _print_where(body["where"])
     for null in body["nulls"]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
@@ -14,7 +15,12 @@ if TYPE_CHECKING:
 
 
 def diagnose_sessions(
-    sessions: list[str], model: str | None, thorough: bool, effects: list[str], json: str | None
+    sessions: list[str],
+    model: str | None,
+    thorough: bool,
+    effects: list[str],
+    figures: Path | None,
+    json: str | None,
 ) -> None:
     """Diagnose several sessions and what they share."""
     from fingermodel.diagnosis.pooled import diagnose_pooled
@@ -34,6 +40,10 @@ def diagnose_sessions(
         bench.measured.session.id: diagnosis_body(bench, d) for bench, d in zip(benches, pooled.diagnoses, strict=True)
     }
     body = pooled_body(pooled) | {"each": each}
+    if figures:
+        from server.diagnosis_report import draw_diagnosis
+
+        body["figures"] = [str(draw_diagnosis(own, figures / name)) for name, own in each.items()]
     if answer("diagnose", body, json):
         return
     say(pooled.sentence)
@@ -58,6 +68,8 @@ def diagnose_sessions(
         say(f"{name}: {own['sentence']}")
         for reason in own["reasons"]:
             say(f"    {reason}")
+    for page in body.get("figures", []):
+        say(f"Report: {page}")
 
 
 def pooled_body(pooled: Pooled) -> dict[str, Any]:
