@@ -120,7 +120,7 @@ def diagnose(
     if verdict.kind == "nothing_missing":
         unseen = held_out(evidence.nothing.fitted, evidence.nothing.budget_factor)
         if unseen.surprising:
-            verdict = replace(verdict, kind="undecided", short=(*verdict.short, unseen.text))
+            verdict = replace(verdict, kind="undecided", reasons=(), short=(*verdict.short, unseen.text))
     tested = nulls(model, observations)
     verdict = _settled(verdict, questioned, tested, candidates)
     found: tuple[Hint, ...] = ()
