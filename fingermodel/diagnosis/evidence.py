@@ -32,7 +32,7 @@ IMPLAUSIBLE = 1e-3
 # A finding may leave a tenth of what it explains: no effect has exactly our form.
 LEFT_OVER = 0.1
 # Whatever its form: what explains less of the misfit than this much is not the explanation.
-LEFT_OVER_PLAIN = 0.3
+LEFT_OVER_PLAIN = 0.45
 # Standard deviations at which an effect's form begins to matter.
 CLEAR = 10.0
 # Smallest amplitude [N] that would be something of its own.

@@ -187,7 +187,7 @@ def conditions(
     """What a finding lacks: a fit, a held-out error that does not rise, a value within its range, a sane anatomy."""
     out = []
     if chosen.leaves_too_much(evidence.nothing):
-        out.append(f"a misfit of {chosen.misfit:.0f} is left for {len(problem.rows)} readings")
+        out.append(f"a misfit of {chosen.plain_misfit:.0f} is left for {len(problem.rows)} readings")
     if _worse(problem, evidence, chosen, validation_rmse):
         before, after = validation_rmse(evidence.nothing), validation_rmse(chosen)
         out.append(f"the error of the cases never fitted rises from {before:.3f} to {after:.3f} N")
