@@ -141,7 +141,7 @@ def test_a_revision_predicts_what_the_fit_did_and_keeps_its_parent(tmp_path: Pat
     # On another specimen its anatomy holds, and the errors of this rig do not.
     other = open_bench("synek2019_H03", str(path))
     assert "errors of that rig are not" in other.loaded.notes[0]
-    budget = other.model.parameters.select("tension_factor", "posture_angle", "cell_", "zero", "mount_offset")
+    budget = other.model.parameters.of_kind("budget")
     assert not other.theta[budget].any()
     assert_allclose(other.theta[~budget], again.theta[~budget], atol=1e-12)
 

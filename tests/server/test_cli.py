@@ -843,6 +843,8 @@ def test_a_protocol_that_cannot_be_run_writes_nothing(tmp_path: Path, edit: Edit
 def test_the_demo_shows_the_error_fall(tmp_path: Path) -> None:
     answer = run("demo", "--out", tmp_path / "demo")
     assert (answer.code, answer.err) == (0, "")
+    assert "Found: the tare missed a constant force (zero_offset.bone)" in answer.out
+    assert "with zero_offset.bone" in answer.out
     assert "what is left" in answer.out
     for part in ("recorded", "published"):
-        assert (tmp_path / "demo" / part / "compare.html").stat().st_size > 100_000
+        assert (tmp_path / "demo" / part / "diagnose.html").stat().st_size > 100_000
