@@ -25,7 +25,7 @@ class AxisTilt(Effect):
     stage = "geometry"
     title = "the flexion axes are not parallel"
     formula = "axis_j = R_y(a_j) R_x(b_j) axis_j"
-    source = "Hollister et al. 1992; EFFECTS: 15 deg per joint"
+    source = "geometry; range assumed: 15 deg per joint"
     tell = "out-of-plane forces"
     rests_on_clamp_assumption = True
 

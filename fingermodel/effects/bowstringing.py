@@ -24,7 +24,7 @@ class Bowstringing(Effect):
     stage = "geometry"
     title = "the flexors bowstring"
     formula = "y(flexors at a joint) -= d / (1 + s d), d = k 2 T sin(|q|/2)"
-    source = "pulley load of a bent cable; Brand and Hollister 1999; EFFECTS: 0-0.8 mm/N"
+    source = "pulley load of a bent cable, 2T sin(theta/2); range assumed: 0-0.8 mm/N"
     tell = "forces curve with the load level; flexed postures"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -22,7 +22,7 @@ class CellCrosstalk(Effect):
     stage = "reading"
     title = "the cell's components leak into one another"
     formula = "F = (1 + E) F"
-    source = "calibration of a damaged or mismatched cell; EFFECTS: 10 % matrix"
+    source = "calibration matrix of a damaged or mismatched cell; range assumed: 10 %"
     tell = "a small component beside a large one; with gain alone, one class with rig_friction"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

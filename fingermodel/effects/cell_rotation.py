@@ -24,7 +24,7 @@ class CellRotation(Effect):
     stage = "reading"
     title = "the cell's axes are turned"
     formula = "W = R(a) W, forces and moments"
-    source = "EFFECTS: 12 deg about three axes"
+    source = "geometry; range assumed: 12 deg about three axes"
     tell = "a constant angle, magnitudes right; the moments turn too"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -23,7 +23,7 @@ class CentreMigration(Effect):
     stage = "geometry"
     title = "a joint rolls, so its centre migrates"
     formula = "x(centre of j) += s_j q_j"
-    source = "Youm et al. 1978 (centre of the MCP within 1.5 mm); EFFECTS: 5 mm per rad"
+    source = "rolling of the joint surfaces; range assumed: 5 mm per rad"
     tell = "all tendons that cross the joint, flexors and extensors"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -26,7 +26,7 @@ class ClampCompliance(Effect):
     stage = "geometry"
     title = "the clamp gives under load"
     formula = "q_j += c_j tau_j"
-    source = "EFFECTS: 0-3e-3 rad/(N mm) per joint"
+    source = "linear spring; range assumed: 0-3e-3 rad/(N mm) per joint"
     tell = "forces are not proportional to the load"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

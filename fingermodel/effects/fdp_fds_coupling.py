@@ -23,7 +23,7 @@ class FdpFdsCoupling(Effect):
     stage = "sharing"
     title = "adhesion couples FDP and FDS"
     formula = "T_FDS += kappa T_FDP - kappa_r T_FDS, T_FDP the reverse, distal to the MCP"
-    source = "EFFECTS: 0-0.3 (adhesion after dissection)"
+    source = "adhesion after dissection; range assumed: 0-0.3"
     tell = "FDP loads look partly like FDS loads"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -23,7 +23,7 @@ class GoniometerBias(Effect):
     stage = "geometry"
     title = "the goniometer reads a joint wrong"
     formula = "q_j += b_j"
-    source = "goniometer SEM 2-5 deg; EFFECTS: 12 deg per joint"
+    source = "goniometer SEM 2-5 deg; range assumed: 12 deg per joint"
     tell = "directions of all tendons, in all postures"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

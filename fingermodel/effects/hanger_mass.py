@@ -21,7 +21,7 @@ class HangerMass(Effect):
     stage = "tension"
     title = "the hanger was not weighed"
     formula = "T_i += c g m0 wherever a mass hangs"
-    source = "EFFECTS: range 5-100 g of common slotted-mass hangers"
+    source = "weight of an unweighed hanger; range assumed: 5-100 g"
     tell = "an intercept of force against mass, the same for all tendons; largest where loads are small (lumbrical)"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -32,7 +32,7 @@ class HoodShift(Effect):
     stage = "sharing"
     title = "the hood slides with flexion"
     formula = "f_ES += k_PIP (q_PIP - 45 deg) + k_MCP q_MCP for extensors, -= for intrinsics"
-    source = "Zancolli 1979; Garcia-Elias et al. 1991; EFFECTS: 0-1 per rad"
+    source = "form after the hood of Zancolli 1979, its shift assumed linear; range assumed: 0-1 per rad"
     tell = "RI, UI, LU and EDC across PIP angles"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

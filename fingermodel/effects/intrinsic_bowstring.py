@@ -23,7 +23,7 @@ class IntrinsicBowstring(Effect):
     stage = "geometry"
     title = "the intrinsics lift palmar at the MCP joint"
     formula = "y(RI, UI, LU at MCP) -= h sin(q_MCP), in flexion"
-    source = "EFFECTS: 0-10 mm (interosseous hood cut)"
+    source = "interosseous hood cut in dissection; range assumed: 0-10 mm"
     tell = "RI, UI and LU at high MCP flexion"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -24,7 +24,9 @@ class JointFriction(Effect):
     stage = "torque"
     title = "soft tissue takes a share of a joint's torque"
     formula = "tau_j *= 1 - f_j"
-    source = "soft tissue beside a yielding clamp; true cartilage friction is 1-3 % with hysteresis; EFFECTS: 0-30 %"
+    source = (
+        "soft tissue beside a yielding clamp; true cartilage friction is 1-3 % with hysteresis; range assumed: 0-30 %"
+    )
     tell = "torque, not tension: the balance of tip and bone holds"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

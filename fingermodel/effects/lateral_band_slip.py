@@ -23,7 +23,7 @@ class LateralBandSlip(Effect):
     stage = "geometry"
     title = "the lateral bands drop palmar"
     formula = "y(bands at PIP) -= s q_PIP / 90 deg, in flexion"
-    source = "Leijnse and Spoor 2012; EFFECTS: 0-9 mm at 90 deg"
+    source = "bands without their retinacular restraint; range assumed: 0-9 mm at 90 deg"
     tell = "PIP torque of RI, UI, LU and EDC across PIP angles"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

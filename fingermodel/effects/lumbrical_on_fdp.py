@@ -24,7 +24,7 @@ class LumbricalOnFdp(Effect):
     stage = "sharing"
     title = "the lumbrical pulls on FDP"
     formula = "T_FDP = max(T_FDP - lambda T_LU, 0) at all finger joints"
-    source = "Ranney and Wells 1988; EFFECTS: 0-1"
+    source = "anatomy: the lumbrical arises from the FDP tendon; range 0-1"
     tell = "only where LU and FDP are loaded together"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

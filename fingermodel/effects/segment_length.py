@@ -24,7 +24,7 @@ class SegmentLength(Effect):
     stage = "geometry"
     title = "a bone is longer or shorter"
     formula = "length_b *= 1 + s_b"
-    source = "EFFECTS: 15 % per bone"
+    source = "geometry; range assumed: 15 % per bone"
     tell = "all tendons, through the lever arms of the tip force"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

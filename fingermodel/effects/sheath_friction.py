@@ -24,7 +24,7 @@ class SheathFriction(Effect):
     stage = "sharing"
     title = "the flexor sheath rubs"
     formula = "T_seg *= exp(-mu * beta), beta the total change of direction of the real path up to that joint"
-    source = "Uchiyama et al. 1995 (mu 0.016 canine), An et al. 1993 (0.03-0.11 rabbit), as cited in EFFECTS"
+    source = "capstan law; mu after Uchiyama: 0.016 canine, 0.03-0.11 rabbit; range assumed: 0-0.2"
     tell = "flexors only; grows distally and with flexion; bone force keeps the full tension"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -23,7 +23,7 @@ class SutureAngle(Effect):
     stage = "reading"
     title = "the tendons leave the metacarpal at an angle"
     formula = "v = R_z(a) R_y(b) x at the bone"
-    source = "EFFECTS: 12 deg in two planes"
+    source = "geometry; range assumed: 12 deg in two planes"
     tell = "bone force only"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -23,7 +23,7 @@ class TareDrift(Effect):
     stage = "reading"
     title = "the cell's zero drifts after the tare"
     formula = "F += d (g(t) - g(t_tare)), g(t) = t + b t (1 - t), t from 0 to 1 over the session"
-    source = "EFFECTS: 1 N over the session, each axis"
+    source = "thermal drift of a strain-gauge cell; range assumed: 1 N over the session, each axis"
     tell = "follows the clock, not the load"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -22,7 +22,7 @@ class TipLocation(Effect):
     stage = "geometry"
     title = "the clamp holds the tip elsewhere"
     formula = "x(load point) += d"
-    source = "Synek et al. 2019: mid pulp, 7.5 mm beyond O1; EFFECTS: 6 mm"
+    source = "Synek et al. 2019: mid pulp, 7.5 mm beyond O1; range assumed: 6 mm"
     tell = "tip torque Tz, faintly Fz; invisible in Fx and Fy"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -22,7 +22,7 @@ class VolarPlate(Effect):
     stage = "torque"
     title = "the volar plate takes part of the extension"
     formula = "tau_MCP *= 1 - s where q_MCP < 0 and tau_MCP < 0"
-    source = "EFFECTS: share 0-1"
+    source = "one-sided restraint in hyperextension; range: share 0-1"
     tell = "EDC in hyperextension only"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -22,7 +22,7 @@ class WornPulley(Effect):
     stage = "tension"
     title = "one tendon's pulley loses more"
     formula = "T_i *= 1 - loss_i"
-    source = "EFFECTS: 0-35 %"
+    source = "range assumed: 0-35 %, of a worn or misaligned pulley"
     tell = "that tendon alone, in every posture and at both clamps"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -24,7 +24,7 @@ class ZeroOffset(Effect):
     stage = "reading"
     title = "the tare missed a constant force"
     formula = "F += f0 at one mount"
-    source = "EFFECTS: 0.8 N an axis"
+    source = "range assumed: 0.8 N an axis, of a tare taken under load"
     tell = "does not scale with the load"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
