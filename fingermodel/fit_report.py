@@ -101,7 +101,7 @@ def describe(
     ranked = _distinct(problem, optima)
     best = ranked[0]
     theta = best.theta
-    at_bound = _at_bound(problem, theta)
+    at_bound = held_at_bound(problem, theta)
     noise = 1.0 if problem.weighted else _noise_variance(problem, best)
     local = [_laplace(problem, optimum) for optimum in ranked]
     log_weight = np.array(
@@ -168,7 +168,7 @@ class _Local:
 
 def _laplace(problem: Problem, optimum: Optimum) -> _Local:
     """Covariance at an optimum for unit noise; parameters at a bound are held there."""
-    moving = problem.free & ~_at_bound(problem, optimum.theta)
+    moving = problem.free & ~held_at_bound(problem, optimum.theta)
     scale, size = problem.scale, len(problem.scale)
     jacobian = optimum.jacobian[:, moving]
     hessian = jacobian.T @ jacobian + np.diag(problem.weight[moving])
@@ -195,7 +195,8 @@ def _distinct(problem: Problem, optima: Sequence[Optimum]) -> list[Optimum]:
     return kept
 
 
-def _at_bound(problem: Problem, theta: Floats) -> NDArray[np.bool_]:
+def held_at_bound(problem: Problem, theta: Floats) -> NDArray[np.bool_]:
+    """Which free parameters (parameters,) stand at a bound."""
     near = 1e-6 * problem.scale
     held: NDArray[np.bool_] = problem.free & ((theta <= problem.lower + near) | (theta >= problem.upper - near))
     return held
@@ -203,7 +204,7 @@ def _at_bound(problem: Problem, theta: Floats) -> NDArray[np.bool_]:
 
 def _noise_variance(problem: Problem, optimum: Optimum) -> float:
     """Eq 5 states no noise: take it from the residual, with the parameters that the data truly spent."""
-    moving = problem.free & ~_at_bound(problem, optimum.theta)
+    moving = problem.free & ~held_at_bound(problem, optimum.theta)
     residual = residual_at(problem, optimum.theta)
     spent = _spent(optimum.jacobian, problem.weight, moving)
     return float(residual @ residual) / max(len(residual) - spent, 1.0)

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from daq.errors import ModelError
 from daq.files import replacing
 from fingermodel.budget import Budget, budget_of
-from fingermodel.effects.user import effect_from_dict
 from fingermodel.finger_files import finger_document, finger_from_dict, read_finger
 from fingermodel.fingers import Finger
 from fingermodel.fit_report import Fit
@@ -277,6 +276,7 @@ def _from_revision(revision: Revision, session_id: str, layout: Layout, effects:
     held = revision.document.get("effects") or []
     if held:
         from fingermodel.effects.catalogue import CATALOGUE
+        from fingermodel.effects.user import effect_from_dict
 
         known = {e.name for e in (*CATALOGUE, *effects)}
         own_effects = [e["document"] for e in held if e.get("document")]
@@ -295,11 +295,7 @@ def _from_revision(revision: Revision, session_id: str, layout: Layout, effects:
         if name in kinds and (own or kinds[name] != "budget"):
             theta[model.parameters.index[name]] = value
     added = tuple(n for e in held for n in e["parameters"] if n in kinds)
-    note = f"fitted to session {revision.session}: its anatomy"
-    note += (
-        " and its effects are used here, the small errors of that rig are not"
-        if added
-        else (" is used here, the errors of that rig are not")
-    )
+    used = "its anatomy and its effects are used here, the small" if added else "its anatomy is used here, the"
+    note = f"fitted to session {revision.session}: {used} errors of that rig are not"
     history = tuple(revision.document.get("history") or ())
     return LoadedModel(revision.id, model, theta, revision.id, () if own else (note,), added, history)

@@ -36,7 +36,7 @@ def refit_map(problem: Problem, start: Floats | None = None, starts: int = 1) ->
     """
     began = time.perf_counter()
     optima, evaluations = [], 0
-    for guess in [problem.start if start is None else start, *_drawn(problem, starts - 1)]:
+    for guess in [problem.start if start is None else start, *drawn_starts(problem, starts - 1)]:
         solution = solve(problem, guess)
         evaluations += int(solution.evaluations)
         optima.append(_optimum(problem, solution))
@@ -45,7 +45,8 @@ def refit_map(problem: Problem, start: Floats | None = None, starts: int = 1) ->
     return describe(problem, optima, "map", before, evaluations, seconds)
 
 
-def _drawn(problem: Problem, count: int) -> list[Floats]:
+def drawn_starts(problem: Problem, count: int) -> list[Floats]:
+    """Draw further starts (parameters,) from the priors, within the bounds; always the same ones."""
     rng = np.random.default_rng(SEED)
     drawn = [problem.centre + rng.normal(size=len(problem.centre)) * problem.scale for _ in range(count)]
     return [np.where(problem.free, np.clip(x, problem.lower, problem.upper), problem.centre) for x in drawn]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,22 +19,13 @@ if TYPE_CHECKING:
     from fingermodel.compare import Comparison
     from fingermodel.fit_report import Fit
     from fingermodel.model import Model
-    from fingermodel.model_files import LoadedModel
+    from fingermodel.model_files import LoadedModel, Step
     from fingermodel.observations import Observations
     from fingermodel.stages import Effect
 
 Progress = Callable[[float], None]
 # Starts of the solver: enough to see whether other values fit as well, still about a second.
 STARTS = 8
-
-
-@dataclass(frozen=True)
-class Change:
-    """What a revision adds to its parent or takes out, and what spoke for it."""
-
-    added: tuple[str, ...] = ()
-    removed: tuple[str, ...] = ()
-    evidence: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -141,14 +132,14 @@ def save_revision(
     path: Path,
     before: dict[str, Any],
     after: dict[str, Any],
-    change: Change | None = None,
+    step: Step | None = None,
 ) -> dict[str, Any]:
-    """Write a fit as a revision and return its document."""
+    """Write a fit as a revision and return its document; effects and history of its step are filled in here."""
     from fingermodel.model_files import Step, revision_document, write_revision
 
-    session, change = bench.measured.session, change or Change()
+    session = bench.measured.session
     free = [p.name for p in fit.parameters if p.kind == "effect"]
-    step = Step(_held(bench, free), change.added, change.removed, change.evidence, bench.loaded.history)
+    step = replace(step or Step(), effects=_held(bench, free), history=bench.loaded.history)
     document = revision_document(
         bench.model,
         fit,

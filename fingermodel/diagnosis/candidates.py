@@ -97,6 +97,18 @@ def joined(a: Explanation, b: Explanation) -> Explanation:
     )
 
 
+def pair_of(a: Explanation, b: Explanation, candidates: tuple[Candidate, ...]) -> Explanation:
+    """Two candidates acting together, in the order in which they are searched."""
+    order = [c.name for c in candidates]
+    return joined(*sorted((a, b), key=lambda e: order.index(e.names[0])))
+
+
+def members(explanation: Explanation, candidates: tuple[Candidate, ...]) -> list[Explanation]:
+    """Each candidate of an explanation by itself, in its alternative."""
+    by_name = {c.name: c for c in candidates}
+    return [single(by_name[name], k) for name, k in zip(explanation.names, explanation.alternative, strict=True)]
+
+
 def log_prior(explanation: Explanation, candidates: tuple[Candidate, ...], nothing: float = 0.5) -> float:
     """Log prior of an explanation: `nothing` on nothing, the rest over sizes, then over effects of a size.
 

@@ -116,7 +116,7 @@ def diagnose(
         lambda w: validation_rmse(problem, comparisons[w.explanation.names]),
     )
     verdict = _enough(problem, verdict)
-    questioned = robustness(problem, evidence, verdict, candidates, wildcard)
+    questioned = robustness(problem, evidence, verdict, wildcard)
     if verdict.kind == "nothing_missing":
         unseen = held_out(evidence.nothing.fitted, evidence.nothing.budget_factor)
         if unseen.surprising:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, logsumexp
 
-from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else
+from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else, members
 from fingermodel.diagnosis.search import Fitted, Search
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard, form_of, rms_of
 from fingermodel.problems import Problem
@@ -49,7 +49,6 @@ class Weighed:
         fitted: its optimum.
         form: the error of its form, relative to its own change; nothing has none.
         size_N: RMS change of the fitted forces that it makes.
-        by_budget: (budget factors,) log evidence at each multiple of the budget.
         log_evidence: all integrated out.
         form_error: most probable, as a share of the effect.
         budget_factor: most probable multiple of the budget.
@@ -61,7 +60,6 @@ class Weighed:
     fitted: Fitted
     form: Wildcard
     size_N: float
-    by_budget: Floats
     log_evidence: float
     form_error: float
     budget_factor: float
@@ -106,10 +104,6 @@ class Evidence:
     other_amplitude_N: float
     probability: dict[tuple[str, ...] | None, float]
 
-    def of(self, names: tuple[str, ...]) -> Weighed | None:
-        """The weighed explanation of those names."""
-        return next((w for w in self.weighed if w.explanation.names == names), None)
-
     @property
     def nothing(self) -> Weighed:
         """The base model."""
@@ -148,14 +142,12 @@ def weigh_one(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...
     each = [at_budget(fitted, form, b) for b in BUDGET_FACTORS]
     # The straightened model knows nothing of bounds: what the cut priors change comes from the fit itself.
     correction = fitted.log_evidence - fitted.gaussian_log_evidence
-    by_budget = np.array([value for value, _ in each]) + correction
-    total = by_budget + budget_log_weight()
+    total = np.array([value for value, _ in each]) + correction + budget_log_weight()
     best = int(np.argmax(total))
     return Weighed(
         fitted,
         form,
         rms_of(problem.observations, problem.rows, change),
-        by_budget,
         float(logsumexp(total)),
         each[best][1],
         float(BUDGET_FACTORS[best]),
@@ -167,10 +159,8 @@ def weigh_one(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...
 
 def _form_columns(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]) -> Floats:
     """Errors of the forms of all members; a member that hardly stands out lends no freedom to the others."""
-    by_name = {c.name: c for c in candidates}
     columns = []
-    for name, k in zip(fitted.explanation.names, fitted.explanation.alternative, strict=True):
-        own = by_name[name].alternatives[k]
+    for own in (member.parameters for member in members(fitted.explanation, candidates)):
         strength = fitted.strength(own)
         weight = strength / (strength + CLEAR)
         columns.append(weight * form_of(problem, change_of(problem, fitted, own)))

@@ -50,15 +50,10 @@ def held_out(fitted: Fitted, budget_factor: float) -> HeldOut:
     if not cases:
         return HeldOut(1.0, "")
     plane = 2 if model.finger.judged_in == "sagittal" else 3
-    free = fitted.moving
-    root = np.linalg.cholesky(fitted.covariance + 1e-12 * np.eye(len(free)))
-    rng = np.random.default_rng(SEED)
+    draws = fitted.draws(DRAWS, np.random.default_rng(SEED), budget_factor)
     here = np.asarray(model.predict(observations.inputs, fitted.theta).reading)[cases][:, :plane]
     spread = np.zeros((DRAWS, len(cases), plane))
-    for d in range(DRAWS):
-        x = fitted.x.copy()
-        x[free] += budget_factor * (root @ rng.normal(size=len(free)))
-        theta = np.clip(problem.centre + problem.scale * x, problem.lower, problem.upper)
+    for d, theta in enumerate(draws):
         spread[d] = np.asarray(model.predict(observations.inputs, theta).reading)[cases][:, :plane] - here
     covariance = np.einsum("dni,dnj->nij", spread, spread) / DRAWS
     noise = observations.case_covariance[cases][:, :plane, :plane]

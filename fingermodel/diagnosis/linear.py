@@ -91,23 +91,6 @@ class Linear:
         values = np.asarray(np.linalg.solve(np.eye(len(free)) + h.T @ h, h.T @ self.y), dtype=np.float64)
         return free.astype(np.intp), values
 
-    def keep(self, rows: NDArray[np.bool_], covariance_root: Floats) -> Linear:
-        """The same model with some readings left out.
-
-        Args:
-            rows: which readings stay.
-            covariance_root: (n, n) whitener⁻¹: takes whitened readings back to their units.
-        """
-        y, h = (covariance_root @ self.y)[rows], (covariance_root @ self.h)[rows]
-        part = covariance_root[rows]
-        factor = np.linalg.cholesky(part @ part.T)
-        return Linear(
-            solve_triangular(factor, y, lower=True),
-            solve_triangular(factor, h, lower=True),
-            self.base,
-            self.one_sided,
-        )
-
 
 def log_mass(mean: Floats, precision: Floats, one_sided: NDArray[np.bool_]) -> float:
     """Ln of 2ⁿ times the Gaussian's mass where the n one-sided coordinates are positive (their null is 0).

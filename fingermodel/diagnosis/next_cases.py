@@ -246,9 +246,7 @@ def _predict(
     """Mean (cases, 4) and covariance (cases, 4, 4) of Fx, Fy, Fz, Mz under an explanation, noise included."""
     fitted, problem = weighed.fitted, diagnosis.problem
     model, observations = problem.model, problem.observations
-    free = fitted.moving
-    root = np.linalg.cholesky(fitted.covariance + 1e-12 * np.eye(len(free)))
-    draws = fitted.x[free] + rng.normal(size=(DRAWS, len(free))) @ root.T
+    draws = fitted.draws(DRAWS, rng)
     angles = np.array([n.startswith("posture_angle.") for n in model.parameters.names])
     # As many cases a call as the session has: no new program is compiled.
     size = len(observations.ids)
@@ -257,10 +255,8 @@ def _predict(
         part = list(cases[first : first + size])
         padded = inputs_of(diagnosis, part + [part[-1]] * (size - len(part)))
         for d in range(DRAWS):
-            x = fitted.x.copy()
-            x[free] = draws[d]
-            theta = np.clip(problem.centre + problem.scale * x, problem.lower, problem.upper)
             # The posture will be set anew.
+            theta = draws[d].copy()
             theta[angles] = theta[angles] + rng.normal(size=int(angles.sum())) * model.parameters.sd[angles]
             reading = np.asarray(model.predict(padded, theta).reading)
             readings[d, first : first + len(part)] = reading[: len(part), [0, 1, 2, 5]]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from fingermodel.compare import muscles_of
-from fingermodel.diagnosis.candidates import Candidate, log_prior_else
+from fingermodel.diagnosis.candidates import log_prior_else
 from fingermodel.diagnosis.evidence import Evidence, Weighed, at_budget, other_at_budget
 from fingermodel.diagnosis.linear import Linear
 from fingermodel.diagnosis.verdict import Verdict
@@ -49,7 +49,6 @@ def robustness(
     problem: Problem,
     evidence: Evidence,
     verdict: Verdict,
-    candidates: tuple[Candidate, ...],
     wildcard: Wildcard,
 ) -> Robustness:
     """Ask the best explanations again.
@@ -58,11 +57,11 @@ def robustness(
         problem: that was searched.
         evidence: of its explanations.
         verdict: that is questioned.
-        candidates: that were searched.
         wildcard: of the problem.
     """
     named = [w for w in evidence.weighed if w.explanation.size][:ASKED]
     asked = [*named, evidence.nothing]
+    root = np.asarray(np.linalg.inv(problem.whitener), dtype=np.float64)
     names = set(verdict.names)
     flips: list[str] = []
 
@@ -82,7 +81,7 @@ def robustness(
         return names <= set(winner)
 
     if verdict.kind == "none_of_catalogue":
-        return Robustness((), (), None, _spoken(favours(_without(problem, asked, problem.rows % 6 == 2))))
+        return Robustness((), (), None, _spoken(favours(_without(root, asked, problem.rows % 6 == 2))))
     for nothing in (0.25, 0.75):
         values = {
             names_: np.log(max(p, 1e-300)) + _reweight(names_, nothing) for names_, p in evidence.probability.items()
@@ -98,7 +97,7 @@ def robustness(
         flips.append("the budget is twice as large")
     rests = []
     for words, rows in left_out(problem):
-        winner = favours(_without(problem, asked, rows))
+        winner = favours(_without(root, asked, rows))
         if same(winner):
             continue
         # Fewer names, or none, is ground lost; other names are a contradiction.
@@ -109,9 +108,9 @@ def robustness(
     fails = None
     if verdict.kind in ("found", "one_of"):
         fails = next((m for m in MULTIPLES if not same(favours(_values_at(evidence, asked, wildcard, m)))), None)
-    planar = favours(_without(problem, asked, problem.rows % 6 == 2))
+    planar = favours(_without(root, asked, problem.rows % 6 == 2))
     moments = problem.rows % 6 >= 3
-    forces = favours(_without(problem, asked, moments)) if moments.any() else None
+    forces = favours(_without(root, asked, moments)) if moments.any() else None
     on_moments = bool(moments.any()) and verdict.kind in ("found", "one_of") and not same(forces)
     return Robustness(tuple(flips), tuple(rests), fails, _spoken(planar), on_moments)
 
@@ -159,13 +158,15 @@ def left_out(problem: Problem) -> list[tuple[str, NDArray[np.bool_]]]:
     return [(words, rows) for words, rows in out if rows.sum() < 0.8 * len(rows)]
 
 
-def _without(
-    problem: Problem, asked: Iterable[Weighed], gone: NDArray[np.bool_]
-) -> dict[tuple[str, ...] | None, float]:
-    """Log posteriors with some readings left out, on the straightened models; a smooth rest is allowed for as noise."""
-    keep = ~gone
-    root = np.linalg.inv(problem.whitener)
-    part = root[keep]
+def _without(root: Floats, asked: Iterable[Weighed], gone: NDArray[np.bool_]) -> dict[tuple[str, ...] | None, float]:
+    """Log posteriors with some readings left out, on the straightened models; a smooth rest is allowed for as noise.
+
+    Args:
+        root: (n, n) takes whitened readings back to their units.
+        asked: explanations.
+        gone: (n,) readings that are left out.
+    """
+    part = root[~gone]
     factor = np.linalg.cholesky(part @ part.T)
     thin = np.linalg.solve(factor, part)
     out: dict[tuple[str, ...] | None, float] = {}
@@ -174,14 +175,12 @@ def _without(
         columns = np.concatenate([linear.base, np.array(w.explanation.parameters, dtype=np.intp)])
         h, y = thin @ linear.h[:, columns], thin @ linear.y
         # The effect's form is allowed to be off by what it left over in all the readings.
-        left = max(w.fitted.objective / max(len(problem.rows), 1), 1.0) if w.explanation.size else 1.0
+        left = max(w.fitted.objective / max(len(gone), 1), 1.0) if w.explanation.size else 1.0
         small = Linear(
             y / np.sqrt(left),
             h / np.sqrt(left),
             np.arange(len(linear.base)),
-            np.concatenate([np.zeros(len(linear.base), bool), linear.one_sided[list(w.explanation.parameters)]]).astype(
-                bool
-            ),
+            linear.one_sided[columns],
         )
         value = small.log_evidence_base - 0.5 * len(y) * np.log(left)
         own = range(len(linear.base), len(columns))

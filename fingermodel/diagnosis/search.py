@@ -13,22 +13,23 @@ from fingermodel.diagnosis.candidates import (
     NOTHING_MISSING,
     Candidate,
     Explanation,
-    joined,
     log_prior,
     mask,
+    members,
+    pair_of,
     pairs_of,
     single,
 )
 from fingermodel.diagnosis.linear import Linear, log_mass
+from fingermodel.fit_report import held_at_bound
 from fingermodel.problems import Problem
-from fingermodel.refit import solve
+from fingermodel.refit import drawn_starts, solve
 from fingermodel.solver import CONVERGED, STALLED
 
 Floats = NDArray[np.float64]
 
 # Further starts of the base model, drawn from its priors; its optima are several (see docs/decisions/0007).
 BASE_STARTS = 3
-SEED = 20191107
 # How many pairs are refitted, and from how many of the best singles' optima pairs are screened.
 PAIRS = 20
 HOSTS = 4
@@ -67,21 +68,21 @@ class Fitted:
     converged: bool
     problem: Problem = field(repr=False)
 
-    @property
-    def free(self) -> NDArray[np.bool_]:
-        """(parameters,) which were free."""
-        return self.problem.free
+    @cached_property
+    def _inside(self) -> NDArray[np.bool_]:
+        return self.problem.free & ~held_at_bound(self.problem, self.theta)
+
+    @cached_property
+    def inner(self) -> NDArray[np.intp]:
+        """Free parameters that are not held at any bound."""
+        return np.flatnonzero(self._inside)
 
     @cached_property
     def moving(self) -> NDArray[np.intp]:
-        """Free parameters that are not held at a bound, and effect parameters even there."""
-        problem = self.problem
-        near = 1e-6 * problem.scale
-        held = (self.theta <= problem.lower + near) | (self.theta >= problem.upper - near)
-        own = np.zeros(len(held), dtype=bool)
-        own[list(self.explanation.parameters)] = True
-        one_sided = _one_sided(problem)
-        return np.flatnonzero(problem.free & (~held | (own & one_sided & (self.theta <= problem.lower + near))))
+        """The same, and the explanation's own one-sided parameters even at their null."""
+        at_null = self.theta <= self.problem.lower + 1e-6 * self.problem.scale
+        own = mask(self.problem.model, self.explanation)
+        return np.flatnonzero(self._inside | (own & _one_sided(self.problem) & at_null))
 
     @cached_property
     def log_evidence(self) -> float:
@@ -97,19 +98,9 @@ class Fitted:
         return self._laplace(trust_step=True)
 
     @cached_property
-    def inner(self) -> NDArray[np.intp]:
-        """Free parameters that are not held at any bound."""
-        near = 1e-6 * self.problem.scale
-        inside = (self.theta > self.problem.lower + near) & (self.theta < self.problem.upper - near)
-        return self.moving[inside[self.moving]]
-
-    @cached_property
     def gaussian_log_evidence(self) -> float:
         """Log of N(y; 0, 1 + HHᵀ) of the straightened model without its constant, over what no bound holds."""
-        h, y = -self.jacobian[:, self.inner], self.residual - self.jacobian[:, self.inner] @ self.x[self.inner]
-        factor = np.linalg.cholesky(np.eye(h.shape[1]) + h.T @ h)
-        explained = np.linalg.solve(factor, h.T @ y)
-        return float(-0.5 * (y @ y - explained @ explained) - np.log(np.diag(factor)).sum())
+        return self._straight(self.inner, self.inner).log_evidence_base
 
     def _laplace(self, *, trust_step: bool) -> float:
         free, h = self.moving, -self.jacobian[:, self.moving]
@@ -131,24 +122,26 @@ class Fitted:
     @cached_property
     def linear(self) -> Linear:
         """The model straightened out about this optimum."""
-        problem = self.problem
-        base = np.flatnonzero(self._base)
-        free = self.moving
-        y = self.residual - self.jacobian[:, free] @ self.x[free]
-        return Linear(y, -self.jacobian, base, _one_sided(problem))
+        return self._straight(self.moving, np.setdiff1d(self.moving, self.explanation.parameters))
 
-    @cached_property
-    def _base(self) -> NDArray[np.bool_]:
-        out = np.zeros(len(self.theta), dtype=bool)
-        out[self.moving] = True
-        out[list(self.explanation.parameters)] = False
-        return out
+    def _straight(self, free: NDArray[np.intp], base: NDArray[np.intp]) -> Linear:
+        y = self.residual - self.jacobian[:, free] @ self.x[free]
+        return Linear(y, -self.jacobian, base, _one_sided(self.problem))
 
     @cached_property
     def covariance(self) -> Floats:
         """(moving, moving) of the parameters in prior widths."""
         h = self.jacobian[:, self.moving]
         return np.asarray(np.linalg.inv(np.eye(h.shape[1]) + h.T @ h), dtype=np.float64)
+
+    def draws(self, count: int, rng: np.random.Generator, width: float = 1.0) -> Floats:
+        """Draw parameter vectors (count, parameters) from the posterior, `width` times as wide, within the bounds."""
+        free, problem = self.moving, self.problem
+        root = np.linalg.cholesky(self.covariance + 1e-12 * np.eye(len(free)))
+        x = np.tile(self.x, (count, 1))
+        x[:, free] += width * rng.normal(size=(count, len(free))) @ root.T
+        out: Floats = np.clip(problem.centre + problem.scale * x, problem.lower, problem.upper)
+        return out
 
     def strength(self, parameters: Sequence[int]) -> float:
         """How many standard deviations some parameters together lie from their null."""
@@ -175,13 +168,11 @@ class Search:
     Attributes:
         nothing: the base model.
         fitted: every explanation's optimum, `nothing` among them.
-        screened: log evidence gain of every candidate by the straightened model.
         searched: how many explanations were screened.
     """
 
     nothing: Fitted
     fitted: tuple[Fitted, ...]
-    screened: dict[tuple[str, ...], float]
     searched: int
 
 
@@ -191,10 +182,8 @@ class Searcher:
     def __init__(self, problem: Problem, progress: Callable[[float], None] | None = None) -> None:
         self.problem = problem
         self.best: dict[Explanation, Fitted] = {}
-        self.evaluations = 0
         self._finished: dict[Explanation, Fitted] = {}
-        self._tried: set[int] = set()
-        self._keep: list[Fitted] = []
+        self._tried: set[Fitted] = set()
         self._progress = progress or (lambda _: None)
 
     def fit(self, explanation: Explanation, starts: Iterable[Floats], evaluations: int = FIRST) -> Fitted:
@@ -203,7 +192,6 @@ class Searcher:
         for start in starts:
             guess = np.where(problem.free, np.clip(start, problem.lower, problem.upper), problem.centre)
             solution = solve(problem, guess, FLOOR if evaluations < LAST else FLOOR / 10.0, evaluations)
-            self.evaluations += int(solution.evaluations)
             x = np.asarray(solution.x)
             found = Fitted(
                 explanation,
@@ -231,16 +219,15 @@ class Searcher:
         problem = self.problem
         more = 3 if thorough else 1
         starts = [problem.centre] if start is None else [start, problem.centre]
-        nothing = self.fit(NOTHING_MISSING, [*starts, *_drawn(problem, BASE_STARTS * more)], SECOND)
+        nothing = self.fit(NOTHING_MISSING, [*starts, *drawn_starts(problem, BASE_STARTS * more)], SECOND)
         nothing = self.fit(NOTHING_MISSING, [nothing.theta], LAST)
-        screened: dict[tuple[str, ...], float] = {}
         for done, candidate in enumerate(candidates):
-            self._single(candidate, nothing, screened)
+            self._single(candidate, nothing)
             self._progress(0.5 * (done + 1) / len(candidates))
         self._race(HOSTS * more)
         self._nested(HOSTS * more)
         self._exchange(HOSTS * more)
-        self._pairs(candidates, screened, PAIRS * more)
+        self._pairs(candidates, PAIRS * more)
         self._race(HOSTS * more, size=2)
         self._swap(candidates)
         self._halves(candidates)
@@ -249,11 +236,10 @@ class Searcher:
         self._polish(candidates)
         self._progress(1.0)
         searched = 1 + len(candidates) + len(pairs_of(candidates))
-        return Search(self.best[NOTHING_MISSING], tuple(self.best.values()), screened, searched)
+        return Search(self.best[NOTHING_MISSING], tuple(self.best.values()), searched)
 
-    def _single(self, candidate: Candidate, host: Fitted, screened: dict[tuple[str, ...], float]) -> None:
+    def _single(self, candidate: Candidate, host: Fitted) -> None:
         gains = [host.linear.gain(parameters) for parameters in candidate.alternatives]
-        screened[(candidate.name,)] = max(gains)
         for k, gain in enumerate(gains):
             if gain >= max(gains) - NEAR:
                 explanation = single(candidate, k)
@@ -282,17 +268,13 @@ class Searcher:
 
     def _swap(self, candidates: tuple[Candidate, ...]) -> None:
         """Keep one member of each of the best pairs and look for a better companion from where that pair stands."""
-        order = {c.name: i for i, c in enumerate(candidates)}
         for pair in self._ranked(2)[:2]:
             offers = []
-            for name, k in zip(pair.explanation.names, pair.explanation.alternative, strict=True):
-                kept = single(next(c for c in candidates if c.name == name), k)
+            for kept in members(pair.explanation, candidates):
                 for candidate in candidates:
-                    if candidate.name in pair.explanation.names:
-                        continue
-                    gains = [pair.linear.gain((*kept.parameters, *p)) for p in candidate.alternatives]
-                    other = single(candidate, int(np.argmax(gains)))
-                    offers.append((max(gains), joined(*sorted((kept, other), key=lambda e: order[e.names[0]]))))
+                    if candidate.name not in pair.explanation.names:
+                        other, gain = _best_form(pair, kept, candidate)
+                        offers.append((gain, pair_of(kept, other, candidates)))
             for _, explanation in sorted(offers, key=lambda o: -o[0])[:SWAPS]:
                 if explanation not in self.best:
                     self.fit(explanation, [self.expected(pair, explanation)], 2 * FIRST)
@@ -300,8 +282,7 @@ class Searcher:
     def _halves(self, candidates: tuple[Candidate, ...]) -> None:
         """Fit each member of the best pairs alone from where the pair stands: what it can do without is no member."""
         for pair in self._ranked(2)[:3]:
-            for name, k in zip(pair.explanation.names, pair.explanation.alternative, strict=True):
-                alone = single(next(c for c in candidates if c.name == name), k)
+            for alone in members(pair.explanation, candidates):
                 known = self.best.get(alone)
                 if known is None or known.objective > pair.objective + 20.0:
                     self.fit(alone, [pair.theta], SECOND)
@@ -313,7 +294,7 @@ class Searcher:
         hopeful = [e for e, f in self.best.items() if f.promise + log_prior(e, candidates) > limit or e.size == 0]
         for explanation in sorted(hopeful, key=lambda e: -value[e])[:FINISHED]:
             found = self.best[explanation]
-            if explanation not in self._finished or self._finished[explanation] is not found:
+            if self._finished.get(explanation) is not found:
                 found = self.fit(explanation, [found.theta], LAST)
                 if not found.converged and value[explanation] > limit + 0.5 * CONTENDERS:
                     found = self.fit(explanation, [found.theta], 4 * LAST)
@@ -325,19 +306,17 @@ class Searcher:
         ranked = sorted(of_size, key=lambda f: -f.log_evidence)
         return list({f.explanation.names: f for f in reversed(ranked)}.values())[::-1]
 
-    def _nested(self, count: int) -> Fitted:
+    def _nested(self, count: int) -> None:
         """Try to fit without what the best explanations have: an effect that a base optimum can do without is none."""
         for rival in [*self._ranked(1)[:count], *self._ranked(2)[:2]]:
-            if id(rival) not in self._tried:
-                self._tried.add(id(rival))
-                self._keep.append(rival)
+            if rival not in self._tried:
+                self._tried.add(rival)
                 self.fit(NOTHING_MISSING, [rival.theta])
         nothing = self.best[NOTHING_MISSING]
         for rival in self._ranked(1):
             # Freeing a parameter cannot make the optimum worse: such a fit sits in another valley.
             if rival.objective > nothing.objective + 1e-3:
                 self.fit(rival.explanation, [nothing.theta])
-        return nothing
 
     def _exchange(self, count: int) -> None:
         """Fit the best singles from each other's base parameters."""
@@ -347,15 +326,14 @@ class Searcher:
                 if other is not one:
                     self.fit(one.explanation, [self.expected(other, one.explanation)])
 
-    def _pairs(self, candidates: tuple[Candidate, ...], screened: dict[tuple[str, ...], float], count: int) -> None:
+    def _pairs(self, candidates: tuple[Candidate, ...], count: int) -> None:
+        """Screen all pairs from nothing's optimum and from the best singles', and fit the best."""
         hosts = self._ranked(1)[:HOSTS]
-        by_name = {c.name: c for c in candidates}
-        order = {c.name: i for i, c in enumerate(candidates)}
         offers: dict[tuple[str, ...], tuple[float, Fitted, Explanation]] = {}
         nothing = self.best[NOTHING_MISSING]
 
         def offer(host: Fitted, first: Explanation, second: Explanation) -> None:
-            pair = joined(*sorted((first, second), key=lambda e: order[e.names[0]]))
+            pair = pair_of(first, second, candidates)
             if set(first.parameters) & set(second.parameters):
                 return
             base = nothing.log_evidence if host is nothing else host.log_evidence - host.linear.gain(first.parameters)
@@ -364,25 +342,20 @@ class Searcher:
             if old is None or value > old[0]:
                 offers[pair.names] = (value, host, pair)
 
-        best_alternative = {
-            c.name: single(c, int(np.argmax([nothing.linear.gain(p) for p in c.alternatives]))) for c in candidates
-        }
+        best_form = {c.name: _best_form(nothing, NOTHING_MISSING, c)[0] for c in candidates}
         for a, b in pairs_of(candidates):
-            offer(nothing, best_alternative[a.name], best_alternative[b.name])
+            offer(nothing, best_form[a.name], best_form[b.name])
         for host in hosts:
             for candidate in candidates:
                 if candidate.name not in host.explanation.names:
-                    gains = [host.linear.gain((*host.explanation.parameters, *p)) for p in candidate.alternatives]
-                    offer(host, host.explanation, single(candidate, int(np.argmax(gains))))
-        for names, (value, _, _) in offers.items():
-            screened[names] = value - nothing.log_evidence
+                    offer(host, host.explanation, _best_form(host, host.explanation, candidate)[0])
         chosen = sorted(offers.values(), key=lambda o: -o[0])[:count]
         for done, (_, host, pair) in enumerate(chosen):
             self.fit(pair, [self.expected(host, pair)])
             self._progress(0.5 + 0.5 * done / len(chosen))
-        del by_name
 
 
-def _drawn(problem: Problem, count: int) -> list[Floats]:
-    rng = np.random.default_rng(SEED)
-    return [problem.centre + rng.normal(size=len(problem.centre)) * problem.scale for _ in range(count)]
+def _best_form(host: Fitted, kept: Explanation, candidate: Candidate) -> tuple[Explanation, float]:
+    """The alternative of a candidate that gains most beside what is kept, and that gain, about a host's optimum."""
+    gains = [host.linear.gain((*kept.parameters, *p)) for p in candidate.alternatives]
+    return single(candidate, int(np.argmax(gains))), max(gains)

@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from fingermodel.diagnosis.candidates import Candidate
 from fingermodel.diagnosis.confounding import DETECTABLE, Confounding
@@ -59,11 +58,6 @@ def inclusion(evidence: Evidence) -> dict[str, float]:
         for name in names or ():
             out[name] = out.get(name, 0.0) + probability
     return dict(sorted(out.items(), key=lambda item: -item[1]))
-
-
-def chi_square_p(problem: Problem, weighed: Weighed) -> float:
-    """How often noise and priors would leave a larger misfit than an optimum does."""
-    return float(chdtrc(len(problem.rows), weighed.misfit))
 
 
 def judge(

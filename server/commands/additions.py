@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from daq.errors import InputError
 from server.commands.twin import fit_body, print_fit, provenance
 from server.console import answer, progress, say, table
-from server.workflow import Bench, Change, compare_bench, open_bench, save_revision
+from server.workflow import Bench, compare_bench, open_bench, save_revision
 
 if TYPE_CHECKING:
     from fingermodel.compare import Comparison
@@ -24,7 +24,7 @@ def add_to_session(
     json: str | None,
 ) -> None:
     """Add effects to a session's model, refit, write the revision and show the fall of the error."""
-    from fingermodel.model_files import free_path, require_new
+    from fingermodel.model_files import Step, free_path, require_new
 
     effects, session = names[:-1], names[-1]
     if not effects and not without:
@@ -43,7 +43,7 @@ def add_to_session(
         path,
         before.summary(),
         after.summary(),
-        Change(addition.names, tuple(without), {"log_evidence_gain": addition.log_evidence_gain}),
+        Step(added=addition.names, removed=tuple(without), evidence={"log_evidence_gain": addition.log_evidence_gain}),
     )
     page = None
     if figures:

@@ -11,7 +11,7 @@ from server.commands.additions import add_bench, print_history
 from server.commands.diagnosis import diagnosis_body, run_diagnosis
 from server.console import progress, say, table
 from server.diagnosis_report import draw_diagnosis
-from server.workflow import Bench, Change, compare_bench, open_bench, refit_bench, save_revision
+from server.workflow import Bench, compare_bench, open_bench, refit_bench, save_revision
 
 if TYPE_CHECKING:
     from fingermodel.compare import Comparison
@@ -48,6 +48,8 @@ def run_demo(out: Path) -> None:
 
 def _story(bench: Bench, session: str, folder: Path) -> None:
     """Refit, diagnose, add what was found (or what is likeliest), and show the error fall."""
+    from fingermodel.model_files import Step, free_path
+
     plane = bench.model.finger.judged_in
     first = compare_bench(bench)
     say("   Refit: tendon points, hood fractions and the rig's small errors, all at once")
@@ -62,11 +64,9 @@ def _story(bench: Bench, session: str, folder: Path) -> None:
     bench = open_bench(session, str(path), catalogue=True)
     with progress("Adding and refitting"):
         before, addition, after = add_bench(bench, names, [])
-    from fingermodel.model_files import free_path
-
-    change = Change(addition.names, (), {"log_evidence_gain": addition.log_evidence_gain})
+    step = Step(added=addition.names, evidence={"log_evidence_gain": addition.log_evidence_gain})
     added = free_path(folder, bench.measured.session.id)
-    document = save_revision(bench, addition.fit, added, before.summary(), after.summary(), change)
+    document = save_revision(bench, addition.fit, added, before.summary(), after.summary(), step)
     label = " + ".join(names)
     _errors(
         f"{session}: RMSE of the forces [N], {'in the sagittal plane' if plane == 'sagittal' else 'in space'}",

@@ -22,12 +22,12 @@ from server.figures.diagnosis_answer import (
 from server.figures.style import (
     INK,
     SMALL_PX,
-    TEXT_PX,
     WIDTH,
     NothingToDrawError,
     axis,
     domain,
     figure,
+    heading,
     number,
     plain,
 )
@@ -103,7 +103,9 @@ def revisions_figure(answer: Answer, history: Sequence[Mapping[str, Any]] | None
             range=[0.0, 1.2 * max((v for v in own if v is not None), default=0.0) or 1.0],
             nticks=5,
         )
-        layout["annotations"].append(_heading(location, upper / plot))
+        layout["annotations"].append(
+            heading(shortened(f"Cell at the {location}" if location else "All cases", 40), upper / plot, 6)
+        )
         for role in roles:
             data += _bars([s.rmse_N.get(f"{role}/{location}") for s in steps], role, suffix, named=index == 0)
     layout["showlegend"] = True
@@ -205,18 +207,3 @@ def _wrapped(lines: Sequence[str], wide: int) -> str:
                 row = f"{row} {word}".strip()
         out.append(row)
     return "<br>".join(plain(shortened(row, 40)) for row in out)
-
-
-def _heading(location: str, y: float) -> dict[str, Any]:
-    return {
-        "text": f"<b>{plain(shortened(f'Cell at the {location}' if location else 'All cases', 40))}</b>",
-        "x": 0.0,
-        "y": y,
-        "xref": "paper",
-        "yref": "paper",
-        "xanchor": "left",
-        "yanchor": "bottom",
-        "yshift": 6,
-        "showarrow": False,
-        "font": {"size": TEXT_PX, "color": INK},
-    }

@@ -164,6 +164,22 @@ def domain(begin: float, end: float) -> list[float]:
     return [min(max(begin, 0.0), 1.0), min(max(end, 0.0), 1.0)]
 
 
+def heading(text: str, y: float, above_px: int) -> dict[str, Any]:
+    """A bold heading at the left edge, so many pixels above a height of the plot (0 to 1)."""
+    return {
+        "text": f"<b>{plain(text)}</b>",
+        "x": 0.0,
+        "y": y,
+        "xref": "paper",
+        "yref": "paper",
+        "xanchor": "left",
+        "yanchor": "bottom",
+        "yshift": above_px,
+        "showarrow": False,
+        "font": {"size": TEXT_PX, "color": INK},
+    }
+
+
 def figure(
     data: Sequence[Any],
     layout: Mapping[str, Any],

@@ -15,12 +15,12 @@ from server.figures.style import (
     MUTED,
     PLANE_NAMES,
     SMALL_PX,
-    TEXT_PX,
     WIDTH,
     NothingToDrawError,
     axis,
     domain,
     figure,
+    heading,
     in_order,
     number,
     plain,
@@ -75,7 +75,7 @@ def errors_figure(
     for index, ((title, rows), height) in enumerate(zip(groups, heights, strict=True)):
         upper -= _GROUP_GAP
         place = domain((upper - height) / plot, upper / plot)
-        layout["annotations"].append(_group_title(title, upper / plot))
+        layout["annotations"].append(heading(title[:1].upper() + title[1:], upper / plot, 3))
         for column, (key, unit, digits) in enumerate(measures):
             suffix = str(2 * index + column + 1) if index + column else ""
             last = index == len(groups) - 1
@@ -191,18 +191,3 @@ def _bars(
         xaxis=f"x{suffix}",
         yaxis=f"y{suffix}",
     )
-
-
-def _group_title(text: str, y: float) -> dict[str, Any]:
-    return {
-        "text": f"<b>{plain(text[:1].upper() + text[1:])}</b>",
-        "x": 0.0,
-        "y": y,
-        "xref": "paper",
-        "yref": "paper",
-        "xanchor": "left",
-        "yanchor": "bottom",
-        "yshift": 3,
-        "showarrow": False,
-        "font": {"size": TEXT_PX, "color": INK},
-    }
