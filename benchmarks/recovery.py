@@ -79,7 +79,10 @@ def one_session(kind: Kind, seed: int) -> dict[str, Any]:
             out["truth_rmse_N"] = validation_rmse(
                 found.problem, compare(bench.model, bench.observations, known.fit.theta)
             )
-            out["truth_gain"] = float(np.round(known.log_evidence_gain, 2))
+            # Of two, each must show beside the other.
+            others = [add_effects(bench.model, bench.observations, [t], starts=1) for t in true if len(true) > 1]
+            least = known.log_evidence_gain - max((o.log_evidence_gain for o in others), default=0.0)
+            out["truth_gain"] = float(np.round(least, 2))
     return out
 
 
@@ -127,7 +130,9 @@ def report(rows: Sequence[dict[str, Any]], command: str) -> str:
         f"{', '.join(f'{len(v)} sessions with {k}' for k, v in of.items() if v)}.",
         "The sessions come from `tests/simulator`: plain NumPy, no code shared with the model, other forms of every",
         "effect, small errors of 0.5 to 2 times the budget, two protocols. An effect counts as shown if adding the",
-        "true one gains more than 3 in log evidence; the others changed the readings by less than noise and budget.",
+        "true one gains more than 3 in log evidence (of two, each beside the other); the others changed the readings",
+        "by less than noise and budget. Some of the catalogue's alternative forms were added after sessions of this",
+        "simulator had shown that they were lacking: on its effects the figures are not blind.",
         "",
         "| figure | rate | 95 % (Wilson) | count | aim |",
         "|---|---|---|---|---|",

@@ -6,6 +6,7 @@ everything. All effects live in it at their null values, so choosing effects is 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -21,7 +22,8 @@ from fingermodel.extensor import segment_tensions
 from fingermodel.fingers import Finger, FingerValues, Topology
 from fingermodel.kinematics import TipKinematics, joint_poses, poses_of_turns, tip_kinematics
 from fingermodel.parameters import ParameterTable
-from fingermodel.stages import Effect, Layout, LoadCaseInput, State
+from fingermodel.programs import stored
+from fingermodel.stages import Effect, Layout, LoadCaseInput, Stage, State
 from fingermodel.statics import ClampForces, clamp_forces, joint_loads, joint_torques
 from fingermodel.tendons import joint_pulls, moment_arms
 
@@ -55,6 +57,14 @@ class Structure:
     topology: Topology
     effects: tuple[Effect, ...]
     slices: tuple[tuple[int, int], ...]
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.topology, self.effects, self.slices))
+
+    def __hash__(self) -> int:
+        """Computed once: every call of a compiled program asks for it."""
+        return self._hash
 
 
 @dataclass(frozen=True)
@@ -157,30 +167,45 @@ def predict_case(structure: Structure, values: FingerValues, theta: Array, case:
 
 
 def predict_parts(
-    structure: Structure, values: FingerValues, parts: tuple[Array, ...], case: LoadCaseInput
+    structure: Structure,
+    values: FingerValues,
+    parts: tuple[Array, ...],
+    case: LoadCaseInput,
+    active: Array | None = None,
 ) -> Prediction:
     """Predict one load case from parameters split by `parts_of`.
 
     Differentiate this rather than `predict_case`: a slope for each slice of one long vector would be padded to the
     whole length, once for each effect.
+
+    Args:
+        structure: topology and effects (static).
+        values: the finger's numbers.
+        parts: of `parts_of`.
+        case: one load case.
+        active: (effects,) bool; one that is not is skipped, which is right only at its null, where it changes nothing
+            and its slopes come out as zero. By default all are computed.
     """
     topology = structure.topology
-    acting = list(zip(structure.effects, parts[1:], strict=True))
+
+    def act(stage: Stage, state: State) -> State:
+        for i, (effect, p) in enumerate(zip(structure.effects, parts[1:], strict=True)):
+            change = getattr(effect, stage)
+            if getattr(change, "__func__", None) is not getattr(Effect, stage):
+                state = _acted(change, p, case, state, None if active is None else active[i])
+        return state
+
     state = State(topology, case.posture, with_anatomy(topology, values, parts[0]), case.tension)
-    for effect, p in acting:
-        state = effect.tension(p, case, state)
-    for effect, p in acting:
-        state = effect.geometry(p, case, state)
+    state = act("tension", state)
+    state = act("geometry", state)
     poses = joint_poses(topology, state.values, state.posture)
     pulls = joint_pulls(topology, state.values, poses)
     shared = segment_tensions(topology, state.values, state.tension)
     state = state._replace(poses=poses, pulls=pulls, segment_tension=shared)
-    for effect, p in acting:
-        state = effect.sharing(p, case, state)
+    state = act("sharing", state)
     assert state.segment_tension is not None  # noqa: S101 - filled three lines above
     state = state._replace(torque=joint_torques(poses, pulls, state.segment_tension))
-    for effect, p in acting:
-        state = effect.torque(p, case, state)
+    state = act("torque", state)
     assert state.segment_tension is not None  # noqa: S101 - still filled
     assert state.torque is not None  # noqa: S101 - filled three lines above
     forces = clamp_forces(topology, state.values, poses, state.tension, state.torque)
@@ -188,14 +213,39 @@ def predict_parts(
     none = jnp.zeros(3)
     at_clamp = jnp.where(case.at_bone, jnp.concatenate([forces.bone, none]), forces.tip)
     state = state._replace(wrench=jnp.where(case.is_check, jnp.concatenate([case.known_force, none]), at_clamp))
-    for effect, p in acting:
-        state = effect.reading(p, case, state)
+    state = act("reading", state)
     assert state.wrench is not None  # noqa: S101 - filled above
     assert state.torque is not None  # noqa: S101 - filled above
     return Prediction(state.wrench, forces, loads, state.torque)
 
 
-@partial(jax.jit, static_argnums=0)
+def _acted(
+    change: Callable[[Array, LoadCaseInput, State], State],
+    p: Array,
+    case: LoadCaseInput,
+    state: State,
+    active: Array | None,
+) -> State:
+    """What an effect's stage makes of a state, computed only if the effect is active."""
+    if active is None or p.shape[-1] == 0:
+        return change(p, case, state)
+    before, tree = jax.tree.flatten(tuple(state[1:]))
+    changed: list[int] = []
+
+    def computed() -> list[Array]:
+        after = jax.tree.leaves(tuple(change(p, case, state)[1:]))
+        changed[:] = [i for i, (old, new) in enumerate(zip(before, after, strict=True)) if new is not old]
+        return [after[i] for i in changed]
+
+    # The first branch is traced first, so the second knows what it leaves as it was.
+    new = jax.lax.cond(active, computed, lambda: [jnp.asarray(before[i]) for i in changed])
+    leaves = list(before)
+    for i, leaf in zip(changed, new, strict=True):
+        leaves[i] = leaf
+    return State(state.topology, *jax.tree.unflatten(tree, leaves))
+
+
+@stored(Prediction, ClampForces)
 def predict_batch(structure: Structure, values: FingerValues, theta: Array, cases: LoadCaseInput) -> Prediction:
     """Predict many load cases: `predict_case` over the leading axis of `cases`."""
     return jax.vmap(lambda case: predict_case(structure, values, theta, case))(cases)

@@ -3,20 +3,67 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from numpy.typing import NDArray
 
 from daq.errors import SessionError
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
 from fingermodel.observations import Observations
+from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]
 
 # Weights of Eq 5 on normalised coordinates (Synek et al. 2019, p. 9).
 EQ5_WEIGHT = {"DIP": 10.0, "PIP": 10.0, "MCP": 1.0}
+
+
+# Shapes are rounded up, so that a session with a few cases more does not need a compilation of its own.
+CASES_STEP, ROWS_STEP = 8, 32
+
+
+@dataclass(frozen=True, eq=False)
+class FittedReadings:
+    """Only the cases and components that are fitted: the others would be differentiated for nothing.
+
+    Cases and rows are filled up to round numbers; what fills them counts for nothing.
+
+    Attributes:
+        of: rows and whitener that these are made of.
+        inputs: of the cases, with a leading axis (used cases).
+        components: (used components, 6) rows of the unit matrix.
+        at: (residuals,) where each stands in the flattened (used cases, used components).
+        wrench: (residuals,) measured [N, N mm].
+        whitener: (residuals, residuals), with zeros where the rows are filled up.
+    """
+
+    of: tuple[NDArray[np.intp], Floats]
+    inputs: LoadCaseInput
+    components: Array
+    at: Array
+    wrench: Array
+    whitener: Array
+
+    @classmethod
+    def of_problem(cls, problem: Problem) -> FittedReadings:
+        """Pick them out of all readings."""
+        rows, observations = problem.rows, problem.observations
+        used, case = np.unique(rows // 6, return_inverse=True)
+        components, component = np.unique(rows % 6, return_inverse=True)
+        filled = np.concatenate([used, np.repeat(used[:1], -len(used) % CASES_STEP)])
+        more = -len(rows) % ROWS_STEP
+        return cls(
+            (rows, problem.whitener),
+            LoadCaseInput(*(jnp.asarray(np.asarray(column)[filled]) for column in observations.inputs)),
+            jnp.eye(6)[components],
+            jnp.asarray(np.pad(case * len(components) + component, (0, more))),
+            jnp.asarray(np.pad(np.nan_to_num(observations.wrench).reshape(-1)[rows], (0, more))),
+            jnp.asarray(np.pad(problem.whitener, (0, more))),
+        )
 
 
 @dataclass(frozen=True)
@@ -48,6 +95,15 @@ class Problem:
     lower: Floats
     upper: Floats
     free: NDArray[np.bool_]
+    _fitted: list[FittedReadings] = field(default_factory=list, repr=False, compare=False)
+
+    @property
+    def fitted_readings(self) -> FittedReadings:
+        """What the compiled solver takes; made once for all problems that differ in what is free."""
+        known = self._fitted[0].of if self._fitted else (None, None)
+        if known[0] is not self.rows or known[1] is not self.whitener:
+            self._fitted[:] = [FittedReadings.of_problem(self)]
+        return self._fitted[0]
 
     @property
     def scale(self) -> Floats:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +14,7 @@ from fingermodel.fingers import FingerValues
 from fingermodel.fit_report import Fit, Optimum, Outcome, describe
 from fingermodel.model import Structure, parts_of, predict_parts
 from fingermodel.problems import Problem, objective_at
+from fingermodel.programs import stored
 from fingermodel.solver import CONVERGED, NOT_FINITE, STALLED, Solution, minimise
 from fingermodel.stages import LoadCaseInput
 
@@ -65,7 +65,9 @@ FLOOR = 1e-4
 EVALUATIONS = 400
 
 
-def solve(problem: Problem, start: Floats, floor: float = FLOOR, evaluations: int = EVALUATIONS) -> Solution:
+def solve(
+    problem: Problem, start: Floats, floor: float = FLOOR, evaluations: int = EVALUATIONS, whole: bool = False
+) -> Solution:
     """Run the compiled solver; the answer is in coordinates scaled about the priors' centre.
 
     Args:
@@ -73,21 +75,18 @@ def solve(problem: Problem, start: Floats, floor: float = FLOOR, evaluations: in
         start: (parameters,).
         floor: units of chi-square that a further step must promise; Eq 5 has no such unit and goes on to rounding.
         evaluations: at most so many.
+        whole: also give the slopes of effects that are neither free nor off their null; without it they are zero.
     """
     scale = problem.scale
-    wrench = np.nan_to_num(problem.observations.wrench).reshape(-1)[problem.rows]
-    # Only cases and components that are fitted: the others would be differentiated for nothing.
-    used, case = np.unique(problem.rows // 6, return_inverse=True)
-    components, component = np.unique(problem.rows % 6, return_inverse=True)
-    inputs: LoadCaseInput = jax.tree.map(lambda field: np.asarray(field)[used], problem.observations.inputs)
-    return _solve(
+    fitted = problem.fitted_readings
+    solution = _solve(
         problem.model.structure,
         problem.model.finger.values,
-        inputs,
-        np.eye(6)[components],
-        case * len(components) + component,
-        wrench,
-        problem.whitener,
+        fitted.inputs,
+        fitted.components,
+        fitted.at,
+        fitted.wrench,
+        fitted.whitener,
         problem.centre,
         scale,
         (start - problem.centre) / scale,
@@ -95,12 +94,21 @@ def solve(problem: Problem, start: Floats, floor: float = FLOOR, evaluations: in
         (problem.lower - problem.centre) / scale,
         (problem.upper - problem.centre) / scale,
         problem.free,
+        np.ones(len(problem.model.structure.effects), dtype=bool) if whole else _active(problem),
         np.float64(floor if problem.weighted else 1e-18),
         np.int64(evaluations),
     )
+    count = len(problem.rows)
+    return solution._replace(jacobian=solution.jacobian[:count], residual=solution.residual[:count])
 
 
-@partial(jax.jit, static_argnums=0)
+def _active(problem: Problem) -> NDArray[np.bool_]:
+    """(effects,) which of them can change anything: those with a free parameter, or one held off its null."""
+    moved = problem.free | (problem.centre != problem.model.parameters.initial)
+    return np.array([moved[a:b].any() for a, b in problem.model.structure.slices])
+
+
+@stored(Solution)
 def _solve(
     structure: Structure,
     values: FingerValues,
@@ -116,13 +124,14 @@ def _solve(
     lower: Array,
     upper: Array,
     free: Array,
+    active: Array,
     floor: Array,
     evaluations: Array,
 ) -> Solution:
     count = cases.setting.shape[0]
 
     def readings(parts: tuple[Array, ...]) -> Array:
-        return jax.vmap(lambda own, case: predict_parts(structure, values, own, case).reading)(parts, cases)
+        return jax.vmap(lambda own, case: predict_parts(structure, values, own, case, active).reading)(parts, cases)
 
     def linearise(x: Array) -> tuple[Array, Array]:
         theta = centre + scale * x

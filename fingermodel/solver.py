@@ -15,6 +15,8 @@ from jax import Array
 
 # Evaluations in which something must be gained.
 PATIENCE = 8
+# Of the first step, per unit of mean squared residual.
+DAMPING = 0.1
 CONVERGED, STALLED, TOO_MANY, NOT_FINITE = 0, 1, 2, 3
 
 
@@ -22,15 +24,13 @@ class Solution(NamedTuple):
     """Where the solver ended, in its scaled coordinates.
 
     Attributes:
-            x: (parameters,).
-            objective: sum of squared residuals plus the prior's penalty.
-            jacobian: (residuals, parameters) at `x`.
-            residual: (residuals,) at `x`.
-            status: # Evaluations in which something must be gained.
-    PATIENCE = 8
-    CONVERGED, STALLED, TOO_MANY or NOT_FINITE.
-            evaluations: residual evaluations.
-            decrement: twice the decrease that a further Gauss–Newton step promises.
+        x: (parameters,).
+        objective: sum of squared residuals plus the prior's penalty.
+        jacobian: (residuals, parameters) at `x`.
+        residual: (residuals,) at `x`.
+        status: CONVERGED, STALLED, TOO_MANY or NOT_FINITE.
+        evaluations: residual evaluations.
+        decrement: twice the decrease that a further Gauss–Newton step promises.
     """
 
     x: Array
@@ -95,7 +95,11 @@ def minimise(
         keep = (~held).astype(gradient.dtype)
         gradient = gradient * keep
         hessian = (jacobian.T @ jacobian + jnp.diag(weight + tiny)) * jnp.outer(keep, keep) + jnp.diag(1.0 - keep)
-        factor = jnp.linalg.cholesky(hessian + damping * jnp.diag(jnp.diag(hessian) * keep))
+        # The step is damped in the parameters' natural units, and the more the larger the misfit: directions that the
+        # data hardly know would else be thrown far off by residuals that another parameter is to explain. Damping in
+        # proportion to the misfit keeps the last steps quadratic (Yamashita & Fukushima 2001; Fan & Yuan 2005).
+        level = damping * jnp.maximum(residual @ residual / residual.shape[0], tiny)
+        factor = jnp.linalg.cholesky(hessian + level * jnp.diag(keep))
         trial = jnp.clip(x - jax.scipy.linalg.cho_solve((factor, True), gradient), lower, upper)
         move = trial - x
         return trial, -(2.0 * gradient @ move + move @ hessian @ move)
@@ -144,7 +148,7 @@ def minimise(
         objective=infinite,
         trial=start,
         promised=infinite,
-        damping=jnp.array(1e-4),
+        damping=jnp.array(DAMPING),
         growth=jnp.array(2.0),
         evaluations=jnp.array(0),
         decrement=infinite,

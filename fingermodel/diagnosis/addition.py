@@ -87,7 +87,7 @@ def add_effects(
         explanation = _together(combination)
         if explanation is None:
             continue
-        free, mean = base.linear.mean(explanation.parameters)
+        free, mean = base.everything.mean(explanation.parameters)
         x = base.x.copy()
         x[free] = mean
         guess = problem.centre + problem.scale * np.clip(x, -4.0, 4.0)

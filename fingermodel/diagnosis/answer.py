@@ -29,7 +29,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
     nothing, best = evidence.nothing, d.best
     verdict, robust = d.verdict, d.robustness
     before, after = d.comparisons[()], d.comparisons[best.explanation.names]
-    calibration = calibrate(d.search.nothing.linear, d.candidates)
+    calibration = calibrate(d.search.nothing.everything, d.candidates)
     rows = len(d.problem.rows)
     return {
         "verdict": verdict.kind,

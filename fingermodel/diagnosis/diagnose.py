@@ -104,7 +104,7 @@ def diagnose(
     search = Searcher(problem, progress).run(candidates, start, thorough)
     wildcard = Wildcard.of(anything(problem), AMPLITUDES_N)
     evidence = weigh(problem, search, candidates, wildcard)
-    alike = confounding(search.nothing.linear, candidates)
+    alike = confounding(search.nothing.everything, candidates)
     comparisons = {
         w.explanation.names: compare(model, observations, w.fitted.theta) for w in reversed(evidence.weighed)
     }

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.linalg import solve_triangular
 
 from fingermodel.compare import muscles_of
 from fingermodel.diagnosis.candidates import log_prior_else
-from fingermodel.diagnosis.evidence import Evidence, Weighed, at_budget, other_at_budget
-from fingermodel.diagnosis.linear import Linear
+from fingermodel.diagnosis.evidence import Evidence, Weighed, other_at_budget
+from fingermodel.diagnosis.linear import log_mass
 from fingermodel.diagnosis.verdict import Verdict
 from fingermodel.diagnosis.wildcard import Wildcard
 from fingermodel.problems import Problem
@@ -60,8 +60,8 @@ def robustness(
         wildcard: of the problem.
     """
     named = [w for w in evidence.weighed if w.explanation.size][:ASKED]
-    asked = [*named, evidence.nothing]
     root = np.asarray(np.linalg.inv(problem.whitener), dtype=np.float64)
+    asked = [_Asked.of(w, root) for w in (*named, evidence.nothing)]
     names = set(verdict.names)
     flips: list[str] = []
 
@@ -81,7 +81,7 @@ def robustness(
         return names <= set(winner)
 
     if verdict.kind == "none_of_catalogue":
-        return Robustness((), (), None, _spoken(favours(_without(root, asked, problem.rows % 6 == 2))))
+        return Robustness((), (), None, _spoken(favours(_values(asked, gone=problem.rows % 6 == 2))))
     for nothing in (0.25, 0.75):
         values = {
             names_: np.log(max(p, 1e-300)) + _reweight(names_, nothing) for names_, p in evidence.probability.items()
@@ -89,7 +89,7 @@ def robustness(
         if not same(favours(values)):
             flips.append(f"the prior on nothing missing is {nothing:g}")
     for factor, words in ((0.5, "half"), (2.0, "twice")):
-        values = {w.explanation.names: w.log_evidence + w.log_prior + _rescaled(w, factor) for w in asked}
+        values = _values(asked, effect=factor)
         values[None] = evidence.other_log_evidence + log_prior_else()
         if not same(favours(values)):
             flips.append(f"effects are expected {words} as large")
@@ -97,7 +97,7 @@ def robustness(
         flips.append("the budget is twice as large")
     rests = []
     for words, rows in left_out(problem):
-        winner = favours(_without(root, asked, rows))
+        winner = favours(_values(asked, gone=rows))
         if same(winner):
             continue
         # Fewer names, or none, is ground lost; other names are a contradiction.
@@ -108,9 +108,9 @@ def robustness(
     fails = None
     if verdict.kind in ("found", "one_of"):
         fails = next((m for m in MULTIPLES if not same(favours(_values_at(evidence, asked, wildcard, m)))), None)
-    planar = favours(_without(root, asked, problem.rows % 6 == 2))
+    planar = favours(_values(asked, gone=problem.rows % 6 == 2))
     moments = problem.rows % 6 >= 3
-    forces = favours(_without(root, asked, moments)) if moments.any() else None
+    forces = favours(_values(asked, gone=moments)) if moments.any() else None
     on_moments = bool(moments.any()) and verdict.kind in ("found", "one_of") and not same(forces)
     return Robustness(tuple(flips), tuple(rests), fails, _spoken(planar), on_moments)
 
@@ -119,24 +119,78 @@ def _reweight(names: tuple[str, ...] | None, nothing: float) -> float:
     return float(np.log(nothing / 0.5)) if names == () else float(np.log((1.0 - nothing) / 0.5))
 
 
-def _rescaled(weighed: Weighed, factor: float) -> float:
-    """Change of the log evidence when the effect's priors are `factor` times as wide."""
-    own = weighed.explanation.parameters
-    if not own:
-        return 0.0
-    linear = weighed.fitted.linear
-    return linear.gain(own, factor) - linear.gain(own)
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """An explanation straightened out about its optimum, the error of its form allowed for, in the readings' units.
+
+    Attributes:
+        weighed: the explanation.
+        y: (n,) readings, the constant part of the model taken off.
+        noise: (n, n) covariance of noise and of the error of its form.
+        base: (n, n) covariance that the base's priors make.
+        own: (n, k) slopes of its own parameters, in prior widths.
+        one_sided: (k,).
+        rest: what the straightened model leaves out of the log evidence.
+    """
+
+    weighed: Weighed
+    y: Floats
+    noise: Floats
+    base: Floats
+    own: Floats
+    one_sided: NDArray[np.bool_]
+    rest: float = 0.0
+
+    @classmethod
+    def of(cls, weighed: Weighed, root: Floats) -> _Asked:
+        """Straighten out; `root` (n, n) takes whitened readings back to their units."""
+        fitted, linear = weighed.fitted, weighed.fitted.linear
+        own = [i for i in weighed.explanation.parameters if i in set(fitted.moving)]
+        base = root @ linear.h[:, np.setdiff1d(fitted.inner, own)]
+        error = root @ (weighed.form.root * (weighed.form_error if weighed.explanation.size else 0.0))
+        straight = cls(
+            weighed,
+            root @ linear.y,
+            root @ root.T + error @ error.T,
+            base @ base.T,
+            root @ linear.h[:, own],
+            linear.one_sided[own],
+        )
+        return replace(straight, rest=weighed.log_evidence - straight.value())
+
+    def value(self, gone: NDArray[np.bool_] | None = None, budget: float | None = None, effect: float = 1.0) -> float:
+        """Log evidence without some readings, with another budget, or with the effect expected larger or smaller."""
+        b = self.weighed.budget_factor if budget is None else budget
+        own = effect * self.own
+        covariance = self.noise + b**2 * self.base + own @ own.T
+        kept = np.ones(len(self.y), dtype=bool) if gone is None else ~gone
+        factor = np.linalg.cholesky(covariance[np.ix_(kept, kept)])
+        z = solve_triangular(factor, np.column_stack([self.y, own])[kept], lower=True)
+        value = float(-0.5 * z[:, 0] @ z[:, 0] - np.log(np.diag(factor)).sum()) + self.rest
+        if not self.one_sided.any():
+            return value
+        spread = np.eye(own.shape[1]) - z[:, 1:].T @ z[:, 1:] + 1e-12 * np.eye(own.shape[1])
+        return value + log_mass(z[:, 1:].T @ z[:, 0], np.linalg.inv(spread), self.one_sided)
+
+
+def _values(
+    asked: Iterable[_Asked], gone: NDArray[np.bool_] | None = None, budget: float | None = None, effect: float = 1.0
+) -> dict[tuple[str, ...] | None, float]:
+    """Log posteriors under another assumption; explanations of the same names add up."""
+    out: dict[tuple[str, ...] | None, float] = {}
+    for one in asked:
+        names = one.weighed.explanation.names
+        value = one.value(gone, budget, effect) + one.weighed.log_prior
+        out[names] = float(np.logaddexp(out[names], value)) if names in out else value
+    return out
 
 
 def _values_at(
-    evidence: Evidence, asked: Iterable[Weighed], wildcard: Wildcard, multiple: float
+    evidence: Evidence, asked: Iterable[_Asked], wildcard: Wildcard, multiple: float
 ) -> dict[tuple[str, ...] | None, float]:
     """Log posteriors with the budget so many times as large."""
     other = other_at_budget(evidence.nothing.fitted, wildcard, multiple)[0]
-    values: dict[tuple[str, ...] | None, float] = {None: other + log_prior_else()}
-    for w in asked:
-        values[w.explanation.names] = at_budget(w.fitted, w.form, multiple)[0] + w.log_prior
-    return values
+    return {None: other + log_prior_else(), **_values(asked, budget=multiple)}
 
 
 def left_out(problem: Problem) -> list[tuple[str, NDArray[np.bool_]]]:
@@ -156,38 +210,6 @@ def left_out(problem: Problem) -> list[tuple[str, NDArray[np.bool_]]]:
     if len(places) > 1:
         out += [(f"the {p} readings", np.array([observations.locations[i] == p for i in cases])) for p in places]
     return [(words, rows) for words, rows in out if rows.sum() < 0.8 * len(rows)]
-
-
-def _without(root: Floats, asked: Iterable[Weighed], gone: NDArray[np.bool_]) -> dict[tuple[str, ...] | None, float]:
-    """Log posteriors with some readings left out, on the straightened models; a smooth rest is allowed for as noise.
-
-    Args:
-        root: (n, n) takes whitened readings back to their units.
-        asked: explanations.
-        gone: (n,) readings that are left out.
-    """
-    part = root[~gone]
-    factor = np.linalg.cholesky(part @ part.T)
-    thin = np.linalg.solve(factor, part)
-    out: dict[tuple[str, ...] | None, float] = {}
-    for w in asked:
-        linear = w.fitted.linear
-        columns = np.concatenate([linear.base, np.array(w.explanation.parameters, dtype=np.intp)])
-        h, y = thin @ linear.h[:, columns], thin @ linear.y
-        # The effect's form is allowed to be off by what it left over in all the readings.
-        left = max(w.fitted.objective / max(len(gone), 1), 1.0) if w.explanation.size else 1.0
-        small = Linear(
-            y / np.sqrt(left),
-            h / np.sqrt(left),
-            np.arange(len(linear.base)),
-            linear.one_sided[columns],
-        )
-        value = small.log_evidence_base - 0.5 * len(y) * np.log(left)
-        own = range(len(linear.base), len(columns))
-        value += small.gain(list(own)) if w.explanation.size else 0.0
-        key = w.explanation.names
-        out[key] = float(logsumexp([out[key], value + w.log_prior])) if key in out else value + w.log_prior
-    return out
 
 
 def _spoken(winner: tuple[str, ...] | None) -> str:

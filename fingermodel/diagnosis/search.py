@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from fingermodel.diagnosis.candidates import (
     NOTHING_MISSING,
@@ -38,8 +39,23 @@ FLOOR = 0.03
 FIRST, SECOND, LAST = 3, 15, 60
 # Log evidence within which singles are taken further, and explanations are finished.
 RACE, CONTENDERS = 30.0, 8.0
+# Further evaluations of each heat, and how many singles run in it for each that is wanted.
+HEATS = ((4, 5), (6, 3), (10, 2))
 FINISHED = 12
-SWAPS = 4
+# Singles beside which companions are tried where much is left unexplained, and evaluations of a fit begun afresh.
+BESIDE, AFRESH, AGAIN = 3, 8, 30
+# χ² per reading from which a fit is far off, and from which the base was bent out of shape to do without an effect.
+FAR, HARD = 2.0, 100.0
+# Of the leader against its neighbours.
+ROUNDS, RIVALS = 3, 8
+# χ² that noise would exceed once in a thousand times.
+IMPLAUSIBLE = 1e-3
+# χ² that noise would exceed so often is no reason to look further.
+DOUBTFUL = 0.2
+# Standard uncertainties that a prior width may change a reading by.
+STEEPEST = 1e6
+# Log evidence that a pair must promise beyond what it has.
+WORTHWHILE = 1.0
 # An alternative is refitted if its screened evidence is within this much of the best one's.
 NEAR = 4.0
 
@@ -53,7 +69,7 @@ class Fitted:
         theta: (parameters,).
         x: (parameters,) the same in prior widths about the centre.
         objective: χ² plus penalty.
-        jacobian: (n, parameters) of the whitened residuals, all columns.
+        jacobian: (n, parameters) of the whitened residuals; zero for effects that are not free (see `everything`).
         residual: (n,) whitened.
         converged: whether the solver did.
         problem: that was solved.
@@ -105,6 +121,8 @@ class Fitted:
     def _laplace(self, *, trust_step: bool) -> float:
         free, h = self.moving, -self.jacobian[:, self.moving]
         hessian = np.eye(len(free)) + h.T @ h
+        if not np.isfinite(self.objective):
+            return -np.inf
         factor = np.linalg.cholesky(hessian)
         gradient = self.x[free] - h.T @ self.residual
         step = np.linalg.solve(factor, gradient)
@@ -121,8 +139,14 @@ class Fitted:
 
     @cached_property
     def linear(self) -> Linear:
-        """The model straightened out about this optimum."""
+        """The model straightened out about this optimum, with what is free here."""
         return self._straight(self.moving, np.setdiff1d(self.moving, self.explanation.parameters))
+
+    @cached_property
+    def everything(self) -> Linear:
+        """The same with the slopes of every effect, at its null where it is not free: what others would explain."""
+        whole = np.asarray(solve(self.problem, self.theta, evaluations=1, whole=True).jacobian)
+        return replace(self.linear, h=-whole)
 
     def _straight(self, free: NDArray[np.intp], base: NDArray[np.intp]) -> Linear:
         y = self.residual - self.jacobian[:, free] @ self.x[free]
@@ -192,19 +216,21 @@ class Searcher:
         for start in starts:
             guess = np.where(problem.free, np.clip(start, problem.lower, problem.upper), problem.centre)
             solution = solve(problem, guess, FLOOR if evaluations < LAST else FLOOR / 10.0, evaluations)
-            x = np.asarray(solution.x)
+            x, jacobian = np.asarray(solution.x), np.asarray(solution.jacobian)
+            # In a posture that transmits no force slopes have no bound: whatever the misfit, that is no optimum.
+            sane = np.isfinite(solution.objective) and np.abs(jacobian).max() < STEEPEST
             found = Fitted(
                 explanation,
                 problem.centre + problem.scale * x,
                 x,
-                float(solution.objective),
-                np.asarray(solution.jacobian),
+                float(solution.objective) if sane else np.inf,
+                jacobian,
                 np.asarray(solution.residual),
                 int(solution.status) in (CONVERGED, STALLED),
                 problem,
             )
             old = self.best.get(explanation)
-            if np.isfinite(found.objective) and (old is None or found.objective < old.objective - 1e-6):
+            if old is None or found.objective < old.objective - 1e-6:
                 self.best[explanation] = found
         return self.best[explanation]
 
@@ -228,10 +254,17 @@ class Searcher:
         self._nested(HOSTS * more)
         self._exchange(HOSTS * more)
         self._pairs(candidates, PAIRS * more)
+        self._beside(candidates, BESIDE * more)
         self._race(HOSTS * more, size=2)
-        self._swap(candidates)
-        self._halves(candidates)
         self._polish(candidates)
+        self._neighbours(candidates)
+        if doubtful(self._leader(candidates)):
+            if far_off(self._leader(candidates), FAR):
+                self._afresh(candidates, more)
+                self._race(HOSTS * more, size=2)
+            self._again(candidates, HOSTS * more)
+            self._polish(candidates)
+            self._neighbours(candidates)
         self._nested(2)
         self._polish(candidates)
         self._progress(1.0)
@@ -239,15 +272,28 @@ class Searcher:
         return Search(self.best[NOTHING_MISSING], tuple(self.best.values()), searched)
 
     def _single(self, candidate: Candidate, host: Fitted) -> None:
-        gains = [host.linear.gain(parameters) for parameters in candidate.alternatives]
+        gains = [host.everything.gain(parameters) for parameters in candidate.alternatives]
         for k, gain in enumerate(gains):
             if gain >= max(gains) - NEAR:
                 explanation = single(candidate, k)
-                self.fit(explanation, [self.expected(host, explanation)])
+                starts = [self.expected(host, explanation)]
+                if far_off(host, HARD):
+                    # What bends the rest to do without an effect hides it: start from before anything was bent.
+                    starts.append(self.problem.centre)
+                self.fit(explanation, starts)
+
+    def middle(self, explanation: Explanation, base: Floats) -> Floats:
+        """A vector with the explanation's one-sided parameters at half of what is plausible."""
+        out = base.copy()
+        for i in explanation.parameters:
+            p = self.problem.model.parameters.parameters[i]
+            if p.one_sided:
+                out[i] = 0.5 * (p.plausible[1] if p.plausible else p.upper)
+        return out
 
     def expected(self, host: Fitted, explanation: Explanation) -> Floats:
         """Where the straightened model about an optimum expects another explanation's optimum."""
-        free, mean = host.linear.mean(explanation.parameters)
+        free, mean = host.everything.mean(explanation.parameters)
         expected = host.x.copy()
         expected[free] = mean
         # A straight line is not to be trusted further than the priors reach.
@@ -256,48 +302,69 @@ class Searcher:
         return out
 
     def _race(self, count: int, size: int = 1) -> None:
-        """Take those of a size further that may still win."""
-        singles = [f for f in self.best.values() if f.explanation.size == size]
-        if not singles:
-            return
-        ranked = sorted(singles, key=lambda f: -f.promise)
-        best = max(f.log_evidence for f in singles)
-        for one in ranked:
-            if not one.converged and (one in ranked[:count] or (size == 1 and one.promise > best - RACE)):
-                self.fit(one.explanation, [one.theta], SECOND)
+        """Take those of a size further that may still win: in each heat longer, and fewer."""
+        for evaluations, share in HEATS:
+            runners = [f for f in self.best.values() if f.explanation.size == size]
+            ranked = sorted(runners, key=lambda f: -f.promise)
+            best = max(self.best.values() if size > 1 else runners, key=lambda f: f.log_evidence, default=None)
+            if best is None:
+                return
+            forced = 2 * count if size == 1 or far_off(best, FAR) else 0
+            for place, one in enumerate(ranked[: count * share]):
+                if not one.converged and (place < forced or one.promise > best.log_evidence - RACE / size):
+                    self.fit(one.explanation, [one.theta], evaluations)
 
-    def _swap(self, candidates: tuple[Candidate, ...]) -> None:
-        """Keep one member of each of the best pairs and look for a better companion from where that pair stands."""
-        for pair in self._ranked(2)[:2]:
-            offers = []
-            for kept in members(pair.explanation, candidates):
-                for candidate in candidates:
-                    if candidate.name not in pair.explanation.names:
-                        other, gain = _best_form(pair, kept, candidate)
-                        offers.append((gain, pair_of(kept, other, candidates)))
-            for _, explanation in sorted(offers, key=lambda o: -o[0])[:SWAPS]:
-                if explanation not in self.best:
-                    self.fit(explanation, [self.expected(pair, explanation)], 2 * FIRST)
+    def _leader(self, candidates: tuple[Candidate, ...]) -> Fitted:
+        return max(self.best.values(), key=lambda f: f.log_evidence + log_prior(f.explanation, candidates))
 
-    def _halves(self, candidates: tuple[Candidate, ...]) -> None:
-        """Fit each member of the best pairs alone from where the pair stands: what it can do without is no member."""
-        for pair in self._ranked(2)[:3]:
-            for alone in members(pair.explanation, candidates):
-                known = self.best.get(alone)
-                if known is None or known.objective > pair.objective + 20.0:
-                    self.fit(alone, [pair.theta], SECOND)
+    def _neighbours(self, candidates: tuple[Candidate, ...]) -> None:
+        """Hold the leader against all that differ from it in one member, from where it stands, until it stays ahead.
+
+        A rival that was left in another valley would make the leader look sure.
+        """
+        for _ in range(ROUNDS):
+            leader = self._leader(candidates)
+            for explanation in self._rivals(leader, candidates)[:RIVALS]:
+                self.fit(explanation, [self.expected(leader, explanation)], 2 * FIRST)
+            self._polish(candidates)
+            if self._leader(candidates) is leader:
+                break
+
+    def _rivals(self, leader: Fitted, candidates: tuple[Candidate, ...]) -> list[Explanation]:
+        """What one exchange leads to from a leader, and promises more than it has; the most promising first."""
+        if not leader.explanation.size:
+            return []
+        base = leader.log_evidence - leader.everything.gain(leader.explanation.parameters)
+        own = members(leader.explanation, candidates)
+        offers = list(own) if leader.explanation.size > 1 else []
+        for kept in own:
+            for candidate in candidates:
+                if candidate.name not in leader.explanation.names:
+                    other = _best_form(leader, kept, candidate)[0]
+                    if not set(kept.parameters) & set(other.parameters):
+                        offers.append(pair_of(kept, other, candidates))
+                    if leader.explanation.size == 1:
+                        offers.append(_best_form(leader, NOTHING_MISSING, candidate)[0])
+        promised = {
+            e: base + leader.everything.gain(e.parameters) + log_prior(e, candidates) for e in dict.fromkeys(offers)
+        }
+        limit = leader.log_evidence + log_prior(leader.explanation, candidates) - 2.0 * CONTENDERS
+        new = [e for e, v in promised.items() if v > max(self._value(e, candidates) + WORTHWHILE, limit)]
+        return sorted(new, key=lambda e: -promised[e])
 
     def _polish(self, candidates: tuple[Candidate, ...]) -> None:
         """Finish the fits that are still in question, and the base model's."""
         value = {e: f.log_evidence + log_prior(e, candidates) for e, f in self.best.items()}
         limit = max(value.values()) - CONTENDERS
         hopeful = [e for e, f in self.best.items() if f.promise + log_prior(e, candidates) > limit or e.size == 0]
-        for explanation in sorted(hopeful, key=lambda e: -value[e])[:FINISHED]:
+        # Where even the leader is far off, the others need no finish.
+        count = FINISHED // 3 if far_off(self._leader(candidates), FAR) else FINISHED
+        for explanation in sorted(hopeful, key=lambda e: -value[e])[:count]:
             found = self.best[explanation]
             if self._finished.get(explanation) is not found:
                 found = self.fit(explanation, [found.theta], LAST)
                 if not found.converged and value[explanation] > limit + 0.5 * CONTENDERS:
-                    found = self.fit(explanation, [found.theta], 4 * LAST)
+                    found = self.fit(explanation, [found.theta], 2 * LAST)
                 self._finished[explanation] = found
 
     def _ranked(self, size: int) -> list[Fitted]:
@@ -313,10 +380,14 @@ class Searcher:
                 self._tried.add(rival)
                 self.fit(NOTHING_MISSING, [rival.theta])
         nothing = self.best[NOTHING_MISSING]
-        for rival in self._ranked(1):
+        singles = self._ranked(1)
+        best = singles[0].log_evidence if singles else 0.0
+        for rival in singles:
             # Freeing a parameter cannot make the optimum worse: such a fit sits in another valley.
             if rival.objective > nothing.objective + 1e-3:
-                self.fit(rival.explanation, [nothing.theta])
+                hope = nothing.log_evidence + nothing.everything.gain(rival.explanation.parameters)
+                if hope > best - RACE:
+                    self.fit(rival.explanation, [self.expected(nothing, rival.explanation)])
 
     def _exchange(self, count: int) -> None:
         """Fit the best singles from each other's base parameters."""
@@ -337,7 +408,7 @@ class Searcher:
             if set(first.parameters) & set(second.parameters):
                 return
             base = nothing.log_evidence if host is nothing else host.log_evidence - host.linear.gain(first.parameters)
-            value = base + host.linear.gain(pair.parameters) + log_prior(pair, candidates)
+            value = base + host.everything.gain(pair.parameters) + log_prior(pair, candidates)
             old = offers.get(pair.names)
             if old is None or value > old[0]:
                 offers[pair.names] = (value, host, pair)
@@ -349,13 +420,61 @@ class Searcher:
             for candidate in candidates:
                 if candidate.name not in host.explanation.names:
                     offer(host, host.explanation, _best_form(host, host.explanation, candidate)[0])
-        chosen = sorted(offers.values(), key=lambda o: -o[0])[:count]
+        new = [o for o in offers.values() if o[0] > self._value(o[2], candidates) + WORTHWHILE]
+        chosen = sorted(new, key=lambda o: -o[0])[:count]
         for done, (_, host, pair) in enumerate(chosen):
             self.fit(pair, [self.expected(host, pair)])
             self._progress(0.5 + 0.5 * done / len(chosen))
 
+    def _value(self, explanation: Explanation, candidates: tuple[Candidate, ...]) -> float:
+        known = self.best.get(explanation)
+        return -np.inf if known is None else known.log_evidence + log_prior(explanation, candidates)
+
+    def _beside(self, candidates: tuple[Candidate, ...], count: int) -> None:
+        """Where no single explains the readings, try every companion at a middling size beside the best of them.
+
+        What a companion would do is not seen from its null if the rest has already been bent to do without it.
+        """
+        hosts = self._ranked(1)[:count]
+        if not far_off(hosts[0], FAR):
+            return
+        for host in hosts:
+            for candidate in candidates:
+                if candidate.name not in host.explanation.names:
+                    other = _best_form(host, host.explanation, candidate)[0]
+                    if not set(host.explanation.parameters) & set(other.parameters):
+                        self.fit(pair_of(host.explanation, other, candidates), [self.middle(other, host.theta)], 2)
+
+    def _afresh(self, candidates: tuple[Candidate, ...], count: int) -> None:
+        """Where even the leader is far off: fit every companion of the best singles from before anything was bent."""
+        for host in self._ranked(1)[:count]:
+            start = self.problem.centre.copy()
+            start[list(host.explanation.parameters)] = host.theta[list(host.explanation.parameters)]
+            for candidate in candidates:
+                if candidate.name not in host.explanation.names:
+                    other = _best_form(host, host.explanation, candidate)[0]
+                    if not set(host.explanation.parameters) & set(other.parameters):
+                        self.fit(pair_of(host.explanation, other, candidates), [start], AFRESH)
+
+    def _again(self, candidates: tuple[Candidate, ...], count: int) -> None:
+        """Fit the leaders once more from before anything was bent: they may sit in another valley."""
+        ranked = sorted(self.best.values(), key=lambda f: -(f.log_evidence + log_prior(f.explanation, candidates)))
+        for one in [f for f in ranked if f.explanation.size][:count]:
+            if doubtful(one):
+                self.fit(one.explanation, [self.problem.centre], AGAIN)
+
+
+def doubtful(fitted: Fitted) -> bool:
+    """Whether a fit may sit in a wrong valley: noise and priors seldom leave so much, or the solver had not done."""
+    return not fitted.converged or bool(chdtrc(len(fitted.problem.rows), fitted.objective) < DOUBTFUL)
+
+
+def far_off(fitted: Fitted, limit: float) -> bool:
+    """Whether χ² per reading is above a limit."""
+    return fitted.objective > limit * len(fitted.problem.rows)
+
 
 def _best_form(host: Fitted, kept: Explanation, candidate: Candidate) -> tuple[Explanation, float]:
     """The alternative of a candidate that gains most beside what is kept, and that gain, about a host's optimum."""
-    gains = [host.linear.gain((*kept.parameters, *p)) for p in candidate.alternatives]
+    gains = [host.everything.gain((*kept.parameters, *p)) for p in candidate.alternatives]
     return single(candidate, int(np.argmax(gains))), max(gains)

@@ -20,8 +20,8 @@ Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undec
 SURE = 0.9
 # Nothing is believed from here, if no effect by itself has a tenth of the probability.
 NOTHING_SURE = 0.8
-# Log evidence that a second effect must add where one alone fits.
-PASSENGER = 8.0
+# Log evidence that a second effect must add where one alone fits: it may mend that effect's form.
+PASSENGER = 35.0
 # Most names that `one_of` gives.
 MOST_NAMES = 4
 # A value is believed up to this multiple of its range: ranges are typical, not limits of nature.

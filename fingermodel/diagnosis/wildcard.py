@@ -27,6 +27,8 @@ LEVER_MM = 10.0
 # Share of an error in an effect's form that does not point along the effect.
 ASIDE = 0.4
 AMPLITUDES_N = np.concatenate([[0.0], np.geomspace(1e-3, 3.0, 28)])
+# Share of the noise's variance below which a direction is left out.
+NEGLIGIBLE = 1e-3
 FORM_ERRORS = np.concatenate([[0.0], np.geomspace(5e-3, 0.2, 11)])
 
 
@@ -143,15 +145,13 @@ class Wildcard:
 
     @classmethod
     def of(cls, columns: Floats, amplitudes: Floats) -> Wildcard:
-        """Reduce columns to the directions that matter."""
-        if columns.shape[1] < columns.shape[0]:
-            gram = columns.T @ columns
-            values, vectors = np.linalg.eigh(gram)
-            kept = values > 1e-7 * max(float(values.max()), 1e-300)
-            return cls(columns @ vectors[:, kept], amplitudes)
-        values, vectors = np.linalg.eigh(columns @ columns.T)
-        kept = values > 1e-7 * max(float(values.max()), 1e-300)
-        return cls(vectors[:, kept] * np.sqrt(values[kept]), amplitudes)
+        """Reduce columns to the directions that matter at the largest amplitude, against noise of one."""
+        wide = columns.shape[1] >= columns.shape[0]
+        values, vectors = np.linalg.eigh(columns @ columns.T if wide else columns.T @ columns)
+        kept = values > max(NEGLIGIBLE / float(amplitudes[-1]) ** 2, 1e-7 * float(values.max()))
+        if not kept.any():
+            return cls(np.zeros((len(columns), 1)), amplitudes)
+        return cls(vectors[:, kept] * np.sqrt(values[kept]) if wide else columns @ vectors[:, kept], amplitudes)
 
     def profile(self, linear: Linear, free: NDArray[np.intp], scale: Floats) -> Floats:
         """Ln N(y; 0, 1 + H P Hᵀ + τ² K) for every amplitude, without its constant.

@@ -23,26 +23,31 @@ class Bowstringing(Effect):
     name = "bowstringing"
     stage = "geometry"
     title = "the flexors bowstring"
-    formula = "y(flexors at a joint) -= d / (1 + s d), d = k 2 T sin(|q|/2)"
+    formula = "y(flexors at a joint) -= d / (1 + s d), d = k 2 (T + c T_other) sin(|q|/2)"
     source = "pulley load of a bent cable, 2T sin(theta/2); range assumed: 0-0.8 mm/N"
     tell = "forces curve with the load level; flexed postures"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
-        """Lift per newton of pulley load [mm/N]; how soon the pulley tightens [1/mm]."""
+        """Lift per newton of load [mm/N]; how soon the pulley tightens [1/mm]; the other flexor's share of its load."""
         if not flexors(topology):
             return ()
-        return (one_sided("bowstringing.lift", "mm/N", 0.8), one_sided("bowstringing.tightening", "1/mm", 0.4))
+        return (
+            one_sided("bowstringing.lift", "mm/N", 0.8),
+            one_sided("bowstringing.tightening", "1/mm", 0.4),
+            one_sided("bowstringing.shared", "1", 0.5, 1.0),
+        )
 
     def variants(self, topology: Topology, layout: Layout) -> Mapping[str, tuple[tuple[str, ...], ...]]:
-        """In proportion to the load, or tightening."""
+        """In proportion to the load, tightening, or a tightening pulley that both flexors share."""
         names = tuple(p.name for p in self.parameters(topology, layout))
-        return {self.name: (names[:1], names)} if names else {}
+        return {self.name: (names[:1], names[:2], names)} if names else {}
 
     def geometry(self, p: Array, case: LoadCaseInput, state: State) -> State:
         """Lift the flexors' points."""
         topology = state.topology
         for slip in flexors(topology):
-            tension = state.tension[topology.muscles.index(slip)]
+            others = [state.tension[topology.muscles.index(o)] for o in flexors(topology) if o != slip]
+            tension = state.tension[topology.muscles.index(slip)] + p[2] * sum(others, jnp.zeros(()))
             for joint in topology.joints:
                 segments, flexion = at(topology, slip, joint.name), flexion_of(topology, joint.name)
                 if segments and flexion is not None:

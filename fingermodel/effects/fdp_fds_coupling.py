@@ -22,23 +22,24 @@ class FdpFdsCoupling(Effect):
     name = "fdp_fds_coupling"
     stage = "sharing"
     title = "adhesion couples FDP and FDS"
-    formula = "T_FDS += kappa T_FDP - kappa_r T_FDS, T_FDP the reverse, distal to the MCP"
+    formula = "T_FDS += kappa T_FDP - kappa_r T_FDS, T_FDP the reverse, distal to the MCP; or kappa T / (1 + c kappa T)"
     source = "adhesion after dissection; range assumed: 0-0.3"
     tell = "FDP loads look partly like FDS loads"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
-        """Share of FDP that passes to FDS, and of FDS that passes to FDP."""
+        """Share of FDP that passes to FDS, of FDS that passes to FDP; how soon the adhesion yields [1/N]."""
         if not {"FDP", "FDS"} <= set(flexors(topology)):
             return ()
         return (
             one_sided("fdp_fds_coupling.kappa", "1", 0.3, 0.9),
             one_sided("fdp_fds_coupling.reverse", "1", 0.3, 0.9),
+            one_sided("fdp_fds_coupling.yielding", "1/N", 0.2, 1.0),
         )
 
     def variants(self, topology: Topology, layout: Layout) -> Mapping[str, tuple[tuple[str, ...], ...]]:
-        """FDP to FDS alone, or both ways."""
+        """FDP to FDS alone, both ways, or an adhesion that yields."""
         names = tuple(p.name for p in self.parameters(topology, layout))
-        return {self.name: (names[:1], names)} if names else {}
+        return {self.name: (names[:1], names[:2], (names[0], names[2]))} if names else {}
 
     def sharing(self, p: Array, case: LoadCaseInput, state: State) -> State:
         """Pass tension between the flexors' distal segments."""
@@ -51,6 +52,6 @@ class FdpFdsCoupling(Effect):
         deep, shallow = beyond(topology, "FDP", first), beyond(topology, "FDS", first)
         # What passes is taken from the tensions that reach the first joint.
         fdp, fds = tension[at(topology, "FDP", first)[0]], tension[at(topology, "FDS", first)[0]]
-        passed = p[0] * fdp - p[1] * fds
+        passed = p[0] * fdp / (1.0 + p[2] * p[0] * fdp) - p[1] * fds
         gains = spread(shallow, len(topology.segments)).sum(axis=0) - spread(deep, len(topology.segments)).sum(axis=0)
         return state._replace(segment_tension=tension + passed * gains)

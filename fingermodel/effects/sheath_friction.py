@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
 
@@ -28,10 +29,15 @@ class SheathFriction(Effect):
     tell = "flexors only; grows distally and with flexion; bone force keeps the full tension"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
-        """One coefficient of friction."""
+        """One coefficient of friction; how far the sheath bends the tendon at each joint besides the points [deg]."""
         if not flexors(topology):
             return ()
-        return (one_sided("sheath_friction.mu", "1", 0.2),)
+        return (one_sided("sheath_friction.mu", "1", 0.2), one_sided("sheath_friction.curvature", "deg", 10.0))
+
+    def variants(self, topology: Topology, layout: Layout) -> Mapping[str, tuple[tuple[str, ...], ...]]:
+        """Along the path through the tendon points, or along a sheath with bends of its own."""
+        names = tuple(p.name for p in self.parameters(topology, layout))
+        return {self.name: (names[:1], names)} if names else {}
 
     def sharing(self, p: Array, case: LoadCaseInput, state: State) -> State:
         """Reduce the flexors' tensions along their path."""
@@ -41,5 +47,6 @@ class SheathFriction(Effect):
         bend = jnp.zeros(len(state.topology.segments))
         for slip in flexors(state.topology):
             turned = turned_so_far(state, slip)
-            bend = bend + jnp.stack(list(turned.values())) @ spread(list(turned), len(bend))
+            besides = jnp.deg2rad(p[1]) * jnp.arange(1.0, len(turned) + 1.0)
+            bend = bend + (jnp.stack(list(turned.values())) + besides) @ spread(list(turned), len(bend))
         return state._replace(segment_tension=state.segment_tension * jnp.exp(-p[0] * bend))

@@ -1,0 +1,135 @@
+"""Compiled programs that start quickly: what tracing them made is kept beside what the compiler made.
+
+JAX keeps compiled code on disk (`jax_compilation_cache_dir`), but only finds it after a program has been traced and
+lowered, which takes seconds for the whole catalogue. `stored` keeps the lowered program too, under a key of everything
+that it follows from: this package's sources, the structure, the shapes, and the versions of JAX.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import jax
+import jax.export
+import jaxlib.version
+import numpy as np
+
+# Effects of the user's are traced anew: their sources are not this package's.
+OURS = "fingermodel."
+_known: set[type] = set()
+
+Result = TypeVar("Result")
+
+
+def stored(*returned: type) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
+    """Compile a function of (structure, *arrays), its first argument static, and keep what tracing it made.
+
+    Args:
+        returned: named tuples in the function's result.
+    """
+
+    def decorate(function: Callable[..., Result]) -> Callable[..., Result]:
+        return _stored(function, returned)
+
+    return decorate
+
+
+def _stored(function: Callable[..., Result], returned: tuple[type, ...]) -> Callable[..., Result]:
+    jitted = jax.jit(function, static_argnums=0)
+    programs: dict[Any, Callable[..., Result]] = {}
+
+    def call(structure: Any, *arguments: Any) -> Result:
+        leaves, tree = jax.tree.flatten(arguments)
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+            out: Result = jitted(structure, *arguments)
+            return out
+        key = (structure, tree, tuple((np.shape(x), np.result_type(x).str) for x in leaves))
+        program = programs.get(key)
+        if program is None:
+            program = programs[key] = _program(function.__name__, jitted, structure, arguments, returned)
+        return program(*arguments)
+
+    return call
+
+
+def _program(
+    name: str, jitted: Any, structure: Any, arguments: tuple[Any, ...], returned: tuple[type, ...]
+) -> Callable[..., Any]:
+    file = _file(name, structure, arguments)
+    if file is None:
+        return lambda *given: jitted(structure, *given)
+    for kind in (*returned, *_kinds(arguments)):
+        _know(kind)
+    exported = _read(file)
+    if exported is None:
+        exported = jax.export.export(_bound(jitted, structure))(*arguments)
+        _write(file, bytes(exported.serialize()))
+    return jax.jit(exported.call)
+
+
+def _bound(jitted: Any, structure: Any) -> Any:
+    return jax.jit(lambda *arrays: jitted(structure, *arrays))
+
+
+def _file(name: str, structure: Any, arguments: tuple[Any, ...]) -> Path | None:
+    """Where a program is kept; None where there is no place, or something in it is not known by its text."""
+    settings: dict[str, Any] = jax.config.values
+    folder, text = settings["jax_compilation_cache_dir"], repr(structure)
+    effects = getattr(structure, "effects", ())
+    if not folder or " at 0x" in text or not all(type(e).__module__.startswith(OURS) for e in effects):
+        return None
+    leaves, tree = jax.tree.flatten(arguments)
+    shapes = [(np.shape(x), np.result_type(x).str) for x in leaves]
+    versions = (jax.__version__, jaxlib.version.__version__, jax.default_backend(), settings["jax_enable_x64"])
+    said = repr((name, text, str(tree), shapes, versions, _sources()))
+    return Path(folder) / "traced" / f"{name.strip('_')}-{hashlib.sha256(said.encode()).hexdigest()}"
+
+
+@cache
+def _sources() -> str:
+    """Fingerprint of this package."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _read(file: Path) -> Any:
+    try:
+        return jax.export.deserialize(bytearray(file.read_bytes()))
+    except FileNotFoundError:
+        return None
+    except Exception:
+        return None  # a damaged or foreign file is nothing but a program to be traced anew
+
+
+def _write(file: Path, content: bytes) -> None:
+    """Write whole or not at all; a program that cannot be kept still runs."""
+    partial = file.with_name(f"{file.name}.{os.getpid()}")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_bytes(content)
+        partial.replace(file)
+    except OSError:
+        partial.unlink(missing_ok=True)
+
+
+def _kinds(tree: Any) -> Iterator[type]:
+    """Every named tuple's type within a tree of tuples."""
+    if isinstance(tree, tuple):
+        if hasattr(tree, "_fields"):
+            yield type(tree)
+        for one in tree:
+            yield from _kinds(one)
+
+
+def _know(kind: Any) -> None:
+    """Tell JAX how to write a named tuple's type down."""
+    if kind not in _known:
+        _known.add(kind)
+        jax.export.register_namedtuple_serialization(kind, serialized_name=f"{kind.__module__}.{kind.__name__}")
