@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -48,7 +48,7 @@ def _stored(function: Callable[..., Result], returned: tuple[type, ...]) -> Call
         if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
             out: Result = jitted(structure, *arguments)
             return out
-        key = (structure, tree, tuple((np.shape(x), np.result_type(x).str) for x in leaves))
+        key = (structure, tree, _shapes(leaves))
         program = programs.get(key)
         if program is None:
             program = programs[key] = _program(function.__name__, jitted, structure, arguments, returned)
@@ -84,10 +84,13 @@ def _file(name: str, structure: Any, arguments: tuple[Any, ...]) -> Path | None:
     if not folder or " at 0x" in text or not all(type(e).__module__.startswith(OURS) for e in effects):
         return None
     leaves, tree = jax.tree.flatten(arguments)
-    shapes = [(np.shape(x), np.result_type(x).str) for x in leaves]
     versions = (jax.__version__, jaxlib.version.__version__, jax.default_backend(), settings["jax_enable_x64"])
-    said = repr((name, text, str(tree), shapes, versions, _sources()))
+    said = repr((name, text, str(tree), _shapes(leaves), versions, _sources()))
     return Path(folder) / "traced" / f"{name.strip('_')}-{hashlib.sha256(said.encode()).hexdigest()}"
+
+
+def _shapes(leaves: Sequence[Any]) -> tuple[tuple[tuple[int, ...], str], ...]:
+    return tuple((np.shape(x), str(x.dtype if hasattr(x, "dtype") else np.result_type(x))) for x in leaves)
 
 
 @cache

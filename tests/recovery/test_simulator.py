@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from daq.checks import check
@@ -268,3 +269,17 @@ def test_it_shares_no_code_with_the_product() -> None:
         cwd=Path(__file__).parents[2],
     )
     assert set(json.loads(done.stdout)).isdisjoint({"daq", "fingermodel", "server", "jax", "jaxlib", "scipy"})
+
+
+def test_further_cases_leave_the_readings_before_them_as_they_were(tmp_path: Path) -> None:
+    further = [("hook", "tip", {"FDP": 500.0}), ("hook", "bone", {"FDS": 400.0})]
+    short = draw_session(tmp_path / "short", 3, {"hanger_mass": 30.0})
+    long = draw_session(tmp_path / "long", 3, {"hanger_mass": 30.0}, further=further)
+    for name, wrench in short.wrench.items():
+        np.testing.assert_array_equal(long.wrench[name], wrench)
+    before, after = (pq.read_table(tmp_path / n / "readings.parquet") for n in ("short", "long"))
+    assert after.slice(0, len(before)).equals(before)
+    session = read_session(tmp_path / "long")
+    new = [c for c in session.cases if c.id not in short.wrench]
+    assert [(c.posture, c.location, dict(c.masses_g)) for c in new] == further
+    assert [c.setting for c in new] == [1, 2]

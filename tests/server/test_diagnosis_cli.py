@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from tests.server.test_cli import run
+from tests.simulator import draw_session
 
 KEYS = {
     "verdict", "effects", "probability", "confirmed", "robustness", "ranking", "inclusion", "where", "hints",
@@ -113,3 +114,19 @@ def test_bad_input_is_one_clear_line(
     assert said in answer.err
     assert len(answer.err.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_finding_is_confirmed_by_what_it_said_of_a_case_not_yet_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    hidden = {"hanger_mass": 40.0}
+    draw_session(tmp_path / "first", 31, hidden, nuisance_scale=0.8)
+    frozen = tmp_path / "frozen.json"
+    plan = run("next", "first", "--freeze", "--out", frozen, "--json", "-").body("next")
+    assert plan["next_cases"]
+    assert run("diagnose", "first", "--frozen", frozen, "--json", "-").body("diagnose")["confirmed"] is None
+    further = [(c["posture"], c["location"], c["masses_g"]) for c in plan["next_cases"]]
+    draw_session(tmp_path / "second", 31, hidden, nuisance_scale=0.8, further=further)
+    later = run("diagnose", "second", "--frozen", frozen, "--json", "-").body("diagnose")
+    assert (later["verdict"], later["effects"], later["confirmed"]) == ("found", ["hanger_mass"], True)

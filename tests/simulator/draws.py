@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -96,6 +96,7 @@ def draw_session(
     outside: str | None = None,
     protocol: str = "dev",
     nuisance_scale: float | None = None,
+    further: Sequence[tuple[str, str, Mapping[str, float]]] = (),
 ) -> Truth:
     """Write `session.yaml` and `readings.parquet` of a test on a specimen of its own.
 
@@ -110,6 +111,8 @@ def draw_session(
             0.1 to 0.5 N RMS where it acts, or by as much of that as its own range allows.
         protocol: dev or three_levels.
         nuisance_scale: specimen and rig against the budget; by default drawn from 0.5 to 2.
+        further: identification cases after the protocol's end (posture, location, masses [g]), each in a posture set
+            anew; the readings before them stay as they were.
     """
     if protocol not in PROTOCOLS:
         raise KeyError(f"{protocol} is none of {', '.join(PROTOCOLS)}")
@@ -121,6 +124,9 @@ def draw_session(
     share = float(rng.uniform())
     scale = drawn_scale if nuisance_scale is None else float(nuisance_scale)
     bare = draw_rig(plan, seed, scale)
+    if further:
+        plan = plan.with_further(further)
+        bare = bare.with_settings(plan, seed, scale)
     sizes = sizes_of(effects or {})
     rig = bare.with_effects(acting(CATALOGUE[n], sizes[n], seed) for n in CATALOGUE if n in sizes)
     plain = read_cases(bare, plan)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 
 import yaml
@@ -19,13 +20,42 @@ class Protocol:
         postures_deg: joint angles by posture and rotation, flexion positive.
         cases: of every block.
         tension_factor: that the rig is said to have.
-        end_s: length of the record.
+        end_s: when the protocol ends; further cases may follow.
     """
 
     postures_deg: dict[str, dict[str, float]]
     cases: tuple[Case, ...]
     tension_factor: float
     end_s: float
+
+    @property
+    def last_s(self) -> float:
+        """Length of the record."""
+        return max(self.end_s, self.cases[-1].loaded_s[1] + 0.1)
+
+    def with_further(self, further: Sequence[tuple[str, str, Mapping[str, float]]]) -> Protocol:
+        """The same with identification cases after its end: (posture, location, masses), each in a posture set anew."""
+        cases, clock = list(self.cases), self.end_s + 1.0
+        for posture, location, masses in further:
+            same = [c for c in cases if c.posture == posture]
+            start, clock = clock, clock + _TARE_S
+            cases.append(
+                Case(
+                    id=f"f{len(cases) - len(self.cases) + 1:02d}",
+                    role="identification",
+                    posture=posture,
+                    location=location,
+                    masses_g=dict(masses),
+                    unloaded_s=(start + 0.5, clock - 0.5),
+                    loaded_s=(clock + 2.0, clock + _HOLD_S - 0.5),
+                    block_start_s=start,
+                    load_start_s=clock,
+                    setting=1 + max(c.setting for c in same),
+                    mounting=max(c.mounting for c in cases if c.location == location),
+                )
+            )
+            clock += _HOLD_S
+        return replace(self, cases=tuple(cases))
 
 
 @cache

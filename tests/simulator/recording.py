@@ -38,14 +38,21 @@ def record(
     Returns:
         (cases, 6) wrench by case as the windows have it, tare removed, without noise.
     """
-    rng = np.random.default_rng([seed, 3])
-    t = np.arange(round(protocol.end_s * RATE_HZ) + 1) / RATE_HZ
+    # Further cases have draws of their own, so that they leave the readings before them as they were.
+    rng, late = np.random.default_rng([seed, 3]), np.random.default_rng([seed, 6])
+    t = np.arange(round(protocol.last_s * RATE_HZ) + 1) / RATE_HZ
+    planned = round(protocol.end_s * RATE_HZ) + 1
+
+    def noise() -> Floats:
+        return np.concatenate([rng.normal(size=(planned, 6)), late.normal(size=(len(t) - planned, 6))])
+
     starts, levels, swings = [0.0], [np.zeros(6)], [0.0]
     rest, block = np.zeros(6), None
     for case, load in zip(protocol.cases, loads, strict=True):
         if case.block != block:
             # The finger's weight and how its clamps hold it.
-            block, rest = case.block, rng.normal(size=6) * _REST
+            block = case.block
+            rest = (rng if case.block_start_s < protocol.end_s else late).normal(size=6) * _REST
             starts.append(case.block_start_s)
             levels.append(rest)
             # By the time a block begins, its posture is set and nothing swings.
@@ -60,7 +67,8 @@ def record(
     signal = np.array(levels)[at] - jump[at] * np.exp(-since / _SETTLES_S) + clock
     sd = noise_N * np.array([1.0] * 3 + [6.7] * 3)
     creep = rng.uniform(0.5, 2.0) * np.array([0.01] * 3 + [0.05] * 3) / 60.0 / np.sqrt(RATE_HZ)
-    signal += sd * rng.normal(size=signal.shape) + np.cumsum(creep * rng.normal(size=signal.shape), axis=0)
+    signal += sd * noise()
+    signal += np.cumsum(creep * noise(), axis=0)
     signal = np.round(signal / STEP) * STEP
     table = pa.table(dict(zip(COLUMNS, [np.round(t, 4), *signal.T], strict=True)))
     pa.parquet.write_table(table, folder / "readings.parquet", compression="zstd")

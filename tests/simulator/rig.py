@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -76,6 +76,13 @@ class Rig:
     mounting: Mapping[tuple[str, int], Mounting]
     gain: Floats
     acting: tuple[Acting, ...] = field(default=())
+
+    def with_settings(self, protocol: Protocol, seed: int, scale: float) -> Rig:
+        """The same rig with the postures set anew that only a longer protocol has."""
+        rng = np.random.default_rng([seed, 7])
+        settings = dict.fromkeys((c.posture, c.setting) for c in protocol.cases)
+        new = {k: np.deg2rad(1.0) * scale * rng.normal(size=4) for k in settings if k not in self.angle_error}
+        return replace(self, angle_error={**self.angle_error, **new})
 
     def with_effects(self, acting: Iterable[Acting]) -> Rig:
         """The same rig in which these act too."""
