@@ -11,7 +11,7 @@ from pathlib import Path
 
 from benchmarks.machine import describe_machine
 
-BENCHMARKS = ("predictions", "refits", "startup", "corrections")
+BENCHMARKS = ("predictions", "refits", "diagnosis", "startup", "corrections")
 PACKAGES = ("fingertwin", "numpy", "scipy", "jax", "jaxlib", "mujoco", "pyarrow")
 HERE = Path(__file__).parent
 

@@ -358,12 +358,13 @@ class Searcher:
         limit = max(value.values()) - CONTENDERS
         hopeful = [e for e, f in self.best.items() if f.promise + log_prior(e, candidates) > limit or e.size == 0]
         # Where even the leader is far off, the others need no finish.
-        count = FINISHED // 3 if far_off(self._leader(candidates), FAR) else FINISHED
+        lost = far_off(self._leader(candidates), FAR)
+        count = FINISHED // 3 if lost else FINISHED
         for explanation in sorted(hopeful, key=lambda e: -value[e])[:count]:
             found = self.best[explanation]
             if self._finished.get(explanation) is not found:
                 found = self.fit(explanation, [found.theta], LAST)
-                if not found.converged and value[explanation] > limit + 0.5 * CONTENDERS:
+                if not found.converged and not lost and value[explanation] > limit + 0.5 * CONTENDERS:
                     found = self.fit(explanation, [found.theta], 2 * LAST)
                 self._finished[explanation] = found
 

@@ -21,7 +21,9 @@ SURE = 0.9
 # Nothing is believed from here, if no effect by itself has a tenth of the probability.
 NOTHING_SURE = 0.8
 # Log evidence that a second effect must add where one alone fits: it may mend that effect's form.
-PASSENGER = 35.0
+PASSENGER = 12.0
+# Share of the misfit that an effect's form leaves when it is off by 4 or 5 %.
+FORM_SHARE = 2e-3
 # Most names that `one_of` gives.
 MOST_NAMES = 4
 # A value is believed up to this multiple of its range: ranges are typical, not limits of nature.
@@ -170,7 +172,7 @@ def _without_passengers(evidence: Evidence, certain: tuple[str, ...]) -> tuple[s
         if len(w.explanation.names) == 1
         and w.explanation.names[0] in certain
         and not w.implausible
-        and pair.log_evidence - w.log_evidence < PASSENGER
+        and pair.log_evidence - w.log_evidence < max(PASSENGER, 0.5 * FORM_SHARE * evidence.nothing.fitted.objective)
     ]
     return max(alone, key=lambda w: w.log_evidence).explanation.names if alone else certain
 

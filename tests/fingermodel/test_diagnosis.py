@@ -124,7 +124,7 @@ def test_stated_probabilities_come_true_on_simulated_sessions() -> None:
         assert abs(stated - came_true) <= 3.0 * np.sqrt(stated * (1.0 - stated) / count) + 0.05
 
 
-def verdict_of(probability: dict[tuple[str, ...] | None, float], each: float = 40.0) -> Any:
+def verdict_of(probability: dict[tuple[str, ...] | None, float], each: float = 20.0) -> Any:
     """The verdict where only probabilities speak: everything fits, nothing is strained; log evidence of each effect."""
     model = SimpleNamespace(parameters=SimpleNamespace(parameters=(), names=()))
     problem = SimpleNamespace(rows=np.arange(50), model=model, observations=SimpleNamespace())
@@ -183,7 +183,7 @@ def test_a_verdict_needs_its_probability(
 
 
 def test_a_companion_that_may_only_mend_the_form_is_not_named() -> None:
-    verdict = verdict_of({("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}, each=20.0)
+    verdict = verdict_of({("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}, each=10.0)
     assert (verdict.kind, verdict.effects) == ("found", ("e0",))
 
 
