@@ -7,8 +7,8 @@ that it follows from: this package's sources, the structure, the shapes, and the
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-import os
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
@@ -18,6 +18,8 @@ import jax
 import jax.export
 import jaxlib.version
 import numpy as np
+
+from daq.files import replacing
 
 # Effects of the user's are traced anew: their sources are not this package's.
 OURS = "fingermodel."
@@ -113,13 +115,8 @@ def _read(file: Path) -> Any:
 
 def _write(file: Path, content: bytes) -> None:
     """Write whole or not at all; a program that cannot be kept still runs."""
-    partial = file.with_name(f"{file.name}.{os.getpid()}")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(content)
-        partial.replace(file)
-    except OSError:
-        partial.unlink(missing_ok=True)
+    with contextlib.suppress(OSError), replacing(file) as temporary:
+        temporary.write_bytes(content)
 
 
 def _kinds(tree: Any) -> Iterator[type]:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from daq.errors import ModelError
 from fingermodel.diagnosis.candidates import NOTHING_MISSING, Candidate, Explanation, candidates_of, joined, single
+from fingermodel.diagnosis.evidence import weigh_one
 from fingermodel.diagnosis.search import Searcher
+from fingermodel.effects.formula_tree import near
 from fingermodel.fit_report import Fit
 from fingermodel.model import Model
 from fingermodel.observations import Observations
@@ -28,7 +30,8 @@ class Addition:
     Attributes:
         fit: of everything together.
         names: of the candidates added.
-        log_evidence_gain: over the same model without them (Laplace).
+        log_evidence_gain: over the same model without them, the budget's size and the effects' form left open as in a
+            diagnosis.
     """
 
     fit: Fit
@@ -51,7 +54,9 @@ def chosen_candidates(model: Model, names: Sequence[str], *, sagittal: bool) -> 
             if any(e.name == name.split(".")[0] for e in model.effects):
                 raise ModelError(f"effect {name} cannot act in this session", f"one of {', '.join(known)}")
             raise ModelError(
-                f"no effect {name!r}", f"one of {', '.join(known)}, a file of an effect, or a formula in quotes"
+                f"no effect {name!r}",
+                f"one of {', '.join(known)}, a file of an effect, or a formula in quotes",
+                near(name, known).rstrip("?."),
             )
         out.append(found)
     return tuple(out)
@@ -91,15 +96,16 @@ def add_effects(
         x = base.x.copy()
         x[free] = mean
         guess = problem.centre + problem.scale * np.clip(x, -4.0, 4.0)
-        fitted = searcher.fit(explanation, [guess, base.theta], 60)
+        fitted = searcher.fit(explanation, [guess, problem.centre], 60)
         if fitted.log_evidence > best_value:
             best, best_value = explanation, fitted.log_evidence
     parameters = model.parameters.names
     free_names = (*held, *(parameters[i] for i in best.parameters))
     final = map_problem(model, observations, None, free_names)
     fit = refit_map(final, start=searcher.best[best].theta, starts=starts)
-    gain = best_value - base.log_evidence if names else 0.0
-    return Addition(fit, best.names, float(gain))
+    every = tuple(c for found in choices for c in found)
+    both = [weigh_one(problem, searcher.best[e], every).log_evidence for e in (NOTHING_MISSING, best)]
+    return Addition(fit, best.names, both[1] - both[0])
 
 
 def _together(combination: Sequence[Explanation]) -> Explanation | None:

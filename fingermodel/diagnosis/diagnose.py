@@ -93,7 +93,7 @@ def diagnose(
         plane: of the forces that count; by default what the finger's axes can predict.
         held: parameters of effects that the model has already; they are free throughout, and no candidates.
         start: (parameters,) of an earlier fit, as one more start.
-        thorough: more starts and pairs.
+        thorough: more starts and pairs, and refits without each part of the data.
         progress: is told the share done.
     """
     began = time.perf_counter()
@@ -116,7 +116,7 @@ def diagnose(
         lambda w: validation_rmse(problem, comparisons[w.explanation.names]),
     )
     verdict = _enough(problem, verdict)
-    questioned = robustness(problem, evidence, verdict, wildcard)
+    questioned = robustness(problem, evidence, verdict, wildcard, candidates if thorough else ())
     if verdict.kind == "nothing_missing":
         unseen = held_out(evidence.nothing.fitted, evidence.nothing.budget_factor)
         if unseen.surprising:

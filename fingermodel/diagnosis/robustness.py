@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from fingermodel.compare import muscles_of
-from fingermodel.diagnosis.candidates import log_prior_else
-from fingermodel.diagnosis.evidence import Evidence, Weighed, other_at_budget
+from fingermodel.diagnosis.candidates import Candidate, log_prior_else
+from fingermodel.diagnosis.evidence import Evidence, Weighed, other_at_budget, weigh_one
 from fingermodel.diagnosis.linear import log_mass
+from fingermodel.diagnosis.search import Searcher
 from fingermodel.diagnosis.verdict import Verdict
 from fingermodel.diagnosis.wildcard import Wildcard
 from fingermodel.problems import Problem
@@ -22,6 +23,8 @@ Floats = NDArray[np.float64]
 # Explanations that are asked again, and multiples of the budget.
 ASKED = 4
 CLEAR_ODDS = 2.2
+# Evaluations of a refit without a part of the data.
+REFIT = 40
 MULTIPLES = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
 
 
@@ -50,6 +53,7 @@ def robustness(
     evidence: Evidence,
     verdict: Verdict,
     wildcard: Wildcard,
+    refitted: tuple[Candidate, ...] = (),
 ) -> Robustness:
     """Ask the best explanations again.
 
@@ -58,6 +62,8 @@ def robustness(
         evidence: of its explanations.
         verdict: that is questioned.
         wildcard: of the problem.
+        refitted: all candidates, where every part of the data that is left out shall be by a refit, not on the
+            straightened models.
     """
     named = [w for w in evidence.weighed if w.explanation.size][:ASKED]
     root = np.asarray(np.linalg.inv(problem.whitener), dtype=np.float64)
@@ -97,7 +103,7 @@ def robustness(
         flips.append("the budget is twice as large")
     rests = []
     for words, rows in left_out(problem):
-        winner = favours(_values(asked, gone=rows))
+        winner = favours(_refitted(problem, asked, rows, refitted) if refitted else _values(asked, gone=rows))
         if same(winner):
             continue
         # Fewer names, or none, is ground lost; other names are a contradiction.
@@ -181,6 +187,26 @@ def _values(
     for one in asked:
         names = one.weighed.explanation.names
         value = one.value(gone, budget, effect) + one.weighed.log_prior
+        out[names] = float(np.logaddexp(out[names], value)) if names in out else value
+    return out
+
+
+def _refitted(
+    problem: Problem, asked: Iterable[_Asked], gone: NDArray[np.bool_], candidates: tuple[Candidate, ...]
+) -> dict[tuple[str, ...] | None, float]:
+    """Log posteriors without some readings, every explanation refitted from where it stood."""
+    root = np.linalg.inv(problem.whitener)
+    kept = np.ix_(~gone, ~gone)
+    # Readings that are left out weigh nothing, so that no new program is compiled.
+    whitener = np.zeros_like(problem.whitener)
+    whitener[kept] = np.linalg.inv(np.linalg.cholesky((root @ root.T)[kept]))
+    part = replace(problem, whitener=whitener)
+    searcher = Searcher(part)
+    out: dict[tuple[str, ...] | None, float] = {}
+    for one in asked:
+        names = one.weighed.explanation.names
+        fitted = searcher.fit(one.weighed.explanation, [one.weighed.fitted.theta], REFIT)
+        value = weigh_one(part, fitted, candidates).log_evidence + one.weighed.log_prior
         out[names] = float(np.logaddexp(out[names], value)) if names in out else value
     return out
 

@@ -309,7 +309,7 @@ class Searcher:
             best = max(self.best.values() if size > 1 else runners, key=lambda f: f.log_evidence, default=None)
             if best is None:
                 return
-            forced = 2 * count if size == 1 or far_off(best, FAR) else 0
+            forced = 2 * count if far_off(best, FAR) else count if size == 1 else 0
             for place, one in enumerate(ranked[: count * share]):
                 if not one.converged and (place < forced or one.promise > best.log_evidence - RACE / size):
                     self.fit(one.explanation, [one.theta], evaluations)

@@ -1,0 +1,129 @@
+"""Stored programs: the same answer from what was traced now, from what was kept, and from a file that is damaged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from fingermodel.effects.catalogue import CATALOGUE
+from fingermodel.effects.user import load_effect
+from fingermodel.finger_files import read_finger
+from fingermodel.model import Model
+from fingermodel.problems import map_problem
+from fingermodel.programs import stored
+from fingermodel.refit import solve
+from server.workflow import open_bench
+
+
+class Answer(NamedTuple):
+    total: Any
+    each: Any
+
+
+@dataclass(frozen=True)
+class Shape:
+    power: int
+
+
+@pytest.fixture
+def cache(tmp_path: Path) -> Iterator[Path]:
+    before = jax.config.values["jax_compilation_cache_dir"]
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    yield tmp_path / "traced"
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+def program(traced: list[int]) -> Any:
+    """Make a program that says when it is traced."""
+
+    def sum_of_powers(shape: Shape, x: Any) -> Answer:
+        traced.append(shape.power)
+        return Answer(jnp.sum(x**shape.power), x**shape.power)
+
+    return stored(Answer)(sum_of_powers)
+
+
+def test_what_was_kept_answers_as_what_was_traced(cache: Path) -> None:
+    x = np.arange(4.0)
+    first: list[int] = []
+    second: list[int] = []
+    traced = program(first)(Shape(3), x)
+    kept = program(second)(Shape(3), x)
+    assert first
+    assert not second
+    assert isinstance(kept, Answer)
+    np.testing.assert_array_equal(kept.each, traced.each)
+    assert float(kept.total) == 36.0
+    assert len(list(cache.iterdir())) == 1
+
+
+def test_another_structure_or_shape_is_another_program(cache: Path) -> None:
+    traced: list[int] = []
+    run = program(traced)
+    assert float(run(Shape(2), np.arange(3.0)).total) == 5.0
+    assert float(run(Shape(1), np.arange(3.0)).total) == 3.0
+    assert float(run(Shape(1), np.arange(5.0)).total) == 10.0
+    assert len(list(cache.iterdir())) == 3
+
+
+@pytest.mark.parametrize("damage", [b"", b"not a program", None])
+def test_a_damaged_file_is_traced_anew(cache: Path, damage: bytes | None) -> None:
+    program([])(Shape(2), np.arange(3.0))
+    (file,) = cache.iterdir()
+    file.write_bytes(file.read_bytes()[:40] if damage is None else damage)
+    again: list[int] = []
+    assert float(program(again)(Shape(2), np.arange(3.0)).total) == 5.0
+    assert again
+    after: list[int] = []
+    assert float(program(after)(Shape(2), np.arange(3.0)).total) == 5.0
+    assert not after
+
+
+def test_a_place_that_cannot_be_written_is_no_error(cache: Path) -> None:
+    cache.write_text("a file where the folder should be", encoding="utf-8")
+    assert float(program([])(Shape(2), np.arange(3.0)).total) == 5.0
+
+
+def test_it_can_be_differentiated(cache: Path) -> None:
+    slope = jax.grad(lambda x: program([])(Shape(2), x).total)(jnp.arange(3.0))
+    np.testing.assert_array_equal(slope, [0.0, 2.0, 4.0])
+
+
+def test_an_effect_from_a_file_is_traced_in_every_process(cache: Path, tmp_path: Path) -> None:
+    path = tmp_path / "own.py"
+    path.write_text(
+        "from fingermodel.parameters import two_sided\n"
+        "from fingermodel.stages import Effect\n\n\n"
+        "class Own(Effect):\n"
+        '    name = "own"\n    stage = "tension"\n    title = "t"\n'
+        '    formula = "f"\n    source = "s"\n    tell = "t"\n\n'
+        "    def parameters(self, topology, layout):\n"
+        '        return (two_sided("own.k", "1", 0.2),)\n\n'
+        "    def tension(self, p, case, state):\n"
+        "        return state._replace(tension=state.tension * (1.0 + p[0]))\n",
+        encoding="utf-8",
+    )
+    bench = open_bench("synek2019_H01")
+    model = Model(read_finger("an1979_middle"), bench.model.layout, bench.model.budget, (load_effect(path),))
+    solve(map_problem(model, bench.observations), model.parameters.initial, evaluations=1)
+    assert not cache.exists()
+
+
+def test_an_effect_that_does_not_act_is_skipped_without_a_trace() -> None:
+    bench = open_bench("synek2019_H01", catalogue=True)
+    problem = map_problem(bench.model, bench.observations)
+    start = problem.centre + 0.3 * problem.scale * np.where(problem.free, 1.0, 0.0)
+    skipped, whole = (solve(problem, start, evaluations=1, whole=w) for w in (False, True))
+    np.testing.assert_array_equal(skipped.residual, whole.residual)
+    effects = ~problem.free & bench.model.parameters.of_kind("effect")
+    np.testing.assert_allclose(skipped.jacobian[:, problem.free], whole.jacobian[:, problem.free], rtol=1e-9, atol=1e-9)
+    assert not np.asarray(skipped.jacobian)[:, effects].any()
+    assert np.abs(np.asarray(whole.jacobian)[:, effects]).sum() > 0.0
+    assert len(CATALOGUE) == 23
