@@ -8,10 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.special import logsumexp
 
 from fingermodel.compare import muscles_of
 from fingermodel.diagnosis.candidates import Candidate, log_prior_else
-from fingermodel.diagnosis.evidence import Evidence, Weighed, other_at_budget, weigh_one
+from fingermodel.diagnosis.evidence import (
+    BUDGET_FACTORS,
+    Evidence,
+    Weighed,
+    budget_log_weight,
+    other_at_budget,
+    weigh_one,
+)
 from fingermodel.diagnosis.linear import log_mass
 from fingermodel.diagnosis.search import Searcher
 from fingermodel.diagnosis.verdict import Verdict
@@ -165,14 +173,22 @@ class _Asked:
         return replace(straight, rest=weighed.log_evidence - straight.value())
 
     def value(self, gone: NDArray[np.bool_] | None = None, budget: float | None = None, effect: float = 1.0) -> float:
-        """Log evidence without some readings, with another budget, or with the effect expected larger or smaller."""
-        b = self.weighed.budget_factor if budget is None else budget
-        own = effect * self.own
-        covariance = self.noise + b**2 * self.base + own @ own.T
+        """Log evidence without some readings, with another budget, or with the effect expected larger or smaller.
+
+        Unless it is given, the budget's size is left open.
+        """
         kept = np.ones(len(self.y), dtype=bool) if gone is None else ~gone
+        if budget is None:
+            each = [self._at(kept, float(b), effect) for b in BUDGET_FACTORS]
+            return float(logsumexp(np.array(each) + budget_log_weight())) + self.rest
+        return self._at(kept, budget, effect) + self.rest
+
+    def _at(self, kept: NDArray[np.bool_], budget: float, effect: float) -> float:
+        own = effect * self.own
+        covariance = self.noise + budget**2 * self.base + own @ own.T
         factor = np.linalg.cholesky(covariance[np.ix_(kept, kept)])
         z = solve_triangular(factor, np.column_stack([self.y, own])[kept], lower=True)
-        value = float(-0.5 * z[:, 0] @ z[:, 0] - np.log(np.diag(factor)).sum()) + self.rest
+        value = float(-0.5 * z[:, 0] @ z[:, 0] - np.log(np.diag(factor)).sum())
         if not self.one_sided.any():
             return value
         spread = np.eye(own.shape[1]) - z[:, 1:].T @ z[:, 1:] + 1e-12 * np.eye(own.shape[1])
