@@ -278,24 +278,29 @@ def _from_revision(revision: Revision, session_id: str, layout: Layout, effects:
         from fingermodel.effects.catalogue import CATALOGUE
         from fingermodel.effects.user import effect_from_dict
 
-        known = {e.name for e in (*CATALOGUE, *effects)}
-        own_effects = [e["document"] for e in held if e.get("document")]
-        extra = [effect_from_dict(doc, revision.id) for doc in own_effects if doc["name"] not in known]
         given = [e for e in effects if e not in CATALOGUE]
-        effects = (*CATALOGUE, *given, *extra)
+        own = [effect_from_dict(e["document"], revision.id, given) for e in held if e.get("document")]
+        for effect in given:
+            if any(o.name == effect.name and o != effect for o in own):
+                raise ModelError(
+                    f"{revision.id} holds another effect of the name {effect.name} than the one given",
+                    "one effect of a name",
+                    "Rename yours, or leave out its --effect",
+                )
+        effects = (*CATALOGUE, *dict.fromkeys([*given, *own]))
     # The priors stay where they stood, so that fitting again does not count the same readings twice.
     model = Model(revision.prior, layout, budget_of(settings), effects)
     kinds = {p.name: p.kind for p in model.parameters}
-    own = revision.session == session_id
+    same = revision.session == session_id
     theta = model.initial
     anatomy = Model(revision.finger, layout, model.budget).initial
     shared = np.flatnonzero(model.parameters.of_kind("anatomy"))
     theta[shared] = anatomy[: len(shared)]
     for name, value in revision.theta.items():
-        if name in kinds and (own or kinds[name] != "budget"):
+        if name in kinds and (same or kinds[name] != "budget"):
             theta[model.parameters.index[name]] = value
     added = tuple(n for e in held for n in e["parameters"] if n in kinds)
     used = "its anatomy and its effects are used here, the small" if added else "its anatomy is used here, the"
     note = f"fitted to session {revision.session}: {used} errors of that rig are not"
     history = tuple(revision.document.get("history") or ())
-    return LoadedModel(revision.id, model, theta, revision.id, () if own else (note,), added, history)
+    return LoadedModel(revision.id, model, theta, revision.id, () if same else (note,), added, history)

@@ -31,6 +31,10 @@ ModelOption = Annotated[
         "--model", metavar="FILE", help="A revision, a finger file or a shipped finger; by default the session's."
     ),
 ]
+EffectFiles = Annotated[
+    list[str] | None,
+    typer.Option("--effect", metavar="FILE", help="An effect of your own (.yaml formulas, or .py); repeatable."),
+]
 Figures = Annotated[
     Path | None, typer.Option("--figures", metavar="DIR", help="Write figures there: one HTML page, PNG and SVG.")
 ]
@@ -53,11 +57,13 @@ def friction(sessions: Annotated[list[str], typer.Argument(help="One or more ses
 
 
 @app.command()
-def compare(session: Session, model: ModelOption = None, figures: Figures = None, json: Json = None) -> None:
+def compare(
+    session: Session, model: ModelOption = None, effect: EffectFiles = None, figures: Figures = None, json: Json = None
+) -> None:
     """Compare predicted with measured forces, per load case and summarised."""
     from server.commands.twin import compare_session
 
-    compare_session(session, model, figures, json)
+    compare_session(session, model, effect or [], figures, json)
 
 
 @app.command()
@@ -76,19 +82,14 @@ def refit(
         Literal["sagittal", "space"] | None,
         typer.Option(help="Force components to fit; by default what the finger's axes can predict."),
     ] = None,
+    effect: EffectFiles = None,
     figures: Figures = None,
     json: Json = None,
 ) -> None:
     """Identify the parameters from the identification cases; validation cases are never fitted."""
     from server.commands.twin import refit_session
 
-    refit_session(session, method, model, out, plane, figures, json)
-
-
-EffectFiles = Annotated[
-    list[str] | None,
-    typer.Option("--effect", metavar="FILE", help="An effect of your own (.yaml formulas, or .py); repeatable."),
-]
+    refit_session(session, method, model, out, plane, effect or [], figures, json)
 
 
 @app.command()

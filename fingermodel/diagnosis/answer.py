@@ -12,7 +12,7 @@ from fingermodel.diagnosis.calibration import calibrate
 from fingermodel.diagnosis.candidates import Explanation
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.evidence import Weighed
-from fingermodel.diagnosis.search import Fitted
+from fingermodel.diagnosis.fitted import Fitted
 from fingermodel.diagnosis.verdict import inclusion, out_of_range
 from fingermodel.diagnosis.where import where
 

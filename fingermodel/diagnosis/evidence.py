@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, logsumexp
 
 from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else, members
-from fingermodel.diagnosis.search import IMPLAUSIBLE, Fitted, Search
+from fingermodel.diagnosis.fitted import IMPLAUSIBLE, Fitted
+from fingermodel.diagnosis.search import Search
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard, form_of, rms_of
 from fingermodel.problems import Problem
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from fingermodel.compare import muscles_of
-from fingermodel.diagnosis.search import Fitted
+from fingermodel.diagnosis.fitted import Fitted
 
 Floats = NDArray[np.float64]
 

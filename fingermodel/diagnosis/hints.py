@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from fingermodel.diagnosis.fitted import Fitted
 from fingermodel.diagnosis.linear import Linear
-from fingermodel.diagnosis.search import Fitted
 from fingermodel.model import jax_values, tip_kinematics_batch
 from fingermodel.problems import Problem
 

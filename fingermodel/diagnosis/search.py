@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from fingermodel.diagnosis.candidates import (
     NOTHING_MISSING,
@@ -21,8 +19,7 @@ from fingermodel.diagnosis.candidates import (
     pairs_of,
     single,
 )
-from fingermodel.diagnosis.linear import Linear, log_mass
-from fingermodel.fit_report import held_at_bound
+from fingermodel.diagnosis.fitted import Fitted, doubtful, far_off
 from fingermodel.problems import Problem
 from fingermodel.refit import drawn_starts, solve
 from fingermodel.solver import CONVERGED, STALLED
@@ -48,141 +45,14 @@ BESIDE, AFRESH, AGAIN = 3, 8, 30
 FAR, HARD = 2.0, 100.0
 # Of the leader against its neighbours.
 ROUNDS, RIVALS = 3, 8
-# χ² that noise would exceed once in a thousand times.
-IMPLAUSIBLE = 1e-3
-# χ² that noise would exceed so often is no reason to look further.
-DOUBTFUL = 0.2
 # Standard uncertainties that a prior width may change a reading by.
 STEEPEST = 1e6
+# Prior widths from the centre that are none.
+ROUNDING = 1e-9
 # Log evidence that a pair must promise beyond what it has.
 WORTHWHILE = 1.0
 # An alternative is refitted if its screened evidence is within this much of the best one's.
 NEAR = 4.0
-
-
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """An explanation at its optimum.
-
-    Attributes:
-        explanation: what is freed.
-        theta: (parameters,).
-        x: (parameters,) the same in prior widths about the centre.
-        objective: χ² plus penalty.
-        jacobian: (n, parameters) of the whitened residuals; zero for effects that are not free (see `everything`).
-        residual: (n,) whitened.
-        converged: whether the solver did.
-        problem: that was solved.
-    """
-
-    explanation: Explanation
-    theta: Floats
-    x: Floats
-    objective: float
-    jacobian: Floats
-    residual: Floats
-    converged: bool
-    problem: Problem = field(repr=False)
-
-    @cached_property
-    def _inside(self) -> NDArray[np.bool_]:
-        return self.problem.free & ~held_at_bound(self.problem, self.theta)
-
-    @cached_property
-    def inner(self) -> NDArray[np.intp]:
-        """Free parameters that are not held at any bound."""
-        return np.flatnonzero(self._inside)
-
-    @cached_property
-    def moving(self) -> NDArray[np.intp]:
-        """The same, and the explanation's own one-sided parameters even at their null."""
-        at_null = self.theta <= self.problem.lower + 1e-6 * self.problem.scale
-        own = mask(self.problem.model, self.explanation)
-        return np.flatnonzero(self._inside | (own & _one_sided(self.problem) & at_null))
-
-    @cached_property
-    def log_evidence(self) -> float:
-        """Laplace evidence; one-sided priors count with their ln 2 and the posterior mass on their side.
-
-        A fit that has not converged counts as it stands.
-        """
-        return self._laplace(trust_step=self.converged)
-
-    @cached_property
-    def promise(self) -> float:
-        """The evidence that a further step of the straightened model promises."""
-        return self._laplace(trust_step=True)
-
-    @cached_property
-    def gaussian_log_evidence(self) -> float:
-        """Log of N(y; 0, 1 + HHᵀ) of the straightened model without its constant, over what no bound holds."""
-        return self._straight(self.inner, self.inner).log_evidence_base
-
-    def _laplace(self, *, trust_step: bool) -> float:
-        free, h = self.moving, -self.jacobian[:, self.moving]
-        hessian = np.eye(len(free)) + h.T @ h
-        if not np.isfinite(self.objective):
-            return -np.inf
-        factor = np.linalg.cholesky(hessian)
-        gradient = self.x[free] - h.T @ self.residual
-        step = np.linalg.solve(factor, gradient)
-        objective = self.objective - (float(step @ step) if trust_step else 0.0)
-        value = -0.5 * objective - float(np.log(np.diag(factor)).sum())
-        one_sided = _one_sided(self.problem)
-        own = np.array([i for i in self.explanation.parameters if i in set(free)], dtype=int)
-        if not one_sided[own].any():
-            return value
-        mean = self.x[free] - np.linalg.solve(factor.T, step)
-        at = np.searchsorted(free, own)
-        covariance = np.linalg.inv(hessian)[np.ix_(at, at)]
-        return value + log_mass(mean[at], np.linalg.inv(covariance), one_sided[own])
-
-    @cached_property
-    def linear(self) -> Linear:
-        """The model straightened out about this optimum, with what is free here."""
-        return self._straight(self.moving, np.setdiff1d(self.moving, self.explanation.parameters))
-
-    @cached_property
-    def everything(self) -> Linear:
-        """The same with the slopes of every effect, at its null where it is not free: what others would explain."""
-        whole = np.asarray(solve(self.problem, self.theta, evaluations=1, whole=True).jacobian)
-        return replace(self.linear, h=-whole)
-
-    def _straight(self, free: NDArray[np.intp], base: NDArray[np.intp]) -> Linear:
-        y = self.residual - self.jacobian[:, free] @ self.x[free]
-        return Linear(y, -self.jacobian, base, _one_sided(self.problem))
-
-    @cached_property
-    def covariance(self) -> Floats:
-        """(moving, moving) of the parameters in prior widths."""
-        h = self.jacobian[:, self.moving]
-        return np.asarray(np.linalg.inv(np.eye(h.shape[1]) + h.T @ h), dtype=np.float64)
-
-    def draws(self, count: int, rng: np.random.Generator, width: float = 1.0) -> Floats:
-        """Draw parameter vectors (count, parameters) from the posterior, `width` times as wide, within the bounds."""
-        free, problem = self.moving, self.problem
-        root = np.linalg.cholesky(self.covariance + 1e-12 * np.eye(len(free)))
-        x = np.tile(self.x, (count, 1))
-        x[:, free] += width * rng.normal(size=(count, len(free))) @ root.T
-        out: Floats = np.clip(problem.centre + problem.scale * x, problem.lower, problem.upper)
-        return out
-
-    def strength(self, parameters: Sequence[int]) -> float:
-        """How many standard deviations some parameters together lie from their null."""
-        at = np.flatnonzero(np.isin(self.moving, list(parameters)))
-        if len(at) == 0:
-            return 0.0
-        x = self.x[self.moving[at]]
-        return float(np.sqrt(x @ np.linalg.solve(self.covariance[np.ix_(at, at)], x)))
-
-    def sd(self, index: int) -> float | None:
-        """Standard deviation of a parameter in its unit; None where it is held."""
-        at = np.flatnonzero(self.moving == index)
-        return float(np.sqrt(self.covariance[at[0], at[0]]) * self.problem.scale[index]) if len(at) else None
-
-
-def _one_sided(problem: Problem) -> NDArray[np.bool_]:
-    return np.array([p.one_sided for p in problem.model.parameters])
 
 
 @dataclass(frozen=True)
@@ -217,6 +87,7 @@ class Searcher:
             guess = np.where(problem.free, np.clip(start, problem.lower, problem.upper), problem.centre)
             solution = solve(problem, guess, FLOOR if evaluations < LAST else FLOOR / 10.0, evaluations)
             x, jacobian = np.asarray(solution.x), np.asarray(solution.jacobian)
+            x = np.where(np.abs(x) < ROUNDING, 0.0, x)
             # In a posture that transmits no force slopes have no bound: whatever the misfit, that is no optimum.
             sane = np.isfinite(solution.objective) and np.abs(jacobian).max() < STEEPEST
             found = Fitted(
@@ -418,9 +289,8 @@ class Searcher:
         for a, b in pairs_of(candidates):
             offer(nothing, best_form[a.name], best_form[b.name])
         for host in hosts:
-            for candidate in candidates:
-                if candidate.name not in host.explanation.names:
-                    offer(host, host.explanation, _best_form(host, host.explanation, candidate)[0])
+            for other, _ in self._companions(host, candidates):
+                offer(host, host.explanation, other)
         new = [o for o in offers.values() if o[0] > self._value(o[2], candidates) + WORTHWHILE]
         chosen = sorted(new, key=lambda o: -o[0])[:count]
         for done, (_, host, pair) in enumerate(chosen):
@@ -437,25 +307,26 @@ class Searcher:
         What a companion would do is not seen from its null if the rest has already been bent to do without it.
         """
         hosts = self._ranked(1)[:count]
-        if not far_off(hosts[0], FAR):
-            return
-        for host in hosts:
-            for candidate in candidates:
-                if candidate.name not in host.explanation.names:
-                    other = _best_form(host, host.explanation, candidate)[0]
-                    if not set(host.explanation.parameters) & set(other.parameters):
-                        self.fit(pair_of(host.explanation, other, candidates), [self.middle(other, host.theta)], 2)
+        if hosts and far_off(hosts[0], FAR):
+            for host in hosts:
+                for other, pair in self._companions(host, candidates):
+                    self.fit(pair, [self.middle(other, host.theta)], 2)
 
     def _afresh(self, candidates: tuple[Candidate, ...], count: int) -> None:
         """Where even the leader is far off: fit every companion of the best singles from before anything was bent."""
         for host in self._ranked(1)[:count]:
             start = self.problem.centre.copy()
             start[list(host.explanation.parameters)] = host.theta[list(host.explanation.parameters)]
-            for candidate in candidates:
-                if candidate.name not in host.explanation.names:
-                    other = _best_form(host, host.explanation, candidate)[0]
-                    if not set(host.explanation.parameters) & set(other.parameters):
-                        self.fit(pair_of(host.explanation, other, candidates), [start], AFRESH)
+            for _, pair in self._companions(host, candidates):
+                self.fit(pair, [start], AFRESH)
+
+    def _companions(self, host: Fitted, candidates: tuple[Candidate, ...]) -> Iterator[tuple[Explanation, Explanation]]:
+        """Every other candidate in the form that promises most beside a single, and the pair that they make."""
+        for candidate in candidates:
+            if candidate.name not in host.explanation.names:
+                other = _best_form(host, host.explanation, candidate)[0]
+                if not set(host.explanation.parameters) & set(other.parameters):
+                    yield other, pair_of(host.explanation, other, candidates)
 
     def _again(self, candidates: tuple[Candidate, ...], count: int) -> None:
         """Fit the leaders once more from before anything was bent: they may sit in another valley."""
@@ -463,16 +334,6 @@ class Searcher:
         for one in [f for f in ranked if f.explanation.size][:count]:
             if doubtful(one):
                 self.fit(one.explanation, [self.problem.centre], AGAIN)
-
-
-def doubtful(fitted: Fitted) -> bool:
-    """Whether a fit may sit in a wrong valley: noise and priors seldom leave so much, or the solver had not done."""
-    return not fitted.converged or bool(chdtrc(len(fitted.problem.rows), fitted.objective) < DOUBTFUL)
-
-
-def far_off(fitted: Fitted, limit: float) -> bool:
-    """Whether χ² per reading is above a limit."""
-    return fitted.objective > limit * len(fitted.problem.rows)
 
 
 def _best_form(host: Fitted, kept: Explanation, candidate: Candidate) -> tuple[Explanation, float]:

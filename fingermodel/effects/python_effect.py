@@ -98,7 +98,7 @@ def _said(fault: BaseException, path: Path) -> str:
 
 
 def python_document(effect: Effect) -> dict[str, Any] | None:
-    """Return where an effect's code came from, and the code to be read by people; None where it is not from a file."""
+    """Return the file that an effect came from, with its text to be read by people; None where it is not from one."""
     loader = getattr(sys.modules.get(type(effect).__module__), "__loader__", None)
     if not isinstance(loader, _Text):
         return None
@@ -106,7 +106,7 @@ def python_document(effect: Effect) -> dict[str, Any] | None:
         "format": PYTHON_FORMAT,
         "name": effect.name,
         "title": effect.title,
-        "path": loader.path.as_posix(),
+        "file": loader.path.name,
         "sha256": sha256_of(loader.text),
         "text": loader.text.decode("utf-8", errors="replace"),
     }

@@ -116,7 +116,7 @@ def require_contract(effect: Effect, topology: Topology, layout: Layout, where: 
 def effect_document(effect: Effect) -> dict[str, Any]:
     """Return an effect of the user's as plain data, to keep with the results it entered.
 
-    Formulas come back from it with `effect_from_dict`. Of a Python file it holds path, fingerprint and text.
+    Formulas come back from it with `effect_from_dict`. Of a Python file it holds name, fingerprint and text.
 
     Raises:
         ModelError: an effect that no file describes.
@@ -148,19 +148,19 @@ def effect_from_dict(document: Any, where: str, loaded: Sequence[Effect] = ()) -
 
 
 def _given(document: dict[str, Any], where: str, loaded: Sequence[Effect]) -> Effect:
-    name, sha256, path = (str(document.get(key, "")) for key in ("name", "sha256", "path"))
+    name, sha256, file = (str(document.get(key, "")) for key in ("name", "sha256", "file"))
     for effect in loaded:
         known = python_document(effect)
         if known is not None and effect.name == name:
             if known["sha256"] == sha256:
                 return effect
             raise ModelError(
-                f"{where}: effect {name} was made by another version of its file than {known['path']}",
+                f"{where}: effect {name} was made by another version of its file than {known['file']}",
                 f"the file with sha256 {sha256[:12]}…",
                 "Give that version with --effect",
             )
     raise ModelError(
         f"{where}: effect {name} is Python code, which is not run from inside a file",
         f"the file itself, sha256 {sha256[:12]}…",
-        f"Give it with --effect {path}" if path else "Give it with --effect",
+        f"Give it with --effect {file}" if file else "Give it with --effect",
     )

@@ -18,10 +18,12 @@ if TYPE_CHECKING:
     from fingermodel.fit_report import Fit, FittedParameter
 
 
-def compare_session(session: str, model: str | None, figures: Path | None, json: str | None) -> None:
+def compare_session(
+    session: str, model: str | None, effects: list[str], figures: Path | None, json: str | None
+) -> None:
     """Compare a session with a model and show it."""
     with progress("Reading and correcting") as tell:
-        bench = open_bench(session, model, tell)
+        bench = open_bench(session, model, tell, effects=effects)
     comparison = compare_bench(bench)
     body = provenance(bench) | comparison.as_dict()
     page = draw_comparison(bench, comparison, figures) if figures else None
@@ -40,6 +42,7 @@ def refit_session(
     model: str | None,
     out: Path | None,
     plane: str | None,
+    effects: list[str],
     figures: Path | None,
     json: str | None,
 ) -> None:
@@ -52,7 +55,7 @@ def refit_session(
     if out is not None:
         require_new(out)
     with progress("Reading and correcting") as tell:
-        bench = open_bench(session, model, tell)
+        bench = open_bench(session, model, tell, effects=effects)
     before = compare_bench(bench)
     with progress("Refitting"):
         fit = refit_bench(bench, method, plane)

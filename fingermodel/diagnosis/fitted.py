@@ -1,0 +1,159 @@
+"""An explanation at its optimum: its evidence, and the model straightened out about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from fingermodel.diagnosis.candidates import Explanation, mask
+from fingermodel.diagnosis.linear import Linear, log_mass
+from fingermodel.fit_report import held_at_bound
+from fingermodel.problems import Problem
+from fingermodel.refit import solve
+
+Floats = NDArray[np.float64]
+
+# χ² that noise would exceed once in a thousand times.
+IMPLAUSIBLE = 1e-3
+# χ² that noise would exceed so often is no reason to look further.
+DOUBTFUL = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """An explanation at its optimum.
+
+    Attributes:
+        explanation: what is freed.
+        theta: (parameters,).
+        x: (parameters,) the same in prior widths about the centre.
+        objective: χ² plus penalty.
+        jacobian: (n, parameters) of the whitened residuals; zero for effects that are not free (see `everything`).
+        residual: (n,) whitened.
+        converged: whether the solver did.
+        problem: that was solved.
+    """
+
+    explanation: Explanation
+    theta: Floats
+    x: Floats
+    objective: float
+    jacobian: Floats
+    residual: Floats
+    converged: bool
+    problem: Problem = field(repr=False)
+
+    @cached_property
+    def _inside(self) -> NDArray[np.bool_]:
+        return self.problem.free & ~held_at_bound(self.problem, self.theta)
+
+    @cached_property
+    def inner(self) -> NDArray[np.intp]:
+        """Free parameters that are not held at any bound."""
+        return np.flatnonzero(self._inside)
+
+    @cached_property
+    def moving(self) -> NDArray[np.intp]:
+        """The same, and the explanation's own one-sided parameters even at their null."""
+        at_null = self.theta <= self.problem.lower + 1e-6 * self.problem.scale
+        own = mask(self.problem.model, self.explanation)
+        return np.flatnonzero(self._inside | (own & _one_sided(self.problem) & at_null))
+
+    @cached_property
+    def log_evidence(self) -> float:
+        """Laplace evidence; one-sided priors count with their ln 2 and the posterior mass on their side.
+
+        A fit that has not converged counts as it stands.
+        """
+        return self._laplace(trust_step=self.converged)
+
+    @cached_property
+    def promise(self) -> float:
+        """The evidence that a further step of the straightened model promises."""
+        return self._laplace(trust_step=True)
+
+    @cached_property
+    def gaussian_log_evidence(self) -> float:
+        """Log of N(y; 0, 1 + HHᵀ) of the straightened model without its constant, over what no bound holds."""
+        return self._straight(self.inner, self.inner).log_evidence_base
+
+    def _laplace(self, *, trust_step: bool) -> float:
+        free, h = self.moving, -self.jacobian[:, self.moving]
+        hessian = np.eye(len(free)) + h.T @ h
+        if not np.isfinite(self.objective):
+            return -np.inf
+        factor = np.linalg.cholesky(hessian)
+        gradient = self.x[free] - h.T @ self.residual
+        step = np.linalg.solve(factor, gradient)
+        objective = self.objective - (float(step @ step) if trust_step else 0.0)
+        value = -0.5 * objective - float(np.log(np.diag(factor)).sum())
+        one_sided = _one_sided(self.problem)
+        own = np.array([i for i in self.explanation.parameters if i in set(free)], dtype=int)
+        if not one_sided[own].any():
+            return value
+        mean = self.x[free] - np.linalg.solve(factor.T, step)
+        at = np.searchsorted(free, own)
+        covariance = np.linalg.inv(hessian)[np.ix_(at, at)]
+        return value + log_mass(mean[at], np.linalg.inv(covariance), one_sided[own])
+
+    @cached_property
+    def linear(self) -> Linear:
+        """The model straightened out about this optimum, with what is free here."""
+        return self._straight(self.moving, np.setdiff1d(self.moving, self.explanation.parameters))
+
+    @cached_property
+    def everything(self) -> Linear:
+        """The same with the slopes of every effect, at its null where it is not free: what others would explain."""
+        whole = np.asarray(solve(self.problem, self.theta, evaluations=1, whole=True).jacobian)
+        return replace(self.linear, h=-whole)
+
+    def _straight(self, free: NDArray[np.intp], base: NDArray[np.intp]) -> Linear:
+        y = self.residual - self.jacobian[:, free] @ self.x[free]
+        return Linear(y, -self.jacobian, base, _one_sided(self.problem))
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """(moving, moving) of the parameters in prior widths."""
+        h = self.jacobian[:, self.moving]
+        return np.asarray(np.linalg.inv(np.eye(h.shape[1]) + h.T @ h), dtype=np.float64)
+
+    def draws(self, count: int, rng: np.random.Generator, width: float = 1.0) -> Floats:
+        """Draw parameter vectors (count, parameters) from the posterior, `width` times as wide, within the bounds."""
+        free, problem = self.moving, self.problem
+        root = np.linalg.cholesky(self.covariance + 1e-12 * np.eye(len(free)))
+        x = np.tile(self.x, (count, 1))
+        x[:, free] += width * rng.normal(size=(count, len(free))) @ root.T
+        out: Floats = np.clip(problem.centre + problem.scale * x, problem.lower, problem.upper)
+        return out
+
+    def strength(self, parameters: Sequence[int]) -> float:
+        """How many standard deviations some parameters together lie from their null."""
+        at = np.flatnonzero(np.isin(self.moving, list(parameters)))
+        if len(at) == 0:
+            return 0.0
+        x = self.x[self.moving[at]]
+        return float(np.sqrt(x @ np.linalg.solve(self.covariance[np.ix_(at, at)], x)))
+
+    def sd(self, index: int) -> float | None:
+        """Standard deviation of a parameter in its unit; None where it is held."""
+        at = np.flatnonzero(self.moving == index)
+        return float(np.sqrt(self.covariance[at[0], at[0]]) * self.problem.scale[index]) if len(at) else None
+
+
+def _one_sided(problem: Problem) -> NDArray[np.bool_]:
+    return np.array([p.one_sided for p in problem.model.parameters])
+
+
+def doubtful(fitted: Fitted) -> bool:
+    """Whether a fit may sit in a wrong valley: noise and priors seldom leave so much, or the solver had not done."""
+    return not fitted.converged or bool(chdtrc(len(fitted.problem.rows), fitted.objective) < DOUBTFUL)
+
+
+def far_off(fitted: Fitted, limit: float) -> bool:
+    """Whether χ² per reading is above a limit."""
+    return fitted.objective > limit * len(fitted.problem.rows)
