@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -122,7 +123,8 @@ def diagnose(
         if unseen.surprising:
             verdict = replace(verdict, kind="undecided", reasons=(), short=(*verdict.short, unseen.text))
     tested = nulls(model, observations)
-    verdict = _settled(verdict, questioned, tested, candidates)
+    at_cell = {effect.name for effect in model.effects if effect.stage == "reading"}
+    verdict = _settled(verdict, questioned, tested, candidates, at_cell)
     found: tuple[Hint, ...] = ()
     if verdict.kind in ("none_of_catalogue", "undecided"):
         # Where no effect stands, a formula is to stand alone; else it is to stand beside the likeliest.
@@ -162,9 +164,13 @@ def _enough(problem: Problem, verdict: Verdict) -> Verdict:
 
 
 def _settled(
-    verdict: Verdict, questioned: Robustness, tested: tuple[Null, ...], candidates: tuple[Candidate, ...]
+    verdict: Verdict,
+    questioned: Robustness,
+    tested: tuple[Null, ...],
+    candidates: tuple[Candidate, ...],
+    at_cell: AbstractSet[str],
 ) -> Verdict:
-    """A verdict that another assumption would turn is undecided, and says on which it hangs."""
+    """A verdict that another assumption would turn, or that a test without any model contradicts, is undecided."""
     if verdict.kind not in ("found", "one_of"):
         return verdict
     short = list(verdict.short)
@@ -175,8 +181,12 @@ def _settled(
     planar = " and ".join(sorted((questioned.sagittal_alone or "").split(" and ")))
     if clamp & set(verdict.names) and expected != planar:
         short.append("only out-of-plane forces support it, which the clamp carries in part")
-    if questioned.rests_on_moments and any(n.name == "moments_closure" and n.verdict == "violated" for n in tested):
-        short.append("only the tip's moment says so, and the clamp carries moments that the model does not know")
+    # Mx and My at the tip are not fitted: the model's clamp carries none, and only what acts at the cell can show any.
+    if any(n.name == "moments_closure" and n.verdict == "violated" for n in tested):
+        if questioned.rests_on_moments:
+            short.append("only the tip's moment says so, and the clamp carries moments that the model does not know")
+        elif not at_cell & set(verdict.effects):
+            short.append("the tip's clamp carries moments that nothing named here makes")
     if len(short) == len(verdict.short):
         return verdict
     return replace(verdict, kind="undecided", effects=(), short=tuple(short))

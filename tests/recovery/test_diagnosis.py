@@ -144,6 +144,15 @@ def test_the_next_case_tests_the_finding(planned: tuple[Bench, Diagnosis, Path])
     assert any("weigh the hangers" in text for text in plan.instruments)
 
 
+def test_what_a_test_without_a_model_contradicts_is_not_named(tmp_path: Path) -> None:
+    # A clamp that resists twist looks like another tip location in forces and Mz, but not in Mx and My.
+    draw_session(tmp_path, 1006, outside="clamp_moments")
+    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    assert found.verdict.kind in ("undecided", "none_of_catalogue")
+    assert not found.verdict.effects
+    assert any("moments that nothing named here makes" in s for s in found.verdict.short)
+
+
 def test_a_frozen_prediction_confirms_or_refutes(planned: tuple[Bench, Diagnosis, Path], tmp_path: Path) -> None:
     bench, found, _ = planned
     measured = [PlannedReading(p, "tip", {"FDS": 950.0}) for p in ("hook", "minor_flexion", "major_flexion")]
