@@ -21,7 +21,7 @@ SURE = 0.9
 # Nothing is believed from here, if no effect by itself has a tenth of the probability.
 NOTHING_SURE = 0.8
 # Log evidence that a second effect must add where one alone fits: it may mend that effect's form.
-PASSENGER = 12.0
+PASSENGER = 8.0
 # Share of the misfit that an effect's form leaves when it is off by 4 or 5 %.
 FORM_SHARE = 2e-3
 # Most names that `one_of` gives.

@@ -183,7 +183,7 @@ def test_a_verdict_needs_its_probability(
 
 
 def test_a_companion_that_may_only_mend_the_form_is_not_named() -> None:
-    verdict = verdict_of({("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}, each=10.0)
+    verdict = verdict_of({("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}, each=6.0)
     assert (verdict.kind, verdict.effects) == ("found", ("e0",))
 
 
