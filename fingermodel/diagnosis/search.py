@@ -45,6 +45,8 @@ BESIDE, AFRESH, AGAIN = 3, 8, 30
 FAR, HARD = 2.0, 100.0
 # Of the leader against its neighbours.
 ROUNDS, RIVALS = 3, 8
+# Pairs whose members are tried alone.
+HALVED = 3
 # Standard uncertainties that a prior width may change a reading by.
 STEEPEST = 1e6
 # Prior widths from the centre that are none.
@@ -136,6 +138,7 @@ class Searcher:
             self._again(candidates, HOSTS * more)
             self._polish(candidates)
             self._neighbours(candidates)
+        self._halves(candidates)
         self._nested(2)
         self._polish(candidates)
         self._progress(1.0)
@@ -222,6 +225,17 @@ class Searcher:
         limit = leader.log_evidence + log_prior(leader.explanation, candidates) - 2.0 * CONTENDERS
         new = [e for e, v in promised.items() if v > max(self._value(e, candidates) + WORTHWHILE, limit)]
         return sorted(new, key=lambda e: -promised[e])
+
+    def _halves(self, candidates: tuple[Candidate, ...]) -> None:
+        """Fit each member of the best pairs alone from where the pair stands: what it can do without is no member.
+
+        An error of its form may yet decide for the single, which these evidences do not know.
+        """
+        for pair in self._ranked(2)[:HALVED]:
+            for alone in members(pair.explanation, candidates):
+                known = self.best.get(alone)
+                if known is None or known.objective > pair.objective + 20.0:
+                    self.fit(alone, [pair.theta], SECOND)
 
     def _polish(self, candidates: tuple[Candidate, ...]) -> None:
         """Finish the fits that are still in question, and the base model's."""
