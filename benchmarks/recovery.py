@@ -1,9 +1,10 @@
 """How often a diagnosis is right, on sessions of the independent simulator: figures with Wilson intervals.
 
-    python -m benchmarks.recovery [--sessions 120] [--workers 2] [--kinds none,one,two,outside] [--out FILE]
+    python -m benchmarks.recovery [--sessions 120] [--workers 2] [--kinds none,one,two,outside] [--out FILE] [--resume]
 
 The simulator (`tests/simulator`) shares no code with the model; its effects have other forms than the catalogue's, its
-small errors are 0.5 to 2 times the budget. Writes `benchmarks/recovery.md` and keeps every session's outcome beside it.
+small errors are 0.5 to 2 times the budget. Writes `benchmarks/recovery.md` and keeps every session's outcome beside it,
+so that a run that was stopped can be resumed, or reported as far as it went (`--resume --sessions 0`).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import subprocess
 import tempfile
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +52,7 @@ def one_session(kind: Kind, seed: int) -> dict[str, Any]:
         out: dict[str, Any] = {
             "kind": kind,
             "seed": seed,
+            "commit": _commit(),
             "protocol": protocol,
             "truth": true,
             "outside": outside,
@@ -86,6 +89,14 @@ def one_session(kind: Kind, seed: int) -> dict[str, Any]:
     return out
 
 
+@cache
+def _commit() -> str:
+    answer = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False, cwd=HERE
+    )
+    return answer.stdout.strip()
+
+
 def _class_of(found: Any, names: Sequence[str]) -> set[str]:
     by_name = {c.name: c.effect for c in found.candidates}
     return {by_name[a] for n in names for a in (n, *found.confounding.alike(n))}
@@ -120,9 +131,7 @@ def report(rows: Sequence[dict[str, Any]], command: str) -> str:
         for r in (*shown, *pairs)
         if r["truth_rmse_N"] and r["validation_rmse_N"]
     ]
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False, cwd=HERE
-    ).stdout.strip()
+    commit = ", ".join(dict.fromkeys(r.get("commit", _commit()) for r in rows))
     lines = [
         "# Recovery of known truths",
         "",
@@ -184,12 +193,17 @@ def main() -> None:
     parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--first", type=int, default=1000)
     parser.add_argument("--out", type=Path, default=HERE / "recovery.md")
+    parser.add_argument("--resume", action="store_true", help="keep the outcomes that there are")
     given = parser.parse_args()
     kinds = [kind for kind in KINDS if kind in given.kinds.split(",")]
     jobs = [(kind, given.first + seed) for seed in range(given.sessions) for kind in kinds]
     rows: list[dict[str, Any]] = []
     keep = given.out.with_suffix(".jsonl")
-    with ProcessPoolExecutor(given.workers) as pool, keep.open("w", encoding="utf-8") as log:
+    if given.resume and keep.exists():
+        rows = [json.loads(line) for line in keep.read_text(encoding="utf-8").splitlines()]
+        done_before = {(r["kind"], r["seed"]) for r in rows}
+        jobs = [job for job in jobs if job not in done_before]
+    with ProcessPoolExecutor(given.workers) as pool, keep.open("a" if given.resume else "w", encoding="utf-8") as log:
         for done, future in enumerate(as_completed([pool.submit(one_session, *job) for job in jobs])):
             rows.append(future.result())
             log.write(json.dumps(rows[-1]) + "\n")
