@@ -343,7 +343,7 @@ def test_an_output_that_is_a_folder_is_named(tmp_path: Path, command: str, where
 
 
 def test_an_interrupt_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupt(*_: object) -> NoReturn:
+    def interrupt(*_: object, **__: object) -> NoReturn:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("server.commands.twin.open_bench", interrupt)
