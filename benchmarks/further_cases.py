@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import argparse
 import datetime as dt
-import subprocess
 import tempfile
 from pathlib import Path
 from typing import Any
+
+from benchmarks.machine import commit
+from benchmarks.recovery import protocol_of
 
 HERE = Path(__file__).parent
 SURE = 0.95
@@ -35,8 +37,7 @@ def carry_on(seed: int, most: int) -> dict[str, Any]:
     why = "sure"
     while True:
         with tempfile.TemporaryDirectory() as folder:
-            protocol = "three_levels" if seed % 4 == 3 else "dev"
-            draw_session(Path(folder), seed, effects, protocol=protocol, further=further)
+            draw_session(Path(folder), seed, effects, protocol=protocol_of(seed), further=further)
             bench = open_bench(folder, catalogue=True)
             found = diagnose(bench.model, bench.observations)
         true = name.split(".")[0]
@@ -60,13 +61,10 @@ def report(rows: list[dict[str, Any]], command: str) -> str:
     at_once = [r for r in rows if r["cases"] == 0 and r["why"] == "sure"]
     later = sorted(r["cases"] for r in rows if r["cases"] and r["why"] == "sure")
     never = [r for r in rows if r["why"] != "sure"]
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False, cwd=HERE
-    ).stdout.strip()
     lines = [
         "# Further load cases until the true name is sure",
         "",
-        f"Made by `{command}` on {dt.datetime.now(dt.UTC).date()}, commit {commit}; {len(rows)} sessions.",
+        f"Made by `{command}` on {dt.datetime.now(dt.UTC).date()}, commit {commit()}; {len(rows)} sessions.",
         f"Sure: the true effect has a probability of {SURE} or more. Each case is the plan's best, on the same rig.",
         "",
         "| | sessions |",

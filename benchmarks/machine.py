@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import platform
 import statistics
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 _THREADS = (
@@ -126,3 +128,17 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], not
     for row in (columns, ["-" * w for w in widths], *rows):
         print("| " + " | ".join(x.ljust(w) for x, w in zip(row, widths, strict=True)) + " |")
     print(f"\n{note}\n" if note else "")
+
+
+@cache
+def commit() -> str:
+    """The commit that is measured, and whether files differ from it."""
+    try:
+        return _git("rev-parse", "--short", "HEAD") + (" with changes" if _git("status", "--porcelain", "-uno") else "")
+    except (OSError, subprocess.CalledProcessError):
+        return "none yet"
+
+
+def _git(*arguments: str) -> str:
+    answer = subprocess.run(["git", *arguments], cwd=Path(__file__).parent, check=True, capture_output=True, text=True)
+    return answer.stdout.strip()

@@ -13,14 +13,13 @@ import argparse
 import datetime as dt
 import json
 import os
-import subprocess
 import tempfile
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from functools import cache
 from pathlib import Path
 from typing import Any
 
+from benchmarks.machine import commit
 from tests.simulator import Kind
 
 KINDS: tuple[Kind, ...] = ("none", "one", "two", "outside")
@@ -39,7 +38,7 @@ def one_session(kind: Kind, seed: int) -> dict[str, Any]:
     from server.workflow import open_bench
     from tests.simulator import draw_session, draw_truth
 
-    protocol = "three_levels" if seed % 4 == 3 else "dev"
+    protocol = protocol_of(seed)
     effects, outside = draw_truth(kind, seed)
     with tempfile.TemporaryDirectory() as folder:
         truth = draw_session(Path(folder), seed, effects, outside, protocol)
@@ -52,7 +51,7 @@ def one_session(kind: Kind, seed: int) -> dict[str, Any]:
         out: dict[str, Any] = {
             "kind": kind,
             "seed": seed,
-            "commit": _commit(),
+            "commit": commit(),
             "protocol": protocol,
             "truth": true,
             "outside": outside,
@@ -89,12 +88,9 @@ def one_session(kind: Kind, seed: int) -> dict[str, Any]:
     return out
 
 
-@cache
-def _commit() -> str:
-    answer = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False, cwd=HERE
-    )
-    return answer.stdout.strip()
+def protocol_of(seed: int) -> str:
+    """Every fourth session has three levels."""
+    return "three_levels" if seed % 4 == 3 else "dev"
 
 
 def _class_of(found: Any, names: Sequence[str]) -> set[str]:
@@ -131,11 +127,11 @@ def report(rows: Sequence[dict[str, Any]], command: str) -> str:
         for r in (*shown, *pairs)
         if r["truth_rmse_N"] and r["validation_rmse_N"]
     ]
-    commit = ", ".join(dict.fromkeys(r.get("commit", _commit()) for r in rows))
+    commits = ", ".join(dict.fromkeys(r["commit"] for r in rows))
     lines = [
         "# Recovery of known truths",
         "",
-        f"Made by `{command}` on {dt.datetime.now(dt.UTC).date()}, commit {commit}; "
+        f"Made by `{command}` on {dt.datetime.now(dt.UTC).date()}, commit {commits}; "
         f"{', '.join(f'{len(v)} sessions with {k}' for k, v in of.items() if v)}.",
         "The sessions come from `tests/simulator`: plain NumPy, no code shared with the model, other forms of every",
         "effect, small errors of 0.5 to 2 times the budget, two protocols. An effect counts as shown if adding the",

@@ -9,7 +9,7 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
-from benchmarks.machine import describe_machine
+from benchmarks.machine import commit, describe_machine
 
 BENCHMARKS = ("predictions", "refits", "diagnosis", "startup", "corrections")
 PACKAGES = ("fingertwin", "numpy", "scipy", "jax", "jaxlib", "mujoco", "pyarrow")
@@ -35,23 +35,11 @@ def _heading() -> str:
         'Written by `python -m benchmarks.run`. "Of the core": how much of it the benchmark had in its best run.',
         "",
         f"- Date: {dt.datetime.now(tz=dt.UTC):%Y-%m-%d %H:%M} UTC",
-        f"- Commit: {_commit()}",
+        f"- Commit: {commit()}",
         f"- Machine: {describe_machine()}",
         f"- Versions: Python {platform.python_version()}, {versions}",
     ]
     return "\n".join(lines)
-
-
-def _commit() -> str:
-    try:
-        return _git("rev-parse", "--short", "HEAD") + (" with changes" if _git("status", "--porcelain", "-uno") else "")
-    except (OSError, subprocess.CalledProcessError):
-        return "none yet"
-
-
-def _git(*arguments: str) -> str:
-    answer = subprocess.run(["git", *arguments], cwd=HERE, check=True, capture_output=True, text=True)
-    return answer.stdout.strip()
 
 
 if __name__ == "__main__":

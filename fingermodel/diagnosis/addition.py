@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from daq.errors import ModelError
 from fingermodel.diagnosis.candidates import NOTHING_MISSING, Candidate, Explanation, candidates_of, joined, single
 from fingermodel.diagnosis.evidence import weigh_one
-from fingermodel.diagnosis.search import Searcher
+from fingermodel.diagnosis.search import LAST, Searcher
 from fingermodel.effects.formula_tree import near
 from fingermodel.fit_report import Fit
 from fingermodel.model import Model
@@ -56,7 +56,7 @@ def chosen_candidates(model: Model, names: Sequence[str], *, sagittal: bool) -> 
             raise ModelError(
                 f"no effect {name!r}",
                 f"one of {', '.join(known)}, a file of an effect, or a formula in quotes",
-                near(name, known).rstrip("?."),
+                near(name, known),
             )
         out.append(found)
     return tuple(out)
@@ -85,18 +85,14 @@ def add_effects(
     choices = chosen_candidates(model, names, sagittal=sagittal)
     problem = map_problem(model, observations, None, held)
     searcher = Searcher(problem)
-    base = searcher.fit(NOTHING_MISSING, [problem.centre] if start is None else [start, problem.centre], 60)
+    base = searcher.fit(NOTHING_MISSING, [problem.centre] if start is None else [start, problem.centre], LAST)
     best, best_value = NOTHING_MISSING, -np.inf
     options = [[single(c, k) for c in found for k in range(len(c.alternatives))] for found in choices]
     for combination in product(*options) if names else ():
         explanation = _together(combination)
         if explanation is None:
             continue
-        free, mean = base.everything.mean(explanation.parameters)
-        x = base.x.copy()
-        x[free] = mean
-        guess = problem.centre + problem.scale * np.clip(x, -4.0, 4.0)
-        fitted = searcher.fit(explanation, [guess, problem.centre], 60)
+        fitted = searcher.fit(explanation, [searcher.expected(base, explanation), problem.centre], LAST)
         if fitted.log_evidence > best_value:
             best, best_value = explanation, fitted.log_evidence
     parameters = model.parameters.names

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, logsumexp
 
 from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else, members
-from fingermodel.diagnosis.fitted import IMPLAUSIBLE, Fitted
+from fingermodel.diagnosis.fitted import Fitted
 from fingermodel.diagnosis.search import Search
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard, form_of, rms_of
 from fingermodel.problems import Problem
@@ -28,6 +28,8 @@ BUDGET_FACTORS = np.array([1.0, 1.41, 2.0])
 BUDGET_SPREAD = 0.5
 # An effect's form may be off by this share of the change that it makes in each case.
 FORM_ERROR = 0.1
+# χ² that noise would exceed once in a thousand times.
+IMPLAUSIBLE = 1e-3
 # A finding may leave a tenth of what it explains: no effect has exactly our form.
 LEFT_OVER = 0.1
 # Whatever its form: what explains less of the misfit than this much is not the explanation.

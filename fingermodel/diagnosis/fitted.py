@@ -18,8 +18,6 @@ from fingermodel.refit import solve
 
 Floats = NDArray[np.float64]
 
-# χ² that noise would exceed once in a thousand times.
-IMPLAUSIBLE = 1e-3
 # χ² that noise would exceed so often is no reason to look further.
 DOUBTFUL = 0.2
 

@@ -75,7 +75,8 @@ def robustness(
     """
     named = [w for w in evidence.weighed if w.explanation.size][:ASKED]
     root = np.asarray(np.linalg.inv(problem.whitener), dtype=np.float64)
-    asked = [_Asked.of(w, root) for w in (*named, evidence.nothing)]
+    covariance = root @ root.T
+    asked = [_Asked.of(w, root, covariance) for w in (*named, evidence.nothing)]
     names = set(verdict.names)
     flips: list[str] = []
 
@@ -111,7 +112,9 @@ def robustness(
         flips.append("the budget is twice as large")
     rests = []
     for words, rows in left_out(problem):
-        winner = favours(_refitted(problem, asked, rows, refitted) if refitted else _values(asked, gone=rows))
+        winner = favours(
+            _refitted(problem, covariance, asked, rows, refitted) if refitted else _values(asked, gone=rows)
+        )
         if same(winner):
             continue
         # Fewer names, or none, is ground lost; other names are a contradiction.
@@ -156,8 +159,8 @@ class _Asked:
     rest: float = 0.0
 
     @classmethod
-    def of(cls, weighed: Weighed, root: Floats) -> _Asked:
-        """Straighten out; `root` (n, n) takes whitened readings back to their units."""
+    def of(cls, weighed: Weighed, root: Floats, covariance: Floats) -> _Asked:
+        """Straighten out; `root` (n, n) takes whitened readings back to their units, `covariance` (n, n) is theirs."""
         fitted, linear = weighed.fitted, weighed.fitted.linear
         own = [i for i in weighed.explanation.parameters if i in set(fitted.moving)]
         base = root @ linear.h[:, np.setdiff1d(fitted.inner, own)]
@@ -165,7 +168,7 @@ class _Asked:
         straight = cls(
             weighed,
             root @ linear.y,
-            root @ root.T + error @ error.T,
+            covariance + error @ error.T,
             base @ base.T,
             root @ linear.h[:, own],
             linear.one_sided[own],
@@ -199,32 +202,33 @@ def _values(
     asked: Iterable[_Asked], gone: NDArray[np.bool_] | None = None, budget: float | None = None, effect: float = 1.0
 ) -> dict[tuple[str, ...] | None, float]:
     """Log posteriors under another assumption; explanations of the same names add up."""
+    return _by_names((one.weighed, one.value(gone, budget, effect)) for one in asked)
+
+
+def _by_names(evidences: Iterable[tuple[Weighed, float]]) -> dict[tuple[str, ...] | None, float]:
     out: dict[tuple[str, ...] | None, float] = {}
-    for one in asked:
-        names = one.weighed.explanation.names
-        value = one.value(gone, budget, effect) + one.weighed.log_prior
+    for weighed, log_evidence in evidences:
+        names, value = weighed.explanation.names, log_evidence + weighed.log_prior
         out[names] = float(np.logaddexp(out[names], value)) if names in out else value
     return out
 
 
 def _refitted(
-    problem: Problem, asked: Iterable[_Asked], gone: NDArray[np.bool_], candidates: tuple[Candidate, ...]
+    problem: Problem,
+    covariance: Floats,
+    asked: Iterable[_Asked],
+    gone: NDArray[np.bool_],
+    candidates: tuple[Candidate, ...],
 ) -> dict[tuple[str, ...] | None, float]:
     """Log posteriors without some readings, every explanation refitted from where it stood."""
-    root = np.linalg.inv(problem.whitener)
     kept = np.ix_(~gone, ~gone)
     # Readings that are left out weigh nothing, so that no new program is compiled.
     whitener = np.zeros_like(problem.whitener)
-    whitener[kept] = np.linalg.inv(np.linalg.cholesky((root @ root.T)[kept]))
+    whitener[kept] = np.linalg.inv(np.linalg.cholesky(covariance[kept]))
     part = replace(problem, whitener=whitener)
     searcher = Searcher(part)
-    out: dict[tuple[str, ...] | None, float] = {}
-    for one in asked:
-        names = one.weighed.explanation.names
-        fitted = searcher.fit(one.weighed.explanation, [one.weighed.fitted.theta], REFIT)
-        value = weigh_one(part, fitted, candidates).log_evidence + one.weighed.log_prior
-        out[names] = float(np.logaddexp(out[names], value)) if names in out else value
-    return out
+    fits = ((w, searcher.fit(w.explanation, [w.fitted.theta], REFIT)) for w in (one.weighed for one in asked))
+    return _by_names((w, weigh_one(part, fitted, candidates).log_evidence) for w, fitted in fits)
 
 
 def _values_at(

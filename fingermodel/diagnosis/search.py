@@ -210,15 +210,14 @@ class Searcher:
             return []
         base = leader.log_evidence - leader.everything.gain(leader.explanation.parameters)
         own = members(leader.explanation, candidates)
-        offers = list(own) if leader.explanation.size > 1 else []
+        if leader.explanation.size > 1:
+            offers = list(own)
+        else:
+            offers = [
+                _best_form(leader, NOTHING_MISSING, c)[0] for c in candidates if c.name not in leader.explanation.names
+            ]
         for kept in own:
-            for candidate in candidates:
-                if candidate.name not in leader.explanation.names:
-                    other = _best_form(leader, kept, candidate)[0]
-                    if not set(kept.parameters) & set(other.parameters):
-                        offers.append(pair_of(kept, other, candidates))
-                    if leader.explanation.size == 1:
-                        offers.append(_best_form(leader, NOTHING_MISSING, candidate)[0])
+            offers += [pair for _, pair in self._companions(leader, kept, candidates)]
         promised = {
             e: base + leader.everything.gain(e.parameters) + log_prior(e, candidates) for e in dict.fromkeys(offers)
         }
@@ -303,7 +302,7 @@ class Searcher:
         for a, b in pairs_of(candidates):
             offer(nothing, best_form[a.name], best_form[b.name])
         for host in hosts:
-            for other, _ in self._companions(host, candidates):
+            for other, _ in self._companions(host, host.explanation, candidates):
                 offer(host, host.explanation, other)
         new = [o for o in offers.values() if o[0] > self._value(o[2], candidates) + WORTHWHILE]
         chosen = sorted(new, key=lambda o: -o[0])[:count]
@@ -323,7 +322,7 @@ class Searcher:
         hosts = self._ranked(1)[:count]
         if hosts and far_off(hosts[0], FAR):
             for host in hosts:
-                for other, pair in self._companions(host, candidates):
+                for other, pair in self._companions(host, host.explanation, candidates):
                     self.fit(pair, [self.middle(other, host.theta)], 2)
 
     def _afresh(self, candidates: tuple[Candidate, ...], count: int) -> None:
@@ -331,16 +330,18 @@ class Searcher:
         for host in self._ranked(1)[:count]:
             start = self.problem.centre.copy()
             start[list(host.explanation.parameters)] = host.theta[list(host.explanation.parameters)]
-            for _, pair in self._companions(host, candidates):
+            for _, pair in self._companions(host, host.explanation, candidates):
                 self.fit(pair, [start], AFRESH)
 
-    def _companions(self, host: Fitted, candidates: tuple[Candidate, ...]) -> Iterator[tuple[Explanation, Explanation]]:
-        """Every other candidate in the form that promises most beside a single, and the pair that they make."""
+    def _companions(
+        self, host: Fitted, kept: Explanation, candidates: tuple[Candidate, ...]
+    ) -> Iterator[tuple[Explanation, Explanation]]:
+        """What a host has not, in the form that promises most beside what is kept of it, and the pair they make."""
         for candidate in candidates:
             if candidate.name not in host.explanation.names:
-                other = _best_form(host, host.explanation, candidate)[0]
-                if not set(host.explanation.parameters) & set(other.parameters):
-                    yield other, pair_of(host.explanation, other, candidates)
+                other = _best_form(host, kept, candidate)[0]
+                if not set(kept.parameters) & set(other.parameters):
+                    yield other, pair_of(kept, other, candidates)
 
     def _again(self, candidates: tuple[Candidate, ...], count: int) -> None:
         """Fit the leaders once more from before anything was bent: they may sit in another valley."""

@@ -168,7 +168,7 @@ def show_effects(name: str | None, json: str | None) -> None:
     if name is not None and name not in EFFECTS:
         from fingermodel.effects.formula_tree import near
 
-        raise InputError(f"no effect {name!r}", f"one of {', '.join(EFFECTS)}", near(name, EFFECTS).rstrip("?."))
+        raise InputError(f"no effect {name!r}", f"one of {', '.join(EFFECTS)}", near(name, EFFECTS))
     chosen = CATALOGUE if name is None else (EFFECTS[name],)
     rows: list[dict[str, Any]] = []
     for effect in chosen:

@@ -20,6 +20,7 @@ from fingermodel.problems import map_problem
 from fingermodel.programs import stored
 from fingermodel.refit import solve
 from server.workflow import open_bench
+from tests.own_effect import python_file
 
 
 class Answer(NamedTuple):
@@ -97,21 +98,10 @@ def test_it_can_be_differentiated(cache: Path) -> None:
 
 
 def test_an_effect_from_a_file_is_traced_in_every_process(cache: Path, tmp_path: Path) -> None:
-    path = tmp_path / "own.py"
-    path.write_text(
-        "from fingermodel.parameters import two_sided\n"
-        "from fingermodel.stages import Effect\n\n\n"
-        "class Own(Effect):\n"
-        '    name = "own"\n    stage = "tension"\n    title = "t"\n'
-        '    formula = "f"\n    source = "s"\n    tell = "t"\n\n'
-        "    def parameters(self, topology, layout):\n"
-        '        return (two_sided("own.k", "1", 0.2),)\n\n'
-        "    def tension(self, p, case, state):\n"
-        "        return state._replace(tension=state.tension * (1.0 + p[0]))\n",
-        encoding="utf-8",
-    )
     bench = open_bench("synek2019_H01")
-    model = Model(read_finger("an1979_middle"), bench.model.layout, bench.model.budget, (load_effect(path),))
+    model = Model(
+        read_finger("an1979_middle"), bench.model.layout, bench.model.budget, (load_effect(python_file(tmp_path)),)
+    )
     solve(map_problem(model, bench.observations), model.parameters.initial, evaluations=1)
     assert not cache.exists()
 

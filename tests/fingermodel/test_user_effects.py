@@ -29,6 +29,7 @@ from fingermodel.fingers import Topology
 from fingermodel.model import ANY_LAYOUT, Model, jax_values, predict_case, reading_jacobian
 from fingermodel.stages import Layout, LoadCaseInput, State
 from tests.fingermodel.fingers import random_case
+from tests.own_effect import CODE, python_file
 
 K = {"unit": "mm", "range": [-5, 5]}
 SHARE = {"unit": "1", "range": [0, 1]}
@@ -547,42 +548,6 @@ def test_null_is_a_key_in_yaml_too(tmp_path: Path) -> None:
 
 
 # --- Python files -----------------------------------------------------------------------------------------------------
-
-CODE = '''
-from __future__ import annotations
-from dataclasses import dataclass
-import jax.numpy as jnp
-from fingermodel.effects.places import flexion_of, spread
-from fingermodel.parameters import Parameter, two_sided
-from fingermodel.stages import Effect
-
-@dataclass(frozen=True)
-class Mine(Effect):
-    """PIP torque with the extensor's tension."""
-
-    name = "mine"
-    stage = "torque"
-    title = "a stiff joint"
-    formula = "tau_PIP += k T_EDC sin q_PIP"
-    source = "ours"
-
-    def parameters(self, topology, layout):
-        return (two_sided("mine.k", "mm", 5.0),)
-
-    def torque(self, p, case, state):
-        pip, edc = flexion_of(state.topology, "PIP"), state.topology.muscles.index("EDC")
-        added = p[0] * state.tension[edc] * jnp.sin(state.posture[pip])
-        return state._replace(torque=state.torque + added * spread([pip], len(state.topology.rotations))[0])
-'''
-
-
-def python_file(folder: Path, *changes: tuple[str, str]) -> Path:
-    path, text = folder / "mine.py", CODE
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    path.write_text(text, encoding="utf-8")
-    return path
 
 
 def test_a_python_file_and_a_formula_say_the_same(tmp_path: Path) -> None:

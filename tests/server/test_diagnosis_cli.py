@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from fingermodel.effects.user import effect_document, load_effect
+from tests.own_effect import python_file
 from tests.server.test_cli import run
 from tests.simulator import draw_session
 
@@ -133,47 +134,22 @@ def test_a_finding_is_confirmed_by_what_it_said_of_a_case_not_yet_measured(
     assert (later["verdict"], later["effects"], later["confirmed"]) == ("found", ["hanger_mass"], True)
 
 
-OWN = """
-from dataclasses import dataclass
-
-from fingermodel.parameters import two_sided
-from fingermodel.stages import Effect
-
-
-@dataclass(frozen=True)
-class Own(Effect):
-    name = "own_loss"
-    stage = "tension"
-    title = "every tendon loses a share"
-    formula = "T *= 1 + k"
-    source = "made up"
-    tell = "all loads alike"
-
-    def parameters(self, topology, layout):
-        return (two_sided("own_loss.k", "1", 0.2),)
-
-    def tension(self, p, case, state):
-        return state._replace(tension=state.tension * (1.0 + p[0]))
-"""
-
-
 def test_a_model_with_an_effect_from_a_python_file_asks_for_the_file(
     added: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:
-    own = tmp_path / "own.py"
-    own.write_text(OWN, encoding="utf-8")
+    own = python_file(tmp_path)
     revision = json.loads(added[0].read_text(encoding="utf-8"))
     document = effect_document(load_effect(own))
-    assert document["file"] == "own.py"
-    revision["effects"].append({"name": "own_loss", "parameters": ["own_loss.k"], "document": document})
+    assert document["file"] == "mine.py"
+    revision["effects"].append({"name": "mine", "parameters": ["mine.k"], "document": document})
     model = tmp_path / "model.json"
     model.write_text(json.dumps(revision), encoding="utf-8")
     without = run("compare", "DEV-02", "--model", model)
     assert without.code == 2
-    assert "Give it with --effect own.py" in without.err
+    assert "Give it with --effect mine.py" in without.err
     given = run("compare", "DEV-02", "--model", model, "--effect", own, "--json", "-").body("compare")
     assert given["summary"] == run("compare", "DEV-02", "--model", added[0], "--json", "-").body("compare")["summary"]
-    own.write_text(OWN.replace("0.2", "0.3"), encoding="utf-8")
+    python_file(tmp_path, ('"mm", 5.0', '"mm", 6.0'))
     other = run("compare", "DEV-02", "--model", model, "--effect", own)
     assert other.code == 2
     assert "another version of its file" in other.err
