@@ -116,7 +116,7 @@ def ranking(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 
 def _row(d: Diagnosis, weighed: Weighed) -> dict[str, Any]:
     nothing, fitted = d.evidence.nothing, weighed.fitted
-    parameters = _parameters(fitted)
+    parameters = _parameters(fitted, weighed)
     strength = fitted.strength(fitted.explanation.parameters)
     spread = 1.96 / strength if strength else None
     alike = [a for n in weighed.explanation.names for a in d.confounding.alike(n)]
@@ -154,10 +154,10 @@ def _unweighed(d: Diagnosis, fitted: Fitted) -> dict[str, Any]:
     }
 
 
-def _parameters(fitted: Fitted) -> list[dict[str, Any]]:
-    table = fitted.problem.model.parameters.parameters
+def _parameters(fitted: Fitted, weighed: Weighed | None = None) -> list[dict[str, Any]]:
+    table, of = fitted.problem.model.parameters.parameters, weighed or fitted
     return [
-        {"name": table[i].name, "value": float(fitted.theta[i]), "sd": fitted.sd(i), "unit": table[i].unit}
+        {"name": table[i].name, "value": float(fitted.theta[i]), "sd": of.sd(i), "unit": table[i].unit}
         for i in fitted.explanation.parameters
     ]
 
@@ -191,7 +191,7 @@ def sentence(d: Diagnosis) -> str:
     if verdict.kind == "found":
         values = ", ".join(
             f"{p['name']} = {p['value']:.3g}" + (f" ± {p['sd']:.2g}" if p["sd"] else "") + f" {p['unit']}"
-            for p in _parameters(d.best.fitted)[:3]
+            for p in _parameters(d.best.fitted, d.best)[:3]
         )
         return f"Found: {' and '.join(named)}; {values}; probability {verdict.probability:.2f}."
     if verdict.kind == "one_of":

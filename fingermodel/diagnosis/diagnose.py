@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,7 +18,7 @@ from fingermodel.diagnosis.hints import Hint, hints
 from fingermodel.diagnosis.nulls import Null, nulls
 from fingermodel.diagnosis.robustness import Robustness, robustness
 from fingermodel.diagnosis.search import Search, Searcher
-from fingermodel.diagnosis.verdict import LEAST_CASES, Verdict, judge
+from fingermodel.diagnosis.verdict import LEAST_CASES, SURE, Verdict, judge
 from fingermodel.diagnosis.wildcard import AMPLITUDES_N, Wildcard, anything
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
@@ -124,7 +123,11 @@ def diagnose(
             verdict = replace(verdict, kind="undecided", reasons=(), short=(*verdict.short, unseen.text))
     tested = nulls(model, observations)
     at_cell = {effect.name for effect in model.effects if effect.stage == "reading"}
-    verdict = _settled(verdict, questioned, tested, candidates, at_cell)
+    effect_of = {c.name: c.effect for c in candidates}
+    p_at_cell = sum(
+        p for names, p in evidence.probability.items() if any(effect_of[name] in at_cell for name in names or ())
+    )
+    verdict = _settled(verdict, questioned, tested, candidates, p_at_cell)
     found: tuple[Hint, ...] = ()
     if verdict.kind in ("none_of_catalogue", "undecided"):
         # Where no effect stands, a formula is to stand alone; else it is to stand beside the likeliest.
@@ -168,9 +171,12 @@ def _settled(
     questioned: Robustness,
     tested: tuple[Null, ...],
     candidates: tuple[Candidate, ...],
-    at_cell: AbstractSet[str],
+    p_at_cell: float,
 ) -> Verdict:
-    """A verdict that another assumption would turn, or that a test without any model contradicts, is undecided."""
+    """A verdict that another assumption would turn is undecided; so is one that a test without any model contradicts.
+
+    Moments at the tip that nothing in the catalogue makes are something else, whatever explains the forces.
+    """
     if verdict.kind not in ("found", "one_of"):
         return verdict
     short = list(verdict.short)
@@ -185,8 +191,21 @@ def _settled(
     if any(n.name == "moments_closure" and n.verdict == "violated" for n in tested):
         if questioned.rests_on_moments:
             short.append("only the tip's moment says so, and the clamp carries moments that the model does not know")
-        elif not at_cell & set(verdict.effects):
-            short.append("the tip's clamp carries moments that nothing named here makes")
+        elif p_at_cell <= 1.0 - SURE:
+            reason = (
+                f"{' or '.join(verdict.names)} would explain the forces, but the tip's clamp carries moments that no "
+                "likely effect here makes."
+            )
+            return replace(
+                verdict,
+                kind="none_of_catalogue",
+                names=(),
+                effects=(),
+                probability=1.0 - p_at_cell,
+                reasons=(reason, *verdict.reasons),
+            )
+        elif p_at_cell < SURE:
+            short.append("the tip's clamp carries moments that nothing named here makes for certain")
     if len(short) == len(verdict.short):
         return verdict
     return replace(verdict, kind="undecided", effects=(), short=tuple(short))

@@ -56,6 +56,8 @@ class Weighed:
         misfit: χ² with the budget and the error of the form as large as is most probable.
         plain_misfit: the same without any error of the form.
         log_prior: of the explanation.
+        x_allowing: (parameters,) in prior widths, where the error of the form and the budget's size are allowed for.
+        sd_allowing: (parameters,) of these; zero where nothing moves.
     """
 
     fitted: Fitted
@@ -67,6 +69,13 @@ class Weighed:
     misfit: float
     plain_misfit: float
     log_prior: float
+    x_allowing: Floats
+    sd_allowing: Floats
+
+    def sd(self, index: int) -> float | None:
+        """Standard deviation of a parameter in its unit, an error of the form allowed for; None if it is held."""
+        sd = float(self.sd_allowing[index] * self.fitted.problem.scale[index])
+        return sd or None
 
     @property
     def explanation(self) -> Explanation:
@@ -84,8 +93,10 @@ class Weighed:
         excess = max(nothing.fitted.objective - readings, 1.0)
         if self.implausible and self.misfit - readings > LEFT_OVER * excess:
             return True
+        # An error of the form as large as any that is tried would be taken larger still: then little is conceded.
+        conceded = LEFT_OVER_PLAIN if self.form_error < FORM_ERRORS[-1] else LEFT_OVER
         return bool(chdtrc(readings, self.plain_misfit) < IMPLAUSIBLE) and (
-            self.plain_misfit - readings > LEFT_OVER_PLAIN * excess
+            self.plain_misfit - readings > conceded * excess
         )
 
 
@@ -145,16 +156,18 @@ def weigh_one(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...
     correction = fitted.log_evidence - fitted.gaussian_log_evidence
     total = np.array([value for value, _ in each]) + correction + budget_log_weight()
     best = int(np.argmax(total))
+    factor, error = float(BUDGET_FACTORS[best]), each[best][1]
     return Weighed(
         fitted,
         form,
         rms_of(problem.observations, problem.rows, change),
         float(logsumexp(total)),
-        each[best][1],
-        float(BUDGET_FACTORS[best]),
-        misfit_at(fitted, form, float(BUDGET_FACTORS[best]), each[best][1]),
-        misfit_at(fitted, form, float(BUDGET_FACTORS[best]), 0.0),
+        error,
+        factor,
+        misfit_at(fitted, form, factor, error),
+        misfit_at(fitted, form, factor, 0.0),
         log_prior(fitted.explanation, candidates),
+        *estimates_at(fitted, form, factor, error),
     )
 
 
@@ -188,6 +201,20 @@ def misfit_at(fitted: Fitted, form: Wildcard, factor: float, form_error: float) 
     right = h.T @ y
     straight = float(y @ y - right @ np.linalg.solve(np.eye(h.shape[1]) + h.T @ h, right))
     return min(straight, fitted.objective)
+
+
+def estimates_at(fitted: Fitted, form: Wildcard, factor: float, form_error: float) -> tuple[Floats, Floats]:
+    """Values and standard deviations (parameters,) in prior widths, an error of the effect's form allowed for.
+
+    Without it the base is bent until it makes up for the form, and values look better known than they are.
+    """
+    free, scale = _scales(fitted, factor)
+    h = np.concatenate([fitted.linear.h[:, free] * scale, form.root * form_error], axis=1)
+    covariance = np.linalg.inv(np.eye(h.shape[1]) + h.T @ h)
+    x, sd = fitted.x.copy(), np.zeros_like(fitted.x)
+    x[free] = (covariance @ (h.T @ fitted.linear.y))[: len(free)] * scale
+    sd[free] = np.sqrt(np.diag(covariance)[: len(free)]) * scale
+    return x, sd
 
 
 def budget_log_weight() -> Floats:

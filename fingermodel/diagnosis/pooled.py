@@ -173,7 +173,7 @@ def _shared(diagnoses: Sequence[Diagnosis], name: str) -> SharedEffect:
         own += gain
         constant = constant + gain - linear.gain(index)
         information, score = information + a, score + b
-        sd = np.array([w.fitted.sd(i) or np.nan for i in index])
+        sd = np.array([w.sd(i) or np.nan for i in index])
         each.append((gain, w.fitted.theta[index], sd))
     first = fits[0].fitted
     index = list(first.explanation.parameters)

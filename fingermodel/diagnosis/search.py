@@ -248,9 +248,15 @@ class Searcher:
             found = self.best[explanation]
             if self._finished.get(explanation) is not found:
                 found = self.fit(explanation, [found.theta], LAST)
-                if not found.converged and not lost and value[explanation] > limit + 0.5 * CONTENDERS:
+                close = not lost and value[explanation] > limit + 0.5 * CONTENDERS
+                if not found.converged and (close or self._would_lead(found, candidates)):
                     found = self.fit(explanation, [found.theta], 2 * LAST)
                 self._finished[explanation] = found
+
+    def _would_lead(self, found: Fitted, candidates: tuple[Candidate, ...]) -> bool:
+        """Whether a fit that is not done promises more than anything else has."""
+        best = max(self._value(e, candidates) for e in self.best if e != found.explanation)
+        return found.promise + log_prior(found.explanation, candidates) > best + CONTENDERS
 
     def _ranked(self, size: int) -> list[Fitted]:
         """Best optimum of each different set of names of a size, best first."""
@@ -326,12 +332,15 @@ class Searcher:
                     self.fit(pair, [self.middle(other, host.theta)], 2)
 
     def _afresh(self, candidates: tuple[Candidate, ...], count: int) -> None:
-        """Where even the leader is far off: fit every companion of the best singles from before anything was bent."""
+        """Where even the leader is far off: fit every companion of the best singles from before anything was bent.
+
+        At a middling size: the rest would else be bent once more before the companion has grown.
+        """
         for host in self._ranked(1)[:count]:
             start = self.problem.centre.copy()
             start[list(host.explanation.parameters)] = host.theta[list(host.explanation.parameters)]
-            for _, pair in self._companions(host, host.explanation, candidates):
-                self.fit(pair, [start], AFRESH)
+            for other, pair in self._companions(host, host.explanation, candidates):
+                self.fit(pair, [self.middle(other, start)], AFRESH)
 
     def _companions(
         self, host: Fitted, kept: Explanation, candidates: tuple[Candidate, ...]

@@ -128,7 +128,7 @@ def _found(
     candidates: tuple[Candidate, ...],
     validation_rmse: Callable[[Weighed], float | None],
 ) -> Verdict:
-    certain = _without_passengers(evidence, certain)
+    both, certain = certain, _without_passengers(evidence, certain)
     exact = [w for w in evidence.weighed if set(w.explanation.names) == set(certain)]
     together = sum(p for names, p in evidence.probability.items() if names and set(certain) <= set(names))
     order = [c.name for c in candidates]
@@ -149,12 +149,21 @@ def _found(
         f"{chosen.fitted.objective:.0f} for {len(problem.rows)} readings; it changes the forces by "
         f"{chosen.size_N:.3f} N (RMS)."
     )
-    if len(names) > 1 and (out_of_range(chosen) or _worse(problem, evidence, chosen, validation_rmse)):
-        said = f"Only {_words(names)} together come near the readings, and not believably: {lacks[0]}."
+    reasons = (reason, *(_passenger(name) for name in both if name not in certain))
+    strange = (bool(out_of_range(chosen)), _worse(problem, evidence, chosen, validation_rmse))
+    if all(strange) or (len(names) > 1 and any(strange)):
+        said = f"What comes nearest to the readings, {_words(names)}, is not believable: {lacks[0]}."
         return Verdict("none_of_catalogue", (), (), together, (said,))
     if lacks:
-        return Verdict("undecided", names, (), together, (reason,), tuple(lacks))
-    return Verdict("found", names, effects, together, (reason,))
+        return Verdict("undecided", names, (), together, reasons, tuple(lacks))
+    return Verdict("found", names, effects, together, reasons)
+
+
+def _passenger(name: str) -> str:
+    return (
+        f"{name} beside it would lessen the misfit further, but no more than a form a little other than ours would; "
+        "a load case that tells the two apart (`fingertwin next`) can show whether it acts too."
+    )
 
 
 def _without_passengers(evidence: Evidence, certain: tuple[str, ...]) -> tuple[str, ...]:
@@ -215,7 +224,7 @@ def out_of_range(chosen: Weighed) -> tuple[str, ...]:
     fitted, table = chosen.fitted, chosen.fitted.problem.model.parameters.parameters
     out = []
     for i in fitted.explanation.parameters:
-        p, value, sd = table[i], float(fitted.theta[i]), fitted.sd(i) or 0.0
+        p, value, sd = table[i], float(fitted.theta[i]), chosen.sd(i) or 0.0
         if p.plausible is None:
             continue
         low, high = p.plausible
@@ -230,7 +239,9 @@ def newly_strained(nothing: Weighed, chosen: Weighed, limit: float = 5.0) -> tup
     """Base parameters that an explanation pulls further from their prior than `limit` widths, and nothing did not."""
     table = chosen.fitted.problem.model.parameters
     own = set(chosen.explanation.parameters)
-    strained = np.abs(chosen.fitted.x) > limit * chosen.budget_factor
+    # What only makes up for the effect's form being a little otherwise is no strain of the anatomy.
+    strain = np.minimum(np.abs(chosen.fitted.x), np.abs(chosen.x_allowing))
+    strained = strain > limit * chosen.budget_factor
     before = np.abs(nothing.fitted.x) > (limit - 1.0) * chosen.budget_factor
     return tuple(table.names[i] for i in np.flatnonzero(strained & ~before) if i not in own)
 

@@ -15,9 +15,10 @@ from scipy.stats import multivariate_normal, norm
 from fingermodel.diagnosis.calibration import calibrate
 from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else, pairs_of, single
 from fingermodel.diagnosis.confounding import confounding
+from fingermodel.diagnosis.evidence import Weighed, estimates_at
 from fingermodel.diagnosis.linear import Linear, log_mass
 from fingermodel.diagnosis.verdict import inclusion, judge
-from fingermodel.diagnosis.wildcard import Wildcard
+from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard
 from tests.settings import load_profile
 
 load_profile()
@@ -145,6 +146,7 @@ def verdict_of(probability: dict[tuple[str, ...] | None, float], each: float = 2
                     log_evidence=each * len(names),
                     size_N=0.1,
                     budget_factor=1.0,
+                    x_allowing=np.zeros(0),
                     leaves_too_much=lambda _: False,
                 )
             )
@@ -185,6 +187,37 @@ def test_a_verdict_needs_its_probability(
 def test_a_companion_that_may_only_mend_the_form_is_not_named() -> None:
     verdict = verdict_of({("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}, each=6.0)
     assert (verdict.kind, verdict.effects) == ("found", ("e0",))
+    assert any(reason.startswith("e1 beside it") for reason in verdict.reasons)
+
+
+def test_values_are_less_sure_where_the_form_may_be_otherwise_and_the_base_is_bent_less() -> None:
+    rng = np.random.default_rng(3)
+    h = rng.normal(size=(60, 3))
+    # The form is off along what the base's second parameter does.
+    root = h[:, [1]] * 4.0
+    x = np.array([0.3, 5.0, 2.0])
+    fitted = SimpleNamespace(
+        x=x, inner=np.arange(3), explanation=Explanation(("e",), ("e",), (2,)), linear=SimpleNamespace(h=h, y=h @ x)
+    )
+    form = Wildcard(root, FORM_ERRORS)
+    plain, plain_sd = estimates_at(cast("Any", fitted), form, 1.0, 0.0)
+    allowing, sd = estimates_at(cast("Any", fitted), form, 1.0, 0.2)
+    assert plain == pytest.approx(x, rel=0.1)
+    assert (sd >= plain_sd).all()
+    assert abs(allowing[1]) < 0.7 * abs(plain[1])
+
+
+def test_a_form_as_far_off_as_any_that_is_tried_concedes_little() -> None:
+    nothing = SimpleNamespace(fitted=SimpleNamespace(objective=10_000.0))
+    for error, too_much in ((0.1, False), (float(FORM_ERRORS[-1]), True)):
+        weighed = SimpleNamespace(
+            fitted=SimpleNamespace(problem=SimpleNamespace(rows=np.arange(200))),
+            implausible=False,
+            misfit=200.0,
+            plain_misfit=3500.0,
+            form_error=error,
+        )
+        assert Weighed.leaves_too_much(cast("Any", weighed), cast("Any", nothing)) is too_much
 
 
 def test_inclusion_adds_up_over_explanations() -> None:

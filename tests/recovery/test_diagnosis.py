@@ -148,9 +148,15 @@ def test_what_a_test_without_a_model_contradicts_is_not_named(tmp_path: Path) ->
     # A clamp that resists twist looks like another tip location in forces and Mz, but not in Mx and My.
     draw_session(tmp_path, 1006, outside="clamp_moments")
     found = run_diagnosis(open_bench(tmp_path, catalogue=True))
-    assert found.verdict.kind in ("undecided", "none_of_catalogue")
-    assert not found.verdict.effects
-    assert any("moments that nothing named here makes" in s for s in found.verdict.short)
+    assert (found.verdict.kind, found.verdict.effects) == ("none_of_catalogue", ())
+    assert any("moments that no likely effect here makes" in reason for reason in found.verdict.reasons)
+    # What does act at the cell makes such moments, and is not doubted for them.
+    folder = tmp_path / "turned"
+    folder.mkdir()
+    draw_session(folder, 1006, {"cell_rotation": (6.0, -5.0, 4.0)}, nuisance_scale=0.7)
+    turned = run_diagnosis(open_bench(folder, catalogue=True))
+    assert (turned.verdict.kind, turned.verdict.effects) == ("found", ("cell_rotation",))
+    assert any(n.name == "moments_closure" and n.verdict == "violated" for n in turned.nulls)
 
 
 def test_a_frozen_prediction_confirms_or_refutes(planned: tuple[Bench, Diagnosis, Path], tmp_path: Path) -> None:
