@@ -3,7 +3,10 @@
     InputError            anything in a file or an argument that we cannot use (exit 2, HTTP 4xx)
     ├── SessionError      session.yaml: keys, roles, postures, windows
     ├── ReadingsError     the readings file: columns, units, numbers, time
-    └── ModelError        a finger, model revision or parameter set
+    ├── ModelError        a finger, model revision or parameter set
+    ├── DriverError       a load cell: its settings, port, answers, calibration
+    └── JournalError      a bench's journal: in use, damaged, of a newer version, disk full
+    LinkLostError         the device has gone while it was read (a pulled cable); not the user's input, and recoverable
 
 Every message is one line: what was found, what was expected, what to do.
 """
@@ -35,3 +38,15 @@ class ReadingsError(InputError):
 
 class ModelError(InputError):
     """A finger, a model revision or a parameter set cannot be used."""
+
+
+class DriverError(InputError):
+    """A load cell cannot be used: its settings, its port, its answers or its calibration."""
+
+
+class JournalError(InputError):
+    """A bench's journal cannot be used."""
+
+
+class LinkLostError(Exception):
+    """The device has gone while it was read or written."""

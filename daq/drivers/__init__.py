@@ -1,0 +1,31 @@
+"""Drivers of load cells, by name. Each is one file; only the one that is asked for is imported."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from daq.drivers.base import LoadCell
+from daq.errors import DriverError
+
+# Name in commands: file, class.
+REGISTRY: dict[str, tuple[str, str]] = {
+    "robotiq-ft300": ("robotiq", "Robotiq"),
+}
+
+
+def driver(name: str) -> type[LoadCell]:
+    """Return a driver's class.
+
+    Raises:
+        DriverError: there is none of that name.
+    """
+    if name not in REGISTRY:
+        raise DriverError(f"no driver {name!r}", f"one of {' '.join(REGISTRY)}", "See fingertwin log --driver list")
+    module, kind = REGISTRY[name]
+    found: type[LoadCell] = getattr(import_module(f"daq.drivers.{module}"), kind)
+    return found
+
+
+def drivers() -> tuple[type[LoadCell], ...]:
+    """All drivers, in the registry's order."""
+    return tuple(driver(name) for name in REGISTRY)

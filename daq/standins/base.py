@@ -1,0 +1,49 @@
+"""Stand-ins: what answers and streams as a real device does, so that everything can be tried without one.
+
+A stand-in knows a device's conversation and how it writes a reading; what it reads, and over which wire, and which
+faults it has, is not its business.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class StandIn(ABC):
+    """A device of one family, without its wire.
+
+    Attributes:
+        name: the driver's.
+        datagrams: whether it writes datagrams instead of a stream of bytes.
+        settings: given to the driver that is to understand it.
+        streaming: whether it has been told to stream, or always does.
+    """
+
+    name: ClassVar[str]
+    datagrams: ClassVar[bool] = False
+    settings: ClassVar[dict[str, float | int | str]] = {}
+
+    def __init__(self) -> None:
+        self.streaming = False
+
+    @abstractmethod
+    def hear(self, data: bytes) -> bytes:
+        """Take what the host sends, in whatever portions, and return the answer; starts or stops the stream."""
+
+    @abstractmethod
+    def encode(self, wrench: Floats, sequence: Integers, time_s: Floats, status: Integers | None = None) -> list[bytes]:
+        """Write readings as the device does: each as the bytes (or the datagram) of one record.
+
+        Args:
+            wrench: (n, 6) [N, N mm] in the cell's axes; rounded and cut to what the device can say.
+            sequence: (n,) count of readings since it was switched on; wraps as the device's does.
+            time_s: (n,) since it was switched on.
+            status: (n,) of the device, 0 where all is well.
+        """
