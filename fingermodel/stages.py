@@ -114,6 +114,8 @@ class Effect:
         formula: what it changes.
         source: of the form and the range.
         tell: what gives it away in the data.
+        constitutive: whether it is a law of tissue, contact or time, whose exact form nobody knows; a mass, a length,
+            an angle, a constant or a matrix is what it is by definition.
         rests_on_clamp_assumption: whether only out-of-plane forces can support it, which a real clamp carries in part.
     """
 
@@ -123,6 +125,7 @@ class Effect:
     formula: ClassVar[str] = ""
     source: ClassVar[str] = ""
     tell: ClassVar[str] = ""
+    constitutive: ClassVar[bool] = True
     rests_on_clamp_assumption: ClassVar[bool] = False
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -24,6 +24,7 @@ class Candidate:
         alternatives: each a set of indices of parameters; they share the candidate's prior.
         share: of the effect's prior that this candidate has.
         rests_on_clamp_assumption: of its effect.
+        constitutive: of its effect.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Candidate:
     alternatives: tuple[tuple[int, ...], ...]
     share: float
     rests_on_clamp_assumption: bool
+    constitutive: bool = True
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,8 @@ def candidates_of(model: Model, *, sagittal: bool = False) -> tuple[Candidate, .
             if kept:
                 found[name] = kept
         for name, kept in found.items():
-            out.append(Candidate(name, effect.name, kept, 1.0 / len(found), effect.rests_on_clamp_assumption))
+            share = 1.0 / len(found)
+            out.append(Candidate(name, effect.name, kept, share, effect.rests_on_clamp_assumption, effect.constitutive))
     return tuple(out)
 
 

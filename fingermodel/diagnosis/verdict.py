@@ -20,9 +20,7 @@ Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undec
 SURE = 0.9
 # Nothing is believed from here, if no effect by itself has a tenth of the probability.
 NOTHING_SURE = 0.8
-# Log evidence that a second effect must add where one alone fits: it may mend that effect's form.
-PASSENGER = 8.0
-# Share of the misfit that an effect's form leaves when it is off by 4 or 5 %.
+# Share of the misfit that an effect leaves when its form is off by 4 or 5 %: a companion may mend just that.
 FORM_SHARE = 2e-3
 # Most names that `one_of` gives.
 MOST_NAMES = 4
@@ -128,7 +126,7 @@ def _found(
     candidates: tuple[Candidate, ...],
     validation_rmse: Callable[[Weighed], float | None],
 ) -> Verdict:
-    both, certain = certain, _without_passengers(evidence, certain)
+    both, certain = certain, _without_passengers(evidence, certain, candidates)
     exact = [w for w in evidence.weighed if set(w.explanation.names) == set(certain)]
     together = sum(p for names, p in evidence.probability.items() if names and set(certain) <= set(names))
     order = [c.name for c in candidates]
@@ -166,8 +164,14 @@ def _passenger(name: str) -> str:
     )
 
 
-def _without_passengers(evidence: Evidence, certain: tuple[str, ...]) -> tuple[str, ...]:
-    """Leave out a companion that hardly adds anything where one effect alone fits: it mends that effect's form."""
+def _without_passengers(
+    evidence: Evidence, certain: tuple[str, ...], candidates: tuple[Candidate, ...]
+) -> tuple[str, ...]:
+    """Leave out a companion that adds little where a law alone fits: it may mend that law's form.
+
+    What is so by definition, such as a mass or an angle, has no form to mend.
+    """
+    laws = {c.name for c in candidates if c.constitutive}
     pair = max(
         (w for w in evidence.weighed if set(w.explanation.names) == set(certain)),
         key=lambda w: w.log_evidence,
@@ -179,9 +183,9 @@ def _without_passengers(evidence: Evidence, certain: tuple[str, ...]) -> tuple[s
         w
         for w in evidence.weighed
         if len(w.explanation.names) == 1
-        and w.explanation.names[0] in certain
+        and w.explanation.names[0] in laws & set(certain)
         and not w.implausible
-        and pair.log_evidence - w.log_evidence < max(PASSENGER, 0.5 * FORM_SHARE * evidence.nothing.fitted.objective)
+        and pair.log_evidence - w.log_evidence < 0.5 * FORM_SHARE * evidence.nothing.fitted.objective
     ]
     return max(alone, key=lambda w: w.log_evidence).explanation.names if alone else certain
 

@@ -20,6 +20,7 @@ class CellCrosstalk(Effect):
 
     name = "cell_crosstalk"
     stage = "reading"
+    constitutive = False
     title = "the cell's components leak into one another"
     formula = "F = (1 + E) F"
     source = "calibration matrix of a damaged or mismatched cell; range assumed: 10 %"

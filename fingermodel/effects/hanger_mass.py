@@ -19,6 +19,7 @@ class HangerMass(Effect):
 
     name = "hanger_mass"
     stage = "tension"
+    constitutive = False
     title = "the hanger was not weighed"
     formula = "T_i += c g m0 wherever a mass hangs"
     source = "weight of an unweighed hanger; range assumed: 5-100 g"

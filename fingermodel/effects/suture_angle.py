@@ -21,6 +21,7 @@ class SutureAngle(Effect):
 
     name = "suture_angle"
     stage = "reading"
+    constitutive = False
     title = "the tendons leave the metacarpal at an angle"
     formula = "v = R_z(a) R_y(b) x at the bone"
     source = "geometry; range assumed: 12 deg in two planes"

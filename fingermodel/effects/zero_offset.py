@@ -22,6 +22,7 @@ class ZeroOffset(Effect):
 
     name = "zero_offset"
     stage = "reading"
+    constitutive = False
     title = "the tare missed a constant force"
     formula = "F += f0 at one mount"
     source = "range assumed: 0.8 N an axis, of a tare taken under load"

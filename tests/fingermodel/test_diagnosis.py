@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -125,12 +126,17 @@ def test_stated_probabilities_come_true_on_simulated_sessions() -> None:
         assert abs(stated - came_true) <= 3.0 * np.sqrt(stated * (1.0 - stated) / count) + 0.05
 
 
-def verdict_of(probability: dict[tuple[str, ...] | None, float], each: float = 20.0) -> Any:
+def verdict_of(
+    probability: dict[tuple[str, ...] | None, float],
+    each: float = 20.0,
+    objective: float = 45.0,
+    searched: tuple[Candidate, ...] = (),
+) -> Any:
     """The verdict where only probabilities speak: everything fits, nothing is strained; log evidence of each effect."""
     model = SimpleNamespace(parameters=SimpleNamespace(parameters=(), names=()))
     problem = SimpleNamespace(rows=np.arange(50), model=model, observations=SimpleNamespace())
     fitted = SimpleNamespace(
-        objective=45.0, problem=problem, explanation=Explanation((), (), ()), theta=np.zeros(0), x=np.zeros(0)
+        objective=objective, problem=problem, explanation=Explanation((), (), ()), theta=np.zeros(0), x=np.zeros(0)
     )
     rows = []
     for names in probability:
@@ -158,7 +164,7 @@ def verdict_of(probability: dict[tuple[str, ...] | None, float], each: float = 2
     return judge(
         cast("Any", problem),
         cast("Any", evidence),
-        candidates(4),
+        searched or candidates(4),
         confounding(linear, candidates(4)),
         lambda _: None,
     )
@@ -185,9 +191,14 @@ def test_a_verdict_needs_its_probability(
 
 
 def test_a_companion_that_may_only_mend_the_form_is_not_named() -> None:
-    verdict = verdict_of({("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}, each=6.0)
+    probability: dict[tuple[str, ...] | None, float] = {("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}
+    verdict = verdict_of(probability, each=6.0, objective=10_000.0)
     assert (verdict.kind, verdict.effects) == ("found", ("e0",))
     assert any(reason.startswith("e1 beside it") for reason in verdict.reasons)
+    # A mass or an angle has no form to mend; nor is there one to mend where the whole misfit is small.
+    exact = tuple(replace(c, constitutive=False) for c in candidates(4))
+    assert verdict_of(probability, each=6.0, objective=10_000.0, searched=exact).effects == ("e0", "e1")
+    assert verdict_of(probability, each=6.0, objective=1_000.0).effects == ("e0", "e1")
 
 
 def test_values_are_less_sure_where_the_form_may_be_otherwise_and_the_base_is_bent_less() -> None:
