@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,17 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Let go of the port."""
+
+
+@runtime_checkable
+class Recorded(Protocol):
+    """A transport whose bytes arrived long ago.
+
+    Attributes:
+        arrival_s: when the last read was, in its own stream's time [s].
+    """
+
+    arrival_s: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +142,7 @@ class LoadCell(ABC):
         example: a command line that logs it.
         source: where its protocol is described, and how sure that is.
         checksum: whether its records carry one.
-        clock: what tells the time of a sample: the device's counter or clock, or its arrival here.
+        clock: what tells the time of a sample: the device's counter or clock, its arrival here, or a recording itself.
     """
 
     name: ClassVar[str]
@@ -141,7 +152,7 @@ class LoadCell(ABC):
     example: ClassVar[str]
     source: ClassVar[str]
     checksum: ClassVar[bool] = False
-    clock: ClassVar[Literal["device", "counter", "arrival"]] = "arrival"
+    clock: ClassVar[Literal["device", "counter", "arrival", "recording"]] = "arrival"
 
     def __init__(self, given: Mapping[str, Any] | None = None) -> None:
         self.values = settled(self.name, self.settings, given or {})
@@ -166,6 +177,14 @@ class LoadCell(ABC):
 
     def stop(self, transport: Transport) -> None:  # noqa: B027 - a device that only ever streams needs no stopping
         """Make the device stop, as far as it can be."""
+
+    def own_transport(self, port: str) -> Transport:
+        """Open what the device hangs on, where that is neither a serial port nor UDP (`link` file or none).
+
+        Raises:
+            DriverError: it cannot be opened, or the link is another.
+        """
+        raise DriverError(f"{self.name} hangs on {self.link}", "a transport of that kind")
 
     def number(self, name: str) -> float:
         """A setting that is a number."""

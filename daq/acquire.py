@@ -1,0 +1,319 @@
+"""The sampling thread: reads a load cell, decodes, tells the time, and hands chunks and events on. It waits for nobody.
+
+Whatever happens is a record: a gap, an overload, bytes that made no sense, silence, a pulled cable and its return. What
+nobody takes from the bounded queue in time is counted and said, never silently dropped.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from daq.blocks import Chunk
+from daq.drivers.base import Decoder, LoadCell, Recorded, Samples, Transport
+from daq.errors import DriverError, InputError, LinkLostError
+from daq.sample_clock import SampleClock
+
+Kind = Literal[
+    "started", "gap", "overload", "overload_ended", "damaged", "stale", "lost", "reconnected", "overrun", "ended"
+]
+
+CHUNK_S = 0.1
+# Longer silence is one; then a new connection is tried.
+STALE_S = 0.5
+GIVEN_UP_S = 2.0
+BACK_OFF_S = (0.25, 0.5, 1.0, 2.0, 5.0)
+# Chunks that wait for whoever writes them: half a minute.
+WAITING = 300
+READ_S = 0.05
+
+
+@dataclass(frozen=True)
+class StreamEvent:
+    """Something that happened to a stream.
+
+    Attributes:
+        kind: what.
+        at_s: when, in the stream's time [s].
+        utc_s: by the wall clock [s since 1970].
+        value: particulars, units in the keys.
+    """
+
+    kind: Kind
+    at_s: float
+    utc_s: float
+    value: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What the sampling thread hands on: a chunk with what happened in it, or events alone."""
+
+    chunk: Chunk | None
+    events: tuple[StreamEvent, ...]
+
+
+class Acquisition:
+    """Reads one load cell in a thread of its own.
+
+    Args:
+        cell: the driver.
+        connect: opens its transport; called again after it was lost.
+        chunk_s: length of a chunk [s].
+        stale_s: silence that is said [s].
+        waiting: chunks that may wait to be taken.
+        clock: monotonic seconds.
+        wall: wall-clock seconds.
+    """
+
+    def __init__(
+        self,
+        cell: LoadCell,
+        connect: Callable[[], Transport],
+        *,
+        chunk_s: float = CHUNK_S,
+        stale_s: float = STALE_S,
+        waiting: int = WAITING,
+        clock: Callable[[], float] = time.monotonic,
+        wall: Callable[[], float] = time.time,
+    ) -> None:
+        self.cell = cell
+        self._connect = connect
+        self._chunk_s, self._stale_s = chunk_s, stale_s
+        self._monotonic, self._wall = clock, wall
+        self._out: queue.Queue[Record] = queue.Queue(waiting)
+        self._done = threading.Event()
+        self._unsaid: list[StreamEvent] = []
+        self._halt = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
+        self._failure: InputError | None = None
+        self._began_s = 0.0
+        self._clock = SampleClock(cell.rate_hz)
+        self._next_seq = 0
+        self._lost_samples = 0
+        self._overloaded = False
+        self._last_sequence: int | None = None
+
+    def start(self) -> None:
+        """Connect, make the device stream, and read on in the background.
+
+        Raises:
+            DriverError: the device cannot be reached or is another; nothing has started then.
+        """
+        self._began_s = self._monotonic()
+        transport = self._open()
+        self._first = transport
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop the device and the thread; what was read can still be taken."""
+        self._halt.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=10.0)
+
+    def records(self) -> Iterator[Record]:
+        """Yield what is handed on until the stream ends.
+
+        Raises:
+            InputError: the device said, after a reconnection, that it is another.
+        """
+        while True:
+            over = self._done.is_set()
+            try:
+                yield self._out.get(timeout=0.0 if over else 0.1)
+            except queue.Empty:
+                if not over:
+                    continue
+                # What found no room is said last.
+                if self._unsaid:
+                    yield Record(None, tuple(self._unsaid))
+                if self._failure is not None:
+                    raise self._failure from None
+                return
+
+    def _open(self) -> Transport:
+        transport = self._connect()
+        try:
+            self.cell.start(transport)
+        except (DriverError, LinkLostError) as error:
+            transport.close()
+            if isinstance(error, LinkLostError):
+                raise DriverError(f"the device went away at once ({error})", "a load cell that stays") from error
+            raise
+        return transport
+
+    def _now(self) -> float:
+        return self._monotonic() - self._began_s
+
+    def _event(self, kind: Kind, **value: Any) -> StreamEvent:
+        return StreamEvent(kind, self._now(), self._wall(), value)
+
+    def _run(self) -> None:
+        transport: Transport | None = self._first
+        self._hand_on(None, [self._event("started", driver=self.cell.name, clock=self.cell.clock)])
+        try:
+            while transport is not None and not self._halt.is_set():
+                why = self._read_on(transport)
+                if why is None:
+                    break
+                transport.close()
+                transport = self._come_back(why)
+        except InputError as error:
+            self._failure = error
+        finally:
+            if transport is not None:
+                # What can no longer be reached needs no stopping.
+                with contextlib.suppress(LinkLostError, DriverError):
+                    self.cell.stop(transport)
+                transport.close()
+            self._hand_on(None, [self._event("ended", samples=self._next_seq)])
+            self._done.set()
+
+    def _read_on(self, transport: Transport) -> str | None:
+        """Read until the device has gone (why), has nothing more (None), or a stop is asked for (None)."""
+        gathered = _Gathered(self._now())
+        decoder, heard_s, silent = self.cell.decoder(), self._now(), False
+        while not self._halt.is_set():
+            try:
+                data = transport.read(min(READ_S, self._chunk_s))
+            except LinkLostError as error:
+                self._close_chunk(gathered)
+                return str(error)
+            except EOFError:
+                self._close_chunk(gathered)
+                return None
+            now = self._now()
+            if data:
+                heard_s = now
+                if silent:
+                    gathered.events.append(self._event("stale", ended=True))
+                    silent = False
+                self._take(data, decoder, gathered, transport.arrival_s if isinstance(transport, Recorded) else now)
+            elif now - heard_s > GIVEN_UP_S + self._stale_s:
+                self._close_chunk(gathered)
+                return f"nothing has come for {now - heard_s:.1f} s"
+            elif now - heard_s > self._stale_s and not silent:
+                gathered.events.append(self._event("stale", silent_s=round(now - heard_s, 3)))
+                silent = True
+            if now - gathered.since_s >= self._chunk_s:
+                self._close_chunk(gathered)
+                gathered = _Gathered(now)
+        self._close_chunk(gathered)
+        return None
+
+    def _take(self, data: bytes, decoder: Decoder, gathered: _Gathered, now: float) -> None:
+        decoded = decoder.feed(data)
+        gathered.raw.append(data)
+        gathered.reads.append((len(data), now))
+        if decoded.rejected or decoded.skipped:
+            gathered.rejected += decoded.rejected
+            gathered.skipped += decoded.skipped
+        if not len(decoded):
+            return
+        gathered.events += self._gaps(decoded)
+        if self.cell.clock == "recording" and decoded.device_s is not None:
+            times = decoded.device_s
+        else:
+            times = self._clock.times(decoded, now)
+        if self._clock.jumped_s:
+            gathered.events.append(self._event("gap", lost_s=round(self._clock.jumped_s, 4), counted=False))
+        gathered.samples.append(decoded)
+        gathered.times.append(times)
+        over = bool(decoded.overload[-1])
+        if decoded.overload.any() and not self._overloaded:
+            first = int(np.argmax(decoded.overload))
+            gathered.events.append(
+                StreamEvent("overload", float(times[first]), self._wall(), {"status": int(decoded.status[first])})
+            )
+            self._overloaded = True
+        if self._overloaded and not over:
+            gathered.events.append(StreamEvent("overload_ended", float(times[-1]), self._wall()))
+            self._overloaded = False
+
+    def _gaps(self, decoded: Samples) -> list[StreamEvent]:
+        """What the device's own count says was lost."""
+        if decoded.sequence is None:
+            return []
+        before = decoded.sequence[0] - 1 if self._last_sequence is None else self._last_sequence
+        missing = np.diff(decoded.sequence, prepend=before) - 1
+        self._last_sequence = int(decoded.sequence[-1])
+        return [self._event("gap", lost_samples=int(k), counted=True) for k in missing[missing > 0]]
+
+    def _close_chunk(self, gathered: _Gathered) -> None:
+        events = gathered.events
+        if gathered.rejected or gathered.skipped:
+            events.append(self._event("damaged", rejected=gathered.rejected, skipped_bytes=gathered.skipped))
+        if not gathered.raw:
+            if events:
+                self._hand_on(None, events)
+            return
+        parts = gathered.samples
+        chunk = Chunk(
+            self._next_seq,
+            np.concatenate(gathered.times) if parts else np.zeros(0),
+            np.concatenate([p.wrench for p in parts]) if parts else np.zeros((0, 6)),
+            np.concatenate([p.status for p in parts]) if parts else np.zeros(0, dtype=np.int64),
+            np.concatenate([p.overload for p in parts]) if parts else np.zeros(0, dtype=bool),
+            b"".join(gathered.raw),
+            tuple(gathered.reads),
+            self._wall(),
+            gathered.rejected,
+            gathered.skipped,
+        )
+        if self._hand_on(chunk, events):
+            self._next_seq = chunk.next_seq
+
+    def _hand_on(self, chunk: Chunk | None, events: list[StreamEvent]) -> bool:
+        """Put a record where it can be taken; while nobody takes, count lost samples and keep events."""
+        events = [*self._unsaid, *events]
+        if self._lost_samples:
+            events.append(self._event("overrun", lost_samples=self._lost_samples))
+        try:
+            self._out.put_nowait(Record(chunk, tuple(events)))
+        except queue.Full:
+            if self._lost_samples:
+                events.pop()
+            self._unsaid = events
+            self._lost_samples += 0 if chunk is None else len(chunk)
+            return False
+        self._unsaid, self._lost_samples = [], 0
+        return True
+
+    def _come_back(self, why: str) -> Transport | None:
+        """Try to connect again, ever more slowly, until it works or a stop is asked for."""
+        gone_s, tries = self._now(), 0
+        self._hand_on(None, [self._event("lost", why=why)])
+        while not self._halt.is_set():
+            self._halt.wait(BACK_OFF_S[min(tries, len(BACK_OFF_S) - 1)])
+            tries += 1
+            if self._halt.is_set():
+                return None
+            try:
+                transport = self._open()
+            except DriverError:
+                continue
+            # A device that was switched off counts from the start; what it did meanwhile nobody knows.
+            self._clock.restart()
+            self._last_sequence = None
+            self._hand_on(None, [self._event("reconnected", away_s=round(self._now() - gone_s, 3), tries=tries)])
+            return transport
+        return None
+
+
+@dataclass(eq=False)
+class _Gathered:
+    since_s: float
+    raw: list[bytes] = field(default_factory=list)
+    reads: list[tuple[int, float]] = field(default_factory=list)
+    samples: list[Samples] = field(default_factory=list)
+    times: list[Any] = field(default_factory=list)
+    events: list[StreamEvent] = field(default_factory=list)
+    rejected: int = 0
+    skipped: int = 0

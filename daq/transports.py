@@ -1,0 +1,146 @@
+"""Serial ports and UDP, as transports that a driver talks over. What goes wrong is said in one line with its remedy."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+from typing import TYPE_CHECKING
+
+from daq.drivers.base import LoadCell, Transport
+from daq.errors import DriverError, LinkLostError
+
+if TYPE_CHECKING:
+    import serial
+
+# A read returns no more than this, so that one of a fast device does not grow without bound.
+MOST_BYTES = 1 << 16
+RDT_PORT = 49152
+
+
+def connect(cell: LoadCell, port: str | None, baud: int | None = None) -> Transport:
+    """Open what a load cell hangs on.
+
+    Args:
+        cell: whose `link` says what that is.
+        port: a serial port (`COM3`, `/dev/ttyUSB0`, or any pyserial address such as `socket://host:port`), a host
+            (`192.168.1.1` or `host:port`), or a file.
+        baud: of a serial port; by default the device's.
+
+    Raises:
+        DriverError: it cannot be opened.
+    """
+    if cell.link == "none" and port is None:
+        return cell.own_transport("")
+    if port is None:
+        what = {"serial": "the serial port", "udp": "the device's address", "file": "the file"}[cell.link]
+        raise DriverError(
+            f"{cell.name} lacks a port", f"{what} as --port", _known_ports() if cell.link == "serial" else ""
+        )
+    if cell.link == "serial":
+        return SerialTransport(port, baud or int(getattr(cell, "baud", 115200)))
+    if cell.link == "udp":
+        return UdpTransport(port)
+    return cell.own_transport(port)
+
+
+class SerialTransport:
+    """A serial port, eight data bits, no parity, one stop bit."""
+
+    def __init__(self, port: str, baud: int) -> None:
+        import serial
+
+        self._lost = (serial.SerialException, OSError, TypeError)
+        try:
+            self._port: serial.Serial = serial.serial_for_url(port, baud, timeout=0.0, write_timeout=2.0)
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise _cannot_open(port, error) from error
+
+    def write(self, data: bytes) -> None:
+        """Send all bytes."""
+        try:
+            self._port.write(data)
+            self._port.flush()
+        except self._lost as error:
+            raise LinkLostError(f"the serial port has gone ({error})") from error
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what has come, as soon as anything has."""
+        try:
+            self._port.timeout = timeout_s
+            first: bytes = self._port.read(1)
+            if not first:
+                return b""
+            self._port.timeout = 0.0
+            rest: bytes = self._port.read(min(self._port.in_waiting, MOST_BYTES)) if self._port.in_waiting else b""
+        except self._lost as error:
+            # pyserial raises TypeError where the port was closed under a waiting read.
+            raise LinkLostError(f"the serial port has gone ({error})") from error
+        return first + rest
+
+    def close(self) -> None:
+        """Let go of the port; a port that has gone is closed already."""
+        with contextlib.suppress(*self._lost):
+            self._port.close()
+
+
+class UdpTransport:
+    """Datagrams to and from one device."""
+
+    def __init__(self, address: str) -> None:
+        host, _, port = address.partition(":")
+        if port and not port.isdecimal():
+            raise DriverError(f"the address {address!r}", "a host, or host:port, such as 192.168.1.1:49152")
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        # Bursts wait here while this process is held up: a second of 7 kHz in single records.
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        try:
+            self._socket.connect((host, int(port or RDT_PORT)))
+        except OSError as error:
+            self._socket.close()
+            raise DriverError(
+                f"no way to {address} ({error.strerror or error})",
+                "the address of the device",
+                "Is it on this network?",
+            ) from error
+
+    def write(self, data: bytes) -> None:
+        """Send one datagram."""
+        try:
+            self._socket.send(data)
+        except OSError as error:
+            raise LinkLostError(f"the network has gone ({error.strerror or error})") from error
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return one datagram."""
+        try:
+            self._socket.settimeout(max(timeout_s, 1e-4))
+            return self._socket.recv(MOST_BYTES)
+        except TimeoutError:
+            return b""
+        except OSError as error:
+            raise LinkLostError(f"the device has gone ({error.strerror or error})") from error
+
+    def close(self) -> None:
+        """Let go of the socket."""
+        self._socket.close()
+
+
+def _cannot_open(port: str, error: Exception) -> DriverError:
+    text = str(error)
+    lower = text.lower()
+    if "permission" in lower or "access is denied" in lower:
+        return DriverError(
+            f"no right to open {port}",
+            "a port that this user may use",
+            "Is another program on it? On Linux: be in the group dialout",
+        )
+    if "busy" in lower or "lock" in lower:
+        return DriverError(f"{port} is in use", "a free port", "Close the other program")
+    return DriverError(f"no port {port} ({text.splitlines()[0][:120]})", "a serial port", _known_ports())
+
+
+def _known_ports() -> str:
+    from serial.tools import list_ports
+
+    names = [p.device for p in list_ports.comports()]
+    return f"Here are {' '.join(names)}" if names else "None is here: plug in the adapter"

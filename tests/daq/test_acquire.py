@@ -1,0 +1,198 @@
+"""The sampling thread: chunks without gaps in their numbers, and an event for everything that happens."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daq.acquire import Acquisition, Record
+from daq.drivers.base import LoadCell, Samples, Transport, samples
+from daq.errors import DriverError, LinkLostError
+
+
+class Counting(LoadCell):
+    """One byte a reading: its own count modulo 128, the top bit is an overload."""
+
+    name = "counting"
+    title = "test"
+    link = "none"
+    example = ""
+    source = ""
+    clock = "counter"
+
+    def __init__(self, given: Mapping[str, Any] | None = None) -> None:
+        super().__init__(given)
+        self.started = self.stopped = 0
+
+    @property
+    def rate_hz(self) -> float:
+        return 1000.0
+
+    def decoder(self) -> CountingDecoder:
+        return CountingDecoder()
+
+    def start(self, transport: Transport) -> None:
+        self.started += 1
+
+    def stop(self, transport: Transport) -> None:
+        self.stopped += 1
+
+
+class CountingDecoder:
+    def feed(self, data: bytes) -> Samples:
+        octets = np.frombuffer(data, np.uint8)
+        values = (octets & 0x7F).astype(np.int64)
+        wrench = np.tile(values[:, None] / 10.0, (1, 6))
+        over = octets > 127
+        return samples(wrench, status=over.astype(np.int64), overload=over, sequence=values)
+
+
+class Portions:
+    """Gives one portion a read; None is a pulled cable, a number is silence [s], the end is the end of a file."""
+
+    def __init__(self, portions: list[bytes | float | None]) -> None:
+        self._portions = deque(portions)
+        self.closed = 0
+
+    def write(self, data: bytes) -> None:
+        raise NotImplementedError
+
+    def read(self, timeout_s: float) -> bytes:
+        if not self._portions:
+            raise EOFError
+        portion = self._portions.popleft()
+        if portion is None:
+            raise LinkLostError("the cable was pulled")
+        if isinstance(portion, bytes):
+            time.sleep(0.001)
+            return portion
+        time.sleep(timeout_s)
+        if portion > timeout_s:
+            self._portions.appendleft(portion - timeout_s)
+        return b""
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def taken(links: list[Portions | DriverError], **options: Any) -> tuple[list[Record], Counting]:
+    cell, queue = Counting(), deque(links)
+
+    def connect() -> Transport:
+        link = queue.popleft() if queue else DriverError("none there")
+        if isinstance(link, DriverError):
+            raise link
+        return link
+
+    run = Acquisition(cell, connect, chunk_s=0.02, **options)
+    run.start()
+    out = list(run.records())
+    run.stop()
+    assert all(link.closed == 1 for link in links if isinstance(link, Portions))
+    return out, cell
+
+
+def kinds(records: list[Record]) -> list[str]:
+    return [e.kind for r in records for e in r.events]
+
+
+def numbered(records: list[Record]) -> np.ndarray[Any, Any]:
+    """All wrenches, after checking that the chunks' numbers follow each other."""
+    next_seq = 0
+    for record in records:
+        if record.chunk is not None:
+            assert record.chunk.first_seq == next_seq
+            next_seq = record.chunk.next_seq
+    return np.concatenate([r.chunk.wrench for r in records if r.chunk is not None])
+
+
+def test_every_byte_arrives_once_as_read_and_as_decoded() -> None:
+    sent = [bytes([k % 128]) for k in range(200)]
+    records, cell = taken([Portions([*sent])])
+    chunks = [r.chunk for r in records if r.chunk is not None]
+    assert len(chunks) > 3
+    assert b"".join(c.raw for c in chunks) == b"".join(sent)
+    assert numbered(records)[:, 0] == pytest.approx(np.arange(200) % 128 / 10.0)
+    times = np.concatenate([c.t_s for c in chunks])
+    assert (np.diff(times) > 0.0).all()
+    # The device's count wraps at 128: a driver that does not carry it on is told of as a step back, not as a loss.
+    assert kinds(records) == ["started", "ended"]
+    assert (cell.started, cell.stopped) == (1, 1)
+
+
+def test_what_the_device_counted_and_did_not_arrive_is_a_gap() -> None:
+    records, _ = taken([Portions([bytes([1, 2, 3]), bytes([10, 11])])])
+    gaps = [e for r in records for e in r.events if e.kind == "gap"]
+    assert [g.value for g in gaps] == [{"lost_samples": 6, "counted": True}]
+
+
+def test_an_overload_is_told_when_it_begins_and_ends() -> None:
+    records, _ = taken([Portions([bytes([1, 2]), bytes([3 | 128, 4 | 128]), bytes([5 | 128, 6]), bytes([7])])])
+    assert kinds(records) == ["started", "overload", "overload_ended", "ended"]
+
+
+def test_a_pulled_cable_is_told_and_comes_back() -> None:
+    links: list[Portions | DriverError] = [
+        Portions([bytes([1, 2, 3]), None]),
+        DriverError("not yet"),
+        Portions([bytes([0, 1])]),
+    ]
+    records, cell = taken(links)
+    assert kinds(records) == ["started", "lost", "reconnected", "ended"]
+    back = next(e for r in records for e in r.events if e.kind == "reconnected")
+    assert back.value["tries"] == 2
+    assert back.value["away_s"] > 0.7
+    assert len(numbered(records)) == 5
+    assert (cell.started, cell.stopped) == (2, 1)
+
+
+def test_silence_is_told_and_then_a_new_connection_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daq.acquire.GIVEN_UP_S", 0.2)
+    links: list[Portions | DriverError] = [Portions([bytes([1]), 0.15, bytes([2]), 9.0]), Portions([bytes([5])])]
+    records, _ = taken(links, stale_s=0.1)
+    assert kinds(records) == ["started", "stale", "stale", "stale", "lost", "reconnected", "ended"]
+
+
+def test_what_nobody_takes_in_time_is_counted() -> None:
+    cell = Counting()
+    portions: list[bytes | float | None] = [bytes([k % 128]) for k in range(400)]
+    run = Acquisition(cell, lambda: Portions(portions), chunk_s=0.005, waiting=5)
+    run.start()
+    time.sleep(0.3)
+    records = []
+    for record in run.records():
+        records.append(record)
+        time.sleep(0.002)
+    lost = sum(e.value["lost_samples"] for r in records for e in r.events if e.kind == "overrun")
+    assert lost > 0
+    assert len(numbered(records)) + lost == 400
+    assert kinds(records)[-1] == "ended"
+
+
+def test_a_device_that_is_not_there_starts_nothing() -> None:
+    def connect() -> Transport:
+        raise DriverError("no port COM9")
+
+    run = Acquisition(Counting(), connect)
+    with pytest.raises(DriverError, match="no port COM9"):
+        run.start()
+    run.stop()
+    assert threading.active_count() < 10
+
+
+def test_a_stop_stops_the_device() -> None:
+    cell = Counting()
+    run = Acquisition(cell, lambda: Portions([bytes([1]), 60.0]), stale_s=99.0)
+    run.start()
+    time.sleep(0.2)
+    began = time.monotonic()
+    run.stop()
+    assert time.monotonic() - began < 1.0
+    assert cell.stopped == 1
+    assert kinds(list(run.records()))[-1] == "ended"

@@ -1,0 +1,124 @@
+"""A stand-in over a real wire, logged by the sampling thread: what is logged is what was played."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daq.acquire import Acquisition, Record
+from daq.drivers.robotiq import Robotiq
+from daq.errors import DriverError
+from daq.readings import ReadingBlock
+from daq.standins.faults import Faults
+from daq.standins.robotiq import RobotiqStandIn
+from daq.standins.run import Player
+from daq.standins.wires import PtyWire, TcpWire, Wire
+from daq.transports import connect
+
+RATE = 100.0
+
+
+def played(seconds: float) -> ReadingBlock:
+    """Fx says the number of the reading, in hundredths of a newton."""
+    n = int(seconds * RATE)
+    wrench = np.zeros((n, 6))
+    wrench[:, 0] = np.arange(n) / 100.0
+    wrench[:, 5] = 78.0  # 4E 00: half of a header
+    return ReadingBlock(np.arange(n) / RATE, wrench)
+
+
+class Deaf(RobotiqStandIn):
+    """Streams, and at its baud rate understands nothing that it is told."""
+
+    def hear(self, data: bytes) -> bytes:
+        self.streaming = True
+        return b""
+
+
+@contextmanager
+def playing(
+    wire: Wire, seconds: float, faults: Faults | None = None, device: RobotiqStandIn | None = None
+) -> Iterator[None]:
+    over = threading.Event()
+    player = Player(device or RobotiqStandIn(), wire, [played(seconds)], faults)
+    thread = threading.Thread(target=player.run, args=(over.is_set,))
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        wire.close()
+
+
+def logged(address: str, seconds: float) -> list[Record]:
+    cell = Robotiq()
+    run = Acquisition(cell, lambda: connect(cell, address), chunk_s=0.05)
+    run.start()
+    timer = threading.Timer(seconds, run.stop)
+    timer.start()
+    out = list(run.records())
+    timer.join()
+    return out
+
+
+def numbers(records: list[Record]) -> np.ndarray[Any, Any]:
+    return np.concatenate([r.chunk.wrench[:, 0] for r in records if r.chunk is not None]) * 100.0
+
+
+def wires(tmp_path: Path) -> dict[str, Wire]:
+    out: dict[str, Wire] = {"tcp": TcpWire()}
+    if hasattr(os, "openpty"):
+        out["pty"] = PtyWire(str(tmp_path / "cell"))
+    return out
+
+
+def test_what_is_played_is_logged_in_order(tmp_path: Path) -> None:
+    for name, wire in wires(tmp_path).items():
+        with playing(wire, 30.0):
+            records = logged(wire.address, 1.2)
+        got = np.rint(numbers(records))
+        assert len(got) > 80, name
+        assert (np.diff(got) == 1).all(), name
+        times = np.concatenate([r.chunk.t_s for r in records if r.chunk is not None])
+        assert np.diff(times) == pytest.approx(0.01, abs=0.006)
+
+
+def test_damage_on_the_way_costs_readings_and_never_invents_one(tmp_path: Path) -> None:
+    wire = TcpWire()
+    with playing(wire, 30.0, Faults(dropped_per_s=3.0, flipped_per_s=3.0, burst_s=0.016)):
+        records = logged(wire.address, 2.5)
+    got = np.rint(numbers(records))
+    assert np.abs(got - numbers(records)).max() < 1e-9
+    assert (np.diff(got) >= 1).all()
+    assert any(e.kind == "damaged" for r in records for e in r.events)
+    # Each damaged frame costs itself, and at most two that wait for the chain to be whole again.
+    assert len(got) > 0.75 * (got[-1] - got[0])
+
+
+def test_a_pulled_cable_comes_back(tmp_path: Path) -> None:
+    for name, wire in wires(tmp_path).items():
+        with playing(wire, 30.0, Faults(pulled_every_s=1.0, pulled_for_s=0.4)):
+            records = logged(wire.address, 2.7)
+        kinds = [e.kind for r in records for e in r.events]
+        assert kinds.count("lost") >= 1, name
+        assert kinds.count("reconnected") >= 1, name
+        got = np.rint(numbers(records))
+        assert (np.diff(got) >= 1).all(), name
+        assert len(got) > 60, name
+
+
+def test_the_wrong_baud_rate_is_said() -> None:
+    wire, cell = TcpWire(), Robotiq()
+    with playing(wire, 30.0, Faults(wrong_baud=True), Deaf()):
+        link = connect(cell, wire.address)
+        with pytest.raises(DriverError, match="Robotiq FT300"):
+            cell.start(link)
+        link.close()
