@@ -22,7 +22,16 @@ from daq.errors import DriverError, InputError, LinkLostError
 from daq.sample_clock import SampleClock
 
 Kind = Literal[
-    "started", "gap", "overload", "overload_ended", "damaged", "stale", "lost", "reconnected", "overrun", "ended"
+    "started",
+    "gap",
+    "overload",
+    "overload_ended",
+    "damaged",
+    "stale",
+    "disconnected",
+    "reconnected",
+    "overrun",
+    "ended",
 ]
 
 CHUNK_S = 0.1
@@ -33,6 +42,9 @@ BACK_OFF_S = (0.25, 0.5, 1.0, 2.0, 5.0)
 # Chunks that wait for whoever writes them: half a minute.
 WAITING = 300
 READ_S = 0.05
+# Reads that make no sample, before they are given up; of their bytes so many are kept in the event that says so.
+MOST_WITHOUT_SAMPLE = 600
+KEPT_BYTES = 4096
 
 
 @dataclass(frozen=True)
@@ -203,8 +215,12 @@ class Acquisition:
                 gathered.events.append(self._event("stale", silent_s=round(now - heard_s, 3)))
                 silent = True
             if now - gathered.since_s >= self._chunk_s:
-                self._close_chunk(gathered)
-                gathered = _Gathered(now)
+                # Bytes that have made no sample yet wait for one: a chunk is known by the number of its first sample.
+                if gathered.samples or len(gathered.raw) > MOST_WITHOUT_SAMPLE:
+                    self._close_chunk(gathered)
+                    gathered = _Gathered(now)
+                else:
+                    self._say(gathered)
         self._close_chunk(gathered)
         return None
 
@@ -246,22 +262,30 @@ class Acquisition:
         self._last_sequence = int(decoded.sequence[-1])
         return [self._event("gap", lost_samples=int(k), counted=True) for k in missing[missing > 0]]
 
+    def _say(self, gathered: _Gathered) -> None:
+        """Hand on what happened, before there is a sample to hand on with it."""
+        if gathered.events:
+            self._hand_on(None, gathered.events)
+            gathered.events = []
+
     def _close_chunk(self, gathered: _Gathered) -> None:
-        events = gathered.events
+        events, raw = gathered.events, b"".join(gathered.raw)
         if gathered.rejected or gathered.skipped:
-            events.append(self._event("damaged", rejected=gathered.rejected, skipped_bytes=gathered.skipped))
-        if not gathered.raw:
-            if events:
-                self._hand_on(None, events)
+            value: dict[str, Any] = {"rejected": gathered.rejected, "skipped_bytes": gathered.skipped}
+            if not gathered.samples:
+                value["raw_hex"] = raw[-KEPT_BYTES:].hex()
+            events.append(self._event("damaged", **value))
+        if not gathered.samples:
+            self._say(gathered)
             return
         parts = gathered.samples
         chunk = Chunk(
             self._next_seq,
-            np.concatenate(gathered.times) if parts else np.zeros(0),
-            np.concatenate([p.wrench for p in parts]) if parts else np.zeros((0, 6)),
-            np.concatenate([p.status for p in parts]) if parts else np.zeros(0, dtype=np.int64),
-            np.concatenate([p.overload for p in parts]) if parts else np.zeros(0, dtype=bool),
-            b"".join(gathered.raw),
+            np.concatenate(gathered.times),
+            np.concatenate([p.wrench for p in parts]),
+            np.concatenate([p.status for p in parts]),
+            np.concatenate([p.overload for p in parts]),
+            raw,
             tuple(gathered.reads),
             self._wall(),
             gathered.rejected,
@@ -289,7 +313,7 @@ class Acquisition:
     def _come_back(self, why: str) -> Transport | None:
         """Try to connect again, ever more slowly, until it works or a stop is asked for."""
         gone_s, tries = self._now(), 0
-        self._hand_on(None, [self._event("lost", why=why)])
+        self._hand_on(None, [self._event("disconnected", why=why)])
         while not self._halt.is_set():
             self._halt.wait(BACK_OFF_S[min(tries, len(BACK_OFF_S) - 1)])
             tries += 1

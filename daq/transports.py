@@ -71,7 +71,8 @@ class SerialTransport:
             if not first:
                 return b""
             self._port.timeout = 0.0
-            rest: bytes = self._port.read(min(self._port.in_waiting, MOST_BYTES)) if self._port.in_waiting else b""
+            # Not by `in_waiting`, which of a socket only says whether there is anything.
+            rest: bytes = self._port.read(MOST_BYTES)
         except self._lost as error:
             # pyserial raises TypeError where the port was closed under a waiting read.
             raise LinkLostError(f"the serial port has gone ({error})") from error
@@ -95,8 +96,9 @@ class UdpTransport:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
         try:
             self._socket.connect((host, int(port or RDT_PORT)))
-        except OSError as error:
+        except (OSError, UnicodeError) as error:
             self._socket.close()
+            why = getattr(error, "strerror", None) or error
             raise DriverError(
                 f"no way to {address} ({error.strerror or error})",
                 "the address of the device",
@@ -136,7 +138,9 @@ def _cannot_open(port: str, error: Exception) -> DriverError:
         )
     if "busy" in lower or "lock" in lower:
         return DriverError(f"{port} is in use", "a free port", "Close the other program")
-    return DriverError(f"no port {port} ({text.splitlines()[0][:120]})", "a serial port", _known_ports())
+    absent = any(word in lower for word in ("no such file", "filenotfound", "cannot find"))
+    why = "" if absent else f" ({text.splitlines()[0][:120]})"
+    return DriverError(f"no port {port}{why}", "a serial port", _known_ports())
 
 
 def _known_ports() -> str:

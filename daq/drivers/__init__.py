@@ -9,7 +9,16 @@ from daq.errors import DriverError
 
 # Name in commands: file, class.
 REGISTRY: dict[str, tuple[str, str]] = {
+    "ati-serial": ("ati_serial", "AtiSerial"),
+    "ati-axia": ("ati_axia", "AtiAxia"),
+    "ati-netft": ("ati_netft", "AtiNetft"),
+    "gauge-volts": ("gauge_lines", "GaugeLines"),
+    "ni-daqmx": ("nidaq", "NiDaq"),
     "robotiq-ft300": ("robotiq", "Robotiq"),
+    "bota-sensone": ("bota", "Bota"),
+    "optoforce": ("optoforce", "OptoForce"),
+    "text-lines": ("text_lines", "TextLines"),
+    "replay": ("recorded", "Replay"),
 }
 
 

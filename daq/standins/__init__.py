@@ -8,7 +8,13 @@ from daq.errors import DriverError
 from daq.standins.base import StandIn
 
 REGISTRY: dict[str, tuple[str, str]] = {
+    "ati-serial": ("ati_serial", "AtiSerialStandIn"),
+    "ati-axia": ("ati_axia", "AtiAxiaStandIn"),
+    "ati-netft": ("ati_netft", "AtiNetftStandIn"),
     "robotiq-ft300": ("robotiq", "RobotiqStandIn"),
+    "bota-sensone": ("bota", "BotaStandIn"),
+    "optoforce": ("optoforce", "OptoForceStandIn"),
+    "text-lines": ("text_lines", "TextLinesStandIn"),
 }
 
 

@@ -49,7 +49,7 @@ class BotaStandIn(StandIn):
         table["status"] = 0 if status is None else status
         table["wrench"] = wrench * np.array([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3])
         table["us"] = np.rint(time_s * 1e6).astype(np.int64) & 0xFFFFFFFF
-        table["deg_C"] = 25.0
+        table["deg_C"] = 25.5
         octets = np.frombuffer(table.tobytes(), np.uint8).reshape(-1, FRAME.itemsize)
         table["crc"] = crc16_x25(octets[:, 1:35])
         return [row.tobytes() for row in table]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from daq.readings import ReadingBlock
-from daq.standins.base import StandIn
+from daq.standins.base import Floats, Integers, StandIn
 from daq.standins.faults import Faults, FaultyWire
 from daq.standins.wires import Wire
 
@@ -23,6 +23,7 @@ class Player:
 
     Attributes:
         written: records that went onto the wire.
+        passed_s: since the first reading [s].
     """
 
     def __init__(
@@ -34,6 +35,7 @@ class Player:
         *,
         seed: int = 0,
         full_scale: float = 1e4,
+        rate_hz: float | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Begin with the first reading.
@@ -45,13 +47,15 @@ class Player:
             faults: that it has; none by default.
             seed: of the faults.
             full_scale: what a saturated axis is driven to, before the device cuts it [N].
+            rate_hz: of the device; by default that of the readings.
             clock: monotonic seconds.
         """
         self.written = 0
+        self.passed_s = 0.0
         self._device, self._wire, self._faults = device, wire, faults or Faults()
         self._carrier = FaultyWire(self._faults, seed)
-        self._rows = _rows(blocks, device, self._faults, full_scale)
-        self._next = next(self._rows, None)
+        self._portions = _portions(blocks, self._faults, full_scale, rate_hz)
+        self._portion = next(self._portions, None)
         self._clock, self._began = clock, clock()
         self._last_s = self._sent_s = 0.0
         self._out_until_s: float | None = None
@@ -65,24 +69,33 @@ class Player:
         answer = self._device.hear(heard) if heard else b""
         if answer:
             self._wire.send([answer])
-        due: list[bytes] = []
-        while self._next is not None and self._next[0] <= now:
-            if self._device.streaming:
-                due.append(self._next[1])
-            self._next = next(self._rows, None)
-        self._pending += self._carrier.carry(due, now - self._last_s)
+        self._pending += self._carrier.carry(self._due(now), now - self._last_s)
         if self._pending and now - self._sent_s >= self._faults.burst_s:
             if self._out_until_s is None:
                 self._wire.send(self._pending)
                 self.written += len(self._pending)
             self._pending, self._sent_s = [], now
-        self._last_s = now
-        return self._next is not None
+        self._last_s = self.passed_s = now
+        return self._portion is not None
 
     def run(self, ended: Callable[[], bool] = lambda: False, wait: Callable[[float], None] = time.sleep) -> None:
         """Play until the readings are over or the end is asked for."""
         while not ended() and self.turn():
             wait(TICK_S)
+
+    def _due(self, now: float) -> list[bytes]:
+        """Write the readings whose time has come, as the device has been told to by now."""
+        out: list[bytes] = []
+        while self._portion is not None:
+            t_s, wrench, sequence = self._portion
+            n = int(np.searchsorted(t_s, now, side="right"))
+            if n and self._device.streaming:
+                out += self._device.encode(wrench[:n], sequence[:n], t_s[:n])
+            if n < len(t_s):
+                self._portion = (t_s[n:], wrench[n:], sequence[n:])
+                break
+            self._portion = next(self._portions, None)
+        return out
 
     def _cable(self, now: float) -> None:
         """Pull the cable when it is time, and plug it in again."""
@@ -96,18 +109,35 @@ class Player:
             self._out_until_s = now + self._faults.pulled_for_s
 
 
-def _rows(
-    blocks: Iterable[ReadingBlock], device: StandIn, faults: Faults, full_scale: float
-) -> Iterator[tuple[float, bytes]]:
-    """(time since the start, bytes) of every record."""
+def _portions(
+    blocks: Iterable[ReadingBlock], faults: Faults, full_scale: float, rate_hz: float | None
+) -> Iterator[tuple[Floats, Floats, Integers]]:
+    """Times since the start (n,), wrenches (n, 6) and counts (n,) of readings."""
     count, first_s = faults.first_count, None
-    for block in blocks:
+    for block in blocks if rate_hz is None else resampled(blocks, rate_hz):
         first_s = float(block.t_s[0]) if first_s is None else first_s
         for a in range(0, len(block), PORTION):
-            t = block.t_s[a : a + PORTION] - first_s
+            t_s = block.t_s[a : a + PORTION] - first_s
             wrench = block.wrench[a : a + PORTION].copy()
             if faults.saturated_every_s:
-                wrench[t % faults.saturated_every_s > faults.saturated_every_s - 1.0, 2] = full_scale
-            records = device.encode(wrench, count + np.arange(len(t)), t)
-            count += len(t)
-            yield from zip(t.tolist(), records, strict=True)
+                wrench[t_s % faults.saturated_every_s > faults.saturated_every_s - 1.0, 2] = full_scale
+            yield t_s, wrench, (count + np.arange(len(t_s))).astype(np.int64)
+            count += len(t_s)
+
+
+def resampled(blocks: Iterable[ReadingBlock], rate_hz: float) -> Iterator[ReadingBlock]:
+    """Yield readings at another rate, by straight lines between those that there are."""
+    held: ReadingBlock | None = None
+    next_s: float | None = None
+    for block in blocks:
+        t_s, wrench = block.t_s, block.wrench
+        if held is not None:
+            t_s, wrench = np.concatenate([held.t_s, t_s]), np.concatenate([held.wrench, wrench])
+        first_s = float(t_s[0]) if next_s is None else next_s
+        count = int(np.floor((t_s[-1] - first_s) * rate_hz + 1e-9)) + 1
+        times = first_s + np.arange(max(count, 0)) / rate_hz
+        if len(times):
+            columns = [np.interp(times, t_s, wrench[:, k]) for k in range(6)]
+            yield ReadingBlock(times, np.stack(columns, axis=1))
+            next_s = float(times[-1]) + 1.0 / rate_hz
+        held = ReadingBlock(t_s[-1:], wrench[-1:])

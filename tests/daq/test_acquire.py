@@ -144,7 +144,7 @@ def test_a_pulled_cable_is_told_and_comes_back() -> None:
         Portions([bytes([0, 1])]),
     ]
     records, cell = taken(links)
-    assert kinds(records) == ["started", "lost", "reconnected", "ended"]
+    assert kinds(records) == ["started", "disconnected", "reconnected", "ended"]
     back = next(e for r in records for e in r.events if e.kind == "reconnected")
     assert back.value["tries"] == 2
     assert back.value["away_s"] > 0.7
@@ -156,7 +156,7 @@ def test_silence_is_told_and_then_a_new_connection_is_tried(monkeypatch: pytest.
     monkeypatch.setattr("daq.acquire.GIVEN_UP_S", 0.2)
     links: list[Portions | DriverError] = [Portions([bytes([1]), 0.15, bytes([2]), 9.0]), Portions([bytes([5])])]
     records, _ = taken(links, stale_s=0.1)
-    assert kinds(records) == ["started", "stale", "stale", "stale", "lost", "reconnected", "ended"]
+    assert kinds(records) == ["started", "stale", "stale", "stale", "disconnected", "reconnected", "ended"]
 
 
 def test_what_nobody_takes_in_time_is_counted() -> None:
@@ -196,3 +196,26 @@ def test_a_stop_stops_the_device() -> None:
     assert time.monotonic() - began < 1.0
     assert cell.stopped == 1
     assert kinds(list(run.records()))[-1] == "ended"
+
+
+class Deaf(Counting):
+    """Nothing that is read makes sense."""
+
+    class _Decoder(CountingDecoder):
+        def feed(self, data: bytes) -> Samples:
+            return samples(np.zeros((0, 6)), skipped=len(data))
+
+    def decoder(self) -> CountingDecoder:
+        return self._Decoder()
+
+
+def test_bytes_that_never_make_a_sample_are_said_and_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daq.acquire.MOST_WITHOUT_SAMPLE", 20)
+    sent: list[bytes | float | None] = [bytes([k]) for k in range(60)]
+    run = Acquisition(Deaf(), lambda: Portions(sent), chunk_s=0.005)
+    run.start()
+    records = list(run.records())
+    assert all(r.chunk is None for r in records)
+    told = [e.value for r in records for e in r.events if e.kind == "damaged"]
+    assert len(told) > 1
+    assert "".join(v["raw_hex"] for v in told) == bytes(range(60)).hex()

@@ -1,0 +1,304 @@
+"""Recordings that a lab already has: TDMS and LVM files, in resolved units or gauge volts, by a confirmed mapping.
+
+The mapping says which channel is which, and in what unit. One can be proposed from the file's own words, but names are
+no proof: a person confirms it before it is used.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import Field, StrictBool, model_validator
+
+from daq.columns import FORCE_N, HEADERS, QUANTITIES, TIME_S, TORQUE_NMM
+from daq.documents import Document, read_document, validated
+from daq.errors import ReadingsError
+from daq.files import replacing
+from daq.gauges import GaugeCalibration, read_calibration, saturated
+from daq.lab_channels import TIMESTAMP, Channel, LabChannels, open_channels
+from daq.readings import ReadingBlock, write_readings
+from daq.vocabulary import did_you_mean
+
+Floats = NDArray[np.float64]
+
+FORMAT = "lab-file-map/1"
+WANTED = f"a {FORMAT} file"
+AXES = QUANTITIES[1:]
+GAUGES = tuple(f"gauge{k}" for k in range(1, 7))
+VOLTS: Mapping[str, float] = {"V": 1.0, "volt": 1.0, "volts": 1.0, "Volts": 1.0, "Volt": 1.0, "mV": 1e-3}
+# Of an increment: closer than any two clocks.
+SAME_INCREMENT = 1e-6
+
+
+class Taken(Document):
+    """A channel by its name, and the unit that its numbers are in."""
+
+    channel: str
+    unit: str | None = None
+
+
+class Increment(Document):
+    """Time by counting: seconds from reading to reading, or what the file states."""
+
+    increment_s: Annotated[float, Field(gt=0.0)] | Literal["file"]
+
+
+class LabFileMap(Document):
+    """Which channel is which.
+
+    Attributes:
+        confirmed: a person has looked at it; else it is refused.
+        time: a channel, or counting.
+        channels: Fx to Tz, or gauge1 to gauge6.
+        calibration: path of the cell's .cal, by this file; required with gauges.
+        zero_V: gauge voltages without load; without them the wrench keeps its offset, as before a tare.
+        limit_V: a gauge at or beyond this is saturated; by default as the calibration says.
+        doubts: what the proposal was not sure of.
+    """
+
+    format: Literal["lab-file-map/1"]
+    confirmed: StrictBool = False
+    time: Taken | Increment
+    channels: dict[str, Taken]
+    calibration: str | None = None
+    zero_V: Annotated[tuple[float, ...], Field(min_length=6, max_length=6)] | None = None
+    limit_V: Annotated[float, Field(gt=0.0)] | None = None
+    doubts: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _whole(self) -> LabFileMap:
+        if set(self.channels) not in ({*AXES}, {*GAUGES}):
+            raise ValueError(f"channels are {' '.join(self.channels)}, not {' '.join(AXES)} or {' '.join(GAUGES)}")
+        names = [c.channel for c in self.channels.values()]
+        if len(set(names)) < len(names):
+            raise ValueError("one channel is taken twice")
+        return self
+
+    @property
+    def in_volts(self) -> bool:
+        """Whether the channels are gauges."""
+        return GAUGES[0] in self.channels
+
+
+@dataclass(frozen=True, eq=False)
+class LabRecording:
+    """A file with its mapping; `blocks` reads the numbers.
+
+    Attributes:
+        source: the file.
+        mapping: which channel is which.
+        factors: (6,) that bring the channels to N and N mm, or to V.
+        time_factor: that brings the time's channel to s.
+        increment: (start [s], step [s]) where time is counted.
+        calibration: of the gauges.
+        conversions: what is done to the numbers, for the reader.
+        notes: what else the reader should know.
+    """
+
+    source: LabChannels
+    mapping: LabFileMap
+    factors: Floats
+    time_factor: float
+    increment: tuple[float, float] | None
+    calibration: GaugeCalibration | None
+    conversions: tuple[str, ...]
+    notes: tuple[str, ...] = field(default=())
+
+    def blocks(self) -> Iterator[ReadingBlock]:
+        """Yield the readings in order; of gauges with a status, bit 0 where the first is saturated, and so on.
+
+        Raises:
+            ReadingsError: a number is none or not finite, time goes back, or there is no reading.
+        """
+        time, order = self.mapping.time, GAUGES if self.mapping.in_volts else AXES
+        names = [self.mapping.channels[k].channel for k in order]
+        if isinstance(time, Taken):
+            names.append(time.channel)
+        row, last_s = 0, -np.inf
+        for block in self.source.blocks(names):
+            if not np.isfinite(block).all():
+                at, column = np.argwhere(~np.isfinite(block))[0]
+                raise self._fault(row + int(at), f"{names[column]} is {block[at, column]}", "a finite number")
+            if self.increment is None:
+                t_s: Floats = block[:, 6] * self.time_factor
+            else:
+                t_s = self.increment[0] + self.increment[1] * np.arange(row, row + len(block), dtype=np.float64)
+            back = np.flatnonzero(np.diff(t_s, prepend=last_s) < 0.0)
+            if len(back):
+                raise self._fault(
+                    row + int(back[0]),
+                    "time goes back",
+                    "time that goes on",
+                    "Was a second recording appended? Split the file there, or take time from the increment",
+                )
+            yield self._reading(t_s, block[:, :6] * self.factors)
+            row, last_s = row + len(block), float(t_s[-1])
+        if row == 0:
+            raise ReadingsError(f"{self.source.path.name} has no readings", "at least one in each channel")
+
+    def _reading(self, t_s: Floats, values: Floats) -> ReadingBlock:
+        if self.calibration is None:
+            return ReadingBlock(t_s, values)
+        limit_V = self.mapping.limit_V or self.calibration.limit_V
+        status = None if limit_V is None else saturated(values, limit_V)
+        zero = None if self.mapping.zero_V is None else np.array(self.mapping.zero_V)
+        return ReadingBlock(t_s, self.calibration.wrench(values, zero), status)
+
+    def _fault(self, row: int, found: str, expected: str, remedy: str = "") -> ReadingsError:
+        return ReadingsError(f"{self.source.path.name}: reading {row + 1}: {found}", expected, remedy)
+
+
+def read_mapping(path: str | Path) -> LabFileMap:
+    """Read a mapping; its calibration's path comes back with the mapping's folder in front.
+
+    Raises:
+        ReadingsError: it is absent, or no mapping.
+    """
+    file = Path(path)
+    try:
+        raw = read_document(file, WANTED, ReadingsError)
+    except OSError as error:
+        raise ReadingsError(f"{file.name} cannot be read ({error.strerror})", WANTED) from error
+    mapping = validated(LabFileMap, raw, file.name, WANTED, ReadingsError)
+    if mapping.calibration is None:
+        return mapping
+    return mapping.model_copy(update={"calibration": str(file.parent / mapping.calibration)})
+
+
+def write_mapping(path: str | Path, mapping: LabFileMap) -> Path:
+    """Write a mapping as YAML, for a person to look at and confirm."""
+    file = Path(path)
+    head = "# Look at every line, settle the doubts, then set confirmed to true.\n" if not mapping.confirmed else ""
+    plain = mapping.model_dump(mode="json", exclude_none=True)
+    with replacing(file) as temporary:
+        temporary.write_text(head + yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, width=120), "utf-8")
+    return file
+
+
+def open_recording(path: str | Path, mapping: LabFileMap) -> LabRecording:
+    """Hold a file against its mapping.
+
+    Raises:
+        ReadingsError: the mapping was not confirmed, or does not fit the file.
+        DriverError: the calibration cannot be used.
+    """
+    source = open_channels(path)
+    name = source.path.name
+    if not mapping.confirmed:
+        raise ReadingsError(
+            f"the mapping for {name} was not confirmed",
+            "confirmed: true",
+            "Look at its channels, units and doubts, then set it",
+        )
+    used = {key: source.channel(taken.channel) for key, taken in mapping.channels.items()}
+    notes = [f"{name} ends in the middle: what its last part lacks is not read"] if source.cut_off else []
+    conversions = []
+    factors = np.ones(6)
+    for place, (axis, gauge) in enumerate(zip(AXES, GAUGES, strict=True)):
+        key = gauge if mapping.in_volts else axis
+        known = VOLTS if mapping.in_volts else FORCE_N if axis[0] == "F" else TORQUE_NMM
+        factors[place] = _factor(mapping.channels[key], used[key], known, name)
+        if factors[place] != 1.0:
+            target = f"{gauge}_V" if mapping.in_volts else HEADERS[1 + place]
+            taken = mapping.channels[key]
+            conversions.append(f"{taken.channel} [{taken.unit}] × {factors[place]:.10g} = {target}")
+    time_factor, increment = _time(source, mapping, used)
+    if increment is not None and mapping.time == Increment(increment_s="file"):
+        unsure = 0.5 * source.rounded_to_s / increment[1]
+        if unsure > SAME_INCREMENT:
+            notes.append(f"the increment {increment[1]:g} s is rounded: time may be off by {100.0 * unsure:.2g} %")
+    calibration = None
+    if mapping.in_volts:
+        if mapping.calibration is None:
+            raise ReadingsError(f"the mapping for {name} has gauges and no calibration", "the path of the cell's .cal")
+        calibration = read_calibration(mapping.calibration)
+        conversions.append(f"gauge volts by {calibration.name} ({calibration.model}, {calibration.serial}) to N, N mm")
+        notes += calibration.notes
+        if mapping.zero_V is None:
+            notes.append("no voltages at zero load are given: a tare has to take the offset off")
+        if mapping.limit_V is None and calibration.limit_V is None:
+            notes.append("the range of the gauges is not known: saturation was not looked for")
+    else:
+        notes.append("no gauge volts are at hand: saturation was not looked for")
+    return LabRecording(source, mapping, factors, time_factor, increment, calibration, tuple(conversions), tuple(notes))
+
+
+def convert_recording(path: str | Path, mapping: str | Path, target: str | Path) -> LabRecording:
+    """Write a recording as readings (CSV, gzipped CSV, Parquet); return what was done.
+
+    Raises:
+        ReadingsError: the file or the mapping cannot be used.
+        DriverError: the calibration cannot be used.
+    """
+    recording = open_recording(path, read_mapping(mapping))
+    write_readings(target, recording.blocks())
+    return recording
+
+
+def plain_unit(unit: str) -> str:
+    """A unit without what is set between its parts."""
+    return re.sub(r"[\s_.*·⋅/×-]", "", unit)
+
+
+def _factor(taken: Taken, channel: Channel, known: Mapping[str, float], file: str) -> float:
+    if taken.unit is None:
+        raise ReadingsError(
+            f"the mapping for {file} gives {taken.channel} no unit",
+            f"one of {' '.join(list(known)[:8])}",
+            "A unit is never assumed: look into the program that wrote it",
+        )
+    factor = known.get(plain_unit(taken.unit))
+    if factor is None:
+        hint = did_you_mean(taken.unit, known)
+        raise ReadingsError(
+            f"the mapping for {file} has {taken.channel} in {taken.unit!r}",
+            f"one of {' '.join(list(known)[:8])}",
+            hint[:1].upper() + hint[1:],
+        )
+    stated = known.get(plain_unit(channel.unit))
+    if stated is not None and stated != factor:
+        raise ReadingsError(
+            f"{file} states {taken.channel} in {channel.unit!r}, its mapping in {taken.unit!r}",
+            "the same",
+            "Correct the one that is wrong",
+        )
+    return factor
+
+
+def _time(
+    source: LabChannels, mapping: LabFileMap, used: Mapping[str, Channel]
+) -> tuple[float, tuple[float, float] | None]:
+    """Factor of the time's channel, or (start, step) [s]."""
+    name = source.path.name
+    if isinstance(mapping.time, Taken):
+        channel = source.channel(mapping.time.channel)
+        if TIMESTAMP in (channel.unit, mapping.time.unit):
+            if channel.unit != mapping.time.unit:
+                raise ReadingsError(f"{name}: {channel.name} is in {channel.unit!r}", f"{mapping.time.unit!r}")
+            return 1.0, None
+        return _factor(mapping.time, channel, TIME_S, name), None
+    if source.pauses_possible:
+        raise ReadingsError(
+            f"{name} was written in segments, and pauses between them show in no increment",
+            "time from a channel",
+            "Map time to X_Value, or split the file",
+        )
+    stated = {(c.start_s, c.increment_s) for c in used.values()}
+    start_s, step_s = next(iter(stated))
+    if len(stated) > 1:
+        raise ReadingsError(f"{name}: the channels differ in start or increment", "the same in all six")
+    wanted = mapping.time.increment_s
+    if wanted == "file":
+        if step_s is None:
+            raise ReadingsError(f"{name} states no increment", "increment_s in the mapping, or time from a channel")
+        return 1.0, (start_s, step_s)
+    if step_s is not None and abs(step_s - wanted) > SAME_INCREMENT * wanted + 0.5 * source.rounded_to_s:
+        raise ReadingsError(f"{name} states an increment of {step_s:g} s", f"{wanted:g} s, as its mapping says")
+    return 1.0, (start_s, wanted)

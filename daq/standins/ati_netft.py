@@ -1,0 +1,45 @@
+"""A stand-in for an ATI Net F/T."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from daq.drivers.ati_netft import BUFFERED_CODE, START_CODE, STOP_CODE, request
+from daq.standins.base import Floats, Integers, StandIn
+
+COUNTS_PER_N, COUNTS_PER_NMM = 1_000_000.0, 1000.0
+RATE_HZ = 1000.0
+
+
+class AtiNetftStandIn(StandIn):
+    """Streams after a request; one record a datagram, also where buffered records were asked for."""
+
+    name = "ati-netft"
+    datagrams = True
+    settings: ClassVar[dict[str, float | int | str]] = {
+        "counts_per_N": COUNTS_PER_N,
+        "counts_per_Nmm": COUNTS_PER_NMM,
+        "rate_hz": RATE_HZ,
+    }
+
+    def hear(self, data: bytes) -> bytes:
+        """Take requests; the answer to a start is the first record, of an unloaded cell."""
+        if data == request(STOP_CODE):
+            self.streaming = False
+        if data not in {request(START_CODE), request(BUFFERED_CODE)}:
+            return b""
+        self.streaming = True
+        nothing = np.zeros(1)
+        return self.encode(np.zeros((1, 6)), nothing.astype(np.int64), nothing)[0]
+
+    def encode(self, wrench: Floats, sequence: Integers, time_s: Floats, status: Integers | None = None) -> list[bytes]:
+        """Records with both counters and the status."""
+        scale = np.array([COUNTS_PER_N] * 3 + [COUNTS_PER_NMM] * 3)
+        limit = 2.0**31
+        words = np.zeros((len(wrench), 9), dtype=np.int64)
+        words[:, 0] = words[:, 1] = sequence
+        words[:, 2] = 0 if status is None else status
+        words[:, 3:] = np.clip(np.rint(wrench * scale), -limit, limit - 1.0)
+        return [record.tobytes() for record in (words % 2**32).astype(">u4")]

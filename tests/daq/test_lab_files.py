@@ -1,0 +1,431 @@
+"""TDMS and LVM files become readings by a confirmed mapping, and what names and units leave open is said."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.errors import DriverError, InputError, ReadingsError
+from daq.lab_channels import open_channels
+from daq.lab_files import (
+    AXES,
+    GAUGES,
+    Increment,
+    LabFileMap,
+    Taken,
+    convert_recording,
+    open_recording,
+    read_mapping,
+    write_mapping,
+)
+from daq.lab_proposals import propose_mapping
+from daq.readings import ReadingBlock, open_readings
+from tests.daq.cal_files import nano17, numbers, write_cal
+
+Floats = NDArray[np.float64]
+WRENCH = np.array([[1.0, -2.0, 3.5, 10.0, -20.0, 30.0], [1.5, -2.5, 4.0, 11.0, -21.0, 31.0], [0.0] * 6])
+VOLTS = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, -2.0], [0.0, 9.9999, 0.0, 0.0, 0.0, 0.0]])
+UNITS = ("N", "N", "N", "Nmm", "Nmm", "Nmm")
+# Of gauge 1 at 1 V and gauge 6 at -2 V.
+FROM_VOLTS = [-13.2648, 7.30188, 7.69369, 43.59016, 33.16228, -56.50161]
+
+
+def tdms(path: Path, columns: dict[str, Any], units: dict[str, str] | None = None, **properties: Any) -> Path:
+    """Write channels, named group/channel, with one set of waveform properties."""
+    nptdms: Any = import_module("nptdms")
+    objects = []
+    for name, values in columns.items():
+        group, channel = name.split("/")
+        unit = {"unit_string": units[name]} if units and name in units else {}
+        objects.append(nptdms.ChannelObject(group, channel, np.asarray(values), properties={**properties, **unit}))
+    with nptdms.TdmsWriter(str(path)) as writer:
+        writer.write_segment(objects)
+    return path
+
+
+def resolved(path: Path, wrench: Floats = WRENCH, units: tuple[str, ...] = UNITS, **properties: Any) -> Path:
+    columns = {f"ATI/{a}": wrench[:, i] for i, a in enumerate(AXES)}
+    return tdms(path, columns, {f"ATI/{a}": u for a, u in zip(AXES, units, strict=True)}, **properties)
+
+
+def lvm(
+    path: Path,
+    rows: list[str],
+    names: str = "Voltage_0 Voltage_1 Voltage_2 Voltage_3 Voltage_4 Voltage_5",
+    *,
+    x_columns: str = "One",
+    decimal: str = ".",
+    delta: str = "0.001000",
+    unit: str = "Volts",
+    encoding: str = "utf-8",
+) -> Path:
+    """Write text as LabVIEW does, its rows as given."""
+    headings = names.split()
+    n = len(headings)
+
+    def line(tag: str, value: str) -> str:
+        return "\t".join([tag, *[value] * n])
+
+    text = [
+        "LabVIEW Measurement\t",
+        "Writer_Version\t2",
+        "Reader_Version\t2",
+        "Separator\tTab",
+        f"Decimal_Separator\t{decimal}",
+        "Multi_Headings\tNo",
+        f"X_Columns\t{x_columns}",
+        "Time_Pref\tRelative",
+        "Operator\tMüller",
+        "Date\t2019/07/22",
+        f"Time\t17:18:18{decimal}938945",
+        "***End_of_Header***\t",
+        "\t",
+        "***Start_Special***\t",
+        "Packet_Notes\twhatever",
+        "***End_Special***\t",
+        f"Channels\t{n}",
+        line("Samples", str(len(rows))),
+        line("Date", "2019/07/22"),
+        line("Y_Unit_Label", unit),
+        line("X_Dimension", "Time"),
+        line("X0", "0.0000000000000000E+0".replace(".", decimal)),
+        line("Delta_X", delta),
+        "***End_of_Header***\t",
+        "\t".join(["X_Value", *headings, "Comment"]),
+        *rows,
+    ]
+    path.write_bytes(("\r\n".join(text) + "\r\n").encode(encoding))
+    return path
+
+
+VOLT_ROWS = ["0.000000\t1.0\t0\t0\t0\t0\t-2.000000", "0.001000\t0.0\t9.9999\t0\t0\t0\t0\tdropped the weight"]
+
+
+def mapped(time: Taken | Increment | None = None, **more: Any) -> LabFileMap:
+    """The mapping of `resolved`."""
+    given: dict[str, Any] = {
+        "format": "lab-file-map/1",
+        "confirmed": True,
+        "time": time or Increment(increment_s="file"),
+        "channels": {a: Taken(channel=f"ATI/{a}", unit=u) for a, u in zip(AXES, UNITS, strict=True)},
+    }
+    return LabFileMap(**(given | more))
+
+
+def gauges(cal: Path, names: tuple[str, ...], **more: Any) -> LabFileMap:
+    channels = {g: Taken(channel=n, unit="V") for g, n in zip(GAUGES, names, strict=True)}
+    return mapped(more.pop("time", Taken(channel="X_Value", unit="s")), channels=channels, calibration=str(cal), **more)
+
+
+VOLTAGES = tuple(f"Voltage_{k}" for k in range(6))
+
+
+def together(blocks: list[ReadingBlock]) -> tuple[Floats, Floats]:
+    return np.concatenate([b.t_s for b in blocks]), np.concatenate([b.wrench for b in blocks])
+
+
+def test_tdms_in_resolved_units_with_an_increment(tmp_path: Path) -> None:
+    path = resolved(tmp_path / "a.tdms", wf_increment=0.25, wf_start_offset=2.0)
+    recording = open_recording(path, mapped())
+    t_s, wrench = together(list(recording.blocks()))
+    assert t_s.tolist() == [2.0, 2.25, 2.5]
+    np.testing.assert_array_equal(wrench, WRENCH)
+    assert recording.conversions == ()
+    assert "saturation was not looked for" in recording.notes[0]
+
+
+def test_units_are_converted_and_said(tmp_path: Path) -> None:
+    units = ("lbf", "lbf", "lbf", "N-m", "N-m", "N-m")
+    path = resolved(tmp_path / "a.tdms", WRENCH, units, wf_increment=0.001)
+    channels = {a: Taken(channel=f"ATI/{a}", unit=u) for a, u in zip(AXES, units, strict=True)}
+    recording = open_recording(path, mapped(channels=channels))
+    _, wrench = together(list(recording.blocks()))
+    np.testing.assert_allclose(wrench, WRENCH * ([4.4482216152605] * 3 + [1000.0] * 3), rtol=1e-12)
+    assert "ATI/Fx [lbf] × 4.448221615 = Fx_N" in recording.conversions
+
+
+@pytest.mark.parametrize("kind", ["ms", "timestamp"])
+def test_tdms_with_a_channel_of_time(tmp_path: Path, kind: str) -> None:
+    dates = np.datetime64("2024-05-01T12:00:00.000000", "us") + np.array([0, 1500, 4000], dtype="timedelta64[us]")
+    columns: dict[str, Any] = {"ATI/Time": dates if kind == "timestamp" else [100.0, 101.5, 104.0]}
+    columns |= {f"ATI/{a}": WRENCH[:, i] for i, a in enumerate(AXES)}
+    path = tdms(tmp_path / "a.tdms", columns)
+    recording = open_recording(path, mapped(Taken(channel="ATI/Time", unit=kind)))
+    t_s, _ = together(list(recording.blocks()))
+    start = 0.0 if kind == "timestamp" else 0.1
+    assert t_s - start == pytest.approx([0.0, 0.0015, 0.004], abs=1e-9)
+
+
+def test_many_blocks_are_one_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daq.lab_channels.BLOCK_ROWS", 7)
+    monkeypatch.setattr("daq.lvm_channels.BLOCK_ROWS", 7)
+    wrench = np.random.default_rng(1).normal(size=(30, 6))
+    path = resolved(tmp_path / "a.tdms", wrench, wf_increment=0.5)
+    blocks = list(open_recording(path, mapped()).blocks())
+    assert [len(b) for b in blocks] == [7, 7, 7, 7, 2]
+    t_s, got = together(blocks)
+    np.testing.assert_array_equal(got, wrench)
+    assert t_s.tolist() == [0.5 * k for k in range(30)]
+    rows = [f"{0.001 * k:.6f}\t" + "\t".join(repr(float(v)) for v in row) for k, row in enumerate(wrench)]
+    text = lvm(tmp_path / "a.lvm", rows, " ".join(AXES), unit="N")
+    channels = {a: Taken(channel=a, unit="N" if a[0] == "F" else "Nmm") for a in AXES}
+    # LabVIEW labels all alike, torques too; but two units of force contradict each other.
+    wrong = channels | {"Fz": Taken(channel="Fz", unit="mN")}
+    with pytest.raises(ReadingsError, match="states Fz in 'N', its mapping in 'mN'"):
+        open_recording(text, mapped(channels=wrong))
+    blocks = list(open_recording(text, mapped(Taken(channel="X_Value", unit="s"), channels=channels)).blocks())
+    assert [len(b) for b in blocks] == [7, 7, 7, 7, 2]
+    np.testing.assert_array_equal(together(blocks)[1], wrench)
+
+
+def test_lvm_volts_by_a_calibration(tmp_path: Path) -> None:
+    path = lvm(tmp_path / "a.lvm", VOLT_ROWS)
+    recording = open_recording(path, gauges(nano17(tmp_path), VOLTAGES))
+    (block,) = recording.blocks()
+    assert block.t_s.tolist() == [0.0, 0.001]
+    assert block.wrench[0] == pytest.approx(FROM_VOLTS)
+    assert block.status is not None
+    assert block.status.tolist() == [0, 2]
+    assert "ATI Nano17 SI-50-0.5, FT14048" in recording.conversions[0]
+    assert any("tare" in n for n in recording.notes)
+    (zeroed,) = open_recording(path, gauges(nano17(tmp_path), VOLTAGES, zero_V=(1.0, 0, 0, 0, 0, -2.0))).blocks()
+    assert zeroed.wrench[0] == pytest.approx([0.0] * 6, abs=1e-12)
+
+
+def test_lvm_with_decimal_commas_without_times_in_a_western_code_page(tmp_path: Path) -> None:
+    rows = [("\t" + r.split("\t", 1)[1]).replace(".", ",") for r in VOLT_ROWS]
+    path = lvm(tmp_path / "a.lvm", rows, x_columns="No", decimal=",", delta="0,001000", encoding="cp1252")
+    assert "X_Value" not in [c.name for c in open_channels(path).channels]
+    recording = open_recording(path, gauges(nano17(tmp_path), VOLTAGES, time=Increment(increment_s="file")))
+    (block,) = recording.blocks()
+    assert block.t_s.tolist() == [0.0, 0.001]
+    assert block.wrench[0] == pytest.approx(FROM_VOLTS)
+    # Six decimals of a millisecond.
+    assert any("rounded: time may be off by 0.05 %" in n for n in recording.notes)
+
+
+def test_a_rounded_increment_can_be_corrected_and_an_exact_one_cannot(tmp_path: Path) -> None:
+    cal = nano17(tmp_path)
+    text = lvm(tmp_path / "a.lvm", VOLT_ROWS, delta="0.000333")
+    (block,) = open_recording(text, gauges(cal, VOLTAGES, time=Increment(increment_s=1.0 / 3000.0))).blocks()
+    assert block.t_s[1] == 1.0 / 3000.0
+    path = resolved(tmp_path / "a.tdms", wf_increment=0.000333)
+    with pytest.raises(ReadingsError, match=r"states an increment of 0\.000333 s"):
+        open_recording(path, mapped(Increment(increment_s=1.0 / 3000.0)))
+
+
+def test_lvm_segments_go_on_by_their_times_only(tmp_path: Path) -> None:
+    cal = nano17(tmp_path)
+    again = ["", "Channels\t6", "Delta_X" + "\t0.001000" * 6, "***End_of_Header***"]
+    headings = "X_Value\t" + "\t".join(VOLTAGES) + "\tComment"
+    later = VOLT_ROWS[0].replace("0.000000", "5.000000", 1)
+    path = lvm(tmp_path / "a.lvm", [*VOLT_ROWS, *again, headings, later])
+    t_s, _ = together(list(open_recording(path, gauges(cal, VOLTAGES)).blocks()))
+    assert t_s.tolist() == [0.0, 0.001, 5.0]
+    with pytest.raises(ReadingsError, match="pauses between them"):
+        open_recording(path, gauges(cal, VOLTAGES, time=Increment(increment_s="file")))
+    back = lvm(tmp_path / "b.lvm", [*VOLT_ROWS, *again, headings, VOLT_ROWS[0]])
+    with pytest.raises(ReadingsError, match="reading 3: time goes back"):
+        list(open_recording(back, gauges(cal, VOLTAGES)).blocks())
+    other = lvm(tmp_path / "c.lvm", [*VOLT_ROWS, *again, headings.replace("_5", "_6"), later])
+    with pytest.raises(ReadingsError, match="a segment has other channels"):
+        list(open_recording(other, gauges(cal, VOLTAGES)).blocks())
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ("0.002\t1\t2\t3\t4\t5", "line 28: Voltage_5 is missing"),
+        ("0.002\t1\t2\t\t4\t5\t6", "line 28: Voltage_2 is ''"),
+        ("0.002\t1\t2\tNaN\t4\t5\t6", "line 28: Voltage_2 is 'NaN'"),
+        ("0.002\t1\t2\t3,5\t4\t5\t6", "line 28: Voltage_2 is '3,5'"),
+        ("\t1\t2\t3\t4\t5\t6", "line 28: X_Value is ''"),
+    ],
+)
+def test_a_bad_row_is_named(tmp_path: Path, row: str, said: str) -> None:
+    path = lvm(tmp_path / "a.lvm", [*VOLT_ROWS, row])
+    with pytest.raises(ReadingsError, match=said):
+        list(open_recording(path, gauges(nano17(tmp_path), VOLTAGES)).blocks())
+
+
+def test_a_torn_last_line_is_not_read_as_a_whole_one(tmp_path: Path) -> None:
+    path = lvm(tmp_path / "a.lvm", [*VOLT_ROWS, "0.002\t1\t2\t3\t4\t5\t-1.234"])
+    path.write_bytes(path.read_bytes()[:-4])
+    with pytest.raises(ReadingsError, match="the last line has no end"):
+        list(open_recording(path, gauges(nano17(tmp_path), VOLTAGES)).blocks())
+
+
+def test_a_torn_tdms_file_is_said(tmp_path: Path) -> None:
+    path = resolved(tmp_path / "a.tdms", wf_increment=0.1)
+    path.write_bytes(path.read_bytes()[:60])
+    with pytest.raises(ReadingsError, match=r"a\.tdms"):
+        list(open_recording(path, mapped()).blocks())
+
+
+def test_a_tdms_file_that_ends_in_the_middle_says_so(tmp_path: Path) -> None:
+    path = resolved(tmp_path / "a.tdms", wf_increment=0.1)
+    whole = path.read_bytes()
+    path.write_bytes(whole + resolved(tmp_path / "b.tdms", wf_increment=0.1).read_bytes()[:-20])
+    recording = open_recording(path, mapped())
+    assert any("ends in the middle" in n for n in recording.notes)
+    # One channel after the other was written, so the last lacks what the others have.
+    with pytest.raises(ReadingsError, match="different length"):
+        list(recording.blocks())
+    path.write_bytes(whole)
+    assert not any("ends in the middle" in n for n in open_recording(path, mapped()).notes)
+
+
+def test_tdms_faults_are_said(tmp_path: Path) -> None:
+    holed = WRENCH.copy()
+    holed[1, 3] = np.nan
+    path = resolved(tmp_path / "a.tdms", holed, wf_increment=0.1)
+    with pytest.raises(ReadingsError, match="reading 2: ATI/Tx is nan"):
+        list(open_recording(path, mapped()).blocks())
+    columns: dict[str, Any] = {f"ATI/{a}": WRENCH[: 3 - (a == "Tz"), i] for i, a in enumerate(AXES)}
+    path = tdms(tmp_path / "b.tdms", columns, wf_increment=0.1)
+    with pytest.raises(ReadingsError, match="channels of different length"):
+        list(open_recording(path, mapped()).blocks())
+    path = tdms(tmp_path / "c.tdms", columns | {"ATI/Tz": ["a", "b", "c"]}, wf_increment=0.1)
+    with pytest.raises(ReadingsError, match="Tz holds"):
+        list(open_recording(path, mapped()).blocks())
+    path = resolved(tmp_path / "d.tdms")
+    with pytest.raises(ReadingsError, match="states no increment"):
+        open_recording(path, mapped())
+    with pytest.raises(ReadingsError, match="has 0 channels 'ATI/Time'; expected one of ATI/Fx"):
+        open_recording(path, mapped(Taken(channel="ATI/Time", unit="s")))
+
+
+def test_a_mapping_is_refused_until_it_was_confirmed(tmp_path: Path) -> None:
+    path = resolved(tmp_path / "a.tdms", wf_increment=0.25)
+    proposed = propose_mapping(path)
+    assert not proposed.confirmed
+    assert {k: (t.channel, t.unit) for k, t in proposed.channels.items()} == {
+        a: (f"ATI/{a}", u) for a, u in zip(AXES, UNITS, strict=True)
+    }
+    assert proposed.time == Increment(increment_s="file")
+    assert any("tool transformation" in d for d in proposed.doubts)
+    file = write_mapping(tmp_path / "map.yaml", proposed)
+    target = tmp_path / "readings.csv"
+    with pytest.raises(ReadingsError, match="was not confirmed"):
+        convert_recording(path, file, target)
+    assert not target.exists()
+    file.write_text(file.read_text("utf-8").replace("confirmed: false", "confirmed: true"), "utf-8")
+    convert_recording(path, file, target)
+    t_s, wrench = together(list(open_readings(target).blocks()))
+    assert t_s.tolist() == [0.0, 0.25, 0.5]
+    np.testing.assert_array_equal(wrench, WRENCH)
+
+
+def test_a_calibration_lies_beside_its_mapping(tmp_path: Path) -> None:
+    folder = tmp_path / "maps"
+    folder.mkdir()
+    nano17(folder)
+    path = lvm(tmp_path / "a.lvm", VOLT_ROWS)
+    proposed = propose_mapping(path, "FT14048.cal")
+    assert [t.channel for t in proposed.channels.values()] == list(VOLTAGES)
+    assert {t.unit for t in proposed.channels.values()} == {"Volts"}
+    assert proposed.time == Taken(channel="X_Value", unit="s")
+    assert any("order of the gauges" in d for d in proposed.doubts)
+    assert any("without load" in d for d in proposed.doubts)
+    file = write_mapping(folder / "map.yaml", proposed.model_copy(update={"confirmed": True}))
+    convert_recording(path, file, tmp_path / "readings.parquet")
+    _, wrench = together(list(open_readings(tmp_path / "readings.parquet").blocks()))
+    assert wrench[0] == pytest.approx(FROM_VOLTS)
+
+
+def test_what_names_leave_open_is_a_doubt(tmp_path: Path) -> None:
+    columns = {"Forces/Force X (N)": WRENCH[:, 0], "Forces/Force Y (N)": WRENCH[:, 1], "Forces/Force Z": WRENCH[:, 2]}
+    columns |= {f"Forces/M{a} [N-m]": WRENCH[:, i] for i, a in enumerate("xyz", 3)}
+    columns |= {"Forces/Time (ms)": np.arange(3.0), "Other/Time": np.arange(3.0)}
+    proposed = propose_mapping(tdms(tmp_path / "a.tdms", columns))
+    assert proposed.channels["Fx"] == Taken(channel="Forces/Force X (N)", unit="N")
+    assert proposed.channels["Tz"] == Taken(channel="Forces/Mz [N-m]", unit="N-m")
+    assert proposed.channels["Fz"].unit is None
+    assert proposed.time == Taken(channel="Forces/Time (ms)", unit="ms")
+    assert any("which time is meant" in d for d in proposed.doubts)
+    assert any("the unit of Fz (Forces/Force Z)" in d for d in proposed.doubts)
+    # A unit that is not known cannot be confirmed away.
+    with pytest.raises(ReadingsError, match="Forces/Force Z no unit"):
+        open_recording(tmp_path / "a.tdms", proposed.model_copy(update={"confirmed": True}))
+
+
+def test_gauges_are_taken_in_the_order_of_their_numbers_not_of_the_file(tmp_path: Path) -> None:
+    order = [3, 0, 5, 1, 2, 4]
+    columns = {f"Untitled/Dev1_ai{k}": np.full(2, float(k)) for k in order}
+    with pytest.raises(ReadingsError, match=r"do not tell which is which"):
+        propose_mapping(tdms(tmp_path / "a.tdms", columns, wf_increment=0.1))
+    columns = {f"Untitled/ai{k}": np.full(2, float(k)) for k in order}
+    proposed = propose_mapping(tdms(tmp_path / "b.tdms", columns, wf_increment=0.1))
+    assert [t.channel for t in proposed.channels.values()] == [f"Untitled/ai{k}" for k in range(6)]
+    assert any("which calibration" in d for d in proposed.doubts)
+
+
+def test_names_that_tell_nothing_are_not_guessed(tmp_path: Path) -> None:
+    path = tdms(tmp_path / "a.tdms", {f"g/{w}": [1.0] for w in "abcdef"}, wf_increment=0.1)
+    with pytest.raises(ReadingsError, match=r"g/a \[\?\], g/b .* do not tell which is which"):
+        propose_mapping(path)
+    path = resolved(tmp_path / "b.tdms")
+    with pytest.raises(ReadingsError, match="no channel of time and states no increment"):
+        propose_mapping(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"format": "lab-file-map/2"}, "format"),
+        ({"confirmed": "yes"}, "confirmed"),
+        ({"channels": {"Fx": {"channel": "a"}}}, "channels are Fx"),
+        ({"time": {"increment_s": 0.0}}, "time"),
+        ({"unknown": 1}, "unknown"),
+    ],
+)
+def test_a_mapping_that_is_none_is_refused(tmp_path: Path, change: dict[str, Any], said: str) -> None:
+    import yaml
+
+    plain = mapped().model_dump(mode="json", exclude_none=True) | change
+    file = tmp_path / "map.yaml"
+    file.write_text(yaml.safe_dump(plain), "utf-8")
+    with pytest.raises(ReadingsError, match=said) as fault:
+        read_mapping(file)
+    assert "\n" not in str(fault.value)
+    with pytest.raises(ReadingsError, match="cannot be read"):
+        read_mapping(tmp_path / "none.yaml")
+
+
+def test_gauges_need_their_calibration_and_say_when_their_range_is_unknown(tmp_path: Path) -> None:
+    path = lvm(tmp_path / "a.lvm", VOLT_ROWS)
+    with pytest.raises(ReadingsError, match="gauges and no calibration"):
+        open_recording(path, gauges(tmp_path, VOLTAGES).model_copy(update={"calibration": None}))
+    with pytest.raises(DriverError, match="cannot be read"):
+        open_recording(path, gauges(tmp_path / "none.cal", VOLTAGES))
+    delta = write_cal(tmp_path / "delta.cal", numbers("delta_FT8506"))
+    recording = open_recording(path, gauges(delta, VOLTAGES))
+    assert any("saturation was not looked for" in n for n in recording.notes)
+    assert [b.status for b in recording.blocks()] == [None]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"0.0\t1\t2\r\n",
+        b"LabVIEW Measurement",
+        b"LabVIEW Measurement\nSeparator\tTab\n***End_of_Header***\n",
+        b"LabVIEW Measurement\n***End_of_Header***\nChannels\t1\n***End_of_Header***",
+        b"LabVIEW Measurement\nSeparator,Comma\nDecimal_Separator,,\n***End_of_Header***\n",
+        b"TDSm",
+        b"TDSm" + bytes(range(256)),
+        b"TDSm\x0e\x00\x00\x00\x69\x12\x00\x00" + b"\xff" * 40,
+    ],
+)
+def test_other_and_torn_files_are_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.dat"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"a\.dat") as fault:
+        list(open_recording(path, mapped()).blocks())
+    assert "\n" not in str(fault.value)
