@@ -151,8 +151,8 @@ class LoadCell(ABC):
     settings: ClassVar[tuple[Setting, ...]] = ()
     example: ClassVar[str]
     source: ClassVar[str]
-    checksum: ClassVar[bool] = False
-    clock: ClassVar[Literal["device", "counter", "arrival", "recording"]] = "arrival"
+    checksum: bool = False
+    clock: Literal["device", "counter", "arrival", "recording"] = "arrival"
 
     def __init__(self, given: Mapping[str, Any] | None = None) -> None:
         self.values = settled(self.name, self.settings, given or {})
