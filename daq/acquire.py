@@ -192,6 +192,7 @@ class Acquisition:
         """Read until the device has gone (why), has nothing more (None), or a stop is asked for (None)."""
         gathered = _Gathered(self._now())
         decoder, heard_s, silent = self.cell.decoder(), self._now(), False
+        recorded = transport if isinstance(transport, Recorded) else None
         while not self._halt.is_set():
             try:
                 data = transport.read(min(READ_S, self._chunk_s))
@@ -207,7 +208,7 @@ class Acquisition:
                 if silent:
                     gathered.events.append(self._event("stale", ended=True))
                     silent = False
-                self._take(data, decoder, gathered, transport.arrival_s if isinstance(transport, Recorded) else now)
+                self._take(data, decoder, gathered, now if recorded is None else recorded.arrival_s)
             elif now - heard_s > GIVEN_UP_S + self._stale_s:
                 self._close_chunk(gathered)
                 return f"nothing has come for {now - heard_s:.1f} s"

@@ -11,10 +11,12 @@ from daq.standins.base import Floats, Integers, StandIn
 
 COUNTS_PER_N, COUNTS_PER_NMM = 1_000_000.0, 1000.0
 RATE_HZ = 1000.0
+# Records that the box gathers for one datagram.
+BUFFERED = 40
 
 
 class AtiNetftStandIn(StandIn):
-    """Streams after a request; one record a datagram, also where buffered records were asked for."""
+    """Streams after a request: one record a datagram, or many where buffered records were asked for."""
 
     name = "ati-netft"
     datagrams = True
@@ -31,6 +33,7 @@ class AtiNetftStandIn(StandIn):
         if data not in {request(START_CODE), request(BUFFERED_CODE)}:
             return b""
         self.streaming = True
+        self.per_datagram = BUFFERED if data == request(BUFFERED_CODE) else 1
         nothing = np.zeros(1)
         return self.encode(np.zeros((1, 6)), nothing.astype(np.int64), nothing)[0]
 

@@ -24,6 +24,7 @@ class StandIn(ABC):
         datagrams: whether it writes datagrams instead of a stream of bytes.
         settings: given to the driver that is to understand it.
         streaming: whether it has been told to stream, or always does.
+        per_datagram: records in each datagram, where it writes datagrams.
     """
 
     name: ClassVar[str]
@@ -32,6 +33,7 @@ class StandIn(ABC):
 
     def __init__(self) -> None:
         self.streaming = False
+        self.per_datagram = 1
 
     @abstractmethod
     def hear(self, data: bytes) -> bytes:

@@ -72,7 +72,7 @@ class Player:
         self._pending += self._carrier.carry(self._due(now), now - self._last_s)
         if self._pending and now - self._sent_s >= self._faults.burst_s:
             if self._out_until_s is None:
-                self._wire.send(self._pending)
+                self._wire.send(_joined(self._pending, self._device.per_datagram))
                 self.written += len(self._pending)
             self._pending, self._sent_s = [], now
         self._last_s = self.passed_s = now
@@ -107,6 +107,13 @@ class Player:
         elif every and now // every > self._last_s // every:
             self._wire.pull()
             self._out_until_s = now + self._faults.pulled_for_s
+
+
+def _joined(records: list[bytes], count: int) -> list[bytes]:
+    """Records as datagrams of so many."""
+    if count == 1:
+        return records
+    return [b"".join(records[a : a + count]) for a in range(0, len(records), count)]
 
 
 def _portions(

@@ -764,7 +764,7 @@ def test_an_export_stays_in_the_folder(tmp_path: Path, monkeypatch: pytest.Monke
     here.mkdir(parents=True)
     monkeypatch.chdir(here)
     assert run("export", session).code == 0
-    assert [p.name for p in here.iterdir()] == ["H01.csv"]
+    assert sorted(p.name for p in here.iterdir()) == ["H01.csv", "H01.csv.json"]
     assert not (tmp_path / "elsewhere").exists()
 
 

@@ -1,0 +1,94 @@
+"""Checking a journal, and recovering what is sound of a damaged one; what is lost is listed, never made up."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from contextlib import ExitStack, closing, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from daq.errors import JournalError
+from daq.files import replacing
+from daq.journal_lock import InUseError, WriterLock, lock_file
+from daq.journal_reader import connect_read
+from daq.journal_rows import APPLICATION_ID, VERSION, require_journal, said
+from daq.journal_salvage import Fault, Report, Salvage
+from daq.journal_wal import log_file, read_log
+
+
+def check(path: str | Path) -> Report:
+    """Read all of a journal, also while it is written.
+
+    Raises:
+        JournalError: it is absent or no journal.
+    """
+    file = Path(path)
+    with closing(connect_read(file, damaged=True)) as connection:
+        faults: list[Fault] = []
+        version = _identity(connection, file)
+        if version > VERSION:
+            text = f"version {version}, and this program knows {VERSION} at most: use the newer fingertwin"
+            return Report("", "", {}, {}, 0, 0, 0, (Fault("version", text),))
+        log = read_log(file)
+        if log is not None and log.damaged:
+            text = f"{log_file(file).name} is damaged from frame {log.first_bad} on and hides {log.hidden} transactions"
+            faults.append(Fault("log", text))
+        with suppress(sqlite3.DatabaseError):
+            connection.execute("BEGIN")  # one state throughout, whatever is written meanwhile
+        faults += _integrity(connection)
+        return Salvage(connection, file, faults).report()
+
+
+def recover(path: str | Path, out: str | Path) -> Report:
+    """Write a new journal with everything that is sound; what is lost becomes an event `lost` of its stream.
+
+    Raises:
+        JournalError: the journal is in use, absent, no journal or newer; or `out` exists or cannot be written.
+    """
+    file, target = Path(path), Path(out)
+    if target.exists():
+        raise JournalError(f"{target.name} exists", "a new name", "Choose another --out")
+    with ExitStack() as held:
+        if lock_file(file).exists():
+            try:
+                held.enter_context(closing(WriterLock(file)))
+            except InUseError:
+                raise JournalError(f"{file.name} is being written", "no writer", "Stop the log first") from None
+        log, faults = read_log(file) if file.is_file() else None, []
+        source = file
+        if log is not None and log.damaged:
+            # Read a copy whose log has its checksums made anew: the chunks' own tell which of them are sound.
+            target.parent.mkdir(parents=True, exist_ok=True)
+            source = Path(held.enter_context(TemporaryDirectory(dir=target.parent))) / "copy"
+            shutil.copyfile(file, source)
+            log_file(source).write_bytes(log.mended())
+            faults.append(Fault("log", f"{log_file(file).name} is damaged from frame {log.first_bad} on"))
+        connection = held.enter_context(closing(connect_read(source, damaged=True)))
+        require_journal(connection, file)
+        with replacing(target) as temporary, closing(sqlite3.connect(temporary, isolation_level=None)) as new:
+            try:
+                report = Salvage(connection, file, faults).into(new)
+            except sqlite3.Error as error:
+                raise said(error, target) from error
+    return report
+
+
+def _identity(connection: sqlite3.Connection, path: Path) -> int:
+    """Version of a journal, of whatever version."""
+    application = connection.execute("PRAGMA application_id").fetchone()[0]
+    if application != APPLICATION_ID:
+        raise JournalError(f"{path.name} is no journal", "a journal that fingertwin wrote", "Give another file")
+    return int(connection.execute("PRAGMA user_version").fetchone()[0])
+
+
+def _integrity(connection: sqlite3.Connection) -> list[Fault]:
+    try:
+        answers = [str(row[0]) for row in connection.execute("PRAGMA integrity_check(20)")]
+    except sqlite3.DatabaseError as error:
+        return [Fault("file", f"SQLite cannot check it ({error})")]
+    lines = [line for answer in answers for line in answer.splitlines() if line.strip()]
+    return [] if lines == ["ok"] else [Fault("file", f"SQLite: {line}") for line in lines]
+
+
+__all__ = ["Fault", "Report", "check", "recover"]

@@ -1,0 +1,247 @@
+"""What can still be read of a journal, row by row, past what cannot."""
+
+from __future__ import annotations
+
+import hashlib
+import sqlite3
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+from daq.errors import JournalError
+from daq.journal_reader import CHUNK_COLUMNS, EVENT_COLUMNS, sound_chunk
+from daq.journal_rows import (
+    INSERT_CHUNK,
+    INSERT_EVENT,
+    INSERT_OUTBOX,
+    INSERT_STREAM,
+    Event,
+    Stream,
+    event_row,
+    initialise,
+)
+from daq.journal_wal import log_file
+
+Kind = Literal["file", "log", "version", "stream", "chunk", "event", "gap", "outbox"]
+_STREAM_COLUMNS = "rowid, id, driver, settings, cell, started_utc, clock, crc"
+_OUTBOX_COLUMNS = "id, stream, first_seq, sha256, state, tries"
+# No row of a table that grows is shorter than this.
+_SHORTEST_ROW_BYTES = 64
+# What one page of a tree can hide, and more: after so many numbers without a row there is none.
+_MOST_MISSES = 200_000
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is not as it was written.
+
+    Attributes:
+        kind: what it is about.
+        text: in one line.
+        stream: where it lies.
+        first_seq: first sample that is lost or in doubt.
+        n: how many samples; None where nobody can tell.
+    """
+
+    kind: Kind
+    text: str
+    stream: str | None = None
+    first_seq: int | None = None
+    n: int | None = None
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a journal holds that is sound, and what is not.
+
+    Attributes:
+        bench: name.
+        epoch: of the journal.
+        chunks: that are sound, of each stream.
+        samples: in those, of each stream.
+        events: that are sound.
+        pending: chunks that wait to be sent.
+        known_gaps: losses that an earlier recovery has noted.
+        faults: none where all is as it was written.
+    """
+
+    bench: str
+    epoch: str
+    chunks: dict[str, int]
+    samples: dict[str, int]
+    events: int
+    pending: int
+    known_gaps: int
+    faults: tuple[Fault, ...]
+
+
+class Salvage:
+    """Reads row by row, past what cannot be read."""
+
+    def __init__(self, connection: sqlite3.Connection, path: Path, faults: list[Fault]) -> None:
+        self._connection = connection
+        self._bytes = path.stat().st_size + (log_file(path).stat().st_size if log_file(path).is_file() else 0)
+        self._faults = faults
+        self._outbox = {row[0]: row[1:] for row in self._rows("outbox", _OUTBOX_COLUMNS) if isinstance(row[1], str)}
+        self._pieces: dict[str, list[tuple[int, int, float]]] = {}
+        self._pending = 0
+        self._events = 0
+
+    def report(self) -> Report:
+        """Read all and say what is there."""
+        streams = [row[1] for row in self._streams()]
+        for _ in self._chunks():
+            pass
+        lost = {}
+        for row in self._sound_events():
+            if row[3] == "lost" and row[0]:
+                value = Event.of_row(row).value
+                lost[row[0], value.get("first_seq")] = value.get("n")
+        gaps = [g for g in self._gaps() if (g.stream, g.first_seq) not in lost]
+        self._faults += gaps
+        return self._said(streams, len(lost))
+
+    def into(self, new: sqlite3.Connection) -> Report:
+        """Write what is sound into a new journal."""
+        meta = self._meta()
+        initialise(new, meta.get("bench", ""), recovered_from=meta.get("epoch", ""))
+        new.execute("BEGIN IMMEDIATE")
+        streams = []
+        for row in self._streams():
+            new.execute(INSERT_STREAM, row[1:])
+            streams.append(row[1])
+        for at, stream, first_seq, count, crc, payload in self._chunks():
+            if stream not in streams:  # its readings are sound, though nothing is known of it
+                new.execute(INSERT_STREAM, Stream(stream, "lost", {}, {}, "", "lost").row())
+                streams.append(stream)
+                text = f"the description of stream {stream} (driver, settings, calibration) is lost"
+                self._faults.append(Fault("stream", text, stream))
+            row_id = new.execute(INSERT_CHUNK, (stream, first_seq, count, crc, payload)).lastrowid
+            digest, state, tries = hashlib.sha256(payload).hexdigest(), "pending", 0
+            waiting = self._outbox.get(at)
+            if waiting and waiting[:3] == (stream, first_seq, digest) and waiting[3] in ("sent", "quarantined"):
+                state, tries = waiting[3], waiting[4]
+            new.execute(INSERT_OUTBOX, (row_id, stream, first_seq, digest, state, tries))
+        for row in self._sound_events():
+            new.execute(INSERT_EVENT, row)
+        gaps = self._gaps()
+        for gap in gaps:
+            at_s = max((t for first, _, t in self._pieces.get(gap.stream or "", []) if first < (gap.first_seq or 0)),
+                       default=0.0)  # fmt: skip
+            value = {"first_seq": gap.first_seq, "n": gap.n, "reason": "not recovered"}
+            new.execute(INSERT_EVENT, event_row(Event("lost", at_s, value, gap.stream)))
+        new.execute("COMMIT")
+        self._faults += gaps
+        return self._said(streams, 0)
+
+    def _said(self, streams: list[str], known: int) -> Report:
+        meta = self._meta()
+        names = dict.fromkeys([*streams, *self._pieces])
+        chunks = {s: len(self._pieces.get(s, [])) for s in names}
+        samples = {s: sum(n for _, n, _ in self._pieces.get(s, [])) for s in names}
+        faults = tuple(dict.fromkeys(self._faults))
+        bench, epoch = meta.get("bench", ""), meta.get("epoch", "")
+        return Report(bench, epoch, chunks, samples, self._events, self._pending, known, faults)
+
+    def _streams(self) -> Iterator[tuple[Any, ...]]:
+        for row in self._rows("streams", _STREAM_COLUMNS, "rowid"):
+            try:
+                Stream.of_row(row[1:])
+            except (JournalError, ValueError, TypeError):
+                self._faults.append(Fault("stream", f"the description of stream {row[1]} is damaged", str(row[1])))
+            else:
+                yield row
+
+    def _chunks(self) -> Iterator[tuple[Any, ...]]:
+        """Sound chunks (id, stream, first_seq, n, crc, payload)."""
+        seen: set[tuple[str, int]] = set()
+        for row in self._rows("chunks", CHUNK_COLUMNS):
+            at, stream, first_seq, count = row[:4]
+            waiting = self._outbox.get(at)
+            try:
+                chunk = sound_chunk(row)
+            except JournalError as error:
+                self._faults.append(Fault("chunk", error.found, str(stream)))
+                continue
+            if waiting is None or waiting[:2] != (stream, first_seq):
+                self._faults.append(
+                    Fault("outbox", f"chunk {first_seq} is not in the outbox", stream, first_seq, count)
+                )
+            elif waiting[2] != hashlib.sha256(row[5]).hexdigest():
+                text = f"the outbox holds another SHA-256 of chunk {first_seq}"
+                self._faults.append(Fault("outbox", text, stream, first_seq, count))
+            elif waiting[3] not in ("pending", "sent", "quarantined"):
+                text = f"chunk {first_seq} has the state {waiting[3]!r} in the outbox"
+                self._faults.append(Fault("outbox", text, stream, first_seq, count))
+            if (stream, first_seq) in seen:
+                self._faults.append(Fault("chunk", f"chunk {first_seq} is there twice", stream))
+                continue
+            seen.add((stream, first_seq))
+            self._pending += waiting is not None and waiting[3] == "pending"
+            end_s = float(chunk.t_s[-1]) if len(chunk) else 0.0
+            self._pieces.setdefault(stream, []).append((first_seq, count, end_s))
+            yield row
+
+    def _sound_events(self) -> Iterator[tuple[Any, ...]]:
+        for _, *row in self._rows("events", f"id, {EVENT_COLUMNS}"):
+            try:
+                Event.of_row(tuple(row))
+            except (JournalError, ValueError, TypeError):
+                self._faults.append(Fault("event", f"event {_} is damaged"))
+            else:
+                self._events += 1
+                yield tuple(row)
+
+    def _gaps(self) -> list[Fault]:
+        """Samples that are missing: before, between and, as far as the outbox tells, after those that are there."""
+        out = []
+        known: dict[str, set[int]] = {}
+        for stream, first_seq, *_ in self._outbox.values():
+            known.setdefault(stream, set()).add(first_seq)
+        for stream in dict.fromkeys([*self._pieces, *known]):
+            pieces = sorted(self._pieces.get(stream, []))
+            ends = [(0, 0, 0.0), *pieces]
+            holes: list[tuple[int, int | None]] = [
+                (first + n, after - first - n) for (first, n, _), (after, _, _) in pairwise(ends) if after != first + n
+            ]
+            last = ends[-1][0] + ends[-1][1]
+            there = {first for first, _, _ in pieces}
+            if any(first >= last and first not in there for first in known.get(stream, ())):
+                holes.append((last, None))
+            for first, n in holes:
+                many = "an unknown number of" if n is None else str(n)
+                out.append(Fault("gap", f"{many} samples from {first} on are missing", stream, first, n))
+        return out
+
+    def _meta(self) -> dict[str, str]:
+        return {str(row[1]): str(row[2]) for row in self._rows("meta", "rowid, key, value", "rowid")}
+
+    def _rows(self, table: str, columns: str, key: str = "id") -> Iterator[tuple[Any, ...]]:
+        """Rows in order, past those that cannot be read."""
+        query = f"SELECT {columns} FROM {table} WHERE {key} > ? ORDER BY {key}"  # noqa: S608 - our own names
+        at, misses, highest = 0, 0, None
+        while (highest is None or at <= highest) and misses < _MOST_MISSES:
+            try:
+                for row in self._connection.execute(query, (at,)):
+                    if row[0] > at:  # a damaged tree may lead anywhere, also back
+                        at, misses = row[0], 0
+                        yield row
+            except sqlite3.DatabaseError as error:
+                if highest is None:
+                    self._faults.append(Fault("file", f"part of the table {table} cannot be read ({error})"))
+                    highest = self._highest(table, key)
+                at, misses = at + 1, misses + 1
+            else:
+                return
+
+    def _highest(self, table: str, key: str) -> int:
+        """A number that no row lies beyond."""
+        # A chunk and its place in the outbox have one number.
+        for name in ("chunks", "outbox") if table in ("chunks", "outbox") else (table,):
+            with suppress(sqlite3.DatabaseError):
+                found = self._connection.execute(f"SELECT max({key}) FROM {name}").fetchone()[0]  # noqa: S608
+                return int(found or 0)
+        return self._bytes // _SHORTEST_ROW_BYTES

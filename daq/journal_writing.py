@@ -1,0 +1,125 @@
+"""The one connection that writes a journal: how it is opened, how it writes, and how it is left."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import sqlite3
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from daq.errors import JournalError
+from daq.journal_lock import InUseError, WriterLock
+from daq.journal_reader import JournalReader
+from daq.journal_rows import now_utc, said
+
+# Of the write-ahead log, before it is emptied: 4 MiB, some seconds of the fastest load cell.
+_LOG_PAGES = 256
+_WRITER = "writer"
+
+
+@dataclass(frozen=True)
+class Pending:
+    """A chunk that waits to be sent."""
+
+    stream: str
+    first_seq: int
+    n: int
+    sha256: str
+    tries: int
+    payload: bytes
+
+
+class Writer(JournalReader):
+    """A journal that this process alone may write."""
+
+    def __init__(self, connection: sqlite3.Connection, path: Path, lock: WriterLock) -> None:
+        super().__init__(connection, path)
+        self._writer_lock = lock
+
+    def settle(self) -> None:
+        """Note who writes, and take a new epoch unless this is the journal that was last written here."""
+        rows = self.rows()
+        with self.transaction() as connection:
+            if not self._writer_lock.vouches(self.epoch, rows):
+                connection.execute("UPDATE meta SET value = ? WHERE key = 'epoch'", (uuid.uuid4().hex,))
+            writer = json.dumps({"pid": os.getpid(), "host": socket.gethostname(), "since": now_utc()})
+            connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (_WRITER, writer))
+        self._writer_lock.note(self.epoch, rows)
+
+    def rows(self) -> int:
+        """Rows that were ever written: they are never deleted."""
+        rows = self._rows("SELECT (SELECT ifnull(max(id), 0) FROM chunks) + (SELECT ifnull(max(id), 0) FROM events)")
+        return int(rows[0][0])
+
+    @contextmanager
+    def transaction(self) -> Iterator[sqlite3.Connection]:
+        """All of it or nothing, on the disk at the end."""
+        with self._lock:
+            connection = self._connection
+            try:
+                connection.execute("BEGIN IMMEDIATE")
+                yield connection
+                connection.execute("COMMIT")
+            except BaseException as error:
+                with suppress(sqlite3.Error):
+                    if connection.in_transaction:
+                        connection.execute("ROLLBACK")
+                if isinstance(error, sqlite3.ProgrammingError):
+                    raise JournalError(f"{self.path.name} is closed", "an open journal") from error
+                if isinstance(error, sqlite3.Error):
+                    raise said(error, self.path) from error
+                raise
+
+    def leave(self) -> None:
+        """Close, and let others write."""
+        try:
+            with suppress(sqlite3.Error, JournalError):  # closed already, or no space: both lose nothing
+                self._connection.execute("DELETE FROM meta WHERE key = ?", (_WRITER,))
+                self._writer_lock.note(self.epoch, self.rows())
+        finally:
+            self._connection.close()
+            self._writer_lock.close()
+
+
+def locked(path: Path) -> WriterLock:
+    """Become the writer of a journal.
+
+    Raises:
+        JournalError: another process is.
+    """
+    try:
+        return WriterLock(path)
+    except InUseError:
+        who = "another process"
+        with suppress(JournalError), JournalReader.open(path) as reader:
+            writer = json.loads(reader.meta(_WRITER) or "{}")
+            if writer:
+                who = f"process {writer['pid']} on {writer['host']} since {writer['since']}"
+        raise JournalError(f"{path.name} is being written by {who}", "one writer", "Stop that one first") from None
+
+
+def connect_write(path: Path) -> sqlite3.Connection:
+    """Connect so that a commit is on the disk when it returns.
+
+    Raises:
+        JournalError: there can be no write-ahead log.
+    """
+    address = path.resolve().as_uri() + "?mode=rw"
+    connection = sqlite3.connect(address, uri=True, timeout=5.0, isolation_level=None, check_same_thread=False)
+    try:
+        for pragma in (
+            "trusted_schema=OFF", "foreign_keys=ON", "synchronous=FULL", "fullfsync=ON", "checkpoint_fullfsync=ON",
+            f"wal_autocheckpoint={_LOG_PAGES}", f"journal_size_limit={64 << 20}",
+        ):  # fmt: skip
+            connection.execute(f"PRAGMA {pragma}")
+        if connection.execute("PRAGMA journal_mode=WAL").fetchone()[0] != "wal":
+            raise JournalError(f"{path.name} cannot keep a write-ahead log", "a local disk", "Move it to one")
+    except BaseException:
+        connection.close()
+        raise
+    return connection

@@ -1,0 +1,65 @@
+"""`fingertwin journal check`, `recover` and `export`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from daq.errors import InputError
+from server.console import answer, progress, say
+
+if TYPE_CHECKING:
+    from daq.journal_check import Report
+
+
+def journal_check(path: Path, json: str | None) -> int:
+    """Read a whole journal; return the exit code: 2 where anything in it is not as it was written."""
+    from daq.journal_check import check
+
+    with progress("Reading"):
+        report = check(path)
+    code = 2 if report.faults else 0
+    if not answer("journal-check", {"journal": str(path), "ok": not report.faults, **asdict(report)}, json):
+        _say_report(report)
+        remedy = f"; fingertwin journal recover {path} --out NEW keeps what is sound" if report.faults else ""
+        say(f"{path}: {'damaged' if report.faults else 'sound'}{remedy}")
+    return code
+
+
+def journal_recover(path: Path, out: Path, json: str | None) -> None:
+    """Write a new journal with all that is sound, and list what is lost."""
+    from daq.journal_check import recover
+
+    with progress("Reading and writing"):
+        report = recover(path, out)
+    lost = [f for f in report.faults if f.kind == "gap"]
+    body: dict[str, Any] = {"journal": str(path), "out": str(out), "lost": len(lost), **asdict(report)}
+    if not answer("journal-recover", body, json):
+        _say_report(report)
+        losses = f"{len(lost) or 'no'} loss{'es' * (len(lost) != 1)}"
+        say(f"{out}: {sum(report.chunks.values())} chunks recovered; {losses}")
+
+
+def journal_export(path: Path, out: Path | None, stream: str | None, file_format: str, json: str | None) -> None:
+    """Write a stream as a readings file, and its events as JSON."""
+    from daq.journal_export import export
+
+    target = out or Path(f"{path.stem}.{file_format}")
+    if not target.name.lower().endswith((f".{file_format}", f".{file_format}.gz")):
+        raise InputError(f"--format {file_format} and {target.name}", "one of the two", "Let name and format agree")
+    with progress("Reading and writing"):
+        done = export(path, target, stream)
+    body = {"journal": str(path), "stream": done.stream, "samples": done.samples}
+    body |= {"readings": str(done.readings), "events": str(done.events)}
+    if not answer("journal-export", body, json):
+        say(f"{done.samples} samples: {done.readings}; events: {done.events}")
+
+
+def _say_report(report: Report) -> None:
+    for fault in report.faults:
+        say(f"{fault.kind:8} {f'stream {fault.stream[:12]}: ' if fault.stream else ''}{fault.text}")
+    for stream, chunks in report.chunks.items():
+        say(f"stream {stream[:12]}: {report.samples[stream]} samples in {chunks} sound chunks")
+    known = f", {report.known_gaps} losses noted by an earlier recovery" if report.known_gaps else ""
+    say(f"{report.events} events, {report.pending} chunks wait to be sent{known}")

@@ -1,0 +1,257 @@
+"""`fingertwin log`: a load cell, or a recording, into a bench's journal."""
+
+from __future__ import annotations
+
+from collections import Counter
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Timer
+from typing import TYPE_CHECKING, Any
+
+from daq.errors import DriverError, InputError, JournalError
+from server.console import answer, say, table
+
+if TYPE_CHECKING:
+    from daq.acquire import Acquisition, Record, StreamEvent
+    from daq.drivers.base import LoadCell
+    from daq.journal import Journal
+
+JOURNAL = "journal.sqlite3"
+# What is said when the disk has no more than so many seconds left at the present rate.
+WARNED_S = 600.0
+
+
+@dataclass(frozen=True)
+class LogOptions:
+    """Of the command.
+
+    Attributes:
+        driver: its name, or `list`.
+        port: what it hangs on.
+        baud: of a serial port.
+        settings: `name=value`, as they were given.
+        out: folder of the log.
+        seconds: after which it ends; None goes on until Ctrl-C or the recording is over.
+        cell: model, serial number and calibration of the load cell, as far as given.
+    """
+
+    driver: str
+    port: str | None
+    baud: int | None
+    settings: tuple[str, ...]
+    out: Path | None
+    seconds: float | None
+    cell: dict[str, str] = field(default_factory=dict)
+
+
+def list_drivers(json: str | None) -> None:
+    """Show the drivers with their settings and an example line each."""
+    from daq.drivers import drivers
+
+    rows: list[dict[str, Any]] = [
+        {
+            "name": d.name,
+            "title": d.title,
+            "link": d.link,
+            "checksum": d.checksum,
+            "clock": d.clock,
+            "settings": [
+                {"name": s.name, "text": s.text, "default": s.default, "required": s.default is None}
+                for s in d.settings
+            ],
+            "example": d.example,
+            "source": d.source,
+        }
+        for d in drivers()
+    ]
+    if answer("log", {"drivers": rows}, json):
+        return
+    table(
+        "Drivers",
+        ["driver", "load cell", "link", "checksum", "time from"],
+        [[r["name"], r["title"], r["link"], "yes" if r["checksum"] else "no", r["clock"]] for r in rows],
+    )
+    for row in rows:
+        say(f"\n{row['name']}\n  {row['example']}")
+        for s in row["settings"]:
+            default = "required" if s["required"] else f"default {s['default']}"
+            say(f"  --set {s['name']}=  {s['text']} ({default})")
+
+
+def log_cell(options: LogOptions, json: str | None) -> None:
+    """Log until the end is asked for, the time is over, or the recording is.
+
+    Raises:
+        InputError: a setting, the port, the device or the journal cannot be used; what was logged is kept.
+    """
+    from daq.acquire import Acquisition
+    from daq.transports import connect
+
+    if options.out is None:
+        raise InputError("no --out", "the folder that the log goes to")
+    if options.seconds is not None and options.seconds <= 0:
+        raise InputError(f"--seconds {options.seconds:g}", "a time above 0")
+    cell = _cell(options)
+    if cell.link in ("serial", "udp") and not {"serial", "calibration"} <= set(options.cell):
+        raise DriverError(
+            "the cell's serial number or calibration is not stated",
+            "--serial and --calibration, as on its certificate: readings without them cannot be checked or published",
+        )
+    acquisition = Acquisition(cell, lambda: connect(cell, options.port, options.baud))
+    # The device first: one that is not there leaves no empty journal. What it says meanwhile waits.
+    acquisition.start()
+    try:
+        journal = _journal(options.out)
+    except BaseException:
+        acquisition.stop()
+        raise
+    with closing(journal):
+        stop = Timer(options.seconds, acquisition.stop) if options.seconds is not None else None
+        if stop is not None:
+            stop.start()
+        try:
+            told = Logging(journal, cell, about_cell(cell, options.cell), quiet=json == "-").run(acquisition)
+        finally:
+            if stop is not None:
+                stop.cancel()
+            acquisition.stop()
+    body = {"driver": cell.name, "journal": str(options.out / JOURNAL), **told}
+    if not answer("log", body, json):
+        say(
+            f"{told['samples']} readings in {told['seconds']:.1f} s: {options.out / JOURNAL}   "
+            f"(fingertwin journal check {options.out / JOURNAL})"
+        )
+
+
+def _cell(options: LogOptions) -> LoadCell:
+    """The driver with its settings; a replay of a journal is by the driver that read it."""
+    from daq.drivers import driver
+    from daq.replay import JournalReplay, is_journal
+
+    settings = given_settings(options.settings)
+    if options.driver != "replay" or options.port is None or not is_journal(options.port):
+        return driver(options.driver)(settings)
+    unknown = set(settings) - {"speed", "stream"}
+    if unknown:
+        raise InputError(f"--set {unknown.pop()} for a journal's replay", "speed or stream")
+    try:
+        speed = float(settings.get("speed", 1.0))
+    except ValueError:
+        raise InputError(f"--set speed={settings['speed']}", "a number") from None
+    return JournalReplay(options.port, settings.get("stream"), speed)
+
+
+class Logging:
+    """Writes what the sampling thread hands on into a journal, and tells what happens.
+
+    Args:
+        journal: that is written.
+        cell: that is read.
+        about: model, serial number and calibration of the load cell.
+        quiet: say nothing of what happens.
+    """
+
+    def __init__(
+        self,
+        journal: Journal,
+        cell: LoadCell,
+        about: dict[str, str],
+        quiet: bool = False,
+    ) -> None:
+        self.stream = journal.add_stream(cell.name, cell.values, about, cell.clock)
+        self._journal, self._say = journal, (lambda _: None) if quiet else say
+        self._kinds: Counter[str] = Counter()
+        self._samples, self._first_s, self._last_s = 0, 0.0, 0.0
+        self._warned = False
+
+    def run(self, acquisition: Acquisition) -> dict[str, Any]:
+        """Write until the stream ends; Ctrl-C ends it, and what was read until then is written.
+
+        Raises:
+            JournalError: the disk is full; all that was acknowledged is kept.
+        """
+        records = acquisition.records()
+        while True:
+            try:
+                for record in records:
+                    self._keep(record)
+                break
+            except KeyboardInterrupt:
+                # Whatever waits is still to be written.
+                acquisition.stop()
+                records = acquisition.records()
+            except JournalError:
+                acquisition.stop()
+                raise
+        seconds = self._last_s - self._first_s
+        return {
+            "stream": self.stream,
+            "samples": self._samples,
+            "seconds": seconds,
+            "rate_hz": (self._samples - 1) / seconds if seconds > 0 else None,
+            "events": dict(self._kinds),
+        }
+
+    def _keep(self, record: Record) -> None:
+        if record.chunk is not None:
+            self._journal.append(self.stream, record.chunk, record.events)
+            times = record.chunk.t_s
+            self._first_s = float(times[0]) if self._samples == 0 else self._first_s
+            self._samples, self._last_s = self._samples + len(times), float(times[-1])
+        else:
+            self._journal.event(*record.events, stream=self.stream)
+        self._kinds.update(e.kind for e in record.events)
+        self._watch(record)
+        for event in record.events:
+            self._say(worded(event))
+
+    def _watch(self, record: Record) -> None:
+        """Warn before the disk is full."""
+        if record.chunk is None or self._warned or not self._samples:
+            return
+        per_s = len(record.chunk.to_bytes()) / max(float(record.chunk.t_s[-1] - record.chunk.t_s[0]), 1e-3)
+        left_s = self._journal.space_left() / per_s
+        if left_s < WARNED_S:
+            self._say(f"The disk has room for {left_s / 60.0:.0f} more minutes; then logging stops cleanly.")
+            self._warned = True
+
+
+def about_cell(cell: LoadCell, given: dict[str, str]) -> dict[str, str]:
+    """What is known of the load cell; a calibration file with its text, so that raw bytes can be decoded anywhere."""
+    path = Path(str(cell.values.get("calibration", "")))
+    if not path.name or not path.is_file():
+        return given
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return {"calibration": path.name, **given, "calibration_text": text}
+
+
+def worded(event: StreamEvent) -> str:
+    """An event in one line."""
+    value = ", ".join(f"{k} {v}" for k, v in event.value.items() if k != "raw_hex")
+    return f"{event.at_s:10.2f} s  {event.kind.replace('_', ' ')}" + (f": {value}" if value else "")
+
+
+def given_settings(given: tuple[str, ...]) -> dict[str, str]:
+    """Settings of `name=value`.
+
+    Raises:
+        InputError: one is not of that form, or is given twice.
+    """
+    out: dict[str, str] = {}
+    for one in given:
+        name, mark, value = one.partition("=")
+        if not mark or not name or not value:
+            raise InputError(f"--set {one}", "NAME=VALUE, such as --set counts_per_N=1000000")
+        if name in out:
+            raise InputError(f"--set {name} twice", "each setting once")
+        out[name] = value
+    return out
+
+
+def _journal(folder: Path) -> Journal:
+    """Open the folder's journal, a new one where there is none."""
+    from daq.journal import Journal
+
+    path = folder / JOURNAL
+    return Journal.open(path) if path.exists() else Journal.create(path, folder.resolve().name)

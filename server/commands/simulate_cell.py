@@ -1,0 +1,129 @@
+"""`fingertwin simulate-cell`: a process that behaves as a load cell of a maker does, on a port of this machine."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from daq.errors import InputError
+from daq.locations import data_dir
+from daq.readings import ReadingBlock
+from server.console import answer, say, table
+
+
+@dataclass(frozen=True)
+class Options:
+    """Of the command.
+
+    Attributes:
+        device: a stand-in's name.
+        wire: pty, tcp or udp; by default what fits the device and this system.
+        port: of TCP or UDP; 0 is any free one.
+        link: a name for the pseudo-terminal that stays.
+        play: a session, a readings file, or a protocol that a simulated rig follows.
+        rate_hz: of a simulated rig.
+        seconds: after which it ends; None plays to the end.
+        seed: of noise and faults.
+    """
+
+    device: str
+    wire: str | None
+    port: int
+    link: str | None
+    play: str
+    rate_hz: float
+    seconds: float | None
+    seed: int
+
+
+def list_devices(json: str | None) -> None:
+    """Show the devices that there are stand-ins for."""
+    from daq.drivers import driver
+    from daq.standins import REGISTRY
+
+    serial = ["pty", "tcp"] if hasattr(os, "openpty") else ["tcp"]
+    rows: list[dict[str, Any]] = [
+        {"name": name, "title": driver(name).title, "wires": ["udp"] if driver(name).link == "udp" else serial}
+        for name in REGISTRY
+    ]
+    if not answer("simulate-cell", {"devices": rows}, json):
+        table("Stand-ins", ["device", "title", "wires"], [[r["name"], r["title"], " ".join(r["wires"])] for r in rows])
+
+
+def simulate_cell(options: Options, faults: dict[str, float | bool | int], json: str | None) -> None:
+    """Play readings as a device until they are over, the time is, or Ctrl-C."""
+    from daq.drivers import driver
+    from daq.standins import stand_in
+    from daq.standins.faults import Faults
+    from daq.standins.run import Player
+    from daq.standins.wires import PtyWire, TcpWire, UdpWire, Wire
+
+    wrong = [name for name, value in faults.items() if not isinstance(value, bool) and value < 0]
+    if wrong or options.rate_hz <= 0 or (options.seconds is not None and options.seconds <= 0):
+        what = wrong[0].replace("_", "-") if wrong else "rate or seconds"
+        raise InputError(
+            f"{what} is below zero, or is zero where it may not be", "0 or more, a rate and a time above 0"
+        )
+    device = stand_in(options.device)()
+    kind = options.wire or ("udp" if device.datagrams else "pty" if hasattr(os, "openpty") else "tcp")
+    if device.datagrams != (kind == "udp"):
+        raise InputError(f"{options.device} on {kind}", "udp" if device.datagrams else "pty or tcp")
+    with _readings(options) as blocks:
+        try:
+            wire: Wire = (
+                PtyWire(options.link) if kind == "pty" else (UdpWire if kind == "udp" else TcpWire)(options.port)
+            )
+        except OSError as error:
+            raise InputError(f"port {options.port} cannot be had ({error.strerror})", "a free port, or 0") from error
+        settings = " ".join(f"--set {k}={v}" for k, v in device.settings.items())
+        command = " ".join(
+            f"fingertwin log --driver {options.device} --port {wire.address} {settings} --out LOG".split()
+        )
+        said = {"device": options.device, "address": wire.address, "settings": device.settings, "log_with": command}
+        if not answer("simulate-cell", said, json):
+            say(f"{options.device} at {wire.address}; Ctrl-C ends it.\n{command}")
+        rate_hz = driver(options.device)(device.settings).rate_hz
+        player = Player(device, wire, blocks, Faults(**faults), seed=options.seed, rate_hz=rate_hz)  # type: ignore[arg-type]
+        try:
+            player.run(lambda: options.seconds is not None and player.passed_s >= options.seconds)
+        except KeyboardInterrupt:
+            say(f"Ended; {player.written} records were written.")
+        finally:
+            wire.close()
+
+
+@contextmanager
+def _readings(options: Options) -> Iterator[Iterable[ReadingBlock]]:
+    """What is played: a recording, or what a simulated rig records of a protocol."""
+    from daq.readings import open_readings
+
+    path = Path(options.play)
+    if path.is_file() and path.suffix not in (".yaml", ".yml"):
+        yield open_readings(path).blocks()
+    elif path.is_dir() or (data_dir() / "sessions" / options.play).is_dir():
+        yield open_readings(_readings_of(options.play)).blocks()
+    else:
+        from daq.protocols import read_protocol
+        from daq.simulated import SimulatedCell
+        from fingermodel.finger_files import read_finger
+        from fingermodel.rig import simulate_session
+
+        protocol, cell = read_protocol(options.play), SimulatedCell(rate_hz=options.rate_hz)
+        with tempfile.TemporaryDirectory() as folder:
+            rig = Path(folder) / "rig"
+            simulate_session(read_finger("an1979_middle"), protocol, rig, cell=cell, seed=options.seed)
+            yield open_readings(_readings_of(str(rig))).blocks()
+
+
+def _readings_of(session: str) -> Path:
+    from daq.sessions import read_session
+
+    found = read_session(session)
+    if found.readings_path is None:
+        raise InputError(f"session {found.id} has no readings", "a session with raw readings")
+    return found.readings_path

@@ -1,0 +1,155 @@
+"""`fingertwin log` and `simulate-cell` as a user runs them: a played device, a recording, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daq.readings import ReadingBlock, open_readings, write_readings
+from server.cli import main
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    t_s = np.arange(0.0, 30.0, 0.01)
+    return write_readings(tmp_path / "played.csv", [ReadingBlock(t_s, np.outer(np.sin(t_s), np.arange(1.0, 7.0)))])
+
+
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str, str]:
+    monkeypatch.setattr(sys, "argv", ["fingertwin", *arguments])
+    with pytest.raises(SystemExit) as left:
+        main()
+    said = capsys.readouterr()
+    return int(left.value.code or 0), said.out, said.err
+
+
+def played(recording: Path, device: str, *faults: str) -> tuple[subprocess.Popen[str], dict[str, Any]]:
+    """A stand-in in a process of its own, and what it said."""
+    said = recording.parent / "said.json"
+    process = subprocess.Popen(  # noqa: S603 - our own command
+        [sys.executable, "-m", "server.cli", "simulate-cell", device, "--play", str(recording), "--seconds", "25",
+         "--wire", "udp" if device == "ati-netft" else "tcp", "--json", str(said), *faults],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    for _ in range(300):
+        if said.exists():
+            return process, json.loads(said.read_text())
+        time.sleep(0.05)
+    process.kill()
+    raise AssertionError(process.communicate()[0])
+
+
+@pytest.mark.parametrize("device", ["robotiq-ft300", "ati-serial", "ati-netft", "bota-sensone"])
+def test_a_played_device_is_logged_checked_and_exported(
+    device: str, recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    process, said = played(recording, device)
+    out = recording.parent / "log"
+    settings = [a for k, v in said["settings"].items() for a in ("--set", f"{k}={v}")]
+    about = ["--serial", "X1", "--calibration", "C1", "--out", str(out), "--seconds", "1.5"]
+    try:
+        code, text, err = run(
+            capsys, monkeypatch, "log", "--driver", device, "--port", said["address"], *settings, *about
+        )
+    finally:
+        process.kill()
+        process.communicate()
+    assert code == 0, err
+    assert "readings in 1." in text
+    journal = out / "journal.sqlite3"
+    code, text, _ = run(capsys, monkeypatch, "journal", "check", str(journal))
+    assert code == 0, text
+    assert "sound" in text
+    target = out / "readings.parquet"
+    code, _, err = run(
+        capsys, monkeypatch, "journal", "export", str(journal), "--out", str(target), "--format", "parquet"
+    )
+    assert code == 0, err
+    wrench = np.concatenate([b.wrench for b in open_readings(target).blocks()])
+    assert len(wrench) > 100
+    # What was played: each component is so many times the first.
+    assert wrench[:, 2] == pytest.approx(3.0 * wrench[:, 0], abs=0.06)
+    events = json.loads((out / "readings.parquet.events.json").read_text())
+    assert {"started", "ended"} <= {e["kind"] for e in events["events"]}
+
+
+def test_a_recording_is_logged_as_it_is(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = recording.parent / "log"
+    arguments = ["log", "--driver", "replay", "--port", str(recording), "--out", str(out), "--json", "-"]
+    code, text, err = run(capsys, monkeypatch, *arguments, "--set", "speed=0")
+    assert code == 0, err
+    told = json.loads(text)
+    assert told["schema"] == "fingertwin/log/1"
+    assert told["samples"] == 3000
+    assert told["rate_hz"] == pytest.approx(100.0)
+    target = out / "again.csv"
+    code, _, err = run(capsys, monkeypatch, "journal", "export", str(out / "journal.sqlite3"), "--out", str(target))
+    assert code == 0, err
+    old, new = (np.concatenate([b.wrench for b in open_readings(p).blocks()]) for p in (recording, target))
+    assert (old == new).all()
+    # The journal itself can be replayed into another.
+    again = ["log", "--driver", "replay", "--port", str(out / "journal.sqlite3"), "--out", str(out / "2")]
+    code, text, err = run(capsys, monkeypatch, *again, "--set", "speed=0", "--json", "-")
+    assert code == 0, err
+    assert json.loads(text)["samples"] == 3000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--driver", "foo", "--out", "x"], "no driver 'foo'"),
+        (["--driver", "robotiq-ft300", "--out", "x"], "the cell's serial number or calibration is not stated"),
+        (["--driver", "replay", "--port", "nothing.csv", "--out", "x"], "nothing.csv cannot be read"),
+        (["--driver", "replay", "--port", "a.csv"], "no --out"),
+        (["--driver", "replay", "--port", "a.csv", "--out", "x", "--set", "speed"], "--set speed; expected NAME=VALUE"),
+        (["--driver", "replay", "--port", "a.csv", "--out", "x", "--set", "pace=2"], "replay has no setting pace"),
+        (["--driver", "replay", "--port", "a.csv", "--out", "x", "--set", "speed=fast"], "speed is 'fast'"),
+        (["--driver", "ati-netft", "--out", "x", "--serial", "1", "--calibration", "1"], "lacks counts_per_N"),
+        (["--driver", "replay", "--port", "a.csv", "--out", "x", "--seconds", "0"], "--seconds 0"),
+    ],
+)
+def test_what_cannot_be_logged_is_said_in_one_line(
+    arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, text, err = run(capsys, monkeypatch, "log", *arguments)
+    assert (code, text) == (2, "")
+    assert said in err
+    assert err.count("\n") == 1
+    # Nothing is left behind.
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_list_of_drivers_has_settings_and_an_example_for_each(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code, text, _ = run(capsys, monkeypatch, "log", "--driver", "list", "--json", "-")
+    assert code == 0
+    listed = {d["name"]: d for d in json.loads(text)["drivers"]}
+    assert {"ati-netft", "robotiq-ft300", "gauge-volts", "replay"} <= set(listed)
+    assert all(d["example"].startswith(f"fingertwin log --driver {name}") for name, d in listed.items())
+    code, text, _ = run(capsys, monkeypatch, "log", "--driver", "list")
+    assert "--set counts_per_N=" in text
+
+
+def test_a_second_logger_on_the_same_journal_is_refused(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from daq.journal import Journal
+
+    out = recording.parent / "log"
+    with Journal.create(out / "journal.sqlite3", "bench"):
+        arguments = ["log", "--driver", "replay", "--port", str(recording), "--out", str(out)]
+        code, _, err = run(capsys, monkeypatch, *arguments)
+    assert code == 2
+    assert err.count("\n") == 1
+    assert "is being written by process" in err
