@@ -17,8 +17,9 @@ from daq.corrections import measure
 from daq.errors import InputError
 from daq.export import case_columns
 from daq.readings import ReadingBlock
+from daq.redaction import Redactor
 from daq.sessions import Session, read_session
-from daq.supplement import Redactor, versions, write_supplement
+from daq.supplement import versions, write_supplement
 from server.commands.files import export_source
 from server.workflow import compare_bench, open_bench, refit_bench, save_revision
 from tests.daq.benches import WRENCH, bench, record, recorded, save
