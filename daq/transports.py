@@ -100,7 +100,7 @@ class UdpTransport:
             self._socket.close()
             why = getattr(error, "strerror", None) or error
             raise DriverError(
-                f"no way to {address} ({error.strerror or error})",
+                f"no way to {address} ({why})",
                 "the address of the device",
                 "Is it on this network?",
             ) from error

@@ -330,6 +330,25 @@ def journal_export(
     run(journal, out, stream, file_format, json)
 
 
+@app.command("import")
+def import_recording(
+    recording: Annotated[Path, typer.Argument(help="A TDMS or LVM file.")],
+    mapping: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE", help="Which channel is which; by default RECORDING.map.yaml."),
+    ] = None,
+    calibration: Annotated[
+        str | None, typer.Option(metavar="FILE", help="The cell's .cal file, where the channels are gauge volts.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="By default NAME.parquet in this folder.")] = None,
+    json: Json = None,
+) -> None:
+    """Make a readings file of a lab's TDMS or LVM recording; proposes which channel is which, and asks."""
+    from server.commands.lab_files import import_recording as run
+
+    run(recording, mapping, calibration, out, json)
+
+
 @app.command()
 def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report.")] = Path("demo-output"),

@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.errors import DriverError, InputError, ReadingsError
-from daq.lab_channels import open_channels
-from daq.lab_files import (
+from daq.lab.channels import open_channels
+from daq.lab.files import (
     AXES,
     GAUGES,
     Increment,
@@ -23,7 +23,7 @@ from daq.lab_files import (
     read_mapping,
     write_mapping,
 )
-from daq.lab_proposals import propose_mapping
+from daq.lab.proposals import propose_mapping
 from daq.readings import ReadingBlock, open_readings
 from tests.daq.cal_files import nano17, numbers, write_cal
 
@@ -162,8 +162,8 @@ def test_tdms_with_a_channel_of_time(tmp_path: Path, kind: str) -> None:
 
 
 def test_many_blocks_are_one_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("daq.lab_channels.BLOCK_ROWS", 7)
-    monkeypatch.setattr("daq.lvm_channels.BLOCK_ROWS", 7)
+    monkeypatch.setattr("daq.lab.channels.BLOCK_ROWS", 7)
+    monkeypatch.setattr("daq.lab.lvm.BLOCK_ROWS", 7)
     wrench = np.random.default_rng(1).normal(size=(30, 6))
     path = resolved(tmp_path / "a.tdms", wrench, wf_increment=0.5)
     blocks = list(open_recording(path, mapped()).blocks())

@@ -14,6 +14,7 @@ import pytest
 
 from daq.readings import ReadingBlock, open_readings, write_readings
 from server.cli import main
+from tests.daq.test_lab_files import tdms
 
 
 @pytest.fixture
@@ -153,3 +154,28 @@ def test_a_second_logger_on_the_same_journal_is_refused(
     assert code == 2
     assert err.count("\n") == 1
     assert "is being written by process" in err
+
+
+def test_a_recording_of_the_lab_is_imported_once_its_mapping_is_confirmed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    axes = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+    columns = {f"ATI/{name}": np.arange(50.0) * k for k, name in enumerate(axes, start=1)}
+    units = {name: "N" if "F" in name else "Nm" for name in columns}
+    path = tdms(tmp_path / "old.tdms", columns, units, wf_increment=0.01)
+    code, text, err = run(capsys, monkeypatch, "import", str(path))
+    assert code == 0, err
+    assert "set confirmed: true" in text
+    assert "not sure:" in text
+    assert not (tmp_path / "old.parquet").exists()
+    code, _, err = run(capsys, monkeypatch, "import", str(path))
+    assert (code, err.count("\n")) == (2, 1)
+    assert "confirmed" in err
+    mapping = tmp_path / "old.tdms.map.yaml"
+    mapping.write_text(mapping.read_text().replace("confirmed: false", "confirmed: true"))
+    code, text, err = run(capsys, monkeypatch, "import", str(path))
+    assert code == 0, err
+    block = next(open_readings(tmp_path / "old.parquet").blocks())
+    assert block.wrench[2] == pytest.approx([2.0, 4.0, 6.0, 8000.0, 10000.0, 12000.0])
+    assert np.diff(block.t_s) == pytest.approx(0.01)

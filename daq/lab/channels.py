@@ -103,7 +103,7 @@ def open_channels(path: str | Path) -> LabChannels:
     if start[:4] in _TDMS:
         return TdmsChannels(file)
     if start.removeprefix(b"\xef\xbb\xbf").startswith(_LVM):
-        from daq.lvm_channels import LvmChannels
+        from daq.lab.lvm import LvmChannels
 
         return LvmChannels(file)
     raise ReadingsError(

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from daq.columns import FORCE_N, QUANTITIES, TIME_S, TORQUE_NMM
 from daq.errors import ReadingsError
-from daq.lab_channels import TIMESTAMP, Channel, LabChannels, open_channels
-from daq.lab_files import AXES, GAUGES, VOLTS, Increment, LabFileMap, Taken, plain_unit
+from daq.lab.channels import TIMESTAMP, Channel, LabChannels, open_channels
+from daq.lab.files import AXES, GAUGES, VOLTS, Increment, LabFileMap, Taken, plain_unit
 
 _AXIS = re.compile(r"^(?P<kind>f|force|t|torque|m|moment)[\s_-]*(?P<axis>[xyz])(?![a-z])", re.IGNORECASE)
 _TIME = re.compile(r"^(t|time|x_value|timestamps?|zeit|temps)(?![a-z])", re.IGNORECASE)

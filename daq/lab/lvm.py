@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ReadingsError
-from daq.lab_channels import BLOCK_ROWS, Channel, LabChannels
+from daq.lab.channels import BLOCK_ROWS, Channel, LabChannels
 
 Floats = NDArray[np.float64]
 

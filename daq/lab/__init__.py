@@ -1,0 +1,1 @@
+"""Recordings that labs have already (TDMS, LVM), read through a mapping that a person confirmed."""

@@ -1,0 +1,63 @@
+"""`fingertwin import`: a lab's TDMS or LVM recording as a readings file, by a mapping that a person confirms."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from daq.errors import InputError
+from server.console import answer, progress, say, table
+
+
+def import_recording(
+    recording: Path, mapping: Path | None, calibration: str | None, out: Path | None, json: str | None
+) -> None:
+    """Convert by a confirmed mapping; without one propose it, and ask where there is somebody to ask.
+
+    Raises:
+        InputError: the file or the mapping cannot be used, or the mapping is still to be confirmed.
+    """
+    from daq.lab.files import convert_recording
+
+    if mapping is None:
+        mapping = recording.with_name(f"{recording.name}.map.yaml")
+        if not mapping.exists() and not _proposed(recording, mapping, calibration, json):
+            return
+    elif calibration is not None:
+        raise InputError("--calibration with --map", "one of the two", "Write the calibration into the mapping")
+    target = out or Path(f"{recording.stem}.parquet")
+    with progress("Reading and writing"):
+        done = convert_recording(recording, mapping, target)
+    body: dict[str, Any] = {"recording": str(recording), "mapping": str(mapping), "readings": str(target)}
+    body |= {"conversions": list(done.conversions), "notes": list(done.notes)}
+    if not answer("import", body, json):
+        for line in (*done.conversions, *done.notes):
+            say(f"  {line}")
+        say(f"{recording.name}: {target}")
+
+
+def _proposed(recording: Path, mapping: Path, calibration: str | None, json: str | None) -> bool:
+    """Write a proposal; return whether somebody at the terminal confirmed it."""
+    from daq.lab.files import Increment, write_mapping
+    from daq.lab.proposals import propose_mapping
+
+    proposal = propose_mapping(recording, calibration)
+    write_mapping(mapping, proposal)
+    time = proposal.time
+    said = f"every {time.increment_s} s" if isinstance(time, Increment) else f"{time.channel} [{time.unit or '?'}]"
+    channels = {name: f"{taken.channel} [{taken.unit or '?'}]" for name, taken in proposal.channels.items()}
+    body: dict[str, Any] = {"recording": str(recording), "mapping": str(mapping), "confirmed": False, "time": said}
+    if answer("import", {**body, "channels": channels, "doubts": list(proposal.doubts)}, json):
+        return False
+    table(f"Proposed for {recording.name}", ["is", "channel"], [["t", said], *channels.items()])
+    for doubt in proposal.doubts:
+        say(f"  not sure: {doubt}")
+    if sys.stdin.isatty() and sys.stdout.isatty():
+        from rich.prompt import Confirm
+
+        if Confirm.ask("Is that right?", default=False):
+            write_mapping(mapping, proposal.model_copy(update={"confirmed": True}))
+            return True
+    say(f"Written to {mapping}: look at it, set confirmed: true, and run the same command again.")
+    return False
