@@ -232,9 +232,17 @@ def log(
     cell: Annotated[str | None, typer.Option(help="Model of the load cell, such as 'ATI Nano17-E SI-25-0.25'.")] = None,
     serial: Annotated[str | None, typer.Option(help="Its serial number.")] = None,
     calibration: Annotated[str | None, typer.Option(help="Its calibration: certificate's number, or file.")] = None,
+    protocol: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Follow a protocol: a shipped one (levels, synek2019), or a file."),
+    ] = None,
+    setup: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Specimen, finger, mounts and known weight (bench-setup/1).")
+    ] = None,
+    model: ModelOption = None,
     json: Json = None,
 ) -> None:
-    """Log a load cell, or a recording, into a journal that survives a pulled plug."""
+    """Log a load cell into a journal that survives a pulled plug; with --protocol a whole bench session."""
     from server.commands.log import LogOptions, list_drivers, log_cell
 
     if driver == "list":
@@ -242,7 +250,8 @@ def log(
         return
     about = {"model": cell, "serial": serial, "calibration": calibration}
     given = {key: value for key, value in about.items() if value is not None}
-    log_cell(LogOptions(driver, port, baud, tuple(setting or ()), out, seconds, given), json)
+    settings = tuple(setting or ())
+    log_cell(LogOptions(driver, port, baud, settings, out, seconds, given, protocol, setup, model), json)
 
 
 @app.command("simulate-cell")

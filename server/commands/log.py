@@ -34,6 +34,9 @@ class LogOptions:
         out: folder of the log.
         seconds: after which it ends; None goes on until Ctrl-C or the recording is over.
         cell: model, serial number and calibration of the load cell, as far as given.
+        protocol: that a bench session follows, by name or file.
+        setup: file of what is known before the first reading.
+        model: that predictions are made with; by default the setup's finger.
     """
 
     driver: str
@@ -43,6 +46,9 @@ class LogOptions:
     out: Path | None
     seconds: float | None
     cell: dict[str, str] = field(default_factory=dict)
+    protocol: str | None = None
+    setup: Path | None = None
+    model: str | None = None
 
 
 def list_drivers(json: str | None) -> None:
@@ -93,16 +99,21 @@ def log_cell(options: LogOptions, json: str | None) -> None:
     if options.seconds is not None and options.seconds <= 0:
         raise InputError(f"--seconds {options.seconds:g}", "a time above 0")
     cell = _cell(options)
+    acquisition = Acquisition(cell, lambda: connect(cell, options.port, options.baud))
+    if options.protocol is not None or options.setup is not None:
+        from server.commands.log_bench import log_bench
+
+        log_bench(options, cell, acquisition, json)
+        return
     if cell.link in ("serial", "udp") and not {"serial", "calibration"} <= set(options.cell):
         raise DriverError(
             "the cell's serial number or calibration is not stated",
             "--serial and --calibration, as on its certificate: readings without them cannot be checked or published",
         )
-    acquisition = Acquisition(cell, lambda: connect(cell, options.port, options.baud))
     # The device first: one that is not there leaves no empty journal. What it says meanwhile waits.
     acquisition.start()
     try:
-        journal = _journal(options.out)
+        journal = open_journal(options.out)
     except BaseException:
         acquisition.stop()
         raise
@@ -249,7 +260,7 @@ def given_settings(given: tuple[str, ...]) -> dict[str, str]:
     return out
 
 
-def _journal(folder: Path) -> Journal:
+def open_journal(folder: Path) -> Journal:
     """Open the folder's journal, a new one where there is none."""
     from daq.journal import Journal
 

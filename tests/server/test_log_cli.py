@@ -179,3 +179,41 @@ def test_a_recording_of_the_lab_is_imported_once_its_mapping_is_confirmed(
     block = next(open_readings(tmp_path / "old.parquet").blocks())
     assert block.wrench[2] == pytest.approx([2.0, 4.0, 6.0, 8000.0, 10000.0, 12000.0])
     assert np.diff(block.t_s) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("changed", "arguments", "said"),
+    [
+        ({}, ["--protocol", "levels"], "--protocol without --setup"),
+        ({}, ["--setup", "setup.yaml"], "--setup without --protocol"),
+        ({}, ["--protocol", "nothing", "--setup", "setup.yaml"], "no protocol 'nothing'"),
+        ({"format": "x"}, ["--protocol", "levels", "--setup", "setup.yaml"], "setup.yaml is not a setup"),
+        ({"specimen": None}, ["--protocol", "levels", "--setup", "setup.yaml"], "specimen lacks"),
+        ({"donor": "J. D."}, ["--protocol", "levels", "--setup", "setup.yaml"], "'donor' is not known"),
+        (
+            {"load_cell": {"model": "X"}},
+            ["--protocol", "levels", "--setup", "setup.yaml"],
+            "serial and calibration lack",
+        ),
+        ({"tension_factor": 7}, ["--protocol", "levels", "--setup", "setup.yaml"], "tension_factor"),
+    ],
+)
+def test_a_bench_session_that_could_not_be_used_later_is_refused_now(
+    changed: dict[str, Any], arguments: list[str], said: str, recording: Path,
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(recording.parent)
+    setup = {
+        "format": "bench-setup/1",
+        "specimen": {"id": "S1", "species": "human", "digit": "third", "side": "left"},
+        "finger": "an1979_middle",
+        "load_cell": {"model": "ATI Nano17-E SI-25-0.25", "serial": "FT1", "calibration": "C1"},
+        "tension_factor": 0.835,
+    } | changed
+    kept = {key: value for key, value in setup.items() if value is not None}
+    Path("setup.yaml").write_text(json.dumps(kept))
+    common = ["log", "--driver", "replay", "--port", str(recording), "--out", "out"]
+    code, _, err = run(capsys, monkeypatch, *common, *arguments)
+    assert (code, err.count("\n")) == (2, 1)
+    assert said in err
+    assert not Path("out").exists()

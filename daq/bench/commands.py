@@ -1,0 +1,76 @@
+"""The commands of a bench run by name, as keys and lines of text give them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from daq.bench.engine import Events
+from daq.bench.run import BenchRun
+from daq.errors import SessionError
+from daq.vocabulary import did_you_mean
+
+
+def perform(run: BenchRun, command: str, argument: str = "") -> Events:
+    """Do what a key or a line of text asks for.
+
+    Args:
+        run: the bench.
+        command: one of COMMANDS.
+        argument: a reason, a text, a case or a known weight.
+
+    Raises:
+        InputError: there is no such command, or it cannot be done now; nothing has changed then.
+    """
+    found = _COMMANDS.get(command)
+    if found is None:
+        hint = did_you_mean(command, COMMANDS)
+        raise SessionError(f"no command {command!r}", f"one of {' '.join(COMMANDS)}", hint[:1].upper() + hint[1:])
+    return found(run, argument.strip())
+
+
+def perform_line(run: BenchRun, line: str) -> Events:
+    """Do what a line says: a command, and what belongs to it.
+
+    Raises:
+        InputError: as `perform`.
+    """
+    command, _, argument = line.strip().partition(" ")
+    return perform(run, command, argument)
+
+
+def _exclude(run: BenchRun, argument: str) -> Events:
+    first, _, rest = argument.partition(" ")
+    return run.exclude(rest, first) if first in run.record.cases else run.exclude(argument)
+
+
+def _known_weight(run: BenchRun, argument: str) -> Events:
+    words = argument.split()
+    wanted = "mass in g, direction and, where another, mount, such as: 500 palmar tip"
+    try:
+        mass_g = float(words[0])
+    except (IndexError, ValueError):
+        raise SessionError(f"known weight {argument!r}", wanted) from None
+    if len(words) not in (2, 3):
+        raise SessionError(f"known weight {argument!r}", wanted)
+    return run.known_weight(mass_g, words[1], words[2] if len(words) == 3 else None)
+
+
+_COMMANDS: Mapping[str, Callable[[BenchRun, str], Events]] = {
+    "tare": lambda run, _: run.tare(),
+    "unloaded": lambda run, _: run.unloaded(),
+    "loaded": lambda run, _: run.loaded(),
+    "confirm": lambda run, _: run.confirm(),
+    "next": lambda run, _: run.next(),
+    "repeat": BenchRun.repeat,
+    "exclude": _exclude,
+    "known_weight": _known_weight,
+    "posture_set": lambda run, _: run.posture_set(),
+    "cell_moved": lambda run, _: run.cell_moved(),
+    "retied": BenchRun.retied,
+    "slipped": BenchRun.slipped,
+    "moistened": lambda run, _: run.moistened(),
+    "note": BenchRun.note,
+    "close": lambda run, _: run.close(),
+}
+
+COMMANDS = tuple(_COMMANDS)

@@ -1,0 +1,208 @@
+"""What lies beneath a bench run: readings in, plateaus found, windows taken, and every decision an event."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from daq.bench.forces import Forces, Predict, Result, zero_moved
+from daq.bench.plateau_finder import Offer, PlateauFinder, PlateauRules
+from daq.bench.record import BenchRecord, BenchSetup
+from daq.bench.steps import Step, Steps
+from daq.blocks import Chunk
+from daq.cells import cell_spec
+from daq.errors import SessionError
+from daq.journal_rows import Event
+from daq.plateaus import LEAST_READINGS, Plateau, reduce_window
+from daq.protocols import PlannedCase
+from daq.session_models import LoadCase
+from daq.windows import Span
+
+Events = tuple[Event, ...]
+Phase = Literal["idle", "unloaded", "loaded"]
+_WARNINGS = 5
+
+
+@dataclass(eq=False)
+class TareInForce:
+    """A tare, and the cases that were measured against it."""
+
+    window_s: Span
+    plateau: Plateau
+    cases: list[str] = field(default_factory=list)
+
+
+class BenchEngine:
+    """State of a bench session.
+
+    Args:
+        setup: what is known beforehand.
+        predict: force and half width of a wide physical band of a case; asked about validation cases only at the end.
+        stream: that the readings belong to, in the journal.
+        rules: of plateaus; by default those of the protocol's timing.
+
+    Attributes:
+        record: folded from the events so far.
+        full_scale: (6,) of the cell [N, N mm], None where it is not known.
+
+    Raises:
+        SessionError: the setup would make an unusable session.
+    """
+
+    def __init__(
+        self,
+        setup: BenchSetup,
+        predict: Predict | None = None,
+        stream: str | None = None,
+        rules: PlateauRules | None = None,
+    ) -> None:
+        session = setup.require_sound()
+        cell, first = setup.load_cell, session.cases[0]
+        spec = cell_spec(cell.get("model")) or cell_spec(f"{cell.get('model')} {cell.get('calibration')}")
+        self.record = BenchRecord(setup)
+        self.full_scale = None if spec is None else np.array(spec.range)
+        self._stream = stream
+        self._forces = Forces(session, predict)
+        self._finder = PlateauFinder(rules or PlateauRules.of(setup.protocol.timing), self.full_scale)
+        self._steps = Steps.of(setup.cases())
+        self._weight = setup.known_weight
+        # Where the bench stands before the first step; going elsewhere is marked.
+        self._place: dict[str, Any] = {"posture": first.posture, "location": str(first.location)}
+        self._place |= {"setting": 0, "mounting": 0}
+        self._times_set, self._times_moved = Counter([first.posture]), Counter([str(first.location)])
+        self._phase: Phase = "idle"
+        self._tare: TareInForce | None = None
+        self._tare_asked = False
+        self._now_s = 0.0
+        self._live: Result | None = None
+        self._last: Result | None = None
+        self._last_taken: str | None = None
+        self._warnings: deque[str] = deque(maxlen=_WARNINGS)
+        self._out: list[Event] = []
+
+    def take(self, chunk: Chunk) -> Events:
+        """Take readings, which the journal has already."""
+        if not len(chunk):
+            return ()
+        self._now_s = float(chunk.t_s[-1])
+        before = self._finder.offer
+        lost = self._finder.take(chunk.t_s, chunk.wrench, (chunk.status != 0) | chunk.overload)
+        offer = self._finder.offer
+        if lost is not None and self._phase != "idle" and not self.record.closed:
+            self._lost(lost, before)
+        if offer is not None and before is None:
+            self._offer(offer)
+        return self._flush()
+
+    def _mark(self, phase: Phase) -> None:
+        self._require_open()
+        step = self._steps.now
+        self._phase, self._tare_asked, self._live = phase, False, None
+        self._finder.restart(self._now_s)
+        self._emit(phase, step=None if step is None else step.id)
+
+    def _rest(self) -> None:
+        self._phase, self._tare_asked, self._live = "idle", False, None
+        self._finder.rest()
+
+    def _offer(self, offer: Offer) -> None:
+        step = self._steps.now
+        self._emit("plateau_found", state=self._phase, window_s=list(offer.window_s))
+        if self._phase == "unloaded" and self._tare_asked:
+            self._confirm(offer)
+        elif self._phase == "loaded" and step is not None and step.case is not None and self._tare is not None:
+            case = LoadCase.model_validate(self._case_value(step, step.case, self._tare, offer.window_s))
+            self._live = self._forces.live(case, offer.plateau, self._tare.plateau, blind=True)
+            self._warn("doubtful_force", self._forces.doubts(case, self._live))
+            self._warn("no_prediction", [self._forces.failure])
+
+    def _confirm(self, offer: Offer) -> None:
+        t, wrench = self._finder.readings(offer.window_s)
+        plateau = reduce_window(t, wrench) if len(t) >= LEAST_READINGS else offer.plateau
+        self._forces.keep(offer.window_s, plateau)
+        step = self._steps.now
+        if self._phase == "unloaded":
+            self._take_tare(offer.window_s, plateau)
+        elif step is not None and self._tare is not None:
+            # Before its events, which a view may ask about.
+            self._steps.done.add(step.id)
+            if step.case is None:
+                self._take_weight(step, self._tare, offer.window_s)
+            else:
+                self._take_case(step, step.case, self._tare, offer.window_s)
+        self._rest()
+
+    def _lost(self, why: str, before: Offer | None) -> None:
+        if before is not None:
+            self._live = None
+            self._emit("plateau_lost", state=self._phase, window_s=list(before.window_s), why=why)
+        if not self._warnings or why not in self._warnings[-1]:
+            self._warn("not_steady", [f"{why} at {self._now_s:.1f} s while {self._phase}: has something slipped?"])
+
+    def _take_tare(self, window_s: Span, plateau: Plateau) -> None:
+        before = self._tare
+        brackets = [] if before is None else list(before.cases)
+        self._emit("tare", window_s=list(window_s), brackets=brackets, **self._place)
+        self._tare = TareInForce(window_s, plateau)
+        if before is not None:
+            self._warn("zero_moved", [zero_moved(before.plateau, plateau)])
+        self._say_measured(brackets)
+
+    def _take_case(self, step: Step, case: PlannedCase, tare: TareInForce, window_s: Span) -> None:
+        self._emit("case_taken", **self._case_value(step, case, tare, window_s))
+        tare.cases.append(step.id)
+        self._last_taken = step.id
+        self._say_measured([step.id])
+
+    def _take_weight(self, step: Step, tare: TareInForce, window_s: Span) -> None:
+        weight = dict(self._weight or {}) | {"unloaded_s": list(tare.window_s), "loaded_s": list(window_s)}
+        weight = {"when": step.when, "mount": self._place["location"]} | weight
+        self._emit("known_weight", **weight)
+        numbers, doubts = self._forces.weigh(weight)
+        self._emit("weighed", step=step.id, **numbers)
+        self._warn("known_weight", doubts)
+
+    def _case_value(self, step: Step, case: PlannedCase, tare: TareInForce, window_s: Span) -> dict[str, Any]:
+        value = {
+            "id": step.id,
+            "role": case.role,
+            "posture": case.posture,
+            "location": case.location,
+            "masses_g": dict(case.masses_g),
+            "unloaded_s": list(tare.window_s),
+            "loaded_s": list(window_s),
+            "setting": self._place["setting"],
+            "mounting": self._place["mounting"],
+            "repeat_of": step.repeat_of if step.repeat_of in self.record.cases else None,
+            "unloaded_state": self.record.setup.unloaded_state,
+        }
+        return {k: v for k, v in value.items() if v is not None}
+
+    def _say_measured(self, names: list[str]) -> None:
+        kept = [n for n in names if "excluded" not in self.record.cases[n]]
+        for result in self._forces.measured(self.record.session(), kept, blind=True) if kept else []:
+            self._emit("measured", **result.as_value())
+            if result.case == self._last_taken:
+                self._last = result
+
+    def _require_open(self) -> None:
+        if self.record.closed:
+            found = "the session is closed, and its predictions were seen"
+            raise SessionError(found, "a new session", "Begin another")
+
+    def _warn(self, code: str, texts: list[str]) -> None:
+        for text in filter(None, texts):
+            self._warnings.append(text)
+            self._emit("warning", code=code, text=text)
+
+    def _emit(self, kind: str, **value: Any) -> None:
+        event = Event(kind, self._now_s, value, self._stream)
+        self.record.apply(event)
+        self._out.append(event)
+
+    def _flush(self) -> Events:
+        out, self._out = tuple(self._out), []
+        return out

@@ -1,0 +1,264 @@
+"""A bench session as it is done, without a terminal: fed readings and commands, it answers with events to be kept.
+
+It goes through a protocol's cases in order, finds the plateaus, offers them to be confirmed, and gives each case's
+force with its uncertainty. Whatever it decides is an event, and its record is folded from these events alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import ValidationError
+
+from daq.bench.engine import BenchEngine, Events
+from daq.bench.forces import Result
+from daq.bench.record import STARTED
+from daq.bench.status import BenchStatus, todo
+from daq.bench.steps import Step
+from daq.errors import SessionError
+from daq.session_models import KnownWeight
+
+
+class BenchRun(BenchEngine):
+    """A bench session and its commands; every method answers with the events that it caused."""
+
+    def start(self) -> Events:
+        """Say how the bench was set up; the first event of all."""
+        self._emit(STARTED, **self.record.setup.as_value())
+        return self._flush()
+
+    def unloaded(self) -> Events:
+        """The weights are off: look for an unloaded plateau, to be confirmed as a tare."""
+        self._mark("unloaded")
+        return self._flush()
+
+    def tare(self) -> Events:
+        """The weights are off: take the first plateau as a tare without asking again."""
+        if self._phase == "unloaded" and self._finder.offer is not None:
+            return self.confirm()
+        self._mark("unloaded")
+        self._tare_asked = True
+        return self._flush()
+
+    def loaded(self) -> Events:
+        """The weights of the present step hang: look for a plateau."""
+        step = self._open_step()
+        if step.id in self._steps.done:
+            raise SessionError(f"{step.id} is taken already", "next, or repeat", "A repeat is added, none is replaced")
+        if step.case is None and self._weight is None:
+            raise SessionError("the known weight is not known", "its mass and direction, such as 500 palmar")
+        self._require_place(step)
+        if self._tare is None:
+            raise SessionError(
+                f"{step.id} has no tare since posture, cell or suture changed",
+                "a tare, then the load",
+                "Take the weights off, tare, and hang them again",
+            )
+        self._mark("loaded")
+        return self._flush()
+
+    def confirm(self) -> Events:
+        """Take the window that is offered: as a tare, a known weight or the present case."""
+        self._require_open()
+        if self._finder.offer is None:
+            why = self._finder.reason or "nothing was marked loaded or unloaded"
+            raise SessionError(f"there is no plateau to confirm ({why})", "one that was found", "Wait")
+        self._confirm(self._finder.offer)
+        return self._flush()
+
+    def next(self) -> Events:
+        """Go on to the next step; one that is not completed is recorded as skipped."""
+        step = self._open_step()
+        self._skip(step)
+        # A weight that hung on the cell itself says nothing about the cell at the finger.
+        if step.case is None:
+            self._tare = None
+        self._steps.at += 1
+        self._rest()
+        now = self._steps.now
+        self._emit("step", id=None if now is None else now.id)
+        return self._flush()
+
+    def repeat(self, case: str = "") -> Events:
+        """Do a case once more, by default the last one; both are kept."""
+        self._require_open()
+        self._steps.insert(self._steps.repeat(self._taken(case)))
+        self._rest()
+        step = self._open_step()
+        self._emit("step", id=step.id, repeat_of=step.repeat_of)
+        return self._flush()
+
+    def exclude(self, reason: str, case: str = "") -> Events:
+        """Leave a case out, by default the last one, for a reason that is given before predictions are seen."""
+        self._require_open()
+        name = self._taken(case)
+        if not reason.strip():
+            raise SessionError(f"{name} excluded without a reason", "why, such as: suture slipped")
+        if "excluded" in self.record.cases[name]:
+            raise SessionError(f"{name} is excluded already ({self.record.cases[name]['excluded']})", "another case")
+        self._emit("excluded", case=name, reason=reason.strip())
+        return self._flush()
+
+    def known_weight(self, mass_g: float, direction: Any, mount: str | None = None) -> Events:
+        """Say what hangs on the cell itself in the present step, or in one that is put in here."""
+        self._require_open()
+        weight = {"mass_g": mass_g, "direction": direction, "mount": mount or self._place["location"]}
+        try:
+            sound = KnownWeight.model_validate(self.record.setup.check(weight))
+        except ValidationError as error:
+            said = error.errors()[0]
+            context: Mapping[str, Any] = said.get("ctx", {})
+            found = f"known weight: {'.'.join(map(str, said['loc']))} {context.get('found', said['msg'])}"
+            raise SessionError(found, context.get("expected", "")) from None
+        self._weight = {"mass_g": sound.mass_g, "direction": list(sound.direction), "mount": sound.mount}
+        step = self._steps.now
+        if step is None or step.case is not None or step.id in self._steps.done:
+            self._steps.insert(self._steps.during())
+            self._rest()
+        self._emit("known_weight_set", **self._weight)
+        return self._flush()
+
+    def posture_set(self) -> Events:
+        """The posture of the present step was set, or set anew: the tare's life ends."""
+        self._require_open()
+        posture = self._wanted(self._steps.now)["posture"]
+        self._place |= {"posture": posture, "setting": self._times_set[posture]}
+        self._times_set[posture] += 1
+        return self._end_tare("set_posture", posture=posture, setting=self._place["setting"])
+
+    def cell_moved(self) -> Events:
+        """The cell or its clamp was moved to where the present step needs it: the tare's life ends."""
+        self._require_open()
+        location = self._wanted(self._steps.now)["location"]
+        self._place |= {"location": location, "mounting": self._times_moved[location]}
+        self._times_moved[location] += 1
+        return self._end_tare("move_cell", location=location, mounting=self._place["mounting"])
+
+    def retied(self, text: str = "") -> Events:
+        """A suture was tied anew: the tare's life ends."""
+        self._require_open()
+        return self._end_tare("retie", **_text(text))
+
+    def slipped(self, text: str = "") -> Events:
+        """Something slipped: the tare's life ends."""
+        self._require_open()
+        return self._end_tare("slip", **_text(text))
+
+    def moistened(self) -> Events:
+        """The specimen was moistened."""
+        self._require_open()
+        self._emit("moisten")
+        return self._flush()
+
+    def note(self, text: str) -> Events:
+        """Whatever else is to be said."""
+        self._require_open()
+        if not text.strip():
+            raise SessionError("an empty note", "a text")
+        self._emit("note", text=text.strip())
+        return self._flush()
+
+    def close(self) -> Events:
+        """End the session: what was not done is recorded, and validation cases may be compared from here on."""
+        self._require_open()
+        for step in self._steps.undone():
+            if step.case is None and step.id not in self._steps.skipped:
+                self._skip(step)
+        undone = [s.id for s in self._steps.undone() if s.case is not None]
+        self._rest()
+        results = self._results(blind=False)
+        self._emit("closed", undone=undone, comparison=[r.as_value() for r in results])
+        return self._flush()
+
+    def results(self) -> list[Result]:
+        """Measured forces of all cases that are not excluded; with predictions of validation cases once closed."""
+        return self._results(blind=not self.record.closed)
+
+    def status(self) -> BenchStatus:
+        """What a view shows."""
+        step, offer = self._steps.now, self._finder.offer
+        return BenchStatus(
+            self._now_s,
+            "all steps are done" if step is None else f"{step.id}: {step.text}",
+            self._todo(),
+            self._phase,
+            None if offer is None else offer.window_s,
+            self._finder.reason,
+            self._live,
+            self._last,
+            tuple(self._warnings),
+            self._steps.checklist(),
+            None if self._tare is None else self._now_s - self._tare.window_s[1],
+            self.record.closed,
+        )
+
+    def _todo(self) -> str:
+        if self.record.closed:
+            return "closed"
+        if self._finder.offer is not None:
+            return f"confirm the {self._phase} plateau, or change something"
+        step = self._steps.now
+        if self._phase != "idle":
+            return f"wait for the {self._phase} plateau ({self._finder.reason})"
+        return todo(
+            step,
+            self._steps.now_done,
+            self._place,
+            self._wanted(step),
+            self._tare is not None,
+            self._weight is not None,
+        )
+
+    def _wanted(self, step: Step | None) -> dict[str, Any]:
+        """Posture and location that a step needs; a known weight's direction is told in one mount's axes."""
+        if step is not None and step.case is not None:
+            return {"posture": step.case.posture, "location": step.case.location}
+        mount = None if step is None or self._weight is None else self._weight.get("mount")
+        return {"posture": self._place["posture"], "location": mount or self._place["location"]}
+
+    def _results(self, blind: bool) -> list[Result]:
+        cases = [name for name, case in self.record.cases.items() if "excluded" not in case]
+        return self._forces.measured(self.record.session(), cases, blind) if cases else []
+
+    def _skip(self, step: Step) -> None:
+        if step.id in self._steps.done:
+            return
+        self._steps.skipped.add(step.id)
+        if step.case is None:
+            self._emit("known_weight_skipped", when=step.when)
+        else:
+            self._emit("case_skipped", id=step.id)
+
+    def _end_tare(self, kind: str, **value: Any) -> Events:
+        self._tare = None
+        self._rest()
+        self._emit(kind, **value)
+        return self._flush()
+
+    def _taken(self, case: str) -> str:
+        name = case.strip() or self._last_taken
+        if name is None:
+            raise SessionError("no case was taken", "one that was confirmed")
+        if name not in self.record.cases:
+            raise SessionError(f"no case {name} was taken", f"one of {' '.join(self.record.cases) or '(none yet)'}")
+        return name
+
+    def _open_step(self) -> Step:
+        self._require_open()
+        if self._steps.now is None:
+            raise SessionError("all steps are done", "close, repeat or known_weight")
+        return self._steps.now
+
+    def _require_place(self, step: Step) -> None:
+        for key, what, remedy in (
+            ("posture", "posture", "Set it, mark it, and tare"),
+            ("location", "cell's place", "Move the cell, mark it, and tare"),
+        ):
+            wanted = self._wanted(step)[key]
+            if self._place[key] != wanted:
+                raise SessionError(f"the {what} is {self._place[key]}", f"{wanted} for {step.id}", remedy)
+
+
+def _text(text: str) -> dict[str, str]:
+    return {"text": text.strip()} if text.strip() else {}

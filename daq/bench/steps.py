@@ -1,0 +1,90 @@
+"""The steps of a bench run: a known weight, the protocol's cases in order, a known weight; repeats come in between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from daq.protocols import PlannedCase
+
+
+@dataclass(frozen=True)
+class Step:
+    """A known weight (`case` is None), or a case.
+
+    Attributes:
+        id: of the case, or `weight_` and when.
+        when: before, during or after the cases, of a known weight.
+        repeat_of: the case that it repeats.
+    """
+
+    id: str
+    case: PlannedCase | None = None
+    when: str = ""
+    repeat_of: str | None = None
+
+    @property
+    def text(self) -> str:
+        """What is hung where."""
+        if self.case is None:
+            return f"known weight on the cell ({self.when})"
+        masses = " ".join(f"{tendon} {mass:g} g" for tendon, mass in self.case.masses_g.items())
+        again = f", repeat of {self.repeat_of}" if self.repeat_of else ""
+        return f"{masses or 'no weight'}, {self.case.posture}, {self.case.location}{again}"
+
+
+@dataclass
+class Steps:
+    """All steps, and where the run is.
+
+    Attributes:
+        done: ids of the steps that were completed; skipped: that were passed over.
+    """
+
+    all: list[Step]
+    at: int = 0
+    done: set[str] = field(default_factory=set)
+    skipped: set[str] = field(default_factory=set)
+
+    @classmethod
+    def of(cls, cases: tuple[PlannedCase, ...]) -> Steps:
+        """Lay a protocol out."""
+        before, after = Step("weight_before", when="before"), Step("weight_after", when="after")
+        return cls([before, *(Step(c.id, c) for c in cases), after])
+
+    @property
+    def now(self) -> Step | None:
+        """The present step, None after the last."""
+        return self.all[self.at] if self.at < len(self.all) else None
+
+    @property
+    def now_done(self) -> bool:
+        """Whether the present step is completed."""
+        return self.now is not None and self.now.id in self.done
+
+    def insert(self, step: Step) -> None:
+        """Make a step the present one: after one that is completed, before one that still waits."""
+        self.at += self.now_done
+        self.all.insert(self.at, step)
+
+    def undone(self) -> list[Step]:
+        """What was not completed."""
+        return [s for s in self.all if s.id not in self.done]
+
+    def repeat(self, name: str) -> Step:
+        """A new step that repeats a case, or what that one repeats."""
+        first = next(s for s in self.all if s.id == name)
+        first = first if first.repeat_of is None else next(s for s in self.all if s.id == first.repeat_of)
+        count = sum(s.repeat_of == first.id for s in self.all)
+        return Step(f"{first.id}r{count + 1}", first.case, repeat_of=first.id)
+
+    def during(self) -> Step:
+        """A new known weight between cases."""
+        return Step(f"weight_during_{sum(s.when == 'during' for s in self.all) + 1}", when="during")
+
+    def checklist(self) -> list[tuple[str, str, str]]:
+        """(id, text, state) of each step: done, skipped, now or open."""
+        states = []
+        for i, step in enumerate(self.all):
+            state = "done" if step.id in self.done else "skipped" if step.id in self.skipped else "open"
+            states.append((step.id, step.text, "now" if i == self.at and state == "open" else state))
+        return states

@@ -1,0 +1,1 @@
+"""The bench at a terminal: keys, traces, what to do now."""

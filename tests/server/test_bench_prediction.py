@@ -1,0 +1,35 @@
+"""Predictions for a bench: those of the model that `compare` uses, with a band that only mistakes leave."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from daq.protocols import Protocol
+from daq.session_models import LoadCase
+from daq.sessions import read_session
+from fingermodel.finger_files import read_finger
+from fingermodel.rig import simulate_session
+from server.bench.prediction import predictor
+from tests.daq.bench_plays import PROTOCOL, setup
+
+
+def test_predictions_are_those_of_the_rig_that_embodies_the_model(tmp_path: Path) -> None:
+    finger = read_finger("an1979_middle")
+    _, truth = simulate_session(finger, Protocol.model_validate(PROTOCOL), tmp_path)
+    predict = predictor(setup())
+    cases = {c.id: c for c in read_session(tmp_path).cases}
+    told = {name: predict(case) for name, case in cases.items()}
+    for name, answer in told.items():
+        assert answer is not None
+        assert np.abs(answer[0] - truth[name][:3]).max() < 1e-6
+        # Another finger stays in the band; a tare taken under the load, or half a large weight, does not.
+        assert (np.abs(0.15 * truth[name][:3]) < answer[1]).all()
+        assert (np.abs(2.0 * truth[name][:3]) > answer[1]).any()
+    bone = told["c004"]
+    assert bone is not None
+    assert (np.abs(0.5 * truth["c004"][:3]) > bone[1]).any()
+    again = cases["c001"].model_copy(update={"id": "c001r1", "repeat_of": "c001", "setting": 2})
+    assert predict(again) is not None
+    assert predict(LoadCase.model_validate(cases["c001"].model_dump() | {"masses_g": {"LU": 20}})) is None
