@@ -15,7 +15,7 @@ from fingermodel.diagnosis.confounding import Confounding, confounding
 from fingermodel.diagnosis.evidence import Evidence, Weighed, weigh
 from fingermodel.diagnosis.held_out import held_out
 from fingermodel.diagnosis.hints import Hint, hints
-from fingermodel.diagnosis.nulls import Null, nulls
+from fingermodel.diagnosis.nulls import Null, moments_violated, nulls
 from fingermodel.diagnosis.robustness import Robustness, robustness
 from fingermodel.diagnosis.search import Search, Searcher
 from fingermodel.diagnosis.verdict import LEAST_CASES, SURE, Verdict, judge
@@ -26,6 +26,9 @@ from fingermodel.observations import Observations
 from fingermodel.problems import Problem, map_problem
 
 Floats = NDArray[np.float64]
+
+# Rigs of which most lie within their budget seldom pass this multiple of it.
+LARGE_BUDGET = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +130,11 @@ def diagnose(
     p_at_cell = sum(
         p for names, p in evidence.probability.items() if any(effect_of[name] in at_cell for name in names or ())
     )
-    verdict = _settled(verdict, questioned, tested, candidates, p_at_cell)
+    # Where the budget fits only if it is larger than stated, so may be the moments that a rig within it shows.
+    moments = [any(n.name == "moments_closure" and n.verdict == "violated" for n in tested)]
+    if moments[0] and verdict.kind in ("found", "one_of"):
+        moments = [moments_violated(model, observations, b) for b in (evidence.weighed[0].budget_factor, LARGE_BUDGET)]
+    verdict = _settled(verdict, questioned, (moments[0], moments[-1]), candidates, p_at_cell)
     found: tuple[Hint, ...] = ()
     if verdict.kind in ("none_of_catalogue", "undecided"):
         # Where no effect stands, a formula is to stand alone; else it is to stand beside the likeliest.
@@ -169,13 +176,14 @@ def _enough(problem: Problem, verdict: Verdict) -> Verdict:
 def _settled(
     verdict: Verdict,
     questioned: Robustness,
-    tested: tuple[Null, ...],
+    moments: tuple[bool, bool],
     candidates: tuple[Candidate, ...],
     p_at_cell: float,
 ) -> Verdict:
     """A verdict that another assumption would turn is undecided; so is one that a test without any model contradicts.
 
-    Moments at the tip that nothing in the catalogue makes are something else, whatever explains the forces.
+    Moments at the tip that nothing in the catalogue makes are something else, whatever explains the forces: `moments`
+    says whether there are such for a rig with the budget that fits, and for one with a large one.
     """
     if verdict.kind not in ("found", "one_of"):
         return verdict
@@ -188,10 +196,10 @@ def _settled(
     if clamp & set(verdict.names) and expected != planar:
         short.append("only out-of-plane forces support it, which the clamp carries in part")
     # Mx and My at the tip are not fitted: the model's clamp carries none, and only what acts at the cell can show any.
-    if any(n.name == "moments_closure" and n.verdict == "violated" for n in tested):
+    if moments[0]:
         if questioned.rests_on_moments:
             short.append("only the tip's moment says so, and the clamp carries moments that the model does not know")
-        elif p_at_cell <= 1.0 - SURE:
+        elif p_at_cell <= 1.0 - SURE and moments[1]:
             reason = (
                 f"{' or '.join(verdict.names)} would explain the forces, but the tip's clamp carries moments that no "
                 "likely effect here makes."

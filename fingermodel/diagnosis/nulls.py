@@ -9,6 +9,8 @@ Here are the tests by statics; `nulls_loads` compares loads with loads.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,6 +37,12 @@ def nulls(model: Model, observations: Observations) -> tuple[Null, ...]:
     readings = readings_of(model, observations)
     tests = (balance, fds_no_dip_torque, superposition, load_levels, repeats, moments_closure)
     return tuple(test(readings) for test in tests)
+
+
+def moments_violated(model: Model, observations: Observations, budget_factor: float) -> bool:
+    """Whether the tip's clamp carries moments that a rig with so many times its budget would not show."""
+    readings = replace(readings_of(model, observations), budget_factor=budget_factor)
+    return moments_closure(readings).verdict == "violated"
 
 
 def balance(r: Readings) -> Null:

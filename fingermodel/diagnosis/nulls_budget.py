@@ -46,6 +46,7 @@ class Readings:
         jacobian: (n, 6, rotations) of the load point, distal phalanx's axes.
         to_base: (n, 3, 3) takes the distal phalanx's axes to the metacarpal's.
         loaded: indices of the cases in which a weight hangs, in order.
+        budget_factor: times the stated budget that the rig is allowed.
     """
 
     model: Model
@@ -56,6 +57,7 @@ class Readings:
     jacobian: Floats
     to_base: Floats
     loaded: list[int]
+    budget_factor: float = 1.0
 
     @cached_property
     def masses(self) -> tuple[tuple[tuple[str, float], ...], ...]:
@@ -141,7 +143,7 @@ class Readings:
         spread = [w @ self.spread[used], *self._by_angles(weights, w, used)]
         if extra is not None:
             spread.append(extra)
-        by_budget = np.hstack(spread)
+        by_budget = self.budget_factor * np.hstack(spread)
         value = w @ self.wrench.reshape(-1)[used]
         if constant is not None:
             value = value - constant
