@@ -56,7 +56,7 @@ def logged(minutes: float, folder: Path) -> dict[str, Any]:
     """Log and measure."""
     from daq.acquire import Acquisition
     from daq.drivers import driver
-    from daq.journal import Journal
+    from daq.journal.writer import Journal
     from daq.transports import connect
     from server.commands.log import Logging
 
@@ -110,7 +110,7 @@ def from_file(folder: Path) -> float:
     """Readings a second of a readings file (1 kHz, ten minutes) through the replay driver into a journal."""
     from daq.acquire import Acquisition
     from daq.drivers import driver
-    from daq.journal import Journal
+    from daq.journal.writer import Journal
     from daq.readings import ReadingBlock, write_readings
     from daq.transports import connect
     from server.commands.log import Logging

@@ -13,8 +13,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmarks.machine import table, wait_until_quiet
-from daq.journal import Journal
-from daq.journal_check import check
+from daq.journal.check import check
+from daq.journal.writer import Journal
 from tests.daq.journal_kills import kill_many
 from tests.daq.journal_writer import made_chunk
 

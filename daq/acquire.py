@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daq.blocks import Chunk
 from daq.drivers.base import Decoder, LoadCell, Recorded, Samples, Transport
@@ -83,6 +84,9 @@ class Acquisition:
         waiting: chunks that may wait to be taken.
         clock: monotonic seconds.
         wall: wall-clock seconds.
+
+    Attributes:
+        live: is shown every sample with its time as soon as it is decoded, before it is kept; must not wait.
     """
 
     def __init__(
@@ -97,6 +101,7 @@ class Acquisition:
         wall: Callable[[], float] = time.time,
     ) -> None:
         self.cell = cell
+        self.live: Callable[[NDArray[np.float64], Samples], None] | None = None
         self._connect = connect
         self._chunk_s, self._stale_s = chunk_s, stale_s
         self._monotonic, self._wall = clock, wall
@@ -241,6 +246,8 @@ class Acquisition:
             times = self._clock.times(decoded, now)
         if self._clock.jumped_s:
             gathered.events.append(self._event("gap", lost_s=round(self._clock.jumped_s, 4), counted=False))
+        if self.live is not None:
+            self.live(times, decoded)
         gathered.samples.append(decoded)
         gathered.times.append(times)
         over = bool(decoded.overload[-1])

@@ -13,8 +13,8 @@ from typing import Any
 from daq.drivers import driver
 from daq.drivers.base import Decoder, LoadCell, Transport
 from daq.errors import DriverError, LinkLostError
-from daq.journal_reader import JournalReader
-from daq.journal_rows import Stream
+from daq.journal.reader import JournalReader
+from daq.journal.rows import Stream
 
 _MAGIC = b"SQLite format 3\x00"
 

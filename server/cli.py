@@ -35,6 +35,9 @@ EffectFiles = Annotated[
     list[str] | None,
     typer.Option("--effect", metavar="FILE", help="An effect of your own (.yaml formulas, or .py); repeatable."),
 ]
+ServiceOption = Annotated[
+    str | None, typer.Option("--to", metavar="URL", help="A service that it goes to; a token in FINGERTWIN_TOKEN.")
+]
 Figures = Annotated[
     Path | None, typer.Option("--figures", metavar="DIR", help="Write figures there: one HTML page, PNG and SVG.")
 ]
@@ -240,6 +243,8 @@ def log(
         Path | None, typer.Option(metavar="FILE", help="Specimen, finger, mounts and known weight (bench-setup/1).")
     ] = None,
     model: ModelOption = None,
+    to: ServiceOption = None,
+    session: Annotated[str | None, typer.Option(help="Its session there; by default the folder's name.")] = None,
     json: Json = None,
 ) -> None:
     """Log a load cell into a journal that survives a pulled plug; with --protocol a whole bench session."""
@@ -251,7 +256,22 @@ def log(
     about = {"model": cell, "serial": serial, "calibration": calibration}
     given = {key: value for key, value in about.items() if value is not None}
     settings = tuple(setting or ())
-    log_cell(LogOptions(driver, port, baud, settings, out, seconds, given, protocol, setup, model), json)
+    log_cell(LogOptions(driver, port, baud, settings, out, seconds, given, protocol, setup, model, to, session), json)
+
+
+@app.command()
+def replay(
+    recording: Annotated[str, typer.Argument(help="A session, a readings file, or a journal.")],
+    to: ServiceOption = None,
+    session: Annotated[str | None, typer.Option(help="Its session there; by default the recording's name.")] = None,
+    speed: Annotated[str, typer.Option(metavar="N|max", help="Times real time, or as fast as it goes.")] = "max",
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Keep the journal there.")] = None,
+    json: Json = None,
+) -> None:
+    """Stream a recorded session to a service, through the same decoder and journal as a load cell."""
+    from server.commands.log import replay_session
+
+    replay_session(recording, to, session, speed, out, json)
 
 
 @app.command("simulate-cell")

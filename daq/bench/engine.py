@@ -15,7 +15,7 @@ from daq.bench.steps import Step, Steps
 from daq.blocks import Chunk
 from daq.cells import cell_spec
 from daq.errors import SessionError
-from daq.journal_rows import Event
+from daq.journal.rows import Event
 from daq.plateaus import LEAST_READINGS, Plateau, reduce_window
 from daq.protocols import PlannedCase
 from daq.session_models import LoadCase

@@ -8,7 +8,7 @@ from typing import Any
 
 from daq.check_session import session_findings
 from daq.errors import SessionError
-from daq.journal_rows import Event
+from daq.journal.rows import Event
 from daq.protocols import PlannedCase, Protocol, plan
 from daq.session_models import FORMAT, Session
 from daq.sessions import parse_session

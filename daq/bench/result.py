@@ -14,7 +14,7 @@ from daq.bench.record import STARTED, BenchRecord
 from daq.corrections import assemble, windows_of
 from daq.errors import InputError, JournalError, SessionError
 from daq.files import replacing
-from daq.journal_reader import JournalReader
+from daq.journal.reader import JournalReader
 from daq.locations import data_dir
 from daq.protocols import Protocol, read_protocol
 from daq.readings import ReadingBlock, write_readings

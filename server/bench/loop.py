@@ -15,8 +15,8 @@ from daq.acquire import Acquisition, Record, StreamEvent
 from daq.bench.commands import perform
 from daq.bench.run import BenchRun
 from daq.errors import InputError
-from daq.journal import Journal
-from daq.journal_rows import Event
+from daq.journal.rows import Event
+from daq.journal.writer import Journal
 from server.bench.keys import QUIT, KeyInput, Pressed
 from server.bench.meter import StreamMeter
 

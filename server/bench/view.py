@@ -16,7 +16,7 @@ from daq.bench.forces import Result
 from daq.bench.record import STARTED
 from daq.bench.run import BenchRun
 from daq.bench.status import BenchStatus
-from daq.journal_rows import Event
+from daq.journal.rows import Event
 from server.bench.keys import KEYS, KeyInput
 from server.bench.loop import LITTLE_DISK_BYTES
 from server.bench.meter import StreamMeter

@@ -10,12 +10,12 @@ from daq.errors import InputError
 from server.console import answer, progress, say
 
 if TYPE_CHECKING:
-    from daq.journal_check import Report
+    from daq.journal.check import Report
 
 
 def journal_check(path: Path, json: str | None) -> int:
     """Read a whole journal; return the exit code: 2 where anything in it is not as it was written."""
-    from daq.journal_check import check
+    from daq.journal.check import check
 
     with progress("Reading"):
         report = check(path)
@@ -29,7 +29,7 @@ def journal_check(path: Path, json: str | None) -> int:
 
 def journal_recover(path: Path, out: Path, json: str | None) -> None:
     """Write a new journal with all that is sound, and list what is lost."""
-    from daq.journal_check import recover
+    from daq.journal.check import recover
 
     with progress("Reading and writing"):
         report = recover(path, out)
@@ -43,7 +43,7 @@ def journal_recover(path: Path, out: Path, json: str | None) -> None:
 
 def journal_export(path: Path, out: Path | None, stream: str | None, file_format: str, json: str | None) -> None:
     """Write a stream as a readings file, and its events as JSON."""
-    from daq.journal_export import export
+    from daq.journal.export import export
 
     target = out or Path(f"{path.stem}.{file_format}")
     if not target.name.lower().endswith((f".{file_format}", f".{file_format}.gz")):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections import Counter
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -15,7 +16,7 @@ from server.console import answer, say, table
 if TYPE_CHECKING:
     from daq.acquire import Acquisition, Record, StreamEvent
     from daq.drivers.base import LoadCell
-    from daq.journal import Journal
+    from daq.journal.writer import Journal
 
 JOURNAL = "journal.sqlite3"
 # What is said when the disk has no more than so many seconds left at the present rate.
@@ -37,6 +38,8 @@ class LogOptions:
         protocol: that a bench session follows, by name or file.
         setup: file of what is known before the first reading.
         model: that predictions are made with; by default the setup's finger.
+        to: address of a service that the log goes to.
+        session: there; by default the folder's name.
     """
 
     driver: str
@@ -49,6 +52,13 @@ class LogOptions:
     protocol: str | None = None
     setup: Path | None = None
     model: str | None = None
+    to: str | None = None
+    session: str | None = None
+
+    @property
+    def session_name(self) -> str:
+        """Of the session at the service."""
+        return self.session or (self.out or Path()).resolve().name
 
 
 def list_drivers(json: str | None) -> None:
@@ -93,6 +103,7 @@ def log_cell(options: LogOptions, json: str | None) -> None:
     """
     from daq.acquire import Acquisition
     from daq.transports import connect
+    from server.commands.forwarding import forwarding
 
     if options.out is None:
         raise InputError("no --out", "the folder that the log goes to")
@@ -122,7 +133,9 @@ def log_cell(options: LogOptions, json: str | None) -> None:
         if stop is not None:
             stop.start()
         try:
-            told = Logging(journal, cell, about_cell(cell, options.cell), quiet=json == "-").run(acquisition)
+            logging = Logging(journal, cell, about_cell(cell, options.cell), quiet=json == "-")
+            with forwarding(options.to, options.session_name, journal, logging.stream, acquisition, logging.say):
+                told = logging.run(acquisition)
         finally:
             if stop is not None:
                 stop.cancel()
@@ -171,7 +184,7 @@ class Logging:
         quiet: bool = False,
     ) -> None:
         self.stream = journal.add_stream(cell.name, cell.values, about, cell.clock)
-        self._journal, self._say = journal, (lambda _: None) if quiet else say
+        self._journal, self.say = journal, (lambda _: None) if quiet else say
         self._kinds: Counter[str] = Counter()
         self._samples, self._first_s, self._last_s = 0, 0.0, 0.0
         self._warned = False
@@ -215,7 +228,7 @@ class Logging:
         self._kinds.update(e.kind for e in record.events)
         self._watch(record)
         for event in record.events:
-            self._say(worded(event))
+            self.say(worded(event))
 
     def _watch(self, record: Record) -> None:
         """Warn before the disk is full."""
@@ -224,7 +237,7 @@ class Logging:
         per_s = len(record.chunk.to_bytes()) / max(float(record.chunk.t_s[-1] - record.chunk.t_s[0]), 1e-3)
         left_s = self._journal.space_left() / per_s
         if left_s < WARNED_S:
-            self._say(f"The disk has room for {left_s / 60.0:.0f} more minutes; then logging stops cleanly.")
+            self.say(f"The disk has room for {left_s / 60.0:.0f} more minutes; then logging stops cleanly.")
             self._warned = True
 
 
@@ -260,9 +273,30 @@ def given_settings(given: tuple[str, ...]) -> dict[str, str]:
     return out
 
 
+def replay_session(
+    recording: str, to: str | None, session: str | None, speed: str, out: Path | None, json: str | None
+) -> None:
+    """Log a recording, or a journal, as if it were read now, and send it to a service.
+
+    Raises:
+        InputError: the recording, the speed or the address cannot be used.
+    """
+    from daq.replay import is_journal
+    from daq.sessions import find_session
+
+    port = recording
+    if not Path(recording).is_file() and not is_journal(recording):
+        port = str(find_session(recording).parent)
+    settings = (f"speed={'0' if speed == 'max' else speed}",)
+    name = session or (Path(port).name if Path(port).is_dir() else Path(port).stem)
+    with tempfile.TemporaryDirectory() as folder:
+        target = out or Path(folder) / "replay"
+        log_cell(LogOptions("replay", port, None, settings, target, None, to=to, session=name), json)
+
+
 def open_journal(folder: Path) -> Journal:
     """Open the folder's journal, a new one where there is none."""
-    from daq.journal import Journal
+    from daq.journal.writer import Journal
 
     path = folder / JOURNAL
     return Journal.open(path) if path.exists() else Journal.create(path, folder.resolve().name)

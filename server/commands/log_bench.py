@@ -17,7 +17,10 @@ from server.console import answer, say
 if TYPE_CHECKING:
     from daq.acquire import Acquisition
     from daq.bench.record import BenchSetup
+    from daq.bench.run import BenchRun
     from daq.drivers.base import LoadCell
+    from daq.journal.writer import Journal
+    from server.bench.meter import StreamMeter
 
 FORMAT = "bench-setup/1"
 REQUIRED = ("specimen", "finger", "tension_factor")
@@ -42,11 +45,9 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, jso
     """
     from daq.bench.result import write_bench_session
     from daq.bench.run import BenchRun
-    from server.bench.keys import KeyInput, terminal_keys, typed_lines
-    from server.bench.loop import BenchLoop, from_keys, from_lines
     from server.bench.meter import StreamMeter
     from server.bench.prediction import predictor
-    from server.bench.view import LineView, LiveView
+    from server.commands.forwarding import forwarding
 
     setup, out = bench_setup(options, cell), options.out
     if out is None:
@@ -74,20 +75,33 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, jso
             acquisition.stop()
             raise
         try:
-            if sys.stdin.isatty() and sys.stdout.isatty() and json != "-":
-                keys = KeyInput()
-                with terminal_keys() as read, LiveView(run, meter, keys) as view:
-                    BenchLoop(acquisition, journal, stream, run, meter, view, from_keys(keys, read, run)).go_on()
-            else:
-                with LineView() as lines:
-                    given = from_lines(typed_lines())
-                    BenchLoop(acquisition, journal, stream, run, meter, lines, given, ends_when_closed=True).go_on()
+            with forwarding(options.to, options.session_name, journal, stream, acquisition, say):
+                _follow((acquisition, journal, stream, run, meter), by_keys=_at_terminal(json))
         finally:
             timer.cancel()
         session = write_bench_session(journal, out, stream)
     body = {"session": str(out), "cases": len(session.cases), "journal": str(out / JOURNAL), "stream": stream}
     if not answer("log", body, json):
         say(f"{len(session.cases)} load cases: {out}   (fingertwin check {out}, fingertwin compare {out})")
+
+
+def _at_terminal(json: str | None) -> bool:
+    return sys.stdin.isatty() and sys.stdout.isatty() and json != "-"
+
+
+def _follow(parts: tuple[Acquisition, Journal, str, BenchRun, StreamMeter], *, by_keys: bool) -> None:
+    """Go on until the session is over: by keys on a redrawn screen, or by lines of text."""
+    from server.bench.keys import KeyInput, terminal_keys, typed_lines
+    from server.bench.loop import BenchLoop, from_keys, from_lines
+    from server.bench.view import LineView, LiveView
+
+    if not by_keys:
+        with LineView() as lines:
+            BenchLoop(*parts, lines, from_lines(typed_lines()), ends_when_closed=True).go_on()
+        return
+    keys, run = KeyInput(), parts[3]
+    with terminal_keys() as read, LiveView(run, parts[4], keys) as view:
+        BenchLoop(*parts, view, from_keys(keys, read, run)).go_on()
 
 
 def bench_setup(options: LogOptions, cell: LoadCell) -> BenchSetup:

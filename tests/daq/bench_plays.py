@@ -13,8 +13,8 @@ from daq.bench.commands import perform_line
 from daq.bench.record import BenchSetup
 from daq.bench.run import BenchRun
 from daq.blocks import Chunk
-from daq.journal import Journal
-from daq.journal_rows import Event
+from daq.journal.rows import Event
+from daq.journal.writer import Journal
 from daq.protocols import Protocol
 from daq.session_models import LoadCase
 from daq.simulated import LoadStep, SimulatedCell, readings

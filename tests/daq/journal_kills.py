@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.journal import Journal, JournalReader
-from daq.journal_check import check
+from daq.journal.check import check
+from daq.journal.writer import Journal, JournalReader
 from tests.daq.journal_writer import made_chunk, made_count
 
 

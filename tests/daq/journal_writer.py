@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from daq.blocks import Chunk
-from daq.journal import Event, Journal
+from daq.journal.writer import Event, Journal
 
 
 def made_chunk(first_seq: int, count: int = 700, rate_hz: float = 7000.0) -> Chunk:

@@ -13,8 +13,8 @@ from daq.bench.result import write_bench_session
 from daq.checks import check
 from daq.corrections import measure
 from daq.errors import JournalError, SessionError
-from daq.journal import Journal
-from daq.journal_reader import JournalReader
+from daq.journal.reader import JournalReader
+from daq.journal.writer import Journal
 from daq.protocols import Protocol, read_protocol
 from daq.readings import open_readings
 from daq.sessions import read_session

@@ -21,10 +21,10 @@ import pytest
 from daq.acquire import StreamEvent
 from daq.blocks import Chunk
 from daq.errors import JournalError
-from daq.journal import Event, Journal, JournalReader
-from daq.journal_check import check, recover
-from daq.journal_export import export
-from daq.journal_wal import chained, log_file, read_log
+from daq.journal.check import check, recover
+from daq.journal.export import export
+from daq.journal.wal import chained, log_file, read_log
+from daq.journal.writer import Event, Journal, JournalReader
 from daq.readings import open_readings
 from server.commands import journal as commands
 from tests.daq.journal_kills import kill_many
@@ -157,7 +157,7 @@ def test_a_second_writer_is_refused_and_readers_are_not(path: Path) -> None:
         stream = fill(journal, 1)
         with pytest.raises(JournalError, match=r"being written by process \d+ on .*Stop that one first"):
             Journal.open(path)
-        program = f"from daq.journal import Journal\nJournal.open({str(path)!r})"
+        program = f"from daq.journal.writer import Journal\nJournal.open({str(path)!r})"
         answer = subprocess.run([sys.executable, "-c", program], check=False, capture_output=True, text=True)  # noqa: S603
         assert "being written by process" in answer.stderr
         with pytest.raises(JournalError, match="is being written"):

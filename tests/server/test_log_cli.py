@@ -12,8 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daq.blocks import Chunk
+from daq.journal.reader import JournalReader
 from daq.readings import ReadingBlock, open_readings, write_readings
 from server.cli import main
+from tests.contracts.ingest import SmallReceiver, serving
 from tests.daq.test_lab_files import tdms
 
 
@@ -145,7 +148,7 @@ def test_the_list_of_drivers_has_settings_and_an_example_for_each(
 def test_a_second_logger_on_the_same_journal_is_refused(
     recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from daq.journal import Journal
+    from daq.journal.writer import Journal
 
     out = recording.parent / "log"
     with Journal.create(out / "journal.sqlite3", "bench"):
@@ -217,3 +220,36 @@ def test_a_bench_session_that_could_not_be_used_later_is_refused_now(
     assert (code, err.count("\n")) == (2, 1)
     assert said in err
     assert not Path("out").exists()
+
+
+def test_a_replay_arrives_at_a_service_once_and_in_order(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    receiver = SmallReceiver(recording.parent / "received.sqlite3")
+    session, out = receiver.new_session(), recording.parent / "kept"
+    with serving(receiver.handle) as address:
+        arguments = ["replay", str(recording), "--to", address, "--session", session, "--out", str(out)]
+        code, text, err = run(capsys, monkeypatch, *arguments)
+    assert code == 0, err
+    assert f"All is at {address}" in text
+    with JournalReader.open(out / "journal.sqlite3") as journal:
+        [stream] = journal.streams()
+    chunks = [Chunk.from_bytes(payload) for payload in receiver.stored(session, stream.id)]
+    sent = np.concatenate([b.wrench for b in open_readings(recording).blocks()])
+    assert (np.concatenate([c.wrench for c in chunks]) == sent).all()
+    assert {"started", "ended"} <= {e["kind"] for e in receiver.events(session)}
+    receiver.close()
+
+
+def test_a_service_that_is_not_there_costs_nothing_but_a_line(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("server.commands.forwarding.FLUSH_S", 0.3)
+    out = recording.parent / "kept"
+    arguments = ["replay", str(recording), "--to", "http://127.0.0.1:9", "--out", str(out)]
+    code, text, err = run(capsys, monkeypatch, *arguments)
+    assert code == 0, err
+    assert "Not all is at http://127.0.0.1:9" in text
+    code, text, _ = run(capsys, monkeypatch, "journal", "check", str(out / "journal.sqlite3"))
+    assert code == 0
+    assert "wait to be sent" in text

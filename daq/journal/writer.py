@@ -19,9 +19,9 @@ from typing import Any, Self
 from daq.blocks import Chunk
 from daq.errors import JournalError
 from daq.files import replacing
-from daq.journal_lock import WriterLock
-from daq.journal_reader import JournalReader, connect_read
-from daq.journal_rows import (
+from daq.journal.lock import WriterLock
+from daq.journal.reader import JournalReader, connect_read
+from daq.journal.rows import (
     INSERT_CHUNK,
     INSERT_EVENT,
     INSERT_OUTBOX,
@@ -37,8 +37,8 @@ from daq.journal_rows import (
     require_journal,
     said,
 )
-from daq.journal_wal import require_sound_log
-from daq.journal_writing import Pending, Writer, connect_write, locked
+from daq.journal.wal import require_sound_log
+from daq.journal.writing import Pending, Writer, connect_write, locked
 
 # Enough for what is in the write-ahead log, and for the last events.
 RESERVE_BYTES = 64 << 20

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import JournalError
-from daq.journal_rows import PAGE_BYTES
+from daq.journal.rows import PAGE_BYTES
 
 Words = NDArray[np.uint32]
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from daq.errors import JournalError
 from daq.files import replacing
-from daq.journal_reader import JournalReader
-from daq.journal_rows import as_utc
+from daq.journal.reader import JournalReader
+from daq.journal.rows import as_utc
 from daq.readings import ReadingBlock, write_readings
 
 SCHEMA = "fingertwin/journal-events/1"

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from daq.errors import JournalError
-from daq.journal_lock import InUseError, WriterLock
-from daq.journal_reader import JournalReader
-from daq.journal_rows import now_utc, said
+from daq.journal.lock import InUseError, WriterLock
+from daq.journal.reader import JournalReader
+from daq.journal.rows import now_utc, said
 
 # Of the write-ahead log, before it is emptied: 4 MiB, some seconds of the fastest load cell.
 _LOG_PAGES = 256

@@ -10,11 +10,11 @@ from tempfile import TemporaryDirectory
 
 from daq.errors import JournalError
 from daq.files import replacing
-from daq.journal_lock import InUseError, WriterLock, lock_file
-from daq.journal_reader import connect_read
-from daq.journal_rows import APPLICATION_ID, VERSION, require_journal, said
-from daq.journal_salvage import Fault, Report, Salvage
-from daq.journal_wal import log_file, read_log
+from daq.journal.lock import InUseError, WriterLock, lock_file
+from daq.journal.reader import connect_read
+from daq.journal.rows import APPLICATION_ID, VERSION, require_journal, said
+from daq.journal.salvage import Fault, Report, Salvage
+from daq.journal.wal import log_file, read_log
 
 
 def check(path: str | Path) -> Report:

@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from daq.blocks import Chunk
 from daq.errors import JournalError
-from daq.journal_rows import Event, Stream, chunk_checksum, require_journal, said
+from daq.journal.rows import Event, Stream, chunk_checksum, require_journal, said
 
 # What SQLite says where it cannot write beside a journal.
 _PROTECTED = (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY)

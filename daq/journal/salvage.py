@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from daq.errors import JournalError
-from daq.journal_reader import CHUNK_COLUMNS, EVENT_COLUMNS, sound_chunk
-from daq.journal_rows import (
+from daq.journal.reader import CHUNK_COLUMNS, EVENT_COLUMNS, sound_chunk
+from daq.journal.rows import (
     INSERT_CHUNK,
     INSERT_EVENT,
     INSERT_OUTBOX,
@@ -23,7 +23,7 @@ from daq.journal_rows import (
     event_row,
     initialise,
 )
-from daq.journal_wal import log_file
+from daq.journal.wal import log_file
 
 Kind = Literal["file", "log", "version", "stream", "chunk", "event", "gap", "outbox"]
 _STREAM_COLUMNS = "rowid, id, driver, settings, cell, started_utc, clock, crc"

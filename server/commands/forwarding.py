@@ -1,0 +1,65 @@
+"""A log that goes to the service while it is written: what is kept by store and forward, what is seen by a live path."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from daq.acquire import Acquisition
+    from daq.journal.writer import Journal
+    from daq.uplink.thread import UplinkStatus
+
+# At the end of a log, for what is not at the service yet; the rest waits in the journal.
+FLUSH_S = 15.0
+TOKEN = "FINGERTWIN_TOKEN"  # noqa: S105 - the name of the variable that holds it
+
+
+@contextmanager
+def forwarding(
+    to: str | None, session: str, journal: Journal, stream: str, acquisition: Acquisition, said: Callable[[str], None]
+) -> Iterator[None]:
+    """Send a journal to a service while the block runs; without an address, nothing.
+
+    Args:
+        to: address of the service.
+        session: there.
+        journal: that is written.
+        stream: of the acquisition.
+        acquisition: whose samples are shown live.
+        said: takes a line about how it went.
+
+    Raises:
+        InputError: the address is none.
+    """
+    if to is None:
+        yield
+        return
+    from daq.uplink.live_tail import LiveTail
+    from daq.uplink.thread import Uplink
+
+    token = os.environ.get(TOKEN)
+    uplink = Uplink(journal, to, session, token=token)
+    tail = LiveTail(to, session, token=token)
+    acquisition.live = lambda t_s, samples: tail.offer(stream, t_s, samples.wrench, samples.overload)
+    uplink.start()
+    tail.start()
+    try:
+        yield
+    finally:
+        acquisition.live = None
+        tail.stop()
+        whole = uplink.flush(FLUSH_S)
+        status = uplink.status()
+        uplink.stop()
+        said(_worded(to, status, whole))
+
+
+def _worded(to: str, status: UplinkStatus, whole: bool) -> str:
+    aside = f"; {status.quarantined} chunks were refused and stay in the journal" if status.quarantined else ""
+    if whole:
+        return f"All is at {to} ({status.sent} chunks){aside}."
+    why = f" ({status.problem})" if status.problem else ""
+    return f"Not all is at {to}{why}: {status.sent} chunks are, the rest waits in the journal{aside}."
