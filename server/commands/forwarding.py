@@ -1,4 +1,4 @@
-"""A log that goes to the service while it is written: what is kept by store and forward, what is seen by a live path."""
+"""A log that goes to the service as it is written: store and forward for what is kept, a live path for what is seen."""
 
 from __future__ import annotations
 
