@@ -125,8 +125,7 @@ class Acquisition:
             DriverError: the device cannot be reached or is another; nothing has started then.
         """
         self._began_s = self._monotonic()
-        transport = self._open()
-        self._first = transport
+        self._first = self._open()
         self._thread.start()
 
     def stop(self) -> None:
@@ -234,9 +233,8 @@ class Acquisition:
         decoded = decoder.feed(data)
         gathered.raw.append(data)
         gathered.reads.append((len(data), now))
-        if decoded.rejected or decoded.skipped:
-            gathered.rejected += decoded.rejected
-            gathered.skipped += decoded.skipped
+        gathered.rejected += decoded.rejected
+        gathered.skipped += decoded.skipped
         if not len(decoded):
             return
         gathered.events += self._gaps(decoded)

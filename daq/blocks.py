@@ -58,6 +58,11 @@ class Chunk:
         """Number of the sample after the last."""
         return self.first_seq + len(self)
 
+    @property
+    def packed_bytes(self) -> int:
+        """Length of the packed chunk."""
+        return _HEAD.size + len(self) * _SAMPLE.itemsize + len(self.reads) * _READ.itemsize + len(self.raw) + 4
+
     def to_bytes(self) -> bytes:
         """Pack; the last four bytes are the CRC-32 of all before."""
         table = np.empty(len(self), dtype=_SAMPLE)

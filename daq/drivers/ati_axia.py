@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.drivers.ati_serial import Lines, hush
-from daq.drivers.base import LoadCell, Samples, Setting, Transport, Unwrap, samples
+from daq.drivers.base import LoadCell, Samples, Setting, Transport, Unwrap, heard_without_samples, samples
 from daq.errors import DriverError
 
 BREAK = b"\r"
@@ -185,21 +185,16 @@ class AtiAxia(LoadCell):
 
     def start(self, transport: Transport) -> None:
         """Stop what may be streaming, then ask for the stream and see its first lines."""
-        decoder, command = self.decoder(), self.text("command").encode("ascii")
+        command = self.text("command").encode("ascii")
         hush(transport, BREAK)
         transport.write(command + b"\r")
-        heard = b""
-        while True:
-            data = transport.read(ANSWER_S)
-            heard += data
-            if len(decoder.feed(data)):
-                return
-            if not data or len(heard) > 20 * LONGEST:
-                raise DriverError(
-                    f"the device says {heard[:40]!r}" if heard else "no answer",
-                    f"lines of an ATI Axia for {command.decode()} at {self.baud} baud",
-                    "Check power, cable, port and baud rate; is another device there?",
-                )
+        heard = heard_without_samples(transport, self.decoder(), ANSWER_S, 20 * LONGEST)
+        if heard is not None:
+            raise DriverError(
+                f"the device says {heard[:40]!r}" if heard else "no answer",
+                f"lines of an ATI Axia for {command.decode()} at {self.baud} baud",
+                "Check power, cable, port and baud rate; is another device there?",
+            )
 
     def stop(self, transport: Transport) -> None:
         """A carriage return ends the stream."""

@@ -216,6 +216,25 @@ def settled(driver: str, settings: Sequence[Setting], given: Mapping[str, Any]) 
     return out
 
 
+def heard_without_samples(transport: Transport, decoder: Decoder, wait_s: float, most_bytes: int) -> bytes | None:
+    """Read until bytes make a sample; return None then, or what came instead of one: nothing more, or too much.
+
+    Args:
+        transport: that is read.
+        decoder: fresh.
+        wait_s: for the next bytes.
+        most_bytes: after which a sample should have come.
+    """
+    heard = b""
+    while True:
+        data = transport.read(wait_s)
+        heard += data
+        if len(decoder.feed(data)):
+            return None
+        if not data or len(heard) > most_bytes:
+            return heard
+
+
 class Unwrap:
     """Carries a counter on where it wraps."""
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.drivers.base import NOTHING, Integers, LoadCell, Samples, Setting, Transport, samples
+from daq.drivers.base import NOTHING, Integers, LoadCell, Samples, Setting, Transport, heard_without_samples, samples
 from daq.errors import DriverError
 from daq.gauges import GaugeCalibration, read_calibration, saturated, voltages
 
@@ -156,15 +156,10 @@ class GaugeLines(LoadCell):
 
     def start(self, transport: Transport) -> None:
         """See a first line of the right form; the device streams of itself."""
-        decoder, heard = self.decoder(), b""
-        while True:
-            data = transport.read(ANSWER_S)
-            heard += data
-            if len(decoder.feed(data)):
-                return
-            if not data or len(heard) > 4 * LONGEST_LINE:
-                raise DriverError(
-                    f"the device says {heard[:64]!r}" if heard else "no lines come",
-                    f"lines of {self.values['columns']} numbers with decimal {self.values['decimal']}s",
-                    "Check port, speed (--baud) and the settings columns and decimal",
-                )
+        heard = heard_without_samples(transport, self.decoder(), ANSWER_S, 4 * LONGEST_LINE)
+        if heard is not None:
+            raise DriverError(
+                f"the device says {heard[:64]!r}" if heard else "no lines come",
+                f"lines of {self.values['columns']} numbers with decimal {self.values['decimal']}s",
+                "Check port, speed (--baud) and the settings columns and decimal",
+            )

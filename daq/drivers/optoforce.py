@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.drivers.base import Floats, LoadCell, Samples, Setting, Transport, Unwrap, samples
+from daq.drivers.base import Floats, LoadCell, Samples, Setting, Transport, Unwrap, heard_without_samples, samples
 from daq.errors import DriverError
 
 HEADER = b"\xaa\x07\x08\x10"
@@ -169,18 +169,13 @@ class OptoForce(LoadCell):
 
     def start(self, transport: Transport) -> None:
         """See that it streams; nothing is sent, as its one command would set its filter and zero anew too."""
-        decoder, heard = self.decoder(), b""
-        while True:
-            data = transport.read(WAIT_S)
-            heard += data
-            if len(decoder.feed(data)):
-                return
-            if not data or len(heard) > MOST_BYTES:
-                raise DriverError(
-                    f"the device says {heard[:16].hex(' ')}" if heard else "the device sends nothing",
-                    f"the stream of a six-axis OptoForce at {self.baud} baud",
-                    "Check cable and port; set its speed in the maker's program",
-                )
+        heard = heard_without_samples(transport, self.decoder(), WAIT_S, MOST_BYTES)
+        if heard is not None:
+            raise DriverError(
+                f"the device says {heard[:16].hex(' ')}" if heard else "the device sends nothing",
+                f"the stream of a six-axis OptoForce at {self.baud} baud",
+                "Check cable and port; set its speed in the maker's program",
+            )
 
 
 def _three(driver: str, name: str, text: str) -> Floats:

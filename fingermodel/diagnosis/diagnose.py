@@ -130,11 +130,16 @@ def diagnose(
     p_at_cell = sum(
         p for names, p in evidence.probability.items() if any(effect_of[name] in at_cell for name in names or ())
     )
-    # Where the budget fits only if it is larger than stated, so may be the moments that a rig within it shows.
-    moments = [any(n.name == "moments_closure" and n.verdict == "violated" for n in tested)]
-    if moments[0] and verdict.kind in ("found", "one_of"):
-        moments = [moments_violated(model, observations, b) for b in (evidence.weighed[0].budget_factor, LARGE_BUDGET)]
-    verdict = _settled(verdict, questioned, (moments[0], moments[-1]), candidates, p_at_cell)
+    moments = (False, False)
+    closure = any(n.name == "moments_closure" and n.verdict == "violated" for n in tested)
+    if closure and verdict.kind in ("found", "one_of"):
+        # Where the budget fits only if it is larger than stated, so may be the moments that a rig within it shows.
+        fits = evidence.weighed[0].budget_factor
+        moments = (
+            moments_violated(model, observations, fits),
+            moments_violated(model, observations, LARGE_BUDGET),
+        )
+    verdict = _settled(verdict, questioned, moments, candidates, p_at_cell)
     found: tuple[Hint, ...] = ()
     if verdict.kind in ("none_of_catalogue", "undecided"):
         # Where no effect stands, a formula is to stand alone; else it is to stand beside the likeliest.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Timer
@@ -121,25 +122,10 @@ def log_cell(options: LogOptions, json: str | None) -> None:
             "the cell's serial number or calibration is not stated",
             "--serial and --calibration, as on its certificate: readings without them cannot be checked or published",
         )
-    # The device first: one that is not there leaves no empty journal. What it says meanwhile waits.
-    acquisition.start()
-    try:
-        journal = open_journal(options.out)
-    except BaseException:
-        acquisition.stop()
-        raise
-    with closing(journal):
-        stop = Timer(options.seconds, acquisition.stop) if options.seconds is not None else None
-        if stop is not None:
-            stop.start()
-        try:
-            logging = Logging(journal, cell, about_cell(cell, options.cell), quiet=json == "-")
-            with forwarding(options.to, options.session_name, journal, logging.stream, acquisition, logging.say):
-                told = logging.run(acquisition)
-        finally:
-            if stop is not None:
-                stop.cancel()
-            acquisition.stop()
+    with acquiring(acquisition, options.out, options.seconds) as journal:
+        logging = Logging(journal, cell, about_cell(cell, options.cell), quiet=json == "-")
+        with forwarding(options.to, options.session_name, journal, logging.stream, acquisition, logging.say):
+            told = logging.run(acquisition)
     body = {"driver": cell.name, "journal": str(options.out / JOURNAL), **told}
     if not answer("log", body, json):
         say(
@@ -234,7 +220,7 @@ class Logging:
         """Warn before the disk is full."""
         if record.chunk is None or self._warned or not self._samples:
             return
-        per_s = len(record.chunk.to_bytes()) / max(float(record.chunk.t_s[-1] - record.chunk.t_s[0]), 1e-3)
+        per_s = record.chunk.packed_bytes / max(float(record.chunk.t_s[-1] - record.chunk.t_s[0]), 1e-3)
         left_s = self._journal.space_left() / per_s
         if left_s < WARNED_S:
             self.say(f"The disk has room for {left_s / 60.0:.0f} more minutes; then logging stops cleanly.")
@@ -294,7 +280,29 @@ def replay_session(
         log_cell(LogOptions("replay", port, None, settings, target, None, to=to, session=name), json)
 
 
-def open_journal(folder: Path) -> Journal:
+@contextmanager
+def acquiring(acquisition: Acquisition, folder: Path, seconds: float | None) -> Iterator[Journal]:
+    """Start a load cell and open its folder's journal; stop and close both, and the cell after so long.
+
+    The device first: one that is not there leaves no empty journal. What it says meanwhile waits.
+    """
+    acquisition.start()
+    stop = Timer(seconds or 0.0, acquisition.stop)
+    try:
+        with closing(_journal(folder)) as journal:
+            if seconds is not None:
+                stop.start()
+            try:
+                yield journal
+            finally:
+                # Before the journal: what the cell still says has nowhere to go afterwards.
+                acquisition.stop()
+    finally:
+        stop.cancel()
+        acquisition.stop()
+
+
+def _journal(folder: Path) -> Journal:
     """Open the folder's journal, a new one where there is none."""
     from daq.journal.writer import Journal
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from contextlib import closing
 from pathlib import Path
-from threading import Timer
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError, SessionError
 from daq.sessions import read_yaml
-from server.commands.log import JOURNAL, LogOptions, about_cell, open_journal
+from server.commands.log import JOURNAL, LogOptions, about_cell, acquiring
 from server.console import answer, say
 
 if TYPE_CHECKING:
@@ -56,29 +54,13 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, jso
         raise SessionError(f"{out.name} has a session already", "a new folder for each session", "Choose another --out")
     setup.require_sound()
     predict = predictor(setup, options.model)
-    acquisition.start()
-    try:
-        journal = open_journal(out)
-    except BaseException:
-        acquisition.stop()
-        raise
-    with closing(journal):
-        try:
-            about = about_cell(cell, {k: str(v) for k, v in setup.load_cell.items() if isinstance(v, str)})
-            stream = journal.add_stream(cell.name, cell.values, about, cell.clock)
-            run = BenchRun(setup, predict, stream)
-            meter = StreamMeter(run.full_scale)
-            timer = Timer(options.seconds or 0.0, acquisition.stop)
-            if options.seconds is not None:
-                timer.start()
-        except BaseException:
-            acquisition.stop()
-            raise
-        try:
-            with forwarding(options.to, options.session_name, journal, stream, acquisition, say):
-                _follow((acquisition, journal, stream, run, meter), by_keys=_at_terminal(json))
-        finally:
-            timer.cancel()
+    with acquiring(acquisition, out, options.seconds) as journal:
+        about = about_cell(cell, {k: str(v) for k, v in setup.load_cell.items() if isinstance(v, str)})
+        stream = journal.add_stream(cell.name, cell.values, about, cell.clock)
+        run = BenchRun(setup, predict, stream)
+        meter = StreamMeter(run.full_scale)
+        with forwarding(options.to, options.session_name, journal, stream, acquisition, say):
+            _follow((acquisition, journal, stream, run, meter), by_keys=_at_terminal(json))
         session = write_bench_session(journal, out, stream)
     body = {"session": str(out), "cases": len(session.cases), "journal": str(out / JOURNAL), "stream": stream}
     if not answer("log", body, json):

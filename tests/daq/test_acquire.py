@@ -118,6 +118,7 @@ def test_every_byte_arrives_once_as_read_and_as_decoded() -> None:
     chunks = [r.chunk for r in records if r.chunk is not None]
     assert len(chunks) > 3
     assert b"".join(c.raw for c in chunks) == b"".join(sent)
+    assert all(c.packed_bytes == len(c.to_bytes()) for c in chunks)
     assert numbered(records)[:, 0] == pytest.approx(np.arange(200) % 128 / 10.0)
     times = np.concatenate([c.t_s for c in chunks])
     assert (np.diff(times) > 0.0).all()
