@@ -1,18 +1,26 @@
-"""Time appending to a journal against SQLite alone, and kill its writer at random moments."""
+"""Time appending to a journal against SQLite alone, and kill its writer at random moments.
+
+    python -m benchmarks.journal [--kills 200] [--seed 0] [--folder DIR] [--out FILE]
+
+The folder is to lie on the disk that counts; by default it is the system's temporary one.
+"""
 
 from __future__ import annotations
 
 import argparse
+import datetime as dt
 import hashlib
+import io
 import sqlite3
 import time
-from contextlib import closing
+from contextlib import closing, redirect_stdout
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.machine import table, wait_until_quiet
+from benchmarks.machine import commit, table, wait_until_quiet
+from benchmarks.uplink_parts import surroundings
 from daq.journal.check import check
 from daq.journal.writer import Journal
 from tests.daq.journal_kills import kill_many
@@ -25,21 +33,40 @@ TARGET = 0.8
 
 
 def main() -> None:
-    """Run both and print what came out."""
+    """Run both and write what came out."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=200, help="writers to kill; 0 for none")
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
-    parser.add_argument("--folder", type=Path, help="on the disk that counts; by default the system's temporary one")
+    parser.add_argument("--folder", type=Path)
+    parser.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".md"))
     given = parser.parse_args()
-    with TemporaryDirectory(dir=given.folder, ignore_cleanup_errors=True) as name:
+    where, page = surroundings(), io.StringIO()
+    with redirect_stdout(page):
+        _measure(given.folder, given.kills, given.seed)
+    lines = [
+        "# Appending to a journal",
+        "",
+        f"Made by `python -m benchmarks.journal --kills {given.kills} --seed {given.seed}`",
+        f"on {dt.datetime.now(dt.UTC).date()}, commit {commit()}. {where} One core was used.",
+        "",
+        page.getvalue().strip(),
+        "",
+    ]
+    text = "\n".join(lines)
+    given.out.write_text(text, encoding="utf-8")
+    print(text)
+
+
+def _measure(where: Path | None, kills: int, seed: int) -> None:
+    with TemporaryDirectory(dir=where, ignore_cleanup_errors=True) as name:
         folder = Path(name)
         _time(folder)
-        if given.kills:
+        if kills:
             began = time.perf_counter()
-            acknowledged, kept = kill_many(folder / "kills.journal", given.kills, given.seed)
+            acknowledged, kept = kill_many(folder / "kills.journal", kills, seed)
             seconds = time.perf_counter() - began
             table(
-                f"{given.kills} writers killed at random moments (seed {given.seed}, {seconds:.0f} s)",
+                f"{kills} writers killed at random moments (seed {seed}, {seconds:.0f} s)",
                 ["samples acknowledged", "samples kept", "acknowledged and lost", "doubled"],
                 [[f"{acknowledged}", f"{kept}", "0", "0"]],
                 "Every chunk is compared with the one that was appended; the benchmark ends with an error at the first "

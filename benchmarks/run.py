@@ -12,6 +12,18 @@ from pathlib import Path
 from benchmarks.machine import commit, describe_machine
 
 BENCHMARKS = ("predictions", "refits", "diagnosis", "startup", "corrections")
+BENCH = (
+    "acquisition",
+    "uplink",
+    "uplink_4",
+    "uplink_latency",
+    "uplink_kills",
+    "journal",
+    "journal_damage",
+    "replay",
+    "plateaus",
+    "driver_fuzz",
+)
 PACKAGES = ("fingertwin", "numpy", "scipy", "jax", "jaxlib", "mujoco", "pyarrow")
 HERE = Path(__file__).parent
 
@@ -38,6 +50,7 @@ def _heading() -> str:
         f"- Commit: {commit()}",
         f"- Machine: {describe_machine()}",
         f"- Versions: Python {platform.python_version()}, {versions}",
+        f"- The bench's figures, each with its command: {', '.join(f'[{name}]({name}.md)' for name in BENCH)}",
     ]
     return "\n".join(lines)
 

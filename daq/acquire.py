@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.blocks import Chunk
-from daq.drivers.base import Decoder, LoadCell, Recorded, Samples, Transport
+from daq.drivers.base import Decoder, LoadCell, Recorded, Samples, Transport, steps_from
 from daq.errors import DriverError, InputError, LinkLostError
 from daq.sample_clock import SampleClock
 
@@ -111,12 +111,23 @@ class Acquisition:
         self._halt = threading.Event()
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
         self._failure: InputError | None = None
-        self._began_s = 0.0
+        self._began_s = self._from_s = 0.0
         self._clock = SampleClock(cell.rate_hz)
         self._next_seq = 0
         self._lost_samples = 0
         self._overloaded = False
         self._last_sequence: int | None = None
+
+    def go_on_from(self, first_seq: int, last_s: float, from_s: float) -> None:
+        """Number samples and tell time as of a stream that broke off; before `start`.
+
+        Args:
+            first_seq: number of the next sample.
+            last_s: time of the last one [s].
+            from_s: time when `start` is called, later than that [s].
+        """
+        self._next_seq, self._from_s = first_seq, from_s
+        self._clock = SampleClock(self.cell.rate_hz, last_s)
 
     def start(self) -> None:
         """Connect, make the device stream, and read on in the background.
@@ -166,7 +177,7 @@ class Acquisition:
         return transport
 
     def _now(self) -> float:
-        return self._monotonic() - self._began_s
+        return self._monotonic() - self._began_s + self._from_s
 
     def _event(self, kind: Kind, **value: Any) -> StreamEvent:
         return StreamEvent(kind, self._now(), self._wall(), value)
@@ -212,7 +223,7 @@ class Acquisition:
                 if silent:
                     gathered.events.append(self._event("stale", ended=True))
                     silent = False
-                self._take(data, decoder, gathered, now if recorded is None else recorded.arrival_s)
+                self._take(data, decoder, gathered, now if recorded is None else recorded.arrival_s + self._from_s)
             elif now - heard_s > GIVEN_UP_S + self._stale_s:
                 self._close_chunk(gathered)
                 return f"nothing has come for {now - heard_s:.1f} s"
@@ -239,7 +250,7 @@ class Acquisition:
             return
         gathered.events += self._gaps(decoded)
         if self.cell.clock == "recording" and decoded.device_s is not None:
-            times = decoded.device_s
+            times = decoded.device_s + self._from_s
         else:
             times = self._clock.times(decoded, now)
         if self._clock.jumped_s:
@@ -264,7 +275,7 @@ class Acquisition:
         if decoded.sequence is None:
             return []
         before = decoded.sequence[0] - 1 if self._last_sequence is None else self._last_sequence
-        missing = np.diff(decoded.sequence, prepend=before) - 1
+        missing = steps_from(before, decoded.sequence) - 1
         self._last_sequence = int(decoded.sequence[-1])
         return [self._event("gap", lost_samples=int(k), counted=True) for k in missing[missing > 0]]
 

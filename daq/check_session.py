@@ -8,7 +8,7 @@ from pathlib import Path
 from daq.errors import InputError
 from daq.findings import Finding, finding
 from daq.locations import data_dir
-from daq.protocols import read_protocol
+from daq.protocols import protocol_names, read_protocol
 from daq.session_models import LoadCase, Open, Session
 from daq.vocabulary import JOINT_ANGLES, did_you_mean
 
@@ -154,7 +154,8 @@ def _loads(session: Session) -> Iterator[Finding]:
 
 def _limits_g(session: Session) -> tuple[dict[str, float], str]:
     """The most that may hang on each tendon: of the protocol that the session names, or of the published one."""
-    if session.protocol is not None:
+    # A session without a folder may come from anywhere: a name of it is no path then.
+    if session.protocol is not None and (session.folder is not None or session.protocol in protocol_names()):
         protocol = read_protocol(session.protocol, session.folder)
         return protocol.heaviest_g(), f"(protocol {protocol.id})"
     published = PUBLISHED_G.get(session.specimen.species.lower(), PUBLISHED_G["human"])

@@ -2,7 +2,8 @@
 
 For a posture and weights measured at both mounts, the tip force turned into the metacarpal's axes and the bone force
 together balance the tendons. c = ‖R F_tip + F_bone‖ / (Σ m g). The norm is biased upwards by noise and misalignment, so
-the balance along the metacarpal's axis v = +x and across it are given too.
+the balance along the metacarpal's axis v = +x and across it are given too. Readings on loading, on unloading and after
+tapping the rig are kept apart.
 """
 
 from __future__ import annotations
@@ -16,11 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import SessionError
+from daq.friction_bands import BandMean, FrictionBand, band_mean, bands, spread
 from daq.measured import MeasuredSession
-from daq.session_models import Posture
+from daq.protocols import TAPPED
+from daq.session_models import LoadCase, Posture
 
 Floats = NDArray[np.float64]
 SCHEMA = "fingertwin/friction/1"
+DIRECTIONS = ("loading", "unloading", "tapped")
 
 
 @dataclass(frozen=True)
@@ -31,14 +35,14 @@ class FrictionCase:
         session: id; specimen: id.
         posture: name.
         masses_g: on each tendon.
-        direction: loading or unloading.
+        direction: loading or unloading; tapped where the rig was tapped before the reading, which its note says.
         tip_cases: ids of the tip readings; bone_cases: of the bone readings; repeats are averaged.
         weight_N: Σ m g.
         factor: c of Eq 1.
         factor_sd: its standard uncertainty from the readings alone, None where they state none.
         along: component of the balance along +x of the metacarpal, over Σ m g, signed.
         across: length of its component across, over Σ m g.
-        above_one: whether c > 1, which no friction explains.
+        above_one: whether c > 1 and no friction explains it: on unloading it does.
     """
 
     session: str
@@ -61,7 +65,7 @@ class FrictionMean:
     """Mean of c over cases.
 
     Attributes:
-        name: of the specimen, or `pooled`.
+        name: of the specimen or direction, or `pooled`.
         n: cases; specimens: among which they are.
         factor: mean c; sd: between cases (n − 1), None for one case.
         sem: standard uncertainty of the mean; pooled over specimens, it is clustered by specimen.
@@ -95,6 +99,8 @@ class FrictionResult:
         pooled: over all cases.
         sem_unclustered: sd / √n, as if the cases were independent.
         sd_population: sd with n in the denominator.
+        directions: one mean each, where any case is unloading or tapped.
+        bands: of each set of weights that was read on loading and on unloading; band: their mean, None without any.
         unpaired: `session: posture, masses` that lack a tip or a bone reading.
         notes: what limits the numbers.
     """
@@ -104,6 +110,9 @@ class FrictionResult:
     pooled: FrictionMean
     sem_unclustered: float | None
     sd_population: float
+    directions: tuple[FrictionMean, ...]
+    bands: tuple[FrictionBand, ...]
+    band: BandMean | None
     unpaired: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -132,11 +141,13 @@ def friction(sessions: Sequence[MeasuredSession]) -> FrictionResult:
         SessionError: no posture and weights were measured at both tip and bone.
     """
     cases: list[FrictionCase] = []
+    both: list[FrictionBand] = []
     unpaired: list[str] = []
     notes: list[str] = []
     for measured in sessions:
-        found, alone = _balances(measured)
+        found, slopes, alone = _balances(measured)
         cases += found
+        both += bands(measured, found, slopes)
         unpaired += alone
         if any(p.abduction for p in measured.session.postures_deg.values()):
             notes.append(f"{measured.session.id}: turned by Rz(MCP) Ry(abduction) Rz(PIP + DIP)")
@@ -147,22 +158,27 @@ def friction(sessions: Sequence[MeasuredSession]) -> FrictionResult:
             "at least one such pair",
             "Measure a load case at both mounts, or state tension_factor as a number",
         )
-    by_specimen: dict[str, list[FrictionCase]] = defaultdict(list)
-    for case in cases:
-        by_specimen[case.specimen].append(case)
-    groups = list(by_specimen.values())
+    groups = _by_specimen(cases)
     pooled = _mean("pooled", groups)
     if len(groups) == 1:
         notes.append("one specimen: the interval is that of its cases and says nothing of other specimens")
     if pooled.above_one:
         notes.append(f"c > 1 in {pooled.above_one} of {pooled.n} cases, which friction cannot explain")
+    apart = {d: [c for c in cases if c.direction == d] for d in DIRECTIONS}
+    mixed = len(apart["loading"]) < len(cases)
+    if mixed:
+        counts = ", ".join(f"{len(of)} {d}" for d, of in apart.items() if of)
+        notes.append(f"the means take all directions together: {counts}")
     factors = np.array([c.factor for c in cases])
     return FrictionResult(
         cases=tuple(cases),
-        specimens=tuple(_mean(name, [group]) for name, group in by_specimen.items()),
+        specimens=tuple(_mean(group[0].specimen, [group]) for group in groups),
         pooled=pooled,
         sem_unclustered=None if pooled.sd is None else pooled.sd / float(np.sqrt(pooled.n)),
         sd_population=float(factors.std()),
+        directions=tuple(_mean(d, _by_specimen(of)) for d, of in apart.items() if of and mixed),
+        bands=tuple(both),
+        band=band_mean(both),
         unpaired=tuple(unpaired),
         notes=tuple(notes),
     )
@@ -186,20 +202,26 @@ def _about_z(angle_rad: float) -> Floats:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _balances(measured: MeasuredSession) -> tuple[list[FrictionCase], list[str]]:
+def _direction(case: LoadCase) -> str:
+    return "tapped" if (case.note or "").startswith(TAPPED) else case.direction
+
+
+def _balances(measured: MeasuredSession) -> tuple[list[FrictionCase], list[dict[int, Floats]], list[str]]:
+    """Balances, the slopes of each one's c by the forces (3,) of its cases, and what lacks a partner."""
     session = measured.session
     groups: dict[tuple[Any, ...], dict[str, list[int]]] = {}
     for i, m in enumerate(measured.cases):
         masses = tuple(sorted((k, v) for k, v in m.case.masses_g.items() if v > 0.0))
         if masses:
-            key = (m.case.posture, masses, m.case.direction)
+            key = (m.case.posture, masses, _direction(m.case))
             groups.setdefault(key, {"tip": [], "bone": []})[m.case.location].append(i)
-    cases, alone = [], []
+    cases, slopes, alone = [], [], []
     for (posture, masses, direction), at in groups.items():
         if not (at["tip"] and at["bone"]):
             # Single tendons are measured at the tip alone by plan; only a lone bone reading is worth a word.
             if at["bone"]:
-                alone.append(f"{session.id}: {posture}, {', '.join(f'{t} {g:g} g' for t, g in masses)}: no tip case")
+                loads = ", ".join(f"{t} {g:g} g" for t, g in masses) + (f", {direction}" * (direction != "loading"))
+                alone.append(f"{session.id}: {posture}, {loads}: no tip case")
             continue
         turn = tip_to_metacarpal(session.postures_deg[posture])
         tip, tip_covariance = _average(measured, at["tip"])
@@ -210,6 +232,8 @@ def _balances(measured: MeasuredSession) -> tuple[list[FrictionCase], list[str]]
         unit = balance / length if length > 0.0 else np.zeros(3)
         variance = float(unit @ (turn @ tip_covariance @ turn.T + bone_covariance) @ unit)
         stated = all(measured.cases[i].noise_stated for i in (*at["tip"], *at["bone"]))
+        of_tip = {i: unit @ turn / (weight * len(at["tip"])) for i in at["tip"]}
+        slopes.append(of_tip | {i: unit / (weight * len(at["bone"])) for i in at["bone"]})
         cases.append(
             FrictionCase(
                 session=session.id,
@@ -224,10 +248,17 @@ def _balances(measured: MeasuredSession) -> tuple[list[FrictionCase], list[str]]
                 factor_sd=float(np.sqrt(variance)) / weight if stated else None,
                 along=float(balance[0]) / weight,
                 across=float(np.hypot(balance[1], balance[2])) / weight,
-                above_one=length > weight,
+                above_one=length > weight and direction != "unloading",
             )
         )
-    return cases, alone
+    return cases, slopes, alone
+
+
+def _by_specimen(cases: Sequence[FrictionCase]) -> list[list[FrictionCase]]:
+    out: dict[str, list[FrictionCase]] = defaultdict(list)
+    for case in cases:
+        out[case.specimen].append(case)
+    return list(out.values())
 
 
 def _average(measured: MeasuredSession, indices: list[int]) -> tuple[Floats, Floats]:
@@ -239,32 +270,19 @@ def _average(measured: MeasuredSession, indices: list[int]) -> tuple[Floats, Flo
 
 
 def _mean(name: str, groups: Sequence[Sequence[FrictionCase]]) -> FrictionMean:
-    """Average c; over several specimens the deviations of one specimen are summed before they are squared."""
-    from scipy.special import stdtrit
-
+    """Average c over the cases of specimens."""
     cases = [c for group in groups for c in group]
-    factors = np.array([c.factor for c in cases])
-    n, clusters = len(cases), len(groups)
-    mean = float(factors.mean())
-    sd = float(factors.std(ddof=1)) if n > 1 else None
-    if clusters > 1:
-        sums = np.array([sum(c.factor - mean for c in group) for group in groups])
-        sem: float | None = float(np.sqrt(clusters / (clusters - 1) * (sums**2).sum())) / n
-        freedom = clusters - 1
-    else:
-        sem = None if sd is None else sd / float(np.sqrt(n))
-        freedom = n - 1
-    half = None if sem is None else float(stdtrit(freedom, 0.975)) * sem
+    c = spread([[case.factor for case in group] for group in groups])
     return FrictionMean(
         name=name,
-        n=n,
-        specimens=clusters,
-        factor=mean,
-        sd=sd,
-        sem=sem,
-        low=None if half is None else mean - half,
-        high=None if half is None else mean + half,
-        freedom=freedom,
+        n=len(cases),
+        specimens=len(groups),
+        factor=c.mean,
+        sd=c.sd,
+        sem=c.sem,
+        low=c.low,
+        high=c.high,
+        freedom=c.freedom,
         along=float(np.mean([c.along for c in cases])),
         across=float(np.mean([c.across for c in cases])),
         above_one=sum(c.above_one for c in cases),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.drivers.base import Samples
+from daq.drivers.base import Samples, steps_from
 
 Floats = NDArray[np.float64]
 
@@ -31,15 +31,16 @@ class SampleClock:
         pace: seconds that pass here while the device counts one.
     """
 
-    def __init__(self, rate_hz: float | None) -> None:
+    def __init__(self, rate_hz: float | None, last_s: float = -np.inf) -> None:
         """Start without an origin.
 
         Args:
             rate_hz: nominal rate of the records; None where the device does not say.
+            last_s: time of the last sample of the same stream, where there was one before.
         """
         self._period_s = None if not rate_hz else 1.0 / rate_hz
         self._trend = 1.0
-        self._last_s = -np.inf
+        self._last_s = last_s
         self.pace = 1.0
         self.jumped_s = 0.0
         self.restart()
@@ -81,7 +82,7 @@ class SampleClock:
         if samples.device_s is not None:
             before = samples.device_s[0] if self._device_s is None else self._device_s
             self._device_s = float(samples.device_s[-1])
-            return np.maximum(np.diff(samples.device_s, prepend=before), 1e-6)
+            return np.maximum(steps_from(before, samples.device_s), 1e-6)
         if self._period_s is None:
             # Nothing is known but when this burst arrived, and the one before.
             waited = 0.0 if self._arrival_s is None else arrival_s - self._arrival_s
@@ -90,7 +91,7 @@ class SampleClock:
             return np.full(len(samples), self._period_s)
         first = samples.sequence[0] - 1 if self._sequence is None else self._sequence
         self._sequence = int(samples.sequence[-1])
-        return np.maximum(np.diff(samples.sequence, prepend=first), 1) * self._period_s
+        return np.maximum(steps_from(first, samples.sequence), 1) * self._period_s
 
     def _learn(self, arrival_s: float, told_s: float) -> float:
         """Correct the pace by how late the least delayed bytes were; return what time must be set forward by."""

@@ -6,14 +6,17 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.model import Model
 from fingermodel.observations import Observations
+from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]
 PLANES = {"sagittal": 2, "space": 3}
+PORTION = 32
 
 
 @dataclass(frozen=True)
@@ -179,7 +182,7 @@ def compare(model: Model, observations: Observations, theta: Floats | None = Non
         observations: of the session.
         theta: (parameters,) fitted; by default the model before any fit.
     """
-    reading = np.asarray(model.predict(observations.inputs, theta).reading)
+    reading = np.asarray(model.predict(_padded(observations.inputs), theta).reading)
     covariance = observations.case_covariance
     cases = []
     for i, role in enumerate(observations.roles):
@@ -208,6 +211,13 @@ def compare(model: Model, observations: Observations, theta: Floats | None = Non
             )
         )
     return Comparison(tuple(cases), observations.noise_assumed)
+
+
+def _padded(inputs: LoadCaseInput) -> LoadCaseInput:
+    """Repeat the last case up to a multiple of PORTION: a session that grows is not compiled anew with each case."""
+    n = inputs.posture.shape[0]
+    rows = np.minimum(np.arange(-(-n // PORTION) * PORTION), n - 1)
+    return LoadCaseInput(*(jnp.asarray(np.asarray(field)[rows]) for field in inputs))
 
 
 def _norm(residual: Floats, covariance: Floats) -> float | None:

@@ -217,31 +217,44 @@ def read_revision(path: Path) -> Revision:
     """
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(document, dict) or document.get("format") != FORMAT:
-            found = document.get("format") if isinstance(document, dict) else type(document).__name__
-            raise ModelError(f"{path.name} has format {found!r}", f"{FORMAT}, as `fingertwin refit --out` writes")
-        theta = {str(p["name"]): float(p["value"]) for p in document["parameters"]}
-        return Revision(
-            id=str(document["id"]),
-            parent=str(document["parent"]),
-            session=str(document["session"]["id"]),
-            finger=finger_from_dict(document["finger"], path.name),
-            prior=finger_from_dict(document["prior_finger"], path.name),
-            theta=theta,
-            document=document,
-        )
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ModelError(
             f"{path.name} is not JSON ({error})", f"{FORMAT}, as `fingertwin refit --out` writes"
         ) from error
+    return revision_of(document, path.name)
+
+
+def revision_of(document: object, name: str) -> Revision:
+    """Make a revision of its document.
+
+    Args:
+        document: the whole of it, as `revision_document` made it.
+        name: of the file or place that it comes from, for messages.
+
+    Raises:
+        ModelError: not a revision, or a damaged one.
+    """
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        found = document.get("format") if isinstance(document, dict) else type(document).__name__
+        raise ModelError(f"{name} has format {found!r}", f"{FORMAT}, as `fingertwin refit --out` writes")
+    try:
+        return Revision(
+            id=str(document["id"]),
+            parent=str(document["parent"]),
+            session=str(document["session"]["id"]),
+            finger=finger_from_dict(document["finger"], name),
+            prior=finger_from_dict(document["prior_finger"], name),
+            theta={str(p["name"]): float(p["value"]) for p in document["parameters"]},
+            document=document,
+        )
     except (KeyError, TypeError, ValueError) as error:
         if isinstance(error, ModelError):
             raise
-        raise ModelError(f"{path.name} lacks or damages {error}", f"a whole {FORMAT} file", "Fit again") from error
+        raise ModelError(f"{name} lacks or damages {error}", f"a whole {FORMAT} file", "Fit again") from error
 
 
 def load_model(
-    name: str | os.PathLike[str] | None,
+    name: str | os.PathLike[str] | Finger | Revision | None,
     session_id: str,
     finger_name: str,
     folder: Path | None,
@@ -252,7 +265,7 @@ def load_model(
     """Load what `--model` names (a revision, a finger file, a shipped finger) for one session.
 
     Args:
-        name: of the model; None takes the session's own finger.
+        name: of the model, or the model itself; None takes the session's own finger.
         session_id: of the session.
         finger_name: that the session names.
         folder: of the session.
@@ -261,12 +274,17 @@ def load_model(
         effects: that the model shall hold at their null, such as the catalogue; a revision with effects of its own
             holds the whole catalogue anyway, so that all share one compiled program.
     """
-    if name is not None and Path(name).suffix == ".json":
+    if isinstance(name, str | os.PathLike) and Path(name).suffix == ".json":
         path = Path(name)
         if not path.is_file():
             raise ModelError(f"no model file {path}", "a revision written by `fingertwin refit --out`")
-        return _from_revision(read_revision(path), session_id, layout, effects)
-    finger = read_finger(finger_name, folder) if name is None else read_finger(name)
+        name = read_revision(path)
+    if isinstance(name, Revision):
+        return _from_revision(name, session_id, layout, effects)
+    if isinstance(name, Finger):
+        finger = name
+    else:
+        finger = read_finger(finger_name, folder) if name is None else read_finger(name)
     model = Model(finger, layout, budget, effects)
     return LoadedModel(finger.id, model, model.initial, finger.id, ())
 

@@ -43,6 +43,7 @@ def simulate_session(
     budget: Budget = CERTIFICATE,
     truth: Mapping[str, float] | None = None,
     tension_factor: float = 0.835,
+    friction_band: float = 0.0,
     repeats: int = 1,
     readings_name: str = "readings.csv.gz",
 ) -> tuple[Session, dict[str, Floats]]:
@@ -60,6 +61,7 @@ def simulate_session(
         budget: declares which of the rig's errors may be set by `truth`.
         truth: parameter values by name that differ from their null, such as `{"zero.bone.x": 0.3}`.
         tension_factor: friction factor c of the rig.
+        friction_band: share of the tension that friction takes on loading and adds on unloading, until tapped.
         repeats: how often the protocol is run.
         readings_name: .csv, .csv.gz or .parquet.
 
@@ -81,7 +83,8 @@ def simulate_session(
         raise faults[0]
     require_usable(session, finger)
     model, theta = _truth_model(finger, cases, budget, truth or {})
-    wrench = np.asarray(model.predict(_inputs(finger, protocol, cases, model.layout, tension_factor), theta).reading)
+    inputs = _inputs(finger, protocol, cases, model.layout, tension_factor, friction_band)
+    wrench = np.asarray(model.predict(inputs, theta).reading)
     steps = _steps(cases, wrench, seed)
     folder.mkdir(parents=True, exist_ok=True)
     write_readings(folder / readings_name, readings(cell, steps, end_s, seed + 1))
@@ -105,14 +108,21 @@ def _truth_model(
 
 
 def _inputs(
-    finger: Finger, protocol: Protocol, cases: tuple[PlannedCase, ...], layout: Layout, tension_factor: float
+    finger: Finger,
+    protocol: Protocol,
+    cases: tuple[PlannedCase, ...],
+    layout: Layout,
+    tension_factor: float,
+    friction_band: float,
 ) -> LoadCaseInput:
     muscles = finger.topology.muscles
     end_s = max(c.loaded_s[1] for c in cases)
     tension = np.zeros((len(cases), len(muscles)))
+    unloading = [c.reading.direction == "unloading" for c in cases]
     for i, case in enumerate(cases):
+        held = 0.0 if case.reading.tapped else friction_band if unloading[i] else -friction_band
         for muscle, mass in case.masses_g.items():
-            tension[i, muscles.index(muscle)] = mass * 9.81e-3 * tension_factor
+            tension[i, muscles.index(muscle)] = mass * 9.81e-3 * tension_factor * (1.0 + held)
     postures = {n: posture_rad(finger.topology, p, f"posture {n}") for n, p in protocol.postures_deg.items()}
     return LoadCaseInput(
         posture=jnp.asarray(np.array([postures[c.posture] for c in cases])),
@@ -123,7 +133,7 @@ def _inputs(
         setting=jnp.asarray([layout.settings.index((c.posture, 0)) for c in cases]),
         mounting=jnp.asarray([layout.mountings.index((c.location, 0)) for c in cases]),
         weight=jnp.full(len(cases), 9.81e-3 * tension_factor),
-        unloading=jnp.zeros(len(cases), bool),
+        unloading=jnp.asarray(unloading),
         since_tare=jnp.asarray([(np.mean(c.loaded_s) - np.mean(c.unloaded_s)) / end_s for c in cases]),
         elapsed=jnp.asarray([np.mean(c.loaded_s) / end_s for c in cases]),
     )
@@ -144,6 +154,8 @@ def _steps(cases: tuple[PlannedCase, ...], wrench: Floats, seed: int) -> list[Lo
                 rests[place] = rng.normal(size=6) * np.array([1.5, 1.5, 1.5, 15.0, 15.0, 15.0])
             rest = rests[place]
             steps.append(LoadStep(block_start, rest))
+        if case.overload_start_s is not None and case.reading.overload is not None:
+            steps.append(LoadStep(case.overload_start_s, rest + case.reading.overload * load))
         steps.append(LoadStep(case.load_start_s, rest + load))
     return steps
 
@@ -184,6 +196,7 @@ def _document(
                 "masses_g": c.masses_g,
                 "unloaded_s": [round(x, 6) for x in c.unloaded_s],
                 "loaded_s": [round(x, 6) for x in c.loaded_s],
+                **c.told(),
             }
             for c in cases
         ],

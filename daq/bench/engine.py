@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -10,8 +11,9 @@ import numpy as np
 
 from daq.bench.forces import Forces, Predict, Result, zero_moved
 from daq.bench.plateau_finder import Offer, PlateauFinder, PlateauRules
-from daq.bench.record import BenchRecord, BenchSetup
-from daq.bench.steps import Step, Steps
+from daq.bench.record import STARTED, BenchRecord, BenchSetup
+from daq.bench.standing import Standing
+from daq.bench.steps import Step
 from daq.blocks import Chunk
 from daq.cells import cell_spec
 from daq.errors import SessionError
@@ -60,28 +62,48 @@ class BenchEngine:
         rules: PlateauRules | None = None,
     ) -> None:
         session = setup.require_sound()
-        cell, first = setup.load_cell, session.cases[0]
+        cell = setup.load_cell
         spec = cell_spec(cell.get("model")) or cell_spec(f"{cell.get('model')} {cell.get('calibration')}")
         self.record = BenchRecord(setup)
         self.full_scale = None if spec is None else np.array(spec.range)
         self._stream = stream
         self._forces = Forces(session, predict)
         self._finder = PlateauFinder(rules or PlateauRules.of(setup.protocol.timing), self.full_scale)
-        self._steps = Steps.of(setup.cases())
-        self._weight = setup.known_weight
-        # Where the bench stands before the first step; going elsewhere is marked.
-        self._place: dict[str, Any] = {"posture": first.posture, "location": str(first.location)}
-        self._place |= {"setting": 0, "mounting": 0}
-        self._times_set, self._times_moved = Counter([first.posture]), Counter([str(first.location)])
+        self._at = Standing.of(setup)
         self._phase: Phase = "idle"
         self._tare: TareInForce | None = None
+        # The case whose weights still hang as they were read.
+        self._hanging: PlannedCase | None = None
         self._tare_asked = False
         self._now_s = 0.0
         self._live: Result | None = None
         self._last: Result | None = None
-        self._last_taken: str | None = None
+        self._broke_off_s: float | None = None
         self._warnings: deque[str] = deque(maxlen=_WARNINGS)
         self._out: list[Event] = []
+
+    def resume(self, past: Iterable[Event], plateaus: Mapping[Span, Plateau], broke_off_s: float, at_s: float) -> None:
+        """Stand where a bench broke off; before `start`, which then says that it goes on. There is no tare.
+
+        Args:
+            past: its events.
+            plateaus: of the windows that it took.
+            broke_off_s: time of its last reading.
+            at_s: time at which readings go on.
+        """
+        for event in past:
+            if event.kind != STARTED:
+                self.record.apply(event)
+                self._at.apply(event)
+        for window_s, plateau in plateaus.items():
+            self._forces.keep(window_s, plateau)
+        for weight in self.record.checks:
+            self._forces.weigh(weight)
+        self._broke_off_s, self._now_s = broke_off_s, at_s
+        kept = [n for n, case in self.record.cases.items() if "excluded" not in case]
+        for result in self._forces.measured(self.record.session(), kept, blind=True) if kept else []:
+            if result.case == self._at.last_taken:
+                self._last = result
 
     def take(self, chunk: Chunk) -> Events:
         """Take readings, which the journal has already."""
@@ -99,17 +121,21 @@ class BenchEngine:
 
     def _mark(self, phase: Phase) -> None:
         self._require_open()
-        step = self._steps.now
+        step = self._at.steps.now
         self._phase, self._tare_asked, self._live = phase, False, None
         self._finder.restart(self._now_s)
-        self._emit(phase, step=None if step is None else step.id)
+        if phase == "unloaded":
+            self._hanging = None
+        value = {"step": None if step is None else step.id}
+        done = "" if step is None or step.case is None else step.case.told().get("note", "")
+        self._emit(phase, **value, **({"done": done} if done and phase == "loaded" else {}))
 
     def _rest(self) -> None:
         self._phase, self._tare_asked, self._live = "idle", False, None
         self._finder.rest()
 
     def _offer(self, offer: Offer) -> None:
-        step = self._steps.now
+        step = self._at.steps.now
         self._emit("plateau_found", state=self._phase, window_s=list(offer.window_s))
         if self._phase == "unloaded" and self._tare_asked:
             self._confirm(offer)
@@ -123,16 +149,15 @@ class BenchEngine:
         t, wrench = self._finder.readings(offer.window_s)
         plateau = reduce_window(t, wrench) if len(t) >= LEAST_READINGS else offer.plateau
         self._forces.keep(offer.window_s, plateau)
-        step = self._steps.now
+        step = self._at.steps.now
         if self._phase == "unloaded":
             self._take_tare(offer.window_s, plateau)
         elif step is not None and self._tare is not None:
-            # Before its events, which a view may ask about.
-            self._steps.done.add(step.id)
             if step.case is None:
                 self._take_weight(step, self._tare, offer.window_s)
             else:
                 self._take_case(step, step.case, self._tare, offer.window_s)
+            self._hanging = step.case
         self._rest()
 
     def _lost(self, why: str, before: Offer | None) -> None:
@@ -145,7 +170,7 @@ class BenchEngine:
     def _take_tare(self, window_s: Span, plateau: Plateau) -> None:
         before = self._tare
         brackets = [] if before is None else list(before.cases)
-        self._emit("tare", window_s=list(window_s), brackets=brackets, **self._place)
+        self._emit("tare", window_s=list(window_s), brackets=brackets, **self._at.place)
         self._tare = TareInForce(window_s, plateau)
         if before is not None:
             self._warn("zero_moved", [zero_moved(before.plateau, plateau)])
@@ -154,12 +179,11 @@ class BenchEngine:
     def _take_case(self, step: Step, case: PlannedCase, tare: TareInForce, window_s: Span) -> None:
         self._emit("case_taken", **self._case_value(step, case, tare, window_s))
         tare.cases.append(step.id)
-        self._last_taken = step.id
         self._say_measured([step.id])
 
     def _take_weight(self, step: Step, tare: TareInForce, window_s: Span) -> None:
-        weight = dict(self._weight or {}) | {"unloaded_s": list(tare.window_s), "loaded_s": list(window_s)}
-        weight = {"when": step.when, "mount": self._place["location"]} | weight
+        weight = dict(self._at.weight or {}) | {"unloaded_s": list(tare.window_s), "loaded_s": list(window_s)}
+        weight = {"when": step.when, "mount": self._at.place["location"]} | weight
         self._emit("known_weight", **weight)
         numbers, doubts = self._forces.weigh(weight)
         self._emit("weighed", step=step.id, **numbers)
@@ -174,18 +198,19 @@ class BenchEngine:
             "masses_g": dict(case.masses_g),
             "unloaded_s": list(tare.window_s),
             "loaded_s": list(window_s),
-            "setting": self._place["setting"],
-            "mounting": self._place["mounting"],
+            "setting": self._at.place["setting"],
+            "mounting": self._at.place["mounting"],
             "repeat_of": step.repeat_of if step.repeat_of in self.record.cases else None,
             "unloaded_state": self.record.setup.unloaded_state,
         }
+        value |= {k: v for k, v in case.told().items() if k != "repeat_of"}
         return {k: v for k, v in value.items() if v is not None}
 
     def _say_measured(self, names: list[str]) -> None:
         kept = [n for n in names if "excluded" not in self.record.cases[n]]
         for result in self._forces.measured(self.record.session(), kept, blind=True) if kept else []:
             self._emit("measured", **result.as_value())
-            if result.case == self._last_taken:
+            if result.case == self._at.last_taken:
                 self._last = result
 
     def _require_open(self) -> None:
@@ -201,6 +226,7 @@ class BenchEngine:
     def _emit(self, kind: str, **value: Any) -> None:
         event = Event(kind, self._now_s, value, self._stream)
         self.record.apply(event)
+        self._at.apply(event)
         self._out.append(event)
 
     def _flush(self) -> Events:

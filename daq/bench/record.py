@@ -14,7 +14,7 @@ from daq.session_models import FORMAT, Session
 from daq.sessions import parse_session
 from daq.vocabulary import EVENT_KINDS
 
-STARTED = "bench_started"
+STARTED, RESUMED = "bench_started", "bench_resumed"
 # Kinds that a session knows too; "note" is made from several others.
 _SAME_KIND = tuple(k for k in EVENT_KINDS if k != "tare")
 
@@ -159,6 +159,11 @@ class BenchRecord:
             self._note("note", event.at_s, text=f"the known weight {value['when']} the cases was skipped")
         elif event.kind == "case_skipped":
             self._note("note", event.at_s, text=f"case {value['id']} was skipped")
+        elif event.kind == "loaded" and value.get("done"):
+            self._note("note", event.at_s, text=f"{value['step']}: {value['done']}")
+        elif event.kind == RESUMED:
+            gone = f"the log broke off at {value['broke_off_s']:.1f} s and went on at {event.at_s:.1f} s"
+            self._note("note", event.at_s, text=f"{gone}; tares before it are not used after it")
         elif event.kind == "closed":
             self.closed = True
             if value["undone"]:
@@ -204,4 +209,4 @@ class BenchRecord:
 
 
 def _shown(case: PlannedCase) -> dict[str, Any]:
-    return {k: getattr(case, k) for k in ("id", "role", "posture", "location", "masses_g")}
+    return {k: getattr(case, k) for k in ("id", "role", "posture", "location", "masses_g")} | case.told()

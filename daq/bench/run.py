@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from daq.bench.engine import BenchEngine, Events
 from daq.bench.forces import Result
-from daq.bench.record import STARTED
+from daq.bench.record import RESUMED, STARTED
 from daq.bench.status import BenchStatus, todo
 from daq.bench.steps import Step
 from daq.errors import SessionError
@@ -24,8 +24,11 @@ class BenchRun(BenchEngine):
     """A bench session and its commands; every method answers with the events that it caused."""
 
     def start(self) -> Events:
-        """Say how the bench was set up; the first event of all."""
-        self._emit(STARTED, **self.record.setup.as_value())
+        """Say how the bench was set up, the first event of all; or that it goes on, after `resume`."""
+        if self._broke_off_s is None:
+            self._emit(STARTED, **self.record.setup.as_value())
+        else:
+            self._emit(RESUMED, broke_off_s=self._broke_off_s)
         return self._flush()
 
     def unloaded(self) -> Events:
@@ -44,9 +47,9 @@ class BenchRun(BenchEngine):
     def loaded(self) -> Events:
         """The weights of the present step hang: look for a plateau."""
         step = self._open_step()
-        if step.id in self._steps.done:
+        if step.id in self._at.steps.done:
             raise SessionError(f"{step.id} is taken already", "next, or repeat", "A repeat is added, none is replaced")
-        if step.case is None and self._weight is None:
+        if step.case is None and self._at.weight is None:
             raise SessionError("the known weight is not known", "its mass and direction, such as 500 palmar")
         self._require_place(step)
         if self._tare is None:
@@ -74,18 +77,16 @@ class BenchRun(BenchEngine):
         # A weight that hung on the cell itself says nothing about the cell at the finger.
         if step.case is None:
             self._tare = None
-        self._steps.at += 1
         self._rest()
-        now = self._steps.now
-        self._emit("step", id=None if now is None else now.id)
+        following = self._at.steps.following
+        self._emit("step", id=None if following is None else following.id)
         return self._flush()
 
     def repeat(self, case: str = "") -> Events:
         """Do a case once more, by default the last one; both are kept."""
         self._require_open()
-        self._steps.insert(self._steps.repeat(self._taken(case)))
+        step = self._at.steps.repeat(self._taken(case))
         self._rest()
-        step = self._open_step()
         self._emit("step", id=step.id, repeat_of=step.repeat_of)
         return self._flush()
 
@@ -98,12 +99,14 @@ class BenchRun(BenchEngine):
         if "excluded" in self.record.cases[name]:
             raise SessionError(f"{name} is excluded already ({self.record.cases[name]['excluded']})", "another case")
         self._emit("excluded", case=name, reason=reason.strip())
+        if self._last is not None and self._last.case == name:
+            self._last = None
         return self._flush()
 
     def known_weight(self, mass_g: float, direction: Any, mount: str | None = None) -> Events:
         """Say what hangs on the cell itself in the present step, or in one that is put in here."""
         self._require_open()
-        weight = {"mass_g": mass_g, "direction": direction, "mount": mount or self._place["location"]}
+        weight = {"mass_g": mass_g, "direction": direction, "mount": mount or self._at.place["location"]}
         try:
             sound = KnownWeight.model_validate(self.record.setup.check(weight))
         except ValidationError as error:
@@ -111,29 +114,23 @@ class BenchRun(BenchEngine):
             context: Mapping[str, Any] = said.get("ctx", {})
             found = f"known weight: {'.'.join(map(str, said['loc']))} {context.get('found', said['msg'])}"
             raise SessionError(found, context.get("expected", "")) from None
-        self._weight = {"mass_g": sound.mass_g, "direction": list(sound.direction), "mount": sound.mount}
-        step = self._steps.now
-        if step is None or step.case is not None or step.id in self._steps.done:
-            self._steps.insert(self._steps.during())
+        before = self._at.steps.now
+        self._emit("known_weight_set", mass_g=sound.mass_g, direction=list(sound.direction), mount=sound.mount)
+        if self._at.steps.now is not before:
             self._rest()
-        self._emit("known_weight_set", **self._weight)
         return self._flush()
 
     def posture_set(self) -> Events:
         """The posture of the present step was set, or set anew: the tare's life ends."""
         self._require_open()
-        posture = self._wanted(self._steps.now)["posture"]
-        self._place |= {"posture": posture, "setting": self._times_set[posture]}
-        self._times_set[posture] += 1
-        return self._end_tare("set_posture", posture=posture, setting=self._place["setting"])
+        posture = self._wanted(self._at.steps.now)["posture"]
+        return self._end_tare("set_posture", posture=posture, setting=self._at.settings(posture))
 
     def cell_moved(self) -> Events:
         """The cell or its clamp was moved to where the present step needs it: the tare's life ends."""
         self._require_open()
-        location = self._wanted(self._steps.now)["location"]
-        self._place |= {"location": location, "mounting": self._times_moved[location]}
-        self._times_moved[location] += 1
-        return self._end_tare("move_cell", location=location, mounting=self._place["mounting"])
+        location = self._wanted(self._at.steps.now)["location"]
+        return self._end_tare("move_cell", location=location, mounting=self._at.mountings(location))
 
     def retied(self, text: str = "") -> Events:
         """A suture was tied anew: the tare's life ends."""
@@ -162,10 +159,10 @@ class BenchRun(BenchEngine):
     def close(self) -> Events:
         """End the session: what was not done is recorded, and validation cases may be compared from here on."""
         self._require_open()
-        for step in self._steps.undone():
-            if step.case is None and step.id not in self._steps.skipped:
+        for step in self._at.steps.undone():
+            if step.case is None and step.id not in self._at.steps.skipped:
                 self._skip(step)
-        undone = [s.id for s in self._steps.undone() if s.case is not None]
+        undone = [s.id for s in self._at.steps.undone() if s.case is not None]
         self._rest()
         results = self._results(blind=False)
         self._emit("closed", undone=undone, comparison=[r.as_value() for r in results])
@@ -177,7 +174,7 @@ class BenchRun(BenchEngine):
 
     def status(self) -> BenchStatus:
         """What a view shows."""
-        step, offer = self._steps.now, self._finder.offer
+        step, offer = self._at.steps.now, self._finder.offer
         return BenchStatus(
             self._now_s,
             "all steps are done" if step is None else f"{step.id}: {step.text}",
@@ -188,7 +185,7 @@ class BenchRun(BenchEngine):
             self._live,
             self._last,
             tuple(self._warnings),
-            self._steps.checklist(),
+            self._at.steps.checklist(),
             None if self._tare is None else self._now_s - self._tare.window_s[1],
             self.record.closed,
         )
@@ -198,46 +195,54 @@ class BenchRun(BenchEngine):
             return "closed"
         if self._finder.offer is not None:
             return f"confirm the {self._phase} plateau, or change something"
-        step = self._steps.now
+        step = self._at.steps.now
         if self._phase != "idle":
             return f"wait for the {self._phase} plateau ({self._finder.reason})"
         return todo(
             step,
-            self._steps.now_done,
-            self._place,
+            self._at.steps.now_done,
+            self._at.place,
             self._wanted(step),
             self._tare is not None,
-            self._weight is not None,
+            self._at.weight is not None,
+            self._still_hangs(step),
         )
+
+    def _still_hangs(self, step: Step | None) -> bool:
+        """Whether the weights of a step hang since the case before, so that they were moved no further."""
+        before = self._hanging
+        if before is None or step is None or step.case is None:
+            return False
+        loads = [(c.masses_g, c.posture, c.location, c.reading.direction) for c in (before, step.case)]
+        return loads[0] == loads[1]
 
     def _wanted(self, step: Step | None) -> dict[str, Any]:
         """Posture and location that a step needs; a known weight's direction is told in one mount's axes."""
         if step is not None and step.case is not None:
             return {"posture": step.case.posture, "location": step.case.location}
-        mount = None if step is None or self._weight is None else self._weight.get("mount")
-        return {"posture": self._place["posture"], "location": mount or self._place["location"]}
+        mount = None if step is None or self._at.weight is None else self._at.weight.get("mount")
+        return {"posture": self._at.place["posture"], "location": mount or self._at.place["location"]}
 
     def _results(self, blind: bool) -> list[Result]:
         cases = [name for name, case in self.record.cases.items() if "excluded" not in case]
         return self._forces.measured(self.record.session(), cases, blind) if cases else []
 
     def _skip(self, step: Step) -> None:
-        if step.id in self._steps.done:
+        if step.id in self._at.steps.done:
             return
-        self._steps.skipped.add(step.id)
         if step.case is None:
-            self._emit("known_weight_skipped", when=step.when)
+            self._emit("known_weight_skipped", when=step.when, step=step.id)
         else:
             self._emit("case_skipped", id=step.id)
 
     def _end_tare(self, kind: str, **value: Any) -> Events:
-        self._tare = None
+        self._tare = self._hanging = None
         self._rest()
         self._emit(kind, **value)
         return self._flush()
 
     def _taken(self, case: str) -> str:
-        name = case.strip() or self._last_taken
+        name = case.strip() or self._at.last_taken
         if name is None:
             raise SessionError("no case was taken", "one that was confirmed")
         if name not in self.record.cases:
@@ -246,9 +251,9 @@ class BenchRun(BenchEngine):
 
     def _open_step(self) -> Step:
         self._require_open()
-        if self._steps.now is None:
+        if self._at.steps.now is None:
             raise SessionError("all steps are done", "close, repeat or known_weight")
-        return self._steps.now
+        return self._at.steps.now
 
     def _require_place(self, step: Step) -> None:
         for key, what, remedy in (
@@ -256,8 +261,8 @@ class BenchRun(BenchEngine):
             ("location", "cell's place", "Move the cell, mark it, and tare"),
         ):
             wanted = self._wanted(step)[key]
-            if self._place[key] != wanted:
-                raise SessionError(f"the {what} is {self._place[key]}", f"{wanted} for {step.id}", remedy)
+            if self._at.place[key] != wanted:
+                raise SessionError(f"the {what} is {self._at.place[key]}", f"{wanted} for {step.id}", remedy)
 
 
 def _text(text: str) -> dict[str, str]:

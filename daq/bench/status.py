@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from daq.bench.forces import Result
-from daq.bench.steps import Step
+from daq.bench.steps import Step, worded
+from daq.protocols import PlannedCase
 from daq.windows import Span
 
 
@@ -49,6 +50,7 @@ def todo(
     wanted: Mapping[str, Any],
     has_tare: bool,
     has_weight: bool,
+    hangs: bool,
 ) -> str:
     """Say what comes next while no plateau is looked for.
 
@@ -59,6 +61,7 @@ def todo(
         wanted: those that the step needs.
         has_tare: whether a tare is in force.
         has_weight: whether the known weight is known.
+        hangs: whether the step's weights hang since the case before it was taken.
     """
     if step is None:
         return "unload and tare once more, then close"
@@ -72,4 +75,17 @@ def todo(
         return f"move the cell to the {wanted['location']}, then mark it"
     if not has_tare:
         return "take all weights off, then tare"
-    return "hang the weights, then mark loaded"
+    return f"{hanging(step.case, hangs)}, then mark loaded"
+
+
+def hanging(case: PlannedCase | None, hangs: bool) -> str:
+    """Say how the weights come to rest; nothing more is done to those that hang but what the case itself asks for."""
+    if case is None:
+        return "hang the weights"
+    reading, words = case.reading, ["hang the weights"]
+    if reading.overload is not None and (reading.overloading or not hangs):
+        over = worded(case.masses_g, reading.overload)
+        words = [f"hang {reading.overload:g} times the weights ({over})", f"take them down to {worded(case.masses_g)}"]
+    elif reading.tapped and hangs:
+        words = ["leave the weights hanging"]
+    return ", ".join([*words, *["tap the rig"] * reading.tapped])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from daq.protocols import PlannedCase
@@ -27,9 +28,14 @@ class Step:
         """What is hung where."""
         if self.case is None:
             return f"known weight on the cell ({self.when})"
-        masses = " ".join(f"{tendon} {mass:g} g" for tendon, mass in self.case.masses_g.items())
+        masses, note = worded(self.case.masses_g), self.case.told().get("note")
         again = f", repeat of {self.repeat_of}" if self.repeat_of else ""
-        return f"{masses or 'no weight'}, {self.case.posture}, {self.case.location}{again}"
+        return f"{masses}, {self.case.posture}, {self.case.location}{f', {note}' if note else ''}{again}"
+
+
+def worded(masses_g: Mapping[str, float], times: float = 1.0) -> str:
+    """Weights, or so many times them, as they are hung."""
+    return " ".join(f"{tendon} {times * mass:g} g" for tendon, mass in masses_g.items()) or "no weight"
 
 
 @dataclass
@@ -49,12 +55,17 @@ class Steps:
     def of(cls, cases: tuple[PlannedCase, ...]) -> Steps:
         """Lay a protocol out."""
         before, after = Step("weight_before", when="before"), Step("weight_after", when="after")
-        return cls([before, *(Step(c.id, c) for c in cases), after])
+        return cls([before, *(Step(c.id, c, repeat_of=c.repeat_of) for c in cases), after])
 
     @property
     def now(self) -> Step | None:
         """The present step, None after the last."""
         return self.all[self.at] if self.at < len(self.all) else None
+
+    @property
+    def following(self) -> Step | None:
+        """The step after the present one, None where there is none."""
+        return self.all[self.at + 1] if self.at + 1 < len(self.all) else None
 
     @property
     def now_done(self) -> bool:
@@ -74,7 +85,8 @@ class Steps:
         """A new step that repeats a case, or what that one repeats."""
         first = next(s for s in self.all if s.id == name)
         first = first if first.repeat_of is None else next(s for s in self.all if s.id == first.repeat_of)
-        count = sum(s.repeat_of == first.id for s in self.all)
+        # Repeats of the protocol's own are cases with a number.
+        count = sum(s.id.startswith(f"{first.id}r") for s in self.all)
         return Step(f"{first.id}r{count + 1}", first.case, repeat_of=first.id)
 
     def during(self) -> Step:

@@ -235,6 +235,14 @@ def heard_without_samples(transport: Transport, decoder: Decoder, wait_s: float,
             return heard
 
 
+def steps_from(before: float, values: NDArray[Any]) -> NDArray[Any]:
+    """Differences (n,) of values (n,), the first from one before them; NumPy's own takes longer than a datagram."""
+    out = values.copy()
+    out[1:] -= values[:-1]
+    out[:1] -= before
+    return out
+
+
 class Unwrap:
     """Carries a counter on where it wraps."""
 
@@ -248,7 +256,7 @@ class Unwrap:
         if len(counts) == 0:
             return counts
         first = int(counts[0]) if self._last is None else self._last
-        steps = np.diff(counts, prepend=first % self._modulus)
+        steps = steps_from(first % self._modulus, counts)
         half = self._modulus // 2
         steps = (steps + half) % self._modulus - half
         out: Integers = first + np.cumsum(steps)

@@ -41,7 +41,7 @@ class BotaDecoder:
     """
 
     def __init__(self) -> None:
-        self._stream = FrameStream(FRAME.itemsize, HEADER, _valid)
+        self._stream = FrameStream(FRAME.itemsize, HEADER, _valid, ahead=True)
         self._unwrap = Unwrap(1 << 32)
 
     def feed(self, data: bytes) -> Samples:

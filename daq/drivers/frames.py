@@ -26,12 +26,25 @@ class FrameStream:
     A header may occur inside a payload, and a check may hold by chance. So as long as frames follow each other, each
     needs only its own check; but once that chain is broken a frame counts only when the next one follows it without a
     gap.
+
+    Where bytes are lost or added on the way, the frame that the chain leads to is made of parts of two, and a check of
+    16 bits holds for one in 65,536 of these. With `ahead` a frame therefore waits for the beginning of the next: it
+    counts where a header stands right behind it or, that one being damaged, one frame further.
+
+    Args:
+        length: of a frame [bytes].
+        header: that every frame begins with.
+        valid: tells of frames (n, length) which have a check that holds.
+        ahead: whether a frame waits for the next one's header. The last one of a stream is then never returned.
     """
 
-    def __init__(self, length: int, header: bytes, valid: Callable[[Octets], NDArray[np.bool_]]) -> None:
+    def __init__(
+        self, length: int, header: bytes, valid: Callable[[Octets], NDArray[np.bool_]], *, ahead: bool = False
+    ) -> None:
         self._length = length
         self._header = header
         self._valid = valid
+        self._ahead = ahead
         self._held = b""
         self._chained = False
 
@@ -42,15 +55,18 @@ class FrameStream:
         at = rejected = skipped = 0
         while len(buffer) - at >= length:
             run = self._run(buffer, at)
-            if run and (self._chained or run > 1):
-                out.append(np.frombuffer(buffer, np.uint8, run * length, at).reshape(run, length))
-                at += run * length
+            followed = not self._ahead or (run > 0 and self._followed(buffer, at + run * length))
+            # All but the last are followed by what is valid itself.
+            sure = run if followed else max(run - 1, 0)
+            if sure and (self._chained or run > 1):
+                out.append(np.frombuffer(buffer, np.uint8, sure * length, at).reshape(sure, length))
+                at += sure * length
                 self._chained = True
                 continue
-            if run and len(buffer) - at < 2 * length and self._may_continue(buffer, at + length):
+            if run and (followed is None if self._chained else self._may_be_followed(buffer, at + length)):
                 break  # the next frame will tell
             # A run of one is over here, and so is a chain: this frame is none.
-            rejected += int(run == 0 and self._chained)
+            rejected += int(self._chained)
             self._chained = False
             next_at = buffer.find(self._header, at + 1)
             if next_at < 0:
@@ -72,9 +88,19 @@ class FrameStream:
         good = self._valid(frames[:upto])
         return upto if good.all() else int(np.argmin(good))
 
-    def _may_continue(self, buffer: bytes, at: int) -> bool:
-        rest = buffer[at : at + len(self._header)]
-        return self._header.startswith(rest)
+    def _may_be_followed(self, buffer: bytes, at: int) -> bool:
+        """Whether a frame may begin here that is not complete yet."""
+        return len(buffer) - at < self._length and self._header.startswith(buffer[at : at + len(self._header)])
+
+    def _followed(self, buffer: bytes, at: int) -> bool | None:
+        """Whether a header stands here or one frame further; None where that cannot be told yet."""
+        for place in (at, at + self._length):
+            rest = buffer[place : place + len(self._header)]
+            if rest == self._header:
+                return True
+            if self._header.startswith(rest):
+                return None
+        return False
 
 
 def crc_table(polynomial: int) -> NDArray[np.uint16]:

@@ -132,7 +132,7 @@ class GaugeLines(LoadCell):
 
     def __init__(self, given: Mapping[str, Any] | None = None) -> None:
         super().__init__(given)
-        self._gauges = Gauges(self)
+        self.gauges = Gauges(self)
         if self.number("first_gauge") + 5 > self.number("columns"):
             raise DriverError(
                 f"{self.name}: gauge 1 is number {self.values['first_gauge']} of {self.values['columns']} in a line",
@@ -147,7 +147,7 @@ class GaugeLines(LoadCell):
     def decoder(self) -> GaugeLinesDecoder:
         """Return a fresh decoder."""
         return GaugeLinesDecoder(
-            self._gauges,
+            self.gauges,
             self.text("decimal"),
             int(self.number("columns")),
             int(self.number("first_gauge")),

@@ -193,7 +193,7 @@ class NiDaq(LoadCell):
 
     def __init__(self, given: Mapping[str, Any] | None = None) -> None:
         super().__init__(given)
-        self._gauges = Gauges(self)
+        self.gauges = Gauges(self)
 
     @property
     def rate_hz(self) -> float:
@@ -202,7 +202,7 @@ class NiDaq(LoadCell):
 
     def decoder(self) -> NiDaqDecoder:
         """Return a fresh decoder."""
-        return NiDaqDecoder(self._gauges)
+        return NiDaqDecoder(self.gauges)
 
     def own_transport(self, port: str = "") -> NiDaqTransport:
         """Return a task that has not begun; NI names the device among the channels."""
@@ -210,7 +210,7 @@ class NiDaq(LoadCell):
             raise DriverError(
                 f"{self.name} has no port ({port})", "the device in its channels", "Use --set channels=Dev1/ai0:5"
             )
-        range_V = self._gauges.calibration.range_V or self._gauges.limit_V
+        range_V = self.gauges.calibration.range_V or self.gauges.limit_V
         return NiDaqTransport(self.text("channels"), self.rate_hz, range_V, self.text("wiring"))
 
     def start(self, transport: Transport) -> None:

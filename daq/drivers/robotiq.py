@@ -33,7 +33,7 @@ class RobotiqDecoder:
     """Frames of `20 4E`, six int16 (N × 100, N m × 1000) and a CRC, all little-endian."""
 
     def __init__(self) -> None:
-        self._stream = FrameStream(LENGTH, HEADER, _valid)
+        self._stream = FrameStream(LENGTH, HEADER, _valid, ahead=True)
 
     def feed(self, data: bytes) -> Samples:
         """Take bytes and return the readings that they complete."""

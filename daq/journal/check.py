@@ -29,7 +29,7 @@ def check(path: str | Path) -> Report:
         version = _identity(connection, file)
         if version > VERSION:
             text = f"version {version}, and this program knows {VERSION} at most: use the newer fingertwin"
-            return Report("", "", {}, {}, 0, 0, 0, (Fault("version", text),))
+            return Report("", "", {}, {}, 0, 0, 0, 0, (Fault("version", text),))
         log = read_log(file)
         if log is not None and log.damaged:
             text = f"{log_file(file).name} is damaged from frame {log.first_bad} on and hides {log.hidden} transactions"
@@ -62,7 +62,8 @@ def recover(path: str | Path, out: str | Path) -> Report:
             target.parent.mkdir(parents=True, exist_ok=True)
             source = Path(held.enter_context(TemporaryDirectory(dir=target.parent))) / "copy"
             shutil.copyfile(file, source)
-            log_file(source).write_bytes(log.mended())
+            with file.open("rb") as whole:
+                log_file(source).write_bytes(log.mended(whole.read(log.page_bytes)))
             faults.append(Fault("log", f"{log_file(file).name} is damaged from frame {log.first_bad} on"))
         connection = held.enter_context(closing(connect_read(source, damaged=True)))
         require_journal(connection, file)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import sqlite3
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from daq.blocks import Chunk
 from daq.errors import JournalError
-from daq.journal.rows import Event, Stream, chunk_checksum, require_journal, said
+from daq.files import replacing
+from daq.journal.rows import Event, Stream, chunk_checksum, disk_full, require_journal, said
 
 # What SQLite says where it cannot write beside a journal.
 _PROTECTED = (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY)
@@ -95,6 +97,51 @@ class JournalReader:
         query = f"SELECT {EVENT_COLUMNS} FROM events WHERE ? IS NULL OR stream = ? ORDER BY id"  # noqa: S608
         return [Event.of_row(row) for row in self._rows(query, stream, stream)]
 
+    def events_from(self, number: int) -> list[Event]:
+        """Events of all streams and of the bench, from this number on, 0 for the first that was written.
+
+        Raises:
+            JournalError: one is damaged.
+        """
+        query = f"SELECT {EVENT_COLUMNS} FROM events ORDER BY id LIMIT -1 OFFSET ?"  # noqa: S608
+        return [Event.of_row(row) for row in self._rows(query, number)]
+
+    def set_aside(self) -> set[tuple[str, int]]:
+        """Chunks (stream, first_seq) that the service refused."""
+        return set(self._rows("SELECT stream, first_seq FROM outbox WHERE state = 'quarantined'"))
+
+    def counts(self) -> tuple[int, int, int]:
+        """Chunks, samples in them, and events."""
+        rows = self._rows("SELECT count(*), ifnull(sum(n), 0), (SELECT count(*) FROM events) FROM chunks")
+        return (int(rows[0][0]), int(rows[0][1]), int(rows[0][2]))
+
+    def copy_to(self, target: Path, proof: Callable[[Path], None] | None = None) -> None:
+        """Write a compact copy, whose name appears when it is complete.
+
+        Args:
+            target: its file.
+            proof: is shown the copy before it has that name, and raises where it is not as it should be.
+
+        Raises:
+            JournalError: it exists already, cannot be written, or the proof failed; nothing is left of it then.
+        """
+        try:
+            _require_new(target)
+            with replacing(target) as temporary:
+                with self._lock:
+                    self._connection.execute("VACUUM INTO ?", (str(temporary),))
+                if proof is not None:
+                    proof(temporary)
+                _require_new(target)  # it took a while
+        except sqlite3.Error as error:
+            raise said(error, target) from error
+        except OSError as error:
+            if error.errno == errno.ENOSPC:
+                raise disk_full(target) from error
+            raise JournalError(
+                f"{target.name} cannot be written ({error.strerror})", "a folder with room", "Check path and rights"
+            ) from error
+
     def close(self) -> None:
         """Let go of the file."""
         self._connection.close()
@@ -115,6 +162,11 @@ class JournalReader:
                 raise JournalError(f"{self.path.name} is closed", "an open journal") from error
             except sqlite3.DatabaseError as error:
                 raise said(error, self.path) from error
+
+
+def _require_new(target: Path) -> None:
+    if target.exists():
+        raise JournalError(f"{target.name} exists", "a new name for the copy", "Choose another")
 
 
 def sound_chunk(row: tuple[Any, ...]) -> Chunk:

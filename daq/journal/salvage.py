@@ -64,6 +64,7 @@ class Report:
         samples: in those, of each stream.
         events: that are sound.
         pending: chunks that wait to be sent.
+        set_aside: chunks that the service refused.
         known_gaps: losses that an earlier recovery has noted.
         faults: none where all is as it was written.
     """
@@ -74,6 +75,7 @@ class Report:
     samples: dict[str, int]
     events: int
     pending: int
+    set_aside: int
     known_gaps: int
     faults: tuple[Fault, ...]
 
@@ -87,7 +89,7 @@ class Salvage:
         self._faults = faults
         self._outbox = {row[0]: row[1:] for row in self._rows("outbox", _OUTBOX_COLUMNS) if isinstance(row[1], str)}
         self._pieces: dict[str, list[tuple[int, int, float]]] = {}
-        self._pending = 0
+        self._pending = self._set_aside = 0
         self._events = 0
 
     def report(self) -> Report:
@@ -144,7 +146,8 @@ class Salvage:
         samples = {s: sum(n for _, n, _ in self._pieces.get(s, [])) for s in names}
         faults = tuple(dict.fromkeys(self._faults))
         bench, epoch = meta.get("bench", ""), meta.get("epoch", "")
-        return Report(bench, epoch, chunks, samples, self._events, self._pending, known, faults)
+        waiting = (self._pending, self._set_aside)
+        return Report(bench, epoch, chunks, samples, self._events, *waiting, known, faults)
 
     def _streams(self) -> Iterator[tuple[Any, ...]]:
         for row in self._rows("streams", _STREAM_COLUMNS, "rowid"):
@@ -181,6 +184,7 @@ class Salvage:
                 continue
             seen.add((stream, first_seq))
             self._pending += waiting is not None and waiting[3] == "pending"
+            self._set_aside += waiting is not None and waiting[3] == "quarantined"
             end_s = float(chunk.t_s[-1]) if len(chunk) else 0.0
             self._pieces.setdefault(stream, []).append((first_seq, count, end_s))
             yield row

@@ -21,6 +21,7 @@ Words = NDArray[np.uint32]
 _HEAD, _FRAME = 32, 24
 _MAGIC = 0x377F0682
 _FORMAT = 3007000
+_DATABASE = b"SQLite format 3\x00"
 
 
 def log_file(path: Path) -> Path:
@@ -55,8 +56,12 @@ class Log:
         """Whether more is hidden than the one transaction that a crash may have torn."""
         return self.hidden > 1
 
-    def mended(self) -> bytes:
-        """The log with every frame that still tells its page, and new checksums; a damaged page is kept as it is."""
+    def mended(self, first_page: bytes) -> bytes:
+        """The log with every frame that still tells its page, and new checksums; a damaged page is kept as it is.
+
+        Args:
+            first_page: of the journal, without which SQLite reads nothing: it stands where the log's is damaged.
+        """
         frames = _frames(self.data, self.page_bytes)
         last = int(np.flatnonzero(self.current)[-1]) if self.current.any() else -1
         pages = frames[: last + 1, :8].copy().view(">u4")
@@ -69,6 +74,8 @@ class Log:
             if not 0 < number <= highest:
                 continue  # a page that lies nowhere
             mark, page = frame[:8].tobytes(), frame[_FRAME:].tobytes()
+            if number == 1:
+                first_page = page = page if page.startswith(_DATABASE) else first_page
             sums = chained(mark + page, self.order, sums)
             out.append(mark + self.salts + struct.pack(">II", *sums) + page)
         return b"".join(out)
@@ -95,7 +102,9 @@ def read_log(path: Path) -> Log | None:
     if struct.pack(">II", *(sums or ())) != data[24:_HEAD] or magic | 1 != _MAGIC | 1:
         # The head itself is damaged. Its frames tell what it said; the journal is not opened to look, because closing
         # it would undo the locks that SQLite holds on it in this process.
-        sums, salts, order, page_bytes = None, data[_HEAD + 8 : _HEAD + 16], "<", PAGE_BYTES
+        sums, order, page_bytes = None, "<", PAGE_BYTES
+        marks = [frame[8:16].tobytes() for frame in _frames(data, page_bytes)[:2]]
+        salts = next((mark for mark in marks if any(mark)), data[16:24])  # the first frame may be gone with the head
     frames = _frames(data, page_bytes)
     current = (frames[:, 8:16] == np.frombuffer(salts, np.uint8)).all(axis=1)
     first_bad = _first_bad(frames, current, order, sums)

@@ -191,6 +191,17 @@ class Journal(Writer):
         event = Event("quarantined", 0.0, {"first_seq": first_seq, "reason": reason}, stream)
         self._mark(stream, first_seq, "'quarantined'", event)
 
+    def requeue(self) -> int:
+        """Put all that was set aside into the outbox again, and say so in an event; return how many chunks.
+
+        It is for a service that was mended: what it refuses once more is set aside once more.
+        """
+        with self.transaction() as connection:
+            count = connection.execute("UPDATE outbox SET state = 'pending' WHERE state = 'quarantined'").rowcount
+            if count:
+                connection.execute(INSERT_EVENT, event_row(Event("requeued", 0.0, {"chunks": count})))
+        return count
+
     def close(self, copy: str | Path | None = None) -> None:
         """Close; with `copy`, write a compact copy first, whose name appears when it is complete.
 
@@ -203,20 +214,6 @@ class Journal(Writer):
                     self.copy_to(Path(copy))
             finally:
                 self.leave()
-
-    def copy_to(self, target: Path) -> None:
-        """Write a compact copy, whose name appears when it is complete.
-
-        Raises:
-            JournalError: it exists already or cannot be written.
-        """
-        if target.exists():
-            raise JournalError(f"{target.name} exists", "a new name for the copy", "Choose another")
-        try:
-            with replacing(target) as temporary:
-                self._connection.execute("VACUUM INTO ?", (str(temporary),))
-        except sqlite3.Error as error:
-            raise said(error, target) from error
 
     def _end(self, stream: str) -> int | None:
         if stream not in self._ends:

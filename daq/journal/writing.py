@@ -40,6 +40,7 @@ class Writer(JournalReader):
     def __init__(self, connection: sqlite3.Connection, path: Path, lock: WriterLock) -> None:
         super().__init__(connection, path)
         self._writer_lock = lock
+        self._within = False
 
     def settle(self) -> None:
         """Note who writes, and take a new epoch unless this is the journal that was last written here."""
@@ -58,9 +59,13 @@ class Writer(JournalReader):
 
     @contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
-        """All of it or nothing, on the disk at the end."""
+        """All of it or nothing, on the disk at the end; one within another of the same thread is a part of it."""
         with self._lock:
             connection = self._connection
+            if self._within:
+                yield connection
+                return
+            self._within = True
             try:
                 connection.execute("BEGIN IMMEDIATE")
                 yield connection
@@ -74,6 +79,8 @@ class Writer(JournalReader):
                 if isinstance(error, sqlite3.Error):
                     raise said(error, self.path) from error
                 raise
+            finally:
+                self._within = False
 
     def leave(self) -> None:
         """Close, and let others write."""

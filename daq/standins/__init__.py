@@ -14,6 +14,7 @@ REGISTRY: dict[str, tuple[str, str]] = {
     "robotiq-ft300": ("robotiq", "RobotiqStandIn"),
     "bota-sensone": ("bota", "BotaStandIn"),
     "optoforce": ("optoforce", "OptoForceStandIn"),
+    "gauge-volts": ("gauge_lines", "GaugeLinesStandIn"),
     "text-lines": ("text_lines", "TextLinesStandIn"),
 }
 

@@ -7,10 +7,13 @@ faults it has, is not its business.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from daq.errors import DriverError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -22,7 +25,8 @@ class StandIn(ABC):
     Attributes:
         name: the driver's.
         datagrams: whether it writes datagrams instead of a stream of bytes.
-        settings: given to the driver that is to understand it.
+        settings: given to the driver that is to understand it, as long as it is set up no further.
+        driver_settings: given to the driver that is to understand it as it is set up now.
         streaming: whether it has been told to stream, or always does.
         per_datagram: records in each datagram, where it writes datagrams.
     """
@@ -34,6 +38,16 @@ class StandIn(ABC):
     def __init__(self) -> None:
         self.streaming = False
         self.per_datagram = 1
+        self.driver_settings: dict[str, float | int | str] = dict(self.settings)
+
+    def set_up(self, given: Mapping[str, Any]) -> None:
+        """Set what can be set of the device; of most, nothing can.
+
+        Raises:
+            DriverError: there is no such setting.
+        """
+        if given:
+            raise DriverError(f"the stand-in for {self.name} has no setting {next(iter(given))}", "none")
 
     @abstractmethod
     def hear(self, data: bytes) -> bytes:

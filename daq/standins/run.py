@@ -10,6 +10,7 @@ import numpy as np
 from daq.readings import ReadingBlock
 from daq.standins.base import Floats, Integers, StandIn
 from daq.standins.faults import Faults, FaultyWire
+from daq.standins.noise import Disturbance, Disturber
 from daq.standins.wires import Wire
 
 # So often the stand-in looks what it heard and writes what is due [s].
@@ -33,6 +34,7 @@ class Player:
         blocks: Iterable[ReadingBlock],
         faults: Faults | None = None,
         *,
+        disturbance: Disturbance | None = None,
         seed: int = 0,
         full_scale: float = 1e4,
         rate_hz: float | None = None,
@@ -45,7 +47,8 @@ class Player:
             wire: its cable.
             blocks: readings in order of time.
             faults: that it has; none by default.
-            seed: of the faults.
+            disturbance: of the readings; none by default.
+            seed: of faults and noise.
             full_scale: what a saturated axis is driven to, before the device cuts it [N].
             rate_hz: of the device; by default that of the readings.
             clock: monotonic seconds.
@@ -54,7 +57,8 @@ class Player:
         self.passed_s = 0.0
         self._device, self._wire, self._faults = device, wire, faults or Faults()
         self._carrier = FaultyWire(self._faults, seed)
-        self._portions = _portions(blocks, self._faults, full_scale, rate_hz)
+        disturber = None if disturbance is None else Disturber(disturbance, seed)
+        self._portions = _portions(blocks, self._faults, full_scale, rate_hz, disturber)
         self._portion = next(self._portions, None)
         self._clock, self._began = clock, clock()
         self._last_s = self._sent_s = 0.0
@@ -117,7 +121,11 @@ def _joined(records: list[bytes], count: int) -> list[bytes]:
 
 
 def _portions(
-    blocks: Iterable[ReadingBlock], faults: Faults, full_scale: float, rate_hz: float | None
+    blocks: Iterable[ReadingBlock],
+    faults: Faults,
+    full_scale: float,
+    rate_hz: float | None,
+    disturber: Disturber | None,
 ) -> Iterator[tuple[Floats, Floats, Integers]]:
     """Times since the start (n,), wrenches (n, 6) and counts (n,) of readings."""
     count, first_s = faults.first_count, None
@@ -125,7 +133,7 @@ def _portions(
         first_s = float(block.t_s[0]) if first_s is None else first_s
         for a in range(0, len(block), PORTION):
             t_s = block.t_s[a : a + PORTION] - first_s
-            wrench = block.wrench[a : a + PORTION].copy()
+            wrench = block.wrench[a : a + PORTION] + (0.0 if disturber is None else disturber.added(t_s))
             if faults.saturated_every_s:
                 wrench[t_s % faults.saturated_every_s > faults.saturated_every_s - 1.0, 2] = full_scale
             yield t_s, wrench, (count + np.arange(len(t_s))).astype(np.int64)

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from daq.errors import JournalError
-from daq.journal.writer import Event, Journal, Stream
+from daq.journal.writer import Event, Journal, Pending, Stream
 from daq.uplink.link import Link, answered, said
 from daq.uplink.parts import Sending
 from daq.uplink.wire import COUNT, EPOCH, SHA256, Cursor, Range, stream_path, without
@@ -21,6 +22,9 @@ from daq.uplink.wire import COUNT, EPOCH, SHA256, Cursor, Range, stream_path, wi
 if TYPE_CHECKING:
     import httpx
 
+# So many chunks are read from the journal at once, and noted as sent in one transaction: each transaction is a wait for
+# the disk, also for whoever appends.
+TOGETHER = 16
 # What is wrong with a stream's description itself, and not with its sender.
 _BAD_STREAM = (400, 409, 413, 422)
 
@@ -48,6 +52,9 @@ class ChunkFeed:
         """Start with nothing known of the service, as after a restart."""
         self._epoch = epoch
         self._sending: Sending | None = None
+        # What is to be sent next, and what the service holds though the journal does not say so yet.
+        self._queue: deque[Pending] = deque()
+        self._unnoted: list[tuple[str, int]] = []
         self._known: dict[str, Stream] = {s.id: s for s in self._journal.streams()} if epoch else {}
         self._to_describe = list(self._known)
         self._to_ask: list[str] = []
@@ -57,10 +64,7 @@ class ChunkFeed:
         self._lacking: dict[str, list[Range]] = {}
         self._without: dict[str, list[Range]] = {}
         self._told: dict[str, int] = {}
-        self._aside: set[tuple[str | None, int]] = set()
-        with suppress(JournalError):  # a damaged event: at worst a chunk is refused and set aside once more
-            events = self._journal.events() if epoch else []
-            self._aside |= {(e.stream, e.value["first_seq"]) for e in events if e.kind == "quarantined"}
+        self._aside: set[tuple[str, int]] = self._journal.set_aside() if epoch else set()
 
     def recheck(self) -> None:
         """Ask again what the service has."""
@@ -149,17 +153,33 @@ class ChunkFeed:
         if stream not in self._to_ask:
             self._to_ask.append(stream)
 
+    def note(self) -> None:
+        """Note in the journal what the service holds by now.
+
+        Raises:
+            JournalError: it cannot be noted, as on a full disk; it is kept in mind.
+        """
+        if self._unnoted:
+            with self._journal.transaction():
+                for key in self._unnoted:
+                    self._journal.acknowledged(*key)
+            self._unnoted = []
+
     def _load(self) -> bool:
         """Find a chunk to send; return whether anything was done."""
-        waiting = self._journal.pending(1)
-        if not waiting:
+        if not self._queue:
+            self.note()
+            self._queue.extend(self._journal.pending(TOGETHER))
+        if not self._queue:
             return self._load_lacking()
-        chunk = waiting[0]
+        chunk = self._queue[0]
         key = (chunk.stream, chunk.first_seq)
         if chunk.stream not in self._known:
             self._known |= {s.id: s for s in self._journal.streams()}
             self._to_describe.append(chunk.stream)
-        elif chunk.stream in self._barred:
+            return True
+        self._queue.popleft()
+        if chunk.stream in self._barred:
             self._set_aside(*key, chunk.n, self._barred[chunk.stream])
         elif hashlib.sha256(chunk.payload).hexdigest() != chunk.sha256:
             self._set_aside(*key, chunk.n, "damaged in the journal: its SHA-256 does not hold")
@@ -227,17 +247,20 @@ class ChunkFeed:
         self._works()
         sending.parts.pop(0)
         if not sending.parts:
-            self._acknowledged(sending)
             self._doubt(sending.stream, cursor)
+            self._acknowledged(sending)
 
     def _acknowledged(self, sending: Sending) -> None:
         stream, first = sending.stream, sending.first_seq
-        self._journal.acknowledged(stream, first)
+        if not sending.resent:  # else it was noted when it was sent before
+            self._unnoted.append((stream, first))
         self.sent += 1
         self._sending = None
         self._lacking[stream] = without(self._lacking.get(stream, []), [(first, _end(first, sending.count))])
         if sending.resent:
             self._ask_about(stream)
+        if not self._queue:
+            self.note()
 
     def _doubt(self, stream: str, cursor: Cursor) -> None:
         """Ask what the service has where it has less than it said before."""
@@ -262,9 +285,15 @@ class ChunkFeed:
             self._acknowledged(sending)
 
     def _tell_refusal(self, sending: Sending) -> None:
-        """A service that refuses a chunk but answers otherwise means the chunk; else it means the sender."""
+        """A service that refuses a chunk but answers otherwise means the chunk; else it means the sender.
+
+        The first time it may also mean what became of the chunk on the way, so it is sent once more.
+        """
         reason, sending.refusal = sending.refusal or "", None
-        if self._cursor(sending.stream) is not None:
+        if self._cursor(sending.stream) is None:
+            return
+        sending.refused += 1
+        if sending.refused > 1:
             self._set_aside(sending.stream, sending.first_seq, sending.count, reason)
             self._sending = None
 

@@ -13,7 +13,7 @@ from daq.journal.writer import Event, Journal
 from daq.uplink.link import Link, answered, said
 from daq.uplink.wire import EPOCH, SHA256, Cursor, events_path
 
-# Events are read all at once: not more often than this.
+# New events are looked for not more often than this.
 READ_S = 0.5
 # What the service does not take now it may take after an update.
 AGAIN_S = 60.0
@@ -38,6 +38,7 @@ class EventFeed:
         self._journal, self._link, self._session, self._clock = journal, link, session, clock
         self.problem: str | None = None
         self._refused: set[int] = set()
+        self._doubted: set[int] = set()
         self._epoch = ""
         self.begin("")
 
@@ -45,6 +46,7 @@ class EventFeed:
         """Ask anew what the service has."""
         if epoch != self._epoch:
             self._refused.clear()
+            self._doubted.clear()
         self._epoch = epoch
         self._asked = False
         self._queue: deque[tuple[int, Event]] = deque()
@@ -105,14 +107,16 @@ class EventFeed:
         rows = self._journal.rows()
         if rows == self._rows:
             return
+        first = min([self._next, *self._missing])
         try:
-            events = self._journal.events()
+            events = self._journal.events_from(first)
         except JournalError as error:
             self._pause(str(error))
             return
-        numbers = [*self._missing, *range(self._next, len(events))]
-        self._queue.extend((n, events[n]) for n in numbers if n < len(events) and n not in self._refused)
-        self._missing, self._next, self._rows = [], max(self._next, len(events)), rows
+        end = first + len(events)
+        numbers = [*self._missing, *range(self._next, end)]
+        self._queue.extend((n, events[n - first]) for n in numbers if n < end and n not in self._refused)
+        self._missing, self._next, self._rows = [], max(self._next, end), rows
 
     def _send(self, number: int, event: Event) -> None:
         body = encoded(event)
@@ -125,9 +129,12 @@ class EventFeed:
         if response is None:
             return
         if not response.is_success:
-            if response.status_code in _BAD:
+            if response.status_code in _BAD and number in self._doubted:
                 self._refused.add(number)
                 self._queue.popleft()
+            elif response.status_code in _BAD:
+                # Once more: a bit may have been flipped on the way.
+                self._doubted.add(number)
             else:
                 self._pause(said(response))
             return

@@ -1,7 +1,8 @@
 """The live path: what a load cell says now, on a screen elsewhere within 60 ms. Nothing of it is kept or sent again.
 
-Readings become envelopes (least, most and latest of some hundredths of a second), so that no peak is hidden. Where the
-service is slow, old envelopes are dropped and counted; the journal and its uplink see to it that nothing is lost.
+Readings become envelopes (least, most, mean and latest of some hundredths of a second), so that no peak is hidden, and
+what hangs can be estimated. Where the service is slow, old envelopes are dropped and counted; the journal and its
+uplink see to it that nothing is lost.
 """
 
 from __future__ import annotations
@@ -45,13 +46,17 @@ class _Window:
     latest: Floats
     least: Floats
     most: Floats
+    # Of the components that are numbers, and how many are.
+    total: Floats
+    numbers: Floats
     overload: bool
 
     def message(self) -> dict[str, Any]:
+        mean = np.divide(self.total, self.numbers, out=np.full(6, np.nan), where=self.numbers > 0.0)
         return {
             "stream": self.stream, "from_s": self.from_s, "to_s": self.to_s, "count": self.count,
             "latest": _numbers(self.latest), "least": _numbers(self.least), "most": _numbers(self.most),
-            "overload": self.overload,
+            "mean": _numbers(mean), "overload": self.overload,
         }  # fmt: skip
 
 
@@ -115,9 +120,10 @@ class LiveTail:
         now = self._clock()
         # One component that is no number hides no other reading of it.
         least, most = np.fmin.reduce(wrench, axis=0), np.fmax.reduce(wrench, axis=0)
-        new = _Window(
-            stream, now, float(t_s[0]), float(t_s[-1]), len(t_s), wrench[-1].copy(), least, most, bool(overload.any())
-        )
+        known = np.isfinite(wrench)
+        total, numbers = np.where(known, wrench, 0.0).sum(axis=0), known.sum(axis=0, dtype=float)
+        times = (float(t_s[0]), float(t_s[-1]), len(t_s))
+        new = _Window(stream, now, *times, wrench[-1].copy(), least, most, total, numbers, bool(overload.any()))
         with self._some:
             open_one = self._open.get(stream)
             if open_one is not None and now - open_one.since_s >= self._window_s:
@@ -198,6 +204,7 @@ def _merge(window: _Window, new: _Window) -> None:
     window.to_s, window.latest = new.to_s, new.latest
     window.count += new.count
     window.least, window.most = np.fmin(window.least, new.least), np.fmax(window.most, new.most)
+    window.total, window.numbers = window.total + new.total, window.numbers + new.numbers
     window.overload |= new.overload
 
 

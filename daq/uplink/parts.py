@@ -26,6 +26,7 @@ class Sending:
         parts: samples of it, from 0, that are still to be sent.
         resent: whether the service once had it.
         refusal: what the service said against it, until it is clear that the chunk is meant.
+        refused: how often it was meant; a bit that was flipped on the way must not set it aside.
     """
 
     stream: str
@@ -36,6 +37,7 @@ class Sending:
     parts: list[Range]
     resent: bool
     refusal: str | None = None
+    refused: int = 0
 
     def message(self, begin: int, end: int) -> tuple[bytes, str]:
         """A part as it is sent, and its SHA-256."""

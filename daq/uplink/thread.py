@@ -5,18 +5,21 @@ Acquisition never waits for any of this: it ends where the journal has a chunk, 
 
 from __future__ import annotations
 
+import json
 import random
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from daq.errors import JournalError
-from daq.journal.writer import Journal
+from daq.journal.writer import Event, Journal
 from daq.uplink.chunks import ChunkFeed
 from daq.uplink.events import EventFeed
-from daq.uplink.link import Link, open_client
+from daq.uplink.link import Link, open_client, said
+from daq.uplink.wire import API
 
 if TYPE_CHECKING:
     import httpx
@@ -56,6 +59,8 @@ class Uplink:
         session: that all streams of the journal belong to.
         token: for the service, where it wants one.
         client: to be used instead of one of its own.
+        begins: whether the session is begun at the service, where it is not there yet.
+        document: of the session that is begun; None where the journal's events are its record.
         clock: monotonic seconds.
         wall: wall-clock seconds, for dates in the service's answers only.
         chance: of 0 to 1.
@@ -72,12 +77,16 @@ class Uplink:
         *,
         token: str | None = None,
         client: httpx.Client | None = None,
+        begins: bool = False,
+        document: Mapping[str, Any] | None = None,
         clock: Callable[[], float] = time.monotonic,
         wall: Callable[[], float] = time.time,
         chance: Callable[[], float] = random.random,
     ) -> None:
         self._journal, self._clock = journal, clock
         self._link = Link(client or open_client(url, token), clock, wall, chance)
+        self._session, self._document = session, document
+        self._begins, self._begun = begins, False
         self._chunks = ChunkFeed(journal, self._link, session)
         self._events = EventFeed(journal, self._link, session, clock)
         self._epoch = ""
@@ -127,6 +136,8 @@ class Uplink:
             self._steps += 1
         try:
             busy = self._exchange()
+            if self._trouble is not None and self._link.problem == self._trouble:
+                self._link.works()  # it was the journal's, and is over
             self._trouble = None
         except JournalError as error:
             # A full disk, say: the service may have the chunk already, and will be asked again.
@@ -152,6 +163,8 @@ class Uplink:
                 self._woken.clear()
                 # Being woken does not make a service ready that asked to be left alone.
                 self._halt.wait(self._link.wait_s())
+        with suppress(JournalError):  # else it is sent again another time
+            self._chunks.note()
 
     def _exchange(self) -> bool:
         """Do what is due next; return whether anything was."""
@@ -160,6 +173,9 @@ class Uplink:
             self._chunks.begin(epoch)
             self._events.begin(epoch)
             self._epoch, self._checked_s = epoch, self._clock()
+        if self._begins and not self._begun:
+            self._begin_session()
+            return True
         # In turns: neither may keep the other waiting.
         turns = (self._chunks.step, self._events.step)
         if self._chunks.greet() or any(turn() for turn in turns[:: 1 if self._steps % 2 else -1]):
@@ -170,3 +186,16 @@ class Uplink:
         self._chunks.recheck()
         self._events.recheck()
         return True
+
+    def _begin_session(self) -> None:
+        """Begin the session where it is not there; whatever else is said of it, chunks and events go on to it."""
+        body = json.dumps({"id": self._session, "document": self._document}, allow_nan=False).encode()
+        response = self._link.exchange("POST", f"{API}/sessions", body, {"Content-Type": "application/json"})
+        if response is None:
+            return
+        if response.status_code in (401, 403):
+            self._link.back_off(said(response))
+            return
+        self._begun = True
+        if response.status_code == 422:
+            self._journal.event(Event("session_refused", 0.0, {"why": said(response)}))

@@ -35,7 +35,8 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "verdict": verdict.kind,
         "effects": list(verdict.effects),
         "candidates": list(verdict.names),
-        "probability": verdict.probability,
+        # A sum over many explanations may come out above 1 by its rounding.
+        "probability": min(verdict.probability, 1.0),
         "confirmed": None,
         "sentence": sentence(d),
         "reasons": [*verdict.reasons, *(f"Short of more: {s}." for s in verdict.short)],
@@ -46,7 +47,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             "sagittal_alone": robust.sagittal_alone,
         },
         "ranking": ranking(d),
-        "inclusion": {name: p for name, p in inclusion(evidence).items() if p >= 1e-4},
+        "inclusion": {name: min(p, 1.0) for name, p in inclusion(evidence).items() if p >= 1e-4},
         "where": where(d.problem, nothing.fitted.theta),
         "hints": [h.as_dict() for h in d.hints],
         "before": before.summary(),

@@ -12,9 +12,13 @@ import httpx
 import pytest
 
 from tests.contracts.ingest import DESCRIPTION, EPOCH_1, EPOCH_2, Put, Receiver, SmallReceiver, made
+from tests.server.service.running import ServiceReceiver
 
 # A service joins by its name and a function from a folder to a receiver that keeps its data there.
-RECEIVERS: dict[str, Callable[[Path], Receiver]] = {"small": lambda folder: SmallReceiver(folder / "service.db")}
+RECEIVERS: dict[str, Callable[[Path], Receiver]] = {
+    "small": lambda folder: SmallReceiver(folder / "service.db"),
+    "service": ServiceReceiver,
+}
 
 
 @pytest.fixture(params=RECEIVERS)

@@ -10,9 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.bench.commands import perform_line
+from daq.bench.forces import Predict
 from daq.bench.record import BenchSetup
+from daq.bench.resume import broken_off
 from daq.bench.run import BenchRun
 from daq.blocks import Chunk
+from daq.journal.reader import JournalReader
 from daq.journal.rows import Event
 from daq.journal.writer import Journal
 from daq.protocols import Protocol
@@ -111,10 +114,12 @@ def whole() -> list[Line]:
 class Bench:
     """Plays a script, and keeps what the run said."""
 
-    def __init__(self, run: BenchRun, journal: Journal | None = None, stream: str = "") -> None:
+    def __init__(
+        self, run: BenchRun, journal: Journal | None = None, stream: str = "", now_s: float = 0.0, first: int = 0
+    ) -> None:
         self.run, self.journal, self.stream = run, journal, stream
         self.said: list[Event] = []
-        self._now_s, self._first, self._rests = 0.0, 0, REST
+        self._now_s, self._first, self._rests = now_s, first, REST
         self._keep(run.start())
 
     def play(self, script: Sequence[Line], cell: SimulatedCell = QUIET, seed: int = 1) -> Bench:
@@ -171,3 +176,16 @@ def journalled(folder: Path, run_setup: BenchSetup | None = None) -> Bench:
     journal = Journal.create(folder / "bench.ftj", "bench 1", reserve_bytes=0)
     stream = journal.add_stream("simulated", {}, {"serial": "FT1"}, "device")
     return Bench(BenchRun(run_setup or setup(), predicted, stream), journal, stream)
+
+
+def gone_on(folder: Path, away_s: float, predict: Predict = predicted) -> Bench:
+    """The bench of a folder's journal, which nobody writes any more, so much later by the wall clock."""
+    path = folder / "bench.ftj"
+    with JournalReader.open(path) as kept:
+        before = broken_off(kept)
+        assert before is not None
+        run = BenchRun(before.record.setup, predict, before.stream.id)
+        # These chunks were closed at 0 by the wall clock.
+        from_s = before.from_s(lambda: away_s)
+        run.resume(before.events, before.plateaus(kept), before.last_s, from_s)
+    return Bench(run, Journal.open(path, reserve_bytes=0), before.stream.id, from_s, before.next_seq)

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -128,6 +130,61 @@ def test_repeats_are_averaged_and_loading_is_kept_from_unloading() -> None:
     assert result.cases[1].factor == pytest.approx(0.8)
 
 
+def both_ways(loading: float, unloading: float, tapped: float | None = None, **changes: Any) -> MeasuredSession:
+    """A session with a pair on loading, one on unloading and, where asked for, one after tapping."""
+    down = pair(loading, **changes).session
+    more = [("u", unloading, None), ("p", tapped, "tapped, unloaded from 1.2 times the weights")]
+    cases = list(down.cases)
+    for name, factor, note in more:
+        if factor is not None:
+            told = {"direction": "unloading", "note": note}
+            cases += [c.model_copy(update={"id": c.id + name, **told}) for c in pair(factor, **changes).session.cases]
+    return measure(down.model_copy(update={"cases": tuple(cases)}))
+
+
+@given(st.floats(0.3, 1.4), st.floats(0.3, 1.4), st.floats(0.3, 1.4))
+def test_loading_unloading_and_tapping_are_reported_apart(loading: float, unloading: float, tapped: float) -> None:
+    result = friction([both_ways(loading, unloading, tapped)])
+    assert [(d.name, d.n) for d in result.directions] == [("loading", 1), ("unloading", 1), ("tapped", 1)]
+    assert [d.factor for d in result.directions] == pytest.approx([loading, unloading, tapped])
+    (band,) = result.bands
+    assert (band.loading, band.unloading, band.tapped) == pytest.approx((loading, unloading, tapped))
+    assert band.mean == pytest.approx(0.5 * (loading + unloading))
+    assert band.half_difference == pytest.approx(0.5 * (unloading - loading), abs=1e-9)
+    assert result.band is not None
+    assert (result.band.n, result.band.half_difference) == (1, band.half_difference)
+    # Friction may hold more than hangs where the weights were let down to it, and never else.
+    flagged = {c.direction for c in result.cases if c.above_one}
+    assert flagged == {d for d, c in (("loading", loading), ("tapped", tapped)) if c > 1.0}
+    assert "1 loading, 1 unloading, 1 tapped" in result.notes[-1]
+
+
+def test_sessions_that_only_know_loading_have_no_band() -> None:
+    result = friction([pair(0.8)])
+    assert (result.directions, result.bands, result.band) == ((), (), None)
+    assert not [n for n in result.notes if "direction" in n]
+    unloading = friction([pair(0.9, direction="unloading")])
+    assert [d.name for d in unloading.directions] == ["unloading"]
+    assert unloading.band is None
+
+
+def test_a_band_is_as_uncertain_as_its_readings_and_clustered_by_specimen() -> None:
+    (band,) = friction([both_ways(0.8, 0.9, force_sd_N=0.1)]).bands
+    one = 0.1 * np.sqrt(2) / (0.6 * 9.81)
+    assert band.half_difference_sd == pytest.approx(one / np.sqrt(2))
+    assert friction([both_ways(0.8, 0.9)]).bands[0].half_difference_sd is None
+    sessions = []
+    for k, (loading, unloading) in enumerate([(0.80, 0.84), (0.80, 0.86), (0.82, 0.90)]):
+        measured = both_ways(loading, unloading)
+        specimen = measured.session.specimen.model_copy(update={"id": f"P{k}"})
+        sessions.append(replace(measured, session=measured.session.model_copy(update={"specimen": specimen})))
+    mean = friction(sessions).band
+    assert mean is not None
+    assert (mean.n, mean.specimens, mean.freedom) == (3, 3, 2)
+    assert mean.half_difference == pytest.approx(0.03)
+    assert mean.sem == pytest.approx(np.std([0.02, 0.03, 0.04], ddof=1) / np.sqrt(3))
+
+
 def test_nothing_to_pair() -> None:
     session = pair(0.8).session
     alone = measure(session.model_copy(update={"cases": session.cases[:1]}))
@@ -137,6 +194,8 @@ def test_nothing_to_pair() -> None:
         friction([])
     bone = measure(session.model_copy(update={"cases": session.cases[1:]}))
     assert friction([pair(0.8), bone]).unpaired == ("S1: minor_flexion, FDP 300 g, FDS 300 g: no tip case",)
+    back = measure(both_ways(0.8, 0.9).session.model_copy(update={"cases": both_ways(0.8, 0.9).session.cases[3:]}))
+    assert friction([pair(0.8), back]).unpaired == ("S1: minor_flexion, FDP 300 g, FDS 300 g, unloading: no tip case",)
 
 
 def test_one_specimen_says_that_it_is_alone() -> None:

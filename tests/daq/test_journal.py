@@ -152,6 +152,51 @@ def test_outbox_goes_from_pending_to_sent_or_quarantined(path: Path) -> None:
     assert firsts(path, stream) == [0, 50, 100, 150]
 
 
+def test_what_was_set_aside_goes_into_the_outbox_again_in_its_place(path: Path) -> None:
+    with Journal.create(path, "bench 1", 0) as journal:
+        stream = fill(journal, 5)
+        journal.acknowledged(stream, 0)
+        for first in (50, 150):
+            journal.quarantined(stream, first, "made up")
+        assert journal.set_aside() == {(stream, 50), (stream, 150)}
+        assert journal.requeue() == 2
+        assert [p.first_seq for p in journal.pending()] == [50, 100, 150, 200]
+        assert [e.value for e in journal.events() if e.kind == "requeued"] == [{"chunks": 2}]
+        # Where there is nothing, nothing is said.
+        assert journal.requeue() == 0
+        assert [e.kind for e in journal.events()].count("requeued") == 1
+    assert check(path).faults == ()
+
+
+def test_events_from_a_number_on_are_the_last_of_all(path: Path) -> None:
+    with Journal.create(path, "bench 1", 0) as journal:
+        fill(journal, 4)
+        journal.event(Event("note"))
+        assert [journal.events_from(n) for n in range(7)] == [journal.events()[n:] for n in range(7)]
+
+
+def test_a_transaction_within_another_is_a_part_of_it(path: Path) -> None:
+    with Journal.create(path, "bench 1", 0) as journal:
+        stream = fill(journal, 3)
+
+        def acknowledge(*firsts: int) -> None:
+            with journal.transaction():
+                for first in firsts:
+                    journal.acknowledged(stream, first)
+
+        with pytest.raises(JournalError, match="no chunk at sample 7"):
+            acknowledge(0, 7)
+        assert len(journal.pending()) == 3
+        with journal.transaction():
+            acknowledge(0)
+            journal.event(Event("note"))
+            with JournalReader.open(path) as reader:
+                assert len(reader.events()) == 3
+        with JournalReader.open(path) as reader:
+            assert len(reader.events()) == 4
+        assert len(journal.pending()) == 2
+
+
 def test_a_second_writer_is_refused_and_readers_are_not(path: Path) -> None:
     with Journal.create(path, "bench 1", 0) as journal:
         stream = fill(journal, 1)

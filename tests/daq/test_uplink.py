@@ -273,14 +273,15 @@ def test_an_envelope_hides_no_peak_and_ends_in_the_latest() -> None:
     assert [w.message() for w in windows] == [
         {
             "stream": "s", "from_s": 1.0, "to_s": 3.5, "count": 7, "latest": [3.5] * 6, "least": [-4.0] * 6,
-            "most": [9.0] * 6, "overload": True,
+            "most": [9.0] * 6, "mean": [14.5 / 6.0] * 6, "overload": True,
         }
     ]  # fmt: skip
     assert tail.post(windows)
     assert bodies[0][0] == b"/api/v1/sessions/S%201/live"
     offer(tail, np.nan)
     now[0] = 0.04
-    assert tail.take()[0].message()["latest"] == [None] * 6
+    nothing = tail.take()[0].message()
+    assert nothing["latest"] == nothing["mean"] == [None] * 6
     tail.stop()
 
 

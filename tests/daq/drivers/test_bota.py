@@ -21,7 +21,7 @@ def frames(n: int, first_s: float = 0.0, status: int = 0, value: float = 1.5) ->
 
 
 def test_golden_bytes() -> None:
-    got = Bota().decoder().feed(GOLDEN * 2)
+    got = Bota().decoder().feed(GOLDEN * 3)
     assert len(got) == 2
     assert got.wrench[0] == pytest.approx([1.0, -2.0, 3.5, 10.0, -20.0, 30.0], abs=1e-6)
     assert got.device_s is not None
@@ -37,13 +37,13 @@ def test_the_stand_in_writes_the_golden_bytes() -> None:
 
 def test_the_clock_goes_on_where_its_32_bits_wrap() -> None:
     wraps_s = 2**32 * 1e-6
-    got = Bota().decoder().feed(b"".join(frames(4, wraps_s - 0.002)))
+    got = Bota().decoder().feed(b"".join(frames(5, wraps_s - 0.002)))
     assert got.device_s == pytest.approx(wraps_s + np.array([-0.002, -0.001, 0.0, 0.001]), abs=1e-6)
 
 
 def test_status_is_kept_and_beyond_range_is_overload() -> None:
     decoder = Bota().decoder()
-    got = decoder.feed(b"".join(frames(2, 0.0, 0x2) + frames(2, 0.1, 0x4)))
+    got = decoder.feed(b"".join(frames(2, 0.0, 0x2) + frames(3, 0.1, 0x4)))
     assert got.status.tolist() == [2, 2, 4, 4]
     assert got.overload.tolist() == [True, True, False, False]
 
@@ -51,18 +51,36 @@ def test_status_is_kept_and_beyond_range_is_overload() -> None:
 @pytest.mark.parametrize("bad", [{"status": 0x8}, {"value": np.nan}, {"value": np.inf}])
 def test_gauges_and_what_is_no_number_are_refused(bad: dict[str, float]) -> None:
     status, value = int(bad.get("status", 0)), bad.get("value", 1.5)
-    got = Bota().decoder().feed(b"".join(frames(2) + frames(1, 0.1, status, value) + frames(2, 0.2)))
+    got = Bota().decoder().feed(b"".join(frames(2) + frames(1, 0.1, status, value) + frames(3, 0.2)))
     assert len(got) == 4
     assert got.rejected == 1
 
 
-def test_a_flipped_bit_costs_its_frame_alone() -> None:
-    sent = frames(7)
+# In its payload, and in its header: then the frame before it has none right behind, but one further.
+@pytest.mark.parametrize("at", [9, 0])
+def test_a_flipped_bit_costs_its_frame_alone(at: int) -> None:
+    sent = frames(8)
     damaged = bytearray(sent[3])
-    damaged[9] ^= 0x40
+    damaged[at] ^= 0x40
     got = Bota().decoder().feed(b"".join([*sent[:3], bytes(damaged), *sent[4:]]))
     assert got.device_s == pytest.approx([0.0, 0.001, 0.002, 0.004, 0.005, 0.006])
     assert got.rejected == 1
+
+
+# Bytes were doubled, and the 37 that stand where the next frame should have a CRC that holds by chance.
+CHANCE = bytes.fromhex("aa000014f7dc408800e23f352564c1bfe139bd0000cc4123a1aa000014f7dc408800e23f35")
+
+
+def test_parts_of_two_frames_are_no_reading_though_their_crc_holds() -> None:
+    sent = frames(12)
+    stream = b"".join([*sent[:5], CHANCE, sent[6][12:], *sent[7:]])
+    whole = Bota().decoder().feed(stream)
+    assert whole.device_s == pytest.approx([0.0, 0.001, 0.002, 0.003, 0.004, 0.007, 0.008, 0.009, 0.01])
+    decoder = Bota().decoder()
+    single = [decoder.feed(stream[i : i + 1]) for i in range(len(stream))]
+    assert (np.concatenate([s.wrench for s in single]) == whole.wrench).all()
+    # Where a header follows, it is a reading like any other.
+    assert len(Bota().decoder().feed(b"".join([*sent[:5], CHANCE, *sent[5:]]))) == 12
 
 
 def test_conversation() -> None:

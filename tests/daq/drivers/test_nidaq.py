@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daq.acquire import Acquisition, StreamEvent
+from daq.blocks import Chunk
 from daq.drivers.nidaq import LENGTH, MARK, START, STOP, NiDaq, frames
 from daq.errors import DriverError, LinkLostError
 from tests.daq.cal_files import nano17
@@ -26,17 +28,20 @@ class FakeError(Exception):
 
 @dataclass
 class FakeBoard:
-    """What the fake package does, and what was asked of it."""
+    """What the fake package does, and what was asked of it; after a fault it refuses so many tasks."""
 
     portions: list[list[list[float]] | Exception] = field(default_factory=list)
     inputs: int = 6
     rate_hz: float = 1000.0
-    refuses: bool = False
+    refusals: int = 0
+    refusals_then: int = 0
+    refusal: str = "Device identifier is invalid.\n\nDevice Specified: Dev9"
     asked: list[Any] = field(default_factory=list)
 
     def task(self) -> Any:
-        if self.refuses:
-            raise FakeError("Device identifier is invalid.\n\nDevice Specified: Dev9")
+        if self.refusals:
+            self.refusals -= 1
+            raise FakeError(self.refusal)
         board = self
 
         class Stream:
@@ -44,9 +49,12 @@ class FakeBoard:
             def avail_samp_per_chan(self) -> int:
                 if not board.portions:
                     return 0
-                if isinstance(board.portions[0], Exception):
-                    raise board.portions[0]
-                return len(board.portions[0][0])
+                first = board.portions[0]
+                if isinstance(first, Exception):
+                    board.portions.pop(0)
+                    board.refusals = board.refusals_then
+                    raise first
+                return len(first[0])
 
         def read(count: int) -> list[list[float]]:
             portion = board.portions.pop(0)
@@ -154,11 +162,11 @@ def test_importing_the_driver_imports_no_package_of_ni() -> None:
 
 
 def test_what_the_board_refuses_is_one_line(cal: str, board: FakeBoard) -> None:
-    board.refuses = True
+    board.refusals = 1
     with pytest.raises(DriverError, match="Dev1/ai0:5") as fault:
         cell(cal).own_transport().write(START)
     assert "\n" not in str(fault.value)
-    board.refuses, board.inputs = False, 1
+    board.inputs = 1
     with pytest.raises(DriverError, match="is 1 inputs"):
         cell(cal).own_transport().write(START)
     board.inputs, board.rate_hz = 6, 800.0
@@ -175,6 +183,66 @@ def test_a_board_that_overran_or_went_is_a_lost_link(cal: str, board: FakeBoard)
     driver.start(link)
     with pytest.raises(LinkLostError, match="no longer available"):
         link.read(0.1)
+
+
+GONE = FakeError("Device cannot be accessed. Possible causes:\n- Device is no longer present.\nStatus Code: -201003")
+OVERRAN = FakeError("The application is not able to keep up.\nStatus Code: -50352")
+OVERWRITTEN = FakeError("Attempted to read samples that are no longer available.\nStatus Code: -200279")
+
+
+@pytest.mark.parametrize("fault", [GONE, OVERRAN, OVERWRITTEN])
+def test_a_log_goes_on_after_a_lost_board_and_says_what_happened(
+    cal: str, board: FakeBoard, monkeypatch: pytest.MonkeyPatch, fault: FakeError
+) -> None:
+    monkeypatch.setattr("daq.acquire.BACK_OFF_S", (0.01,))
+    portion = np.repeat(VOLTS[:1], 50, axis=0).T.tolist()
+    # While it is away NI does not know it; then it is there again, with a task that counts from the start.
+    board.portions, board.refusals_then = [portion, portion, fault, portion, portion], 2
+    driver = cell(cal)
+    chunks: list[Chunk] = []
+    events: list[StreamEvent] = []
+    run = Acquisition(driver, driver.own_transport)
+    run.start()
+    for record in run.records():
+        events += record.events
+        chunks += [] if record.chunk is None else [record.chunk]
+        kinds = [e.kind for e in events]
+        if "reconnected" in kinds and not board.portions:
+            run.stop()
+    assert [k for k in kinds if k != "stale"] == ["started", "disconnected", "reconnected", "ended"]
+    why, back = (next(e.value for e in events if e.kind == k) for k in ("disconnected", "reconnected"))
+    assert str(fault).split("Status Code: ")[1] in why["why"]
+    assert "\n" not in why["why"]
+    assert back["tries"] == 3
+    # What was read before the fault is kept, and what came after it; the first portion of a task only starts it.
+    assert sum(len(c) for c in chunks) == 100
+    wrench = np.concatenate([c.wrench for c in chunks])
+    assert wrench == pytest.approx(np.tile(WRENCH, (100, 1)))
+    # Each task that was made was closed.
+    assert board.asked.count("started") == 2
+    assert board.asked.count("closed") == 2
+
+
+def test_without_the_driver_of_ni_its_package_says_so_in_one_line(cal: str, board: FakeBoard) -> None:
+    board.refusals, board.refusal = 1, "Could not find an installation of NI-DAQmx.\nPlease ensure that it is there."
+    with pytest.raises(DriverError, match=r"Could not find an installation.*is the driver installed") as fault:
+        cell(cal).own_transport().write(START)
+    assert "\n" not in str(fault.value)
+
+
+def test_the_driver_starts_stops_and_starts_again(cal: str, board: FakeBoard) -> None:
+    driver = cell(cal)
+    link = driver.own_transport()
+    for _ in range(2):
+        board.portions = [VOLTS.T.tolist(), VOLTS.T.tolist()]
+        driver.start(link)
+        got = driver.decoder().feed(link.read(0.1))
+        # Counted from the start of each task.
+        assert got.sequence is not None
+        assert got.sequence.tolist() == [2, 3]
+        driver.stop(link)
+        assert link.read(0.0) == b""
+    assert [a for a in board.asked if isinstance(a, str)] == ["started", "closed"] * 2
 
 
 def test_a_board_without_a_clock_is_said(cal: str, board: FakeBoard, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from daq.drivers.robotiq import STOP, Robotiq
+from daq.drivers.robotiq import HEADER, STOP, Robotiq
 from daq.errors import DriverError
 from tests.daq.drivers.scripted import Scripted
 
@@ -15,10 +15,10 @@ STARTED = bytes.fromhex("0910019a00012152")
 
 def test_golden_bytes() -> None:
     decoder = Robotiq().decoder()
-    got = [decoder.feed(GOLDEN), decoder.feed(GOLDEN)]
-    # The first frame after switching on counts once the second follows it.
-    assert [len(s) for s in got] == [0, 2]
-    assert got[1].wrench[0] == pytest.approx([1.0, -2.5, 12.34, 10.0, -20.0, 3.0])
+    got = [decoder.feed(piece) for piece in (GOLDEN, GOLDEN[:15], GOLDEN[15:], GOLDEN[:1], GOLDEN[1:2])]
+    # The first frame after switching on counts once the second follows it; that one once the third begins.
+    assert [len(s) for s in got] == [0, 0, 1, 0, 1]
+    assert got[2].wrench[0] == pytest.approx([1.0, -2.5, 12.34, 10.0, -20.0, 3.0])
 
 
 def test_a_header_inside_the_payload_and_a_flipped_bit_cost_one_frame() -> None:
@@ -28,7 +28,7 @@ def test_a_header_inside_the_payload_and_a_flipped_bit_cost_one_frame() -> None:
     frame = with_crc(inside)
     damaged = bytearray(frame)
     damaged[7] ^= 0x10
-    stream = frame * 3 + bytes(damaged) + frame * 3
+    stream = frame * 3 + bytes(damaged) + frame * 3 + HEADER
     got = Robotiq().decoder().feed(stream)
     assert len(got) == 6
     assert got.rejected == 1
