@@ -11,11 +11,11 @@ import typer
 from typer.exceptions import TyperException
 
 from daq.errors import InputError
-from server import cli_bench
+from server import cli_bench, cli_service
 from server.cli_options import EffectFiles, Figures, Json, ModelOption, Session, app
 
 # Its commands are there once it is imported.
-__all__ = ["app", "cli_bench", "main"]
+__all__ = ["app", "cli_bench", "cli_service", "main"]
 
 
 @app.command()
@@ -178,7 +178,7 @@ def export(
 
 @app.command()
 def simulate(
-    protocol: Annotated[str, typer.Argument(help="Protocol file, or a shipped one: synek2019, levels.")],
+    protocol: Annotated[str, typer.Argument(help="Protocol file, or a shipped one: synek2019, levels, friction.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the new session.")],
     model: Annotated[
         str, typer.Option("--model", metavar="FILE", help="The finger of the rig: a revision, finger file or name.")

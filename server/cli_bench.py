@@ -21,17 +21,21 @@ def log(
         list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A setting of the driver; repeatable.")
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the log.")] = None,
+    copy_to: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="A checked copy of the journal goes there at the end.")
+    ] = None,
     seconds: Annotated[float | None, typer.Option(help="End after so long; by default on Ctrl-C.")] = None,
     cell: Annotated[str | None, typer.Option(help="Model of the load cell, such as 'ATI Nano17-E SI-25-0.25'.")] = None,
     serial: Annotated[str | None, typer.Option(help="Its serial number.")] = None,
     calibration: Annotated[str | None, typer.Option(help="Its calibration: certificate's number, or file.")] = None,
     protocol: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Follow a protocol: a shipped one (levels, synek2019), or a file."),
+        typer.Option(metavar="NAME", help="Follow a protocol: a shipped one (levels, friction, …), or a file."),
     ] = None,
     setup: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Specimen, finger, mounts and known weight (bench-setup/1).")
     ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with a bench session that broke off.")] = False,
     model: ModelOption = None,
     to: ServiceOption = None,
     session: Annotated[str | None, typer.Option(help="Its session there; by default the folder's name.")] = None,
@@ -46,7 +50,10 @@ def log(
     about = {"model": cell, "serial": serial, "calibration": calibration}
     given = {key: value for key, value in about.items() if value is not None}
     settings = tuple(setting or ())
-    log_cell(LogOptions(driver, port, baud, settings, out, seconds, given, protocol, setup, model, to, session), json)
+    options = LogOptions(
+        driver, port, baud, settings, out, seconds, given, protocol, setup, model, to, session, resume, copy_to
+    )
+    log_cell(options, json)
 
 
 @app.command()
@@ -73,9 +80,18 @@ def simulate_cell(
     wire: Annotated[Literal["pty", "tcp", "udp"] | None, typer.Option(help="By default what fits.")] = None,
     port: Annotated[int, typer.Option(help="Of TCP or UDP; 0 is any free one.")] = 0,
     link: Annotated[str | None, typer.Option(metavar="PATH", help="A name of its own for the pseudo-terminal.")] = None,
+    setting: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="Of gauge-volts: a setting of its driver; repeatable."),
+    ] = None,
     rate_hz: Annotated[float, typer.Option(help="Of a simulated rig [Hz].")] = 100.0,
     seconds: Annotated[float | None, typer.Option(help="End after so long.")] = None,
     seed: Annotated[int, typer.Option(help="Of noise and faults.")] = 0,
+    noise_N: Annotated[float, typer.Option("--noise-N", help="Noise on top: its sd in each force [N].")] = 0.0,
+    noise_Nmm: Annotated[float, typer.Option("--noise-Nmm", help="Its sd in each torque [N mm].")] = 0.0,
+    noise_correlation: Annotated[float, typer.Option(help="With the next reading's noise; 0 is white.")] = 0.0,
+    drift_N: Annotated[float, typer.Option("--drift-N-per-min", help="Of each force's zero [N/min].")] = 0.0,
+    drift_Nmm: Annotated[float, typer.Option("--drift-Nmm-per-min", help="Of each torque's [N mm/min].")] = 0.0,
     drop: Annotated[float, typer.Option("--drop-per-s", help="Bytes lost a second.")] = 0.0,
     flip: Annotated[float, typer.Option("--flip-per-s", help="Bits turned a second.")] = 0.0,
     lose: Annotated[float, typer.Option("--lose-per-s", help="Whole records lost a second.")] = 0.0,
@@ -105,11 +121,19 @@ def simulate_cell(
         "first_count": count_from,
         "saturated_every_s": saturate_every_s,
     }
-    run(Options(device, wire, port, link, play, rate_hz, seconds, seed), faults, json)
+    disturbed = {
+        "noise_N": noise_N,
+        "noise_Nmm": noise_Nmm,
+        "noise_correlation": noise_correlation,
+        "drift_N_per_min": drift_N,
+        "drift_Nmm_per_min": drift_Nmm,
+    }
+    run(Options(device, wire, port, link, play, rate_hz, seconds, seed, tuple(setting or ())), faults, disturbed, json)
 
 
 journal_app = typer.Typer(
-    help="The bench's log: check it, recover what is sound, export a stream.", no_args_is_help=True
+    help="The bench's log: check it, recover what is sound, export a stream, send again what was refused.",
+    no_args_is_help=True,
 )
 app.add_typer(journal_app, name="journal")
 JournalPath = Annotated[Path, typer.Argument(metavar="JOURNAL", help="The journal's file.")]
@@ -133,6 +157,14 @@ def journal_recover(
     from server.commands.journal import journal_recover as run
 
     run(journal, out, json)
+
+
+@journal_app.command("requeue")
+def journal_requeue(journal: JournalPath, json: Json = None) -> None:
+    """Send again what a service refused, once it was mended: back into the outbox with it."""
+    from server.commands.journal import journal_requeue as run
+
+    run(journal, json)
 
 
 @journal_app.command("export")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 History = Sequence[Mapping[str, Any]]
 
 # Sentences fill the cells of these tables; and the verdict is what the page is for.
-_STYLE = """
+STYLE = """
 #verdict > h2 { margin-top: 20px; }
 #verdict > p:first-of-type { font-size: 25px; line-height: 1.32; font-weight: 600; max-width: 34em;
   margin: 10px 0 14px; }
@@ -52,13 +52,13 @@ def draw_diagnosis(
     from server.figures.static import write_static
 
     figures: dict[str, go.Figure] = {}
-    sections = _sections(answer, history, figures)
+    sections = diagnosis_sections(answer, history, figures)
     model = str(answer.get("model") or "")
     text = report_html(sections, title(answer), f"Model: {model}" if model else "")
     folder.mkdir(parents=True, exist_ok=True)
     page = folder / "diagnose.html"
     with replacing(page) as temporary:
-        temporary.write_text(text.replace("</style>", f"{_STYLE}</style>", 1), encoding="utf-8")
+        temporary.write_text(text.replace("</style>", f"{STYLE}</style>", 1), encoding="utf-8")
     if static:
         write_static(folder, figures)
     return page
@@ -67,11 +67,13 @@ def draw_diagnosis(
 def diagnosis_figures(answer: dict[str, Any], history: list[dict[str, Any]] | None = None) -> dict[str, go.Figure]:
     """Draw every figure of a diagnosis that has something to show, by name."""
     figures: dict[str, go.Figure] = {}
-    _sections(answer, history, figures)
+    diagnosis_sections(answer, history, figures)
     return figures
 
 
-def _sections(answer: Mapping[str, Any], history: History | None, figures: dict[str, go.Figure]) -> list[Section]:
+def diagnosis_sections(
+    answer: Mapping[str, Any], history: History | None, figures: dict[str, go.Figure]
+) -> list[Section]:
     """Return the page's parts, and put its figures into `figures`."""
     from server.figures import diagnosis_tables as tables
     from server.figures import diagnosis_words as said

@@ -39,9 +39,6 @@ def draw_comparison(
     """
     from server.figures.comparison import comparison_report
 
-    measured = bench.measured
-    notes = [f"Friction factor c = {measured.tension_factor:g} ({measured.tension_factor_source})."]
-    notes += [*measured.notes, *bench.loaded.notes]
     files = comparison_report(
         folder,
         bench.model,
@@ -50,13 +47,20 @@ def draw_comparison(
         before,
         bench.loaded.name,
         _spread(bench, comparison),
-        session=measured.session.id,
+        session=bench.measured.session.id,
         theta=bench.theta if theta is None else theta,
         model_name=model_name or bench.loaded.name,
-        notes=notes,
+        notes=comparison_notes(bench),
         static=static,
     )
     return next(f for f in files if f.suffix == ".html")
+
+
+def comparison_notes(bench: Bench) -> list[str]:
+    """What the reader of a comparison should know of its corrections and its model."""
+    measured = bench.measured
+    factor = f"Friction factor c = {measured.tension_factor:g} ({measured.tension_factor_source})."
+    return [factor, *measured.notes, *bench.loaded.notes]
 
 
 def _spread(bench: Bench, comparison: Comparison) -> Mapping[str, Spread] | None:

@@ -17,9 +17,10 @@ if TYPE_CHECKING:
 
     from daq.measured import MeasuredSession
     from fingermodel.compare import Comparison
+    from fingermodel.fingers import Finger
     from fingermodel.fit_report import Fit
     from fingermodel.model import Model
-    from fingermodel.model_files import LoadedModel, Step
+    from fingermodel.model_files import LoadedModel, Revision, Step
     from fingermodel.observations import Observations
     from fingermodel.stages import Effect
 
@@ -65,11 +66,30 @@ def open_bench(
         effects: the user's own, or their files, which come with the catalogue.
     """
     prepare_jax()
+    measured = measure(read_session(session_path), progress)
+    return bench_of(measured, model, catalogue=catalogue, effects=effects)
+
+
+def bench_of(
+    measured: MeasuredSession,
+    model: str | Finger | Revision | None = None,
+    *,
+    catalogue: bool = False,
+    effects: Sequence[Effect | str] = (),
+) -> Bench:
+    """Load the model to compare a measured session with.
+
+    Args:
+        measured: session.
+        model: the model itself, or what names it as in `open_bench`; by default the session's own finger.
+        catalogue: whether the model shall hold the catalogue's effects, at their null.
+        effects: the user's own, or their files, which come with the catalogue.
+    """
+    prepare_jax()
     from fingermodel.budget import budget_of
     from fingermodel.model_files import load_model
     from fingermodel.observations import layout_of, observe
 
-    measured = measure(read_session(session_path), progress)
     session = measured.session
     budget = budget_of(session.budget)
     held = held_effects(effects) if catalogue or effects else ()
@@ -134,24 +154,29 @@ def save_revision(
     after: dict[str, Any],
     step: Step | None = None,
 ) -> dict[str, Any]:
-    """Write a fit as a revision and return its document; effects and history of its step are filled in here."""
-    from fingermodel.model_files import Step, revision_document, write_revision
+    """Write a fit as a revision and return its document."""
+    from fingermodel.model_files import write_revision
 
-    session = bench.measured.session
-    free = [p.name for p in fit.parameters if p.kind == "effect"]
-    step = replace(step or Step(), effects=_held(bench, free), history=bench.loaded.history)
-    document = revision_document(
-        bench.model,
-        fit,
-        bench.loaded.parent,
-        session.id,
-        before,
-        after,
-        readings_digest(bench.measured),
-        step=step,
-    )
+    document = describe_revision(bench, fit, before, after, readings_digest(bench.measured), step)
     write_revision(document, path)
     return document
+
+
+def describe_revision(
+    bench: Bench,
+    fit: Fit,
+    before: dict[str, Any],
+    after: dict[str, Any],
+    readings_sha256: str | None,
+    step: Step | None = None,
+) -> dict[str, Any]:
+    """Return the document of a fit as a revision; effects and history of its step are filled in here."""
+    from fingermodel.model_files import Step, revision_document
+
+    free = [p.name for p in fit.parameters if p.kind == "effect"]
+    step = replace(step or Step(), effects=_held(bench, free), history=bench.loaded.history)
+    session = bench.measured.session.id
+    return revision_document(bench.model, fit, bench.loaded.parent, session, before, after, readings_sha256, step=step)
 
 
 def _held(bench: Bench, parameters: Sequence[str]) -> tuple[dict[str, Any], ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,8 @@ from server.workflow import Bench, compare_bench, open_bench, save_revision
 if TYPE_CHECKING:
     from fingermodel.compare import Comparison
     from fingermodel.diagnosis.addition import Addition
+    from fingermodel.model_files import Step
+    from fingermodel.stages import Effect
 
 
 def add_to_session(
@@ -24,14 +27,14 @@ def add_to_session(
     json: str | None,
 ) -> None:
     """Add effects to a session's model, refit, write the revision and show the fall of the error."""
-    from fingermodel.model_files import Step, free_path, require_new
+    from fingermodel.model_files import free_path, require_new
 
     effects, session = names[:-1], names[-1]
     if not effects and not without:
         raise InputError(f"only {session!r} is given", "effects and then a session: fingertwin add hanger_mass DEV-02")
     if out is not None:
         require_new(out)
-    chosen, own = _resolved(effects)
+    chosen, own = resolved_effects(effects)
     with progress("Reading and correcting") as tell:
         bench = open_bench(session, model, tell, catalogue=True, effects=own)
     with progress("Refitting"):
@@ -43,7 +46,7 @@ def add_to_session(
         path,
         before.summary(),
         after.summary(),
-        Step(added=addition.names, removed=tuple(without), evidence={"log_evidence_gain": addition.log_evidence_gain}),
+        addition_step(addition, without),
     )
     page = None
     if figures:
@@ -52,17 +55,10 @@ def add_to_session(
         page = draw_comparison(
             bench, after, figures, before=before, theta=addition.fit.theta, model_name=" + ".join(addition.names)
         )
-    body = (
-        provenance(bench)
-        | fit_body(addition.fit, before, after)
-        | {
-            "added": list(addition.names),
-            "removed": list(without),
-            "log_evidence_gain": addition.log_evidence_gain,
-            "history": document["history"],
-            "model": str(path),
-        }
-    )
+    body = addition_body(bench, addition, before, after, without) | {
+        "history": document["history"],
+        "model": str(path),
+    }
     if answer("add", body, json):
         return
     print_fit(addition.fit, before, after)
@@ -74,7 +70,7 @@ def add_to_session(
         say(f"Figures: {page}")
 
 
-def add_bench(bench: Bench, names: list[str], without: list[str]) -> tuple[Comparison, Addition, Comparison]:
+def add_bench(bench: Bench, names: Sequence[str], without: Sequence[str]) -> tuple[Comparison, Addition, Comparison]:
     """Refit with effects added and others taken out; errors before are those of the model as it was given."""
     from fingermodel.compare import compare
     from fingermodel.diagnosis.addition import add_effects
@@ -93,6 +89,29 @@ def add_bench(bench: Bench, names: list[str], without: list[str]) -> tuple[Compa
     return before, addition, compare(bench.model, bench.observations, addition.fit.theta)
 
 
+def addition_step(addition: Addition, without: Sequence[str]) -> Step:
+    """What an addition changed, for its revision."""
+    from fingermodel.model_files import Step
+
+    evidence = {"log_evidence_gain": addition.log_evidence_gain}
+    return Step(added=addition.names, removed=tuple(without), evidence=evidence)
+
+
+def addition_body(
+    bench: Bench, addition: Addition, before: Comparison, after: Comparison, without: Sequence[str]
+) -> dict[str, Any]:
+    """The contract's answer, without the model's path and history."""
+    return (
+        provenance(bench)
+        | fit_body(addition.fit, before, after)
+        | {
+            "added": list(addition.names),
+            "removed": list(without),
+            "log_evidence_gain": addition.log_evidence_gain,
+        }
+    )
+
+
 def print_history(history: list[dict[str, Any]]) -> None:
     """Print the chain of revisions: what each added, on what evidence, and the errors after it."""
     places = list(history[-1]["rmse_N"])
@@ -106,20 +125,26 @@ def print_history(history: list[dict[str, Any]]) -> None:
     table("Fall of the error: RMSE [N] by revision", ["revision", "change", "ln evidence", *places], rows)
 
 
-def _matches(parameter: str, names: list[str]) -> bool:
+def _matches(parameter: str, names: Sequence[str]) -> bool:
     return any(parameter == n or parameter.startswith(f"{n}.") for n in names)
 
 
-def _resolved(given: list[str]) -> tuple[list[str], list[Any]]:
-    """Names of effects, and the user's own among them: from files, shipped ones by name, or a formula in quotes."""
+def resolved_effects(given: Sequence[str], *, files: bool = True) -> tuple[list[str], list[Effect]]:
+    """Names of effects, and the user's own among them: from files, shipped ones by name, or a formula in quotes.
+
+    Args:
+        given: as on the command line.
+        files: whether paths are followed; otherwise they are names like any other.
+    """
     from fingermodel.effects.user import load_effect, shipped_effects
 
-    names, own = [], []
+    names: list[str] = []
+    own: list[Effect] = []
     shipped = set(shipped_effects())
     for text in given:
         if "=" in text:
             effect = formula_of(text)
-        elif text.endswith((".yaml", ".yml", ".py")) or text in shipped:
+        elif text in shipped or (files and text.endswith((".yaml", ".yml", ".py"))):
             effect = load_effect(Path(text))
         else:
             names.append(text)
@@ -129,7 +154,7 @@ def _resolved(given: list[str]) -> tuple[list[str], list[Any]]:
     return names, own
 
 
-def formula_of(text: str) -> Any:
+def formula_of(text: str) -> Effect:
     """Make an effect of a formula with one coefficient k, as a hint prints it; unit and range follow from its place."""
     from fingermodel.effects.formula import formula_effect
 

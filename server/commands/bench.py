@@ -10,6 +10,7 @@ from server.console import answer, progress, say, table
 
 if TYPE_CHECKING:
     from daq.findings import Finding
+    from daq.friction_bands import BandMean, FrictionBand
 
 
 def check_session(session: str, json: str | None) -> int:
@@ -21,7 +22,7 @@ def check_session(session: str, json: str | None) -> int:
     with progress("Reading"):
         report = check(session)
     if report.ok:
-        report = replace(report, findings=(*_model_findings(session), *report.findings))
+        report = replace(report, findings=(*model_findings(session), *report.findings))
     body = report.as_dict()
     code = 0 if report.ok else 2
     if answer("check", {k: v for k, v in body.items() if k != "schema"}, json):
@@ -35,7 +36,7 @@ def check_session(session: str, json: str | None) -> int:
     return code
 
 
-def _model_findings(path: str) -> list[Finding]:
+def model_findings(path: str) -> list[Finding]:
     """What makes a sound session unusable for its finger: joints, tendons, budget, a straight posture."""
     from daq.findings import finding
     from daq.sessions import read_session
@@ -65,14 +66,17 @@ def friction_of(sessions: list[str], json: str | None) -> None:
     body = result.as_dict()
     if answer("friction", {k: v for k, v in body.items() if k != "schema"}, json):
         return
+    # Sessions that only know loading need no word about it.
+    told = bool(result.directions)
     table(
         "Friction factor by force balance: tension = c m g",
-        ["session", "posture", "masses [g]", "sum m g [N]", "c", "along", "across", ""],
+        ["session", "posture", "masses [g]", *["direction"] * told, "sum m g [N]", "c", "along", "across", ""],
         [
             [
                 c.session,
                 c.posture,
-                " ".join(f"{m} {mass:g}" for m, mass in c.masses_g.items()),
+                _masses(c.masses_g),
+                *[c.direction] * told,
                 c.weight_N,
                 c.factor,
                 c.along,
@@ -88,9 +92,33 @@ def friction_of(sessions: list[str], json: str | None) -> None:
         ["", "n", "specimens", "c", "sd", "standard uncertainty", "95 % low", "high", "along", "across"],
         [
             [m.name, m.n, m.specimens, f"{m.factor:.4f}", m.sd, m.sem, m.low, m.high, m.along, m.across]
-            for m in (*result.specimens, result.pooled)
+            for m in (*result.specimens, *result.directions, result.pooled)
         ],
         "pooled: clustered by specimen, since cases of one specimen are not independent",
     )
+    if result.band is not None:
+        _say_bands(result.bands, result.band)
     for text in (*result.unpaired, *result.notes):
         say(f"Note: {text}")
+
+
+def _say_bands(bands: tuple[FrictionBand, ...], mean: BandMean) -> None:
+    table(
+        "Friction band: c on unloading against c on loading",
+        ["session", "posture", "masses [g]", "loading", "unloading", "tapped", "mean", "half difference", "sd"],
+        [
+            [
+                b.session, b.posture, _masses(b.masses_g), b.loading, b.unloading, b.tapped, b.mean,
+                f"{b.half_difference:+.4f}",
+                None if b.half_difference_sd is None else f"{b.half_difference_sd:.4f}",
+            ]
+            for b in bands
+        ],
+        "sd: standard uncertainty of the half difference, from the readings alone",
+    )  # fmt: skip
+    within = "" if mean.low is None else f" (95 %: {mean.low:+.4f} to {mean.high:+.4f})"
+    say(f"Mean of both directions {mean.mean:.4f}, half difference {mean.half_difference:+.4f}{within}, n = {mean.n}.")
+
+
+def _masses(masses_g: dict[str, float]) -> str:
+    return " ".join(f"{tendon} {mass:g}" for tendon, mass in masses_g.items())

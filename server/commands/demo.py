@@ -1,119 +1,150 @@
-"""`fingertwin demo`: the main job on shipped data, in a dozen seconds once the models are compiled."""
+"""`fingertwin demo`: the main job on shipped data, through a running service, as at a bench."""
 
 from __future__ import annotations
 
-import threading
+import json
+import os
+import subprocess
+import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
-from server.commands.additions import add_bench, print_history
-from server.commands.diagnosis import diagnosis_body, run_diagnosis
+from daq.errors import InputError
+from server.commands.additions import print_history
 from server.console import progress, say, table
-from server.diagnosis_report import draw_diagnosis
-from server.workflow import Bench, compare_bench, open_bench, refit_bench, save_revision
 
 if TYPE_CHECKING:
-    from fingermodel.compare import Comparison
-    from fingermodel.diagnosis.diagnose import Diagnosis
+    from fingertwin.client import Client
+    from fingertwin.client.findings import Finding, Fit
+    from fingertwin.client.jobs import Job
+    from fingertwin.client.summaries import Summary
 
 RECORDED = "DEV-08"
 PUBLISHED = "synek2019_H01"
+# Both models are compiled at once on a machine's first run, each by a worker of its own.
+WORKERS = 2
+_STOP_S = 20.0
 
 
 def run_demo(out: Path) -> None:
-    """Replay a recorded session with a hidden effect and a published specimen: find what is missing, add it."""
+    """Stream a session with a hidden effect into the service, find what is missing and add it; then a published one."""
     from daq.checks import check
+    from fingertwin.client import Client
+    from server.commands.log import replay_session
 
     began = time.perf_counter()
-    say(f"1. A recorded bench session ({RECORDED}): raw load-cell readings of 96 load cases, and something is wrong")
-    report = check(RECORDED)
-    verdict = "usable" if report.ok else "NOT usable"
-    say(f"   check: {verdict}, {len(report.errors)} errors, {len(report.warnings)} warnings")
-    with progress("Reading and correcting") as tell:
-        bench = open_bench(RECORDED, None, tell, catalogue=True)
-    study = open_bench(PUBLISHED, catalogue=True)
-    # On a machine's first run both models are compiled, each on a core of its own.
-    warming = threading.Thread(target=_compile, args=(study,), daemon=True)
-    warming.start()
-    _story(bench, RECORDED, out / "recorded")
-
-    say("")
-    say(f"2. A published specimen ({PUBLISHED}, Synek et al. 2019): averaged forces of a cadaver finger")
-    warming.join()
-    _story(study, PUBLISHED, out / "published")
+    with TemporaryDirectory(prefix="fingertwin-demo-") as folder, service(Path(folder)) as url, Client(url) as twin:
+        say(
+            f"1. A recorded bench session ({RECORDED}): raw load-cell readings of 96 load cases, and something is wrong"
+        )
+        report = check(RECORDED)
+        verdict = "usable" if report.ok else "NOT usable"
+        say(f"   check: {verdict}, {len(report.errors)} errors, {len(report.warnings)} warnings")
+        say(f"   replayed through the DAQ into the model service at {url}:")
+        replay_session(RECORDED, url, None, "max", None, None)
+        twin.upload(PUBLISHED)
+        fits = {name: twin.session(name).refit(model=None) for name in (RECORDED, PUBLISHED)}
+        _story(twin, RECORDED, fits[RECORDED], out / "recorded")
+        say("")
+        say(f"2. A published specimen ({PUBLISHED}, Synek et al. 2019): averaged forces of a cadaver finger")
+        _story(twin, PUBLISHED, fits[PUBLISHED], out / "published")
     say(f"Done in {time.perf_counter() - began:.0f} s. Open {out / 'recorded' / 'diagnose.html'}")
     say(f"                and {out / 'published' / 'diagnose.html'} in a browser.")
 
 
-def _story(bench: Bench, session: str, folder: Path) -> None:
-    """Refit, diagnose, add what was found (or what is likeliest), and show the error fall."""
-    from fingermodel.model_files import Step, free_path
+@contextmanager
+def service(folder: Path) -> Iterator[str]:
+    """Run a service on a free port of this machine, with its data in a folder; yield its address.
 
-    plane = bench.model.finger.judged_in
-    first = compare_bench(bench)
+    Raises:
+        InputError: it does not start.
+    """
+    program = "from server.cli import main; main()"
+    arguments = ["serve", "--port", "0", "--data", str(folder / "service"), "--json", "-"]
+    environment = os.environ | {"FINGERTWIN_WORKERS": str(WORKERS), "FINGERTWIN_LOG_LEVEL": "warning"}
+    log = folder / "service.log"
+    with log.open("wb") as errors:
+        process = subprocess.Popen(  # noqa: S603 - this very program
+            [sys.executable, "-c", program, *arguments], stdout=subprocess.PIPE, stderr=errors, env=environment
+        )
+        try:
+            yield _address(process, log)
+        finally:
+            process.terminate()
+            try:
+                process.wait(_STOP_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+            if process.stdout is not None:
+                process.stdout.close()
+
+
+def _address(process: subprocess.Popen[bytes], log: Path) -> str:
+    """Read the address that a service prints once it answers: an object of JSON, over several lines."""
+    assert process.stdout is not None  # noqa: S101 - it was asked for
+    text = b""
+    for line in process.stdout:
+        text += line
+        if line.rstrip() == b"}":
+            return str(json.loads(text)["url"])
+    said = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    raise InputError(f"the service has not started ({said[-1] if said else 'it said nothing'})", "a service that runs")
+
+
+def _story(twin: Client, name: str, refit: Job[Fit], folder: Path) -> None:
+    """Compare, refit, diagnose, add what was found (or what is likeliest), and show the error fall."""
+    from server.diagnosis_report import draw_diagnosis
+
+    session = twin.session(name)
+    first = session.compare(model=None)
+    diagnosing = session.diagnose(model=None)
+    with progress("Refitting (the first time on a machine, the model is compiled)") as tell:
+        fit = refit.result(lambda done, _: tell(done))
     say("   Refit: tendon points, hood fractions and the rig's small errors, all at once")
-    fitted, path = _refit(bench, folder, first)
+    say(f"   {fit.body['outcome']} in {fit.body['evaluations']} evaluations, {fit.body['seconds']:.2f} s")
     with progress("Diagnosing") as tell:
-        diagnosis = run_diagnosis(bench, False, tell)
-    body = diagnosis_body(bench, diagnosis)
-    say(f"   {body['sentence']}")
-    for reason in body["reasons"][:2]:
+        finding = diagnosing.result(lambda done, _: tell(done))
+    say(f"   {finding.sentence}")
+    for reason in finding.reasons[:2]:
         say(f"   {reason}")
-    names = _to_add(diagnosis)
-    bench = open_bench(session, str(path), catalogue=True)
-    with progress("Adding and refitting"):
-        before, addition, after = add_bench(bench, names, [])
-    step = Step(added=addition.names, evidence={"log_evidence_gain": addition.log_evidence_gain})
-    added = free_path(folder, bench.measured.session.id)
-    document = save_revision(bench, addition.fit, added, before.summary(), after.summary(), step)
-    label = " + ".join(names)
+    names = _to_add(finding)
+    with progress("Adding and refitting") as tell:
+        revision = session.add(*names, model=fit.body["model"]).result(lambda done, _: tell(done))
+    plane = finding.judged_in
     _errors(
-        f"{session}: RMSE of the forces [N], {'in the sagittal plane' if plane == 'sagittal' else 'in space'}",
+        f"{name}: RMSE of the forces [N], {'in the sagittal plane' if plane == 'sagittal' else 'in space'}",
         plane,
-        [("normative model", first), ("refitted", fitted), (f"with {label}", after)],
+        [
+            ("normative model", first.summary),
+            ("refitted", revision.before),
+            (f"with {' + '.join(names)}", revision.after),
+        ],
     )
-    print_history(document["history"])
-    draw_diagnosis(body, folder, document["history"], static=False)
+    history: list[dict[str, Any]] = revision.body["history"]
+    print_history(history)
+    draw_diagnosis(finding.body, folder, history, static=False)
 
 
-def _to_add(diagnosis: Diagnosis) -> list[str]:
+def _to_add(finding: Finding) -> list[str]:
     """What the verdict names, or else the single effect that is likeliest: to see how far it goes."""
-    if diagnosis.verdict.kind == "found":
-        return list(diagnosis.best.explanation.names)
-    singles = [w for w in diagnosis.evidence.weighed if w.explanation.size == 1]
-    best = max(singles, key=lambda w: w.log_evidence)
-    say(f"   No effect stands; the likeliest single one, {best.explanation.names[0]}, is added to see how far it goes.")
-    return list(best.explanation.names)
+    if finding.verdict == "found":
+        return list(finding.body["ranking"][0]["candidates"])
+    singles = [r for r in finding.body["ranking"] if len(r["candidates"]) == 1]
+    best = max(singles, key=lambda r: r["log_evidence_gain"] or float("-inf"))
+    name = str(best["candidates"][0])
+    say(f"   No effect stands; the likeliest single one, {name}, is added to see how far it goes.")
+    return [name]
 
 
-def _compile(bench: Bench) -> None:
-    from fingermodel.problems import map_problem
-    from fingermodel.refit import solve
-
-    problem = map_problem(bench.model, bench.observations)
-    solve(problem, problem.start, evaluations=1)
-    compare_bench(bench)
-
-
-def _refit(bench: Bench, folder: Path, before: Comparison) -> tuple[Comparison, Path]:
-    from fingermodel.compare import compare
-    from fingermodel.model_files import free_path
-
-    with progress("Refitting (the first time on a machine, the model is compiled)"):
-        fit = refit_bench(bench)
-    after = compare(bench.model, bench.observations, fit.theta)
-    path = free_path(folder, bench.measured.session.id)
-    save_revision(bench, fit, path, before.summary(), after.summary())
-    say(f"   {fit.outcome} in {fit.evaluations} evaluations, {fit.seconds:.2f} s; misfit {fit.objective:.0f}")
-    return after, path
-
-
-def _errors(title: str, plane: str, steps: list[tuple[str, Comparison]]) -> None:
-    names = list(steps[0][1].summary())
-    rows = []
-    for name in names:
-        errors = [c.select(*name.split("/")).errors(plane).rmse_N for _, c in steps]
+def _errors(title: str, plane: str, steps: list[tuple[str, Summary]]) -> None:
+    rows: list[list[Any]] = []
+    for name in steps[0][1]:
+        errors = [getattr(summary[name], plane).rmse_N for _, summary in steps]
         seen = "fitted" if name.startswith("identification") else "never fitted"
         rows.append([name, seen, *errors, _bar(errors)])
     table(title, ["cases", "", *(label for label, _ in steps), "what is left"], rows)

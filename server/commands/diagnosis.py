@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,7 +59,18 @@ def run_diagnosis(bench: Bench, thorough: bool = False, tell: Any = None) -> Dia
 
 
 def diagnosis_body(bench: Bench, diagnosis: Diagnosis, frozen: list[Path] | None = None) -> dict[str, Any]:
-    """The contract's answer."""
+    """The contract's answer, with what files of frozen predictions say; by default those in `models`."""
+    return diagnosis_answer(bench, diagnosis, frozen_documents(bench, frozen))
+
+
+def diagnosis_answer(bench: Bench, diagnosis: Diagnosis, frozen: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+    """The contract's answer.
+
+    Args:
+        bench: that was diagnosed.
+        diagnosis: of it.
+        frozen: documents of predictions that were made before the cases were measured.
+    """
     from fingermodel.diagnosis.answer import answer as body_of
     from fingermodel.diagnosis.next_cases import plan_next
 
@@ -75,18 +87,24 @@ def diagnosis_body(bench: Bench, diagnosis: Diagnosis, frozen: list[Path] | None
     return provenance(bench) | {"held": list(bench.loaded.added)} | body
 
 
-def confirmation(bench: Bench, diagnosis: Diagnosis, frozen: list[Path] | None) -> Confirmation | None:
+def frozen_documents(bench: Bench, paths: list[Path] | None) -> list[dict[str, Any]]:
+    """Read frozen predictions: those given, or those of the session's specimen in `models`."""
+    from fingermodel.diagnosis.frozen import read_frozen
+
+    if paths is not None:
+        return [read_frozen(path) for path in paths]
+    specimen = bench.measured.session.specimen.id
+    found = [read_frozen(path) for path in sorted(Path("models").glob("*-frozen-*.json"))]
+    return [document for document in found if document["specimen"] == specimen]
+
+
+def confirmation(bench: Bench, diagnosis: Diagnosis, frozen: Sequence[Mapping[str, Any]]) -> Confirmation | None:
     """Hold predictions frozen earlier against what has been measured since; None where there are none."""
-    from fingermodel.diagnosis.frozen import read_frozen, score
+    from fingermodel.diagnosis.frozen import score
     from fingermodel.diagnosis.next_cases import name_of
 
-    session = bench.measured.session
-    paths = sorted(Path("models").glob("*-frozen-*.json")) if frozen is None else frozen
-    scores = []
-    for path in paths:
-        document = read_frozen(path)
-        if frozen is not None or document["specimen"] == session.specimen.id:
-            scores.append(score(document, name_of(diagnosis.best), session.id, bench.observations))
+    session, best = bench.measured.session.id, name_of(diagnosis.best)
+    scores = [score(document, best, session, bench.observations) for document in frozen]
     told = [s for s in scores if s.confirmed is not None]
     return (told or scores)[-1] if scores else None
 

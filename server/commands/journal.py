@@ -1,4 +1,4 @@
-"""`fingertwin journal check`, `recover` and `export`."""
+"""`fingertwin journal check`, `recover`, `export` and `requeue`."""
 
 from __future__ import annotations
 
@@ -56,10 +56,26 @@ def journal_export(path: Path, out: Path | None, stream: str | None, file_format
         say(f"{done.samples} samples: {done.readings}; events: {done.events}")
 
 
+def journal_requeue(path: Path, json: str | None) -> None:
+    """Put what a service refused into the outbox again, to be sent by the next log into that folder."""
+    from daq.journal.writer import Journal
+
+    with Journal.open(path) as journal:
+        count = journal.requeue()
+    if answer("journal-requeue", {"journal": str(path), "chunks": count}, json):
+        return
+    if not count:
+        say(f"{path}: nothing was set aside")
+        return
+    many = "1 chunk is" if count == 1 else f"{count} chunks are"
+    say(f"{path}: {many} to be sent again; the next fingertwin log --to with --out {path.parent} does so")
+
+
 def _say_report(report: Report) -> None:
     for fault in report.faults:
         say(f"{fault.kind:8} {f'stream {fault.stream[:12]}: ' if fault.stream else ''}{fault.text}")
     for stream, chunks in report.chunks.items():
         say(f"stream {stream[:12]}: {report.samples[stream]} samples in {chunks} sound chunks")
     known = f", {report.known_gaps} losses noted by an earlier recovery" if report.known_gaps else ""
-    say(f"{report.events} events, {report.pending} chunks wait to be sent{known}")
+    aside = f", {report.set_aside} that the service refused are set aside" if report.set_aside else ""
+    say(f"{report.events} events, {report.pending} chunks wait to be sent{aside}{known}")

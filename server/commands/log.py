@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import signal
 import tempfile
+import threading
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from threading import Timer
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import DriverError, InputError, JournalError
@@ -41,6 +43,9 @@ class LogOptions:
         model: that predictions are made with; by default the setup's finger.
         to: address of a service that the log goes to.
         session: there; by default the folder's name.
+        resume: whether a bench session that broke off goes on.
+        document: of a recorded session that is replayed.
+        copy_to: folder of a closing copy, on another disk or share.
     """
 
     driver: str
@@ -55,6 +60,9 @@ class LogOptions:
     model: str | None = None
     to: str | None = None
     session: str | None = None
+    resume: bool = False
+    copy_to: Path | None = None
+    document: Mapping[str, Any] | None = None
 
     @property
     def session_name(self) -> str:
@@ -104,7 +112,7 @@ def log_cell(options: LogOptions, json: str | None) -> None:
     """
     from daq.acquire import Acquisition
     from daq.transports import connect
-    from server.commands.forwarding import forwarding
+    from server.commands.closing_copy import copied_at_end
 
     if options.out is None:
         raise InputError("no --out", "the folder that the log goes to")
@@ -112,25 +120,37 @@ def log_cell(options: LogOptions, json: str | None) -> None:
         raise InputError(f"--seconds {options.seconds:g}", "a time above 0")
     cell = _cell(options)
     acquisition = Acquisition(cell, lambda: connect(cell, options.port, options.baud))
-    if options.protocol is not None or options.setup is not None:
-        from server.commands.log_bench import log_bench
+    with copied_at_end(options.out / JOURNAL, options.copy_to, quiet=json == "-"):
+        if options.protocol is not None or options.setup is not None or options.resume:
+            from server.commands.log_bench import log_bench
 
-        log_bench(options, cell, acquisition, json)
-        return
-    if cell.link in ("serial", "udp") and not {"serial", "calibration"} <= set(options.cell):
+            log_bench(options, cell, acquisition, json)
+        else:
+            _log_alone(options, options.out, acquisition, json)
+
+
+def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, json: str | None) -> None:
+    """Log readings without a protocol."""
+    from server.commands.forwarding import forwarding
+
+    cell = acquisition.cell
+    about = about_cell(cell, options.cell)
+    if cell.link in ("serial", "udp") and not {"serial", "calibration"} <= set(about):
         raise DriverError(
             "the cell's serial number or calibration is not stated",
             "--serial and --calibration, as on its certificate: readings without them cannot be checked or published",
         )
-    with acquiring(acquisition, options.out, options.seconds) as journal:
-        logging = Logging(journal, cell, about_cell(cell, options.cell), quiet=json == "-")
-        with forwarding(options.to, options.session_name, journal, logging.stream, acquisition, logging.say):
+    with acquiring(acquisition, out, options.seconds) as journal:
+        logging = Logging(journal, cell, about, quiet=json == "-")
+        with forwarding(
+            options.to, options.session_name, journal, logging.stream, acquisition, logging.say, options.document
+        ):
             told = logging.run(acquisition)
-    body = {"driver": cell.name, "journal": str(options.out / JOURNAL), **told}
+    body = {"driver": cell.name, "journal": str(out / JOURNAL), **told}
     if not answer("log", body, json):
         say(
-            f"{told['samples']} readings in {told['seconds']:.1f} s: {options.out / JOURNAL}   "
-            f"(fingertwin journal check {options.out / JOURNAL})"
+            f"{told['samples']} readings in {told['seconds']:.1f} s: {out / JOURNAL}   "
+            f"(fingertwin journal check {out / JOURNAL})"
         )
 
 
@@ -180,17 +200,12 @@ class Logging:
 
         Raises:
             JournalError: the disk is full; all that was acknowledged is kept.
+            KeyboardInterrupt: Ctrl-C was pressed again before that was done.
         """
-        records = acquisition.records()
-        while True:
+        with _ended_by_ctrl_c(acquisition):
             try:
-                for record in records:
+                for record in acquisition.records():
                     self._keep(record)
-                break
-            except KeyboardInterrupt:
-                # Whatever waits is still to be written.
-                acquisition.stop()
-                records = acquisition.records()
             except JournalError:
                 acquisition.stop()
                 raise
@@ -227,13 +242,40 @@ class Logging:
             self._warned = True
 
 
+@contextmanager
+def _ended_by_ctrl_c(acquisition: Acquisition) -> Iterator[None]:
+    """Let Ctrl-C stop the cell instead of breaking into what is being written; pressed again it breaks off."""
+    before = signal.getsignal(signal.SIGINT)
+    if before in (None, signal.SIG_IGN) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, before)
+        # Stopping waits for the thread that reads, which no handler may.
+        threading.Thread(target=acquisition.stop, daemon=True).start()
+
+    signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def about_cell(cell: LoadCell, given: dict[str, str]) -> dict[str, str]:
-    """What is known of the load cell; a calibration file with its text, so that raw bytes can be decoded anywhere."""
+    """What is known of the load cell; a calibration file with its text, so that raw bytes can be decoded anywhere.
+
+    Such a file also says of what model and serial number the cell is, where nobody else does.
+    """
     path = Path(str(cell.values.get("calibration", "")))
     if not path.name or not path.is_file():
         return given
+    from daq.gauges import read_calibration
+
+    found = read_calibration(path)
+    stated = {"model": found.model, "serial": found.serial, "calibration": path.name}
     text = path.read_text(encoding="utf-8", errors="replace")
-    return {"calibration": path.name, **given, "calibration_text": text}
+    return {**{k: v for k, v in stated.items() if v}, **given, "calibration_text": text}
 
 
 def worded(event: StreamEvent) -> str:
@@ -269,15 +311,23 @@ def replay_session(
     """
     from daq.replay import is_journal
     from daq.sessions import find_session
+    from server.commands.forwarding import begin_session, session_document
 
-    port = recording
+    port, document = recording, None
     if not Path(recording).is_file() and not is_journal(recording):
         port = str(find_session(recording).parent)
+        document = session_document(Path(port), session) if to is not None else None
     settings = (f"speed={'0' if speed == 'max' else speed}",)
     name = session or (Path(port).name if Path(port).is_dir() else Path(port).stem)
+    if document is not None and to is not None and document.get("readings") is None:
+        begin_session(to, document)
+        if not answer("replay", {"session": name, "samples": 0}, json):
+            say(f"{name} has averaged forces and no readings: its description is at {to}")
+        return
     with tempfile.TemporaryDirectory() as folder:
         target = out or Path(folder) / "replay"
-        log_cell(LogOptions("replay", port, None, settings, target, None, to=to, session=name), json)
+        options = LogOptions("replay", port, None, settings, target, None, to=to, session=name, document=document)
+        log_cell(options, json)
 
 
 @contextmanager
@@ -287,7 +337,7 @@ def acquiring(acquisition: Acquisition, folder: Path, seconds: float | None) -> 
     The device first: one that is not there leaves no empty journal. What it says meanwhile waits.
     """
     acquisition.start()
-    stop = Timer(seconds or 0.0, acquisition.stop)
+    stop = threading.Timer(seconds or 0.0, acquisition.stop)
     try:
         with closing(_journal(folder)) as journal:
             if seconds is not None:

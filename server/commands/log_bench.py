@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Any
 from daq.errors import InputError, SessionError
 from daq.sessions import read_yaml
 from server.commands.log import JOURNAL, LogOptions, about_cell, acquiring
-from server.console import answer, say
+from server.console import answer, progress, say
 
 if TYPE_CHECKING:
     from daq.acquire import Acquisition
     from daq.bench.record import BenchSetup
+    from daq.bench.resume import BrokenOff
     from daq.bench.run import BenchRun
     from daq.drivers.base import LoadCell
     from daq.journal.writer import Journal
+    from daq.session_models import Session
     from server.bench.meter import StreamMeter
 
 FORMAT = "bench-setup/1"
@@ -36,42 +38,115 @@ KNOWN = (
 
 
 def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, json: str | None) -> None:
-    """Follow a protocol, and write the session that comes of it.
+    """Follow a protocol, and write the session that comes of it; also from where one broke off.
 
     Raises:
         InputError: the setup, the protocol, the device or the journal cannot be used, or no case was completed.
     """
     from daq.bench.result import write_bench_session
-    from daq.bench.run import BenchRun
-    from server.bench.meter import StreamMeter
-    from server.bench.prediction import predictor
-    from server.commands.forwarding import forwarding
+    from daq.journal.reader import JournalReader
 
     setup, out = bench_setup(options, cell), options.out
     if out is None:
         raise InputError("no --out", "the folder that the session goes to")
     if (out / "session.yaml").exists():
-        raise SessionError(f"{out.name} has a session already", "a new folder for each session", "Choose another --out")
+        found = f"{out.name} has a session already" + ", so nothing broke off" * options.resume
+        raise SessionError(found, "a new folder for each session", "Choose another --out")
     setup.require_sound()
-    predict = predictor(setup, options.model)
-    with acquiring(acquisition, out, options.seconds) as journal:
-        about = about_cell(cell, {k: str(v) for k, v in setup.load_cell.items() if isinstance(v, str)})
-        stream = journal.add_stream(cell.name, cell.values, about, cell.clock)
-        run = BenchRun(setup, predict, stream)
-        meter = StreamMeter(run.full_scale)
-        with forwarding(options.to, options.session_name, journal, stream, acquisition, say):
-            _follow((acquisition, journal, stream, run, meter), by_keys=_at_terminal(json))
-        session = write_bench_session(journal, out, stream)
+    about = about_cell(cell, {k: str(v) for k, v in setup.load_cell.items() if isinstance(v, str)})
+    before = _broken_off(out, options.resume)
+    if before is not None:
+        told = {"driver": cell.name, "settings": dict(cell.values), "cell": about, "clock": cell.clock}
+        before.require_same(setup, told)
+    if before is not None and before.record.closed:
+        with JournalReader.open(out / JOURNAL) as journal:
+            stream, session = before.stream.id, write_bench_session(journal, out, before.stream.id)
+    else:
+        stream, session = _follow(options, setup, acquisition, about, before, by_keys=_at_terminal(json))
     body = {"session": str(out), "cases": len(session.cases), "journal": str(out / JOURNAL), "stream": stream}
     if not answer("log", body, json):
         say(f"{len(session.cases)} load cases: {out}   (fingertwin check {out}, fingertwin compare {out})")
+
+
+def _broken_off(out: Path, resume: bool) -> BrokenOff | None:
+    """The session that the folder's journal holds and that goes on, None for a new one.
+
+    Raises:
+        SessionError: there is one and nobody asked for it, or the other way round.
+    """
+    from daq.bench.resume import broken_off
+    from daq.journal.reader import JournalReader
+
+    found: BrokenOff | None = None
+    if (out / JOURNAL).exists():
+        with JournalReader.open(out / JOURNAL) as journal:
+            found = broken_off(journal)
+    # Closed without a case it left nothing to be written.
+    if found is None or (found.record.closed and not found.record.cases):
+        if resume:
+            raise SessionError(
+                f"{out.name} holds no unfinished bench session",
+                "the folder of one that broke off",
+                "Leave out --resume to begin one",
+            )
+        return None
+    if not resume:
+        what = "was closed and never written" if found.record.closed else "is not finished"
+        raise SessionError(
+            f"the journal in {out.name} holds session {found.record.setup.id}, which {what}",
+            "--resume to go on with it, or a new folder",
+            "Add --resume, or choose another --out",
+        )
+    return found
+
+
+def _follow(
+    options: LogOptions,
+    setup: BenchSetup,
+    acquisition: Acquisition,
+    about: dict[str, str],
+    before: BrokenOff | None,
+    *,
+    by_keys: bool,
+) -> tuple[str, Session]:
+    """Log until the session is over; return its stream and the session that was written."""
+    from daq.bench.result import write_bench_session
+    from daq.bench.run import BenchRun
+    from daq.journal.reader import JournalReader
+    from daq.journal.rows import Event
+    from server.bench.meter import StreamMeter
+    from server.bench.prediction import predictor
+    from server.commands.forwarding import forwarding
+
+    out, cell = options.out or Path(), acquisition.cell
+    predict = predictor(setup, options.model)
+    run: BenchRun | None = None
+    from_s = 0.0
+    if before is not None:
+        with JournalReader.open(out / JOURNAL) as kept, progress("Reading"):
+            plateaus = before.plateaus(kept)
+        run, from_s = BenchRun(before.record.setup, predict, before.stream.id), before.from_s()
+        run.resume(before.events, plateaus, before.last_s, from_s)
+        acquisition.go_on_from(before.next_seq, before.last_s, from_s)
+    with acquiring(acquisition, out, options.seconds) as journal:
+        if run is None or before is None:
+            stream = journal.add_stream(cell.name, cell.values, about, cell.clock)
+            run = BenchRun(setup, predict, stream)
+        else:
+            stream = before.stream.id
+            # As after a pulled cable: what the bytes before were the beginning of never came.
+            journal.event(Event("reconnected", from_s, {"away_s": round(from_s - before.last_s, 3)}, stream))
+        meter = StreamMeter(run.full_scale)
+        with forwarding(options.to, options.session_name, journal, stream, acquisition, say):
+            _loop((acquisition, journal, stream, run, meter), by_keys=by_keys)
+        return stream, write_bench_session(journal, out, stream)
 
 
 def _at_terminal(json: str | None) -> bool:
     return sys.stdin.isatty() and sys.stdout.isatty() and json != "-"
 
 
-def _follow(parts: tuple[Acquisition, Journal, str, BenchRun, StreamMeter], *, by_keys: bool) -> None:
+def _loop(parts: tuple[Acquisition, Journal, str, BenchRun, StreamMeter], *, by_keys: bool) -> None:
     """Go on until the session is over: by keys on a redrawn screen, or by lines of text."""
     from server.bench.keys import KeyInput, terminal_keys, typed_lines
     from server.bench.loop import BenchLoop, from_keys, from_lines
@@ -95,6 +170,8 @@ def bench_setup(options: LogOptions, cell: LoadCell) -> BenchSetup:
     from daq.bench.record import BenchSetup
     from daq.protocols import read_protocol
 
+    if options.setup is None and options.protocol is None:
+        raise InputError("--resume alone", "the --protocol and --setup that the session began with")
     if options.setup is None:
         raise InputError("--protocol without --setup", f"a {FORMAT} file: specimen, finger, tension_factor, mounts …")
     if options.protocol is None:

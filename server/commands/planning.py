@@ -11,6 +11,7 @@ from server.console import answer, progress, say, table
 from server.workflow import Bench, open_bench, readings_digest
 
 if TYPE_CHECKING:
+    from fingermodel.diagnosis.diagnose import Diagnosis
     from fingermodel.diagnosis.next_cases import Plan
 
 
@@ -27,14 +28,7 @@ def next_cases(
     with progress("Weighing load cases"):
         plan = plan_next(diagnosis)
     path = freeze_plan(bench, plan, out) if freeze else None
-    body: dict[str, Any] = provenance(bench) | {
-        "verdict": diagnosis.verdict.kind,
-        "explanations": plan.explanations,
-        "next_cases": [c.as_dict() for c in plan.cases],
-        "instruments": list(plan.instruments),
-        "sentence": plan.text,
-        "frozen": str(path) if path else None,
-    }
+    body = plan_body(bench, diagnosis, plan) | {"frozen": str(path) if path else None}
     if answer("next", body, json):
         return
     say(plan.text)
@@ -62,23 +56,38 @@ def next_cases(
         say(f"Frozen: {path}. Measure the cases with the posture set anew, then run fingertwin diagnose again.")
 
 
+def plan_body(bench: Bench, diagnosis: Diagnosis, plan: Plan) -> dict[str, Any]:
+    """The answer, without the place of what was frozen."""
+    return provenance(bench) | {
+        "verdict": diagnosis.verdict.kind,
+        "explanations": plan.explanations,
+        "next_cases": [c.as_dict() for c in plan.cases],
+        "instruments": list(plan.instruments),
+        "sentence": plan.text,
+    }
+
+
 def freeze_plan(bench: Bench, plan: Plan, out: Path | None) -> Path:
     """Write the plan's predictions down before the cases are measured."""
+    from fingermodel.diagnosis.frozen import write_frozen
+
+    document = frozen_plan(bench, plan, readings_digest(bench.measured))
+    path = out or Path("models") / f"{bench.measured.session.id}-frozen-{document['sha256'][:8]}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_frozen(document, path)
+    return path
+
+
+def frozen_plan(bench: Bench, plan: Plan, readings_sha256: str | None) -> dict[str, Any]:
+    """Return the document of the plan's predictions.
+
+    Raises:
+        ModelError: the plan has no load case.
+    """
     from daq.errors import ModelError
-    from fingermodel.diagnosis.frozen import freeze, write_frozen
+    from fingermodel.diagnosis.frozen import freeze
 
     if not plan.cases:
         raise ModelError("there is no load case to freeze", "a plan with at least one", plan.text)
     session = bench.measured.session
-    document = freeze(
-        plan,
-        session.id,
-        session.specimen.id,
-        bench.loaded.name,
-        readings_digest(bench.measured),
-        bench.observations.ids,
-    )
-    path = out or Path("models") / f"{session.id}-frozen-{document['sha256'][:8]}.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_frozen(document, path)
-    return path
+    return freeze(plan, session.id, session.specimen.id, bench.loaded.name, readings_sha256, bench.observations.ids)

@@ -13,6 +13,7 @@ from typing import Any
 from daq.errors import InputError
 from daq.locations import data_dir
 from daq.readings import ReadingBlock
+from server.commands.log import given_settings
 from server.console import answer, say, table
 
 
@@ -29,6 +30,7 @@ class Options:
         rate_hz: of a simulated rig.
         seconds: after which it ends; None plays to the end.
         seed: of noise and faults.
+        settings: of the device, `name=value`, as they were given.
     """
 
     device: str
@@ -39,6 +41,7 @@ class Options:
     rate_hz: float
     seconds: float | None
     seed: int
+    settings: tuple[str, ...] = ()
 
 
 def list_devices(json: str | None) -> None:
@@ -55,21 +58,26 @@ def list_devices(json: str | None) -> None:
         table("Stand-ins", ["device", "title", "wires"], [[r["name"], r["title"], " ".join(r["wires"])] for r in rows])
 
 
-def simulate_cell(options: Options, faults: dict[str, float | bool | int], json: str | None) -> None:
+def simulate_cell(
+    options: Options, faults: dict[str, float | bool | int], disturbed: dict[str, float], json: str | None
+) -> None:
     """Play readings as a device until they are over, the time is, or Ctrl-C."""
     from daq.drivers import driver
     from daq.standins import stand_in
     from daq.standins.faults import Faults
+    from daq.standins.noise import Disturbance
     from daq.standins.run import Player
     from daq.standins.wires import PtyWire, TcpWire, UdpWire, Wire
 
-    wrong = [name for name, value in faults.items() if not isinstance(value, bool) and value < 0]
+    wrong = [name for name, value in faults.items() if not isinstance(value, bool) and not value >= 0]
     if wrong or options.rate_hz <= 0 or (options.seconds is not None and options.seconds <= 0):
         what = wrong[0].replace("_", "-") if wrong else "rate or seconds"
         raise InputError(
             f"{what} is below zero, or is zero where it may not be", "0 or more, a rate and a time above 0"
         )
+    disturbance = Disturbance(**disturbed)
     device = stand_in(options.device)()
+    device.set_up(given_settings(options.settings))
     kind = options.wire or ("udp" if device.datagrams else "pty" if hasattr(os, "openpty") else "tcp")
     if device.datagrams != (kind == "udp"):
         raise InputError(f"{options.device} on {kind}", "udp" if device.datagrams else "pty or tcp")
@@ -80,21 +88,30 @@ def simulate_cell(options: Options, faults: dict[str, float | bool | int], json:
             )
         except OSError as error:
             raise InputError(f"port {options.port} cannot be had ({error.strerror})", "a free port, or 0") from error
-        settings = " ".join(f"--set {k}={v}" for k, v in device.settings.items())
-        command = " ".join(
-            f"fingertwin log --driver {options.device} --port {wire.address} {settings} --out LOG".split()
-        )
-        said = {"device": options.device, "address": wire.address, "settings": device.settings, "log_with": command}
+        settings = device.driver_settings
+        command = _log_with(options.device, wire.address, settings)
+        said = {"device": options.device, "address": wire.address, "settings": settings, "log_with": command}
         if not answer("simulate-cell", said, json):
             say(f"{options.device} at {wire.address}; Ctrl-C ends it.\n{command}")
-        rate_hz = driver(options.device)(device.settings).rate_hz
-        player = Player(device, wire, blocks, Faults(**faults), seed=options.seed, rate_hz=rate_hz)  # type: ignore[arg-type]
+        rate_hz = driver(options.device)(settings).rate_hz
+        faulty = Faults(**faults)  # type: ignore[arg-type]
+        player = Player(device, wire, blocks, faulty, disturbance=disturbance, seed=options.seed, rate_hz=rate_hz)
         try:
             player.run(lambda: options.seconds is not None and player.passed_s >= options.seconds)
         except KeyboardInterrupt:
             say(f"Ended; {player.written} records were written.")
         finally:
             wire.close()
+
+
+def _log_with(device: str, address: str, settings: dict[str, Any]) -> str:
+    """The command line that logs a stand-in."""
+    words = ["fingertwin", "log", "--driver", device, "--port", address]
+    for name, value in settings.items():
+        words += ["--set", f'"{name}={value}"' if " " in str(value) else f"{name}={value}"]
+    # A calibration file says whose it is.
+    words += [] if "calibration" in settings else ["--serial", "STAND-IN", "--calibration", "none"]
+    return " ".join([*words, "--out", "LOG"])
 
 
 @contextmanager

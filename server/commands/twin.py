@@ -47,7 +47,6 @@ def refit_session(
     json: str | None,
 ) -> None:
     """Refit a model to a session, write the revision and show what changed."""
-    from fingermodel.compare import compare
     from fingermodel.model_files import free_path, require_new
 
     if method == "slsqp" and plane is not None:
@@ -56,10 +55,8 @@ def refit_session(
         require_new(out)
     with progress("Reading and correcting") as tell:
         bench = open_bench(session, model, tell, effects=effects)
-    before = compare_bench(bench)
     with progress("Refitting"):
-        fit = refit_bench(bench, method, plane)
-    after = compare(bench.model, bench.observations, fit.theta)
+        before, fit, after = refit_compared(bench, method, plane)
     path = out or free_path(Path("models"), bench.measured.session.id)
     save_revision(bench, fit, path, before.summary(), after.summary())
     page = None
@@ -72,6 +69,15 @@ def refit_session(
     say(f"Model: {path}   (fingertwin compare {session} --model {path})")
     if page:
         say(f"Figures: {page}")
+
+
+def refit_compared(bench: Bench, method: str = "map", plane: str | None = None) -> tuple[Comparison, Fit, Comparison]:
+    """Refit a bench's model, with the comparison before and after."""
+    from fingermodel.compare import compare
+
+    before = compare_bench(bench)
+    fit = refit_bench(bench, method, plane)
+    return before, fit, compare(bench.model, bench.observations, fit.theta)
 
 
 def provenance(bench: Bench) -> dict[str, Any]:

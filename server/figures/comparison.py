@@ -60,7 +60,9 @@ def comparison_figures(
         theta: fitted parameters of `comparison`; by default the model before any fit.
         model_name: for titles.
     """
-    plans = _plans(model, observations, comparison, before, before_name, spread, theta, model_name)
+    plans = comparison_plans(
+        model, observations, comparison, before, before_name, spread, theta=theta, model_name=model_name
+    )
     return _drawn(plans)[0]
 
 
@@ -98,7 +100,34 @@ def comparison_report(
     Returns:
         The files written, the report first.
     """
-    plans = _plans(model, observations, comparison, before, before_name, spread, theta, model_name)
+    sections, figures = comparison_sections(
+        model, observations, comparison, before, before_name, spread, theta=theta, model_name=model_name, notes=notes
+    )
+    report = write_report(folder / "compare.html", sections, report_title(session), f"Model: {model_name}")
+    return [report, *(write_static(folder, figures) if static else [])]
+
+
+def report_title(session: str) -> str:
+    """Title of a comparison's page."""
+    return f"Predicted and measured forces: {session}"
+
+
+def comparison_sections(
+    model: Model,
+    observations: Observations,
+    comparison: Comparison,
+    before: Comparison | None = None,
+    before_name: str = "Before",
+    spread: Mapping[str, Spread] | None = None,
+    *,
+    theta: Floats | None = None,
+    model_name: str = "Model",
+    notes: Sequence[str] = (),
+) -> tuple[list[Section], dict[str, go.Figure]]:
+    """Return the parts of the page of `comparison_report`, whose arguments these are, and its figures by name."""
+    plans = comparison_plans(
+        model, observations, comparison, before, before_name, spread, theta=theta, model_name=model_name
+    )
     figures, missing = _drawn(plans)
     sections = [
         Section(
@@ -112,11 +141,7 @@ def comparison_report(
             sections[-1] = Section(plan.heading, [*sections[-1].parts, part])
         else:
             sections.append(Section(plan.heading, [part]))
-    sections.append(Section("Load cases", [case_table(comparison)]))
-    report = write_report(
-        folder / "compare.html", sections, f"Predicted and measured forces: {session}", f"Model: {model_name}"
-    )
-    return [report, *(write_static(folder, figures) if static else [])]
+    return [*sections, Section("Load cases", [case_table(comparison)])], figures
 
 
 def _drawn(plans: Sequence[Plan]) -> tuple[dict[str, go.Figure], dict[str, str]]:
@@ -129,16 +154,18 @@ def _drawn(plans: Sequence[Plan]) -> tuple[dict[str, go.Figure], dict[str, str]]
     return figures, missing
 
 
-def _plans(
+def comparison_plans(
     model: Model,
     observations: Observations,
     comparison: Comparison,
-    before: Comparison | None,
-    before_name: str,
-    spread: Mapping[str, Spread] | None,
-    theta: Floats | None,
-    model_name: str,
+    before: Comparison | None = None,
+    before_name: str = "Before",
+    spread: Mapping[str, Spread] | None = None,
+    *,
+    theta: Floats | None = None,
+    model_name: str = "Model",
 ) -> list[Plan]:
+    """Return every figure of a comparison to come, with the arguments of `comparison_figures`."""
     plane = model.finger.judged_in
     both = [(before_name, before)] if before is not None else []
     both = [*both, (model_name, comparison)]

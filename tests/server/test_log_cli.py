@@ -17,6 +17,7 @@ from daq.journal.reader import JournalReader
 from daq.readings import ReadingBlock, open_readings, write_readings
 from server.cli import main
 from tests.contracts.ingest import SmallReceiver, serving
+from tests.daq.cal_files import nano17
 from tests.daq.test_lab_files import tdms
 
 
@@ -50,18 +51,17 @@ def played(recording: Path, device: str, *faults: str) -> tuple[subprocess.Popen
     raise AssertionError(process.communicate()[0])
 
 
-@pytest.mark.parametrize("device", ["robotiq-ft300", "ati-serial", "ati-netft", "bota-sensone"])
+@pytest.mark.parametrize("device", ["robotiq-ft300", "ati-serial", "ati-netft", "bota-sensone", "gauge-volts"])
 def test_a_played_device_is_logged_checked_and_exported(
     device: str, recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     process, said = played(recording, device)
     out = recording.parent / "log"
-    settings = [a for k, v in said["settings"].items() for a in ("--set", f"{k}={v}")]
-    about = ["--serial", "X1", "--calibration", "C1", "--out", str(out), "--seconds", "1.5"]
+    # What it said is a line that works as it stands, but for the folder.
+    program, *line, folder = said["log_with"].split()
+    assert (program, folder) == ("fingertwin", "LOG")
     try:
-        code, text, err = run(
-            capsys, monkeypatch, "log", "--driver", device, "--port", said["address"], *settings, *about
-        )
+        code, text, err = run(capsys, monkeypatch, *line, str(out), "--seconds", "1.5")
     finally:
         process.kill()
         process.communicate()
@@ -82,6 +82,53 @@ def test_a_played_device_is_logged_checked_and_exported(
     assert wrench[:, 2] == pytest.approx(3.0 * wrench[:, 0], abs=0.06)
     events = json.loads((out / "readings.parquet.events.json").read_text())
     assert {"started", "ended"} <= {e["kind"] for e in events["events"]}
+
+
+def test_gauge_volts_are_played_and_logged_by_a_calibration_of_the_users_own(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = nano17(recording.parent)
+    process, said = played(recording, "gauge-volts", "--set", f"calibration={own}", "--drift-N-per-min", "-600")
+    out = recording.parent / "log"
+    try:
+        code, _, err = run(capsys, monkeypatch, *said["log_with"].split()[1:-1], str(out), "--seconds", "1.5")
+    finally:
+        process.kill()
+        process.communicate()
+    assert code == 0, err
+    with JournalReader.open(out / "journal.sqlite3") as journal:
+        [stream] = journal.streams()
+        chunks = list(journal.read(stream.id))
+    # Whose calibration it is, and what it says, is in the log, though nobody stated it on the command line.
+    assert stream.cell["serial"] == "FT14048"
+    assert stream.cell["model"] == "ATI Nano17 SI-50-0.5"
+    assert stream.cell["calibration_text"] == own.read_text("utf-8")
+    t_s = np.concatenate([c.t_s for c in chunks])
+    # Of Fz - 3 Fx, in which what is played cancels, the drift of -10 N/s is left twice, upwards.
+    left = np.concatenate([c.wrench[:, 2] - 3.0 * c.wrench[:, 0] for c in chunks])
+    assert len(left) > 50
+    assert np.polyfit(t_s, left, 1)[0] == pytest.approx(20.0, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["robotiq-ft300", "--set", "calibration=x"], "has no setting calibration"),
+        (["gauge-volts", "--set", "calibration=none.cal"], "none.cal cannot be read"),
+        (["gauge-volts", "--set", "calibration"], "expected NAME=VALUE"),
+        (["gauge-volts", "--noise-N", "-1"], "noise-N is -1"),
+        (["gauge-volts", "--noise-N", "1", "--noise-correlation", "1"], "noise-correlation is 1"),
+        (["gauge-volts", "--flip-per-s", "nan"], "flipped-per-s is below zero"),
+    ],
+)
+def test_what_cannot_be_played_is_said_in_one_line(
+    arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, text, err = run(capsys, monkeypatch, "simulate-cell", *arguments, "--wire", "tcp")
+    assert (code, text) == (2, "")
+    assert said in err
+    assert err.count("\n") == 1
 
 
 def test_a_recording_is_logged_as_it_is(
@@ -238,6 +285,32 @@ def test_a_replay_arrives_at_a_service_once_and_in_order(
     sent = np.concatenate([b.wrench for b in open_readings(recording).blocks()])
     assert (np.concatenate([c.wrench for c in chunks]) == sent).all()
     assert {"started", "ended"} <= {e["kind"] for e in receiver.events(session)}
+    receiver.close()
+
+
+def test_what_a_service_refused_is_put_back_and_sent_by_the_next_log(
+    recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    receiver = SmallReceiver(recording.parent / "received.sqlite3")
+    session, out = receiver.new_session(), recording.parent / "kept"
+    journal = str(out / "journal.sqlite3")
+    with serving(receiver.handle) as address:
+        arguments = ["replay", str(recording), "--to", address, "--session", session, "--out", str(out)]
+        receiver.most_bytes = 1
+        code, text, err = run(capsys, monkeypatch, *arguments)
+        assert code == 0, err
+        assert "1 chunks were refused and stay in the journal" in text
+        code, text, _ = run(capsys, monkeypatch, "journal", "check", journal)
+        assert "0 chunks wait to be sent, 1 that the service refused are set aside" in text
+        code, text, _ = run(capsys, monkeypatch, "journal", "requeue", journal)
+        assert code == 0
+        assert f"{journal}: 1 chunk is to be sent again" in text
+        code, text, _ = run(capsys, monkeypatch, "journal", "requeue", journal, "--json", "-")
+        assert json.loads(text) == {"schema": "fingertwin/journal-requeue/1", "journal": journal, "chunks": 0}
+        receiver.most_bytes = 1 << 20
+        code, text, err = run(capsys, monkeypatch, *arguments)
+        assert code == 0, err
+    assert f"All is at {address} (2 chunks)" in text
     receiver.close()
 
 

@@ -1,0 +1,1 @@
+"""The finger's digital twin for other programs: `fingertwin.client` asks a running model service."""

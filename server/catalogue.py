@@ -1,0 +1,45 @@
+"""Effects as the command line, the service and the pages show them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fingermodel.fingers import Topology
+    from fingermodel.stages import Effect
+
+
+def effect_row(effect: Effect, topology: Topology | None = None) -> dict[str, Any]:
+    """Return an effect as plain data: what it does, its formula, source and parameters.
+
+    Args:
+        effect: of the catalogue or the user's.
+        topology: of the finger that it is to act on; by default that of An et al. 1979.
+    """
+    from fingermodel.finger_files import read_finger
+    from fingermodel.model import ANY_LAYOUT
+
+    if topology is None:
+        topology = read_finger("an1979_middle").topology
+    parameters = effect.parameters(topology, ANY_LAYOUT)
+    return {
+        "name": effect.name,
+        "stage": effect.stage,
+        "title": effect.title,
+        "formula": effect.formula,
+        "tell": effect.tell,
+        "source": effect.source,
+        "rests_on_clamp_assumption": effect.rests_on_clamp_assumption,
+        "candidates": list(effect.variants(topology, ANY_LAYOUT)),
+        "parameters": [
+            {
+                "name": p.name,
+                "unit": p.unit,
+                "null": p.initial,
+                "range": list(p.plausible) if p.plausible else None,
+                "prior_sd": p.sd,
+                "one_sided": p.one_sided,
+            }
+            for p in parameters
+        ],
+    }

@@ -1,0 +1,114 @@
+"""Commands of the model service: `serve`, `token`, `backup`, `restore`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from server.cli_options import Json, app
+
+Data = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Folder of the service's data; by default FINGERTWIN_DATA or the user's own."),
+]
+DatabaseUrl = Annotated[
+    str | None,
+    typer.Option(
+        metavar="URL", help="Another database than SQLite in that folder: postgresql+psycopg://USER@HOST/NAME."
+    ),
+]
+
+
+@app.command()
+def serve(
+    host: Annotated[
+        str | None, typer.Option(help="Address to listen on; any but this machine's own needs tokens [127.0.0.1].")
+    ] = None,
+    port: Annotated[int | None, typer.Option(help="0 takes any free one [8765].")] = None,
+    data: Data = None,
+    database_url: DatabaseUrl = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes that refit and diagnose; by default half the cores, at most 4.")
+    ] = None,
+    log_format: Annotated[Literal["text", "json"] | None, typer.Option(help="Of the log, on standard error.")] = None,
+    log_level: Annotated[
+        Literal["debug", "info", "warning", "error"] | None, typer.Option(help="What the log holds [info].")
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Run the model service until Ctrl-C."""
+    from server.commands.service import serve as run
+
+    given = {"host": host, "port": port, "data": data, "database_url": database_url, "workers": workers}
+    run(given | {"log_format": log_format, "log_level": log_level}, json)
+
+
+token_app = typer.Typer(help="Who may use the service from elsewhere.", no_args_is_help=True)
+app.add_typer(token_app, name="token")
+
+
+@token_app.command("create")
+def token_create(
+    name: Annotated[str, typer.Argument(help="Who or what uses it.")],
+    role: Annotated[Literal["read", "write"], typer.Option(help="What it may do; write may read too.")],
+    days: Annotated[float | None, typer.Option(help="After which it ends; by default never.")] = None,
+    data: Data = None,
+    database_url: DatabaseUrl = None,
+    json: Json = None,
+) -> None:
+    """Make a token and print it, once: it is kept nowhere."""
+    from server.commands.service import create_token
+
+    create_token({"data": data, "database_url": database_url}, name, role, days, json)
+
+
+@token_app.command("list")
+def token_list(data: Data = None, database_url: DatabaseUrl = None, json: Json = None) -> None:
+    """Show the tokens without their secrets."""
+    from server.commands.service import list_tokens
+
+    list_tokens({"data": data, "database_url": database_url}, json)
+
+
+@token_app.command("revoke")
+def token_revoke(
+    number: Annotated[str, typer.Argument(metavar="ID", help="Of `token list`.")],
+    data: Data = None,
+    database_url: DatabaseUrl = None,
+    json: Json = None,
+) -> None:
+    """Make a token useless, also for a service that runs."""
+    from server.commands.service import revoke_token
+
+    revoke_token({"data": data, "database_url": database_url}, number, json)
+
+
+@app.command()
+def backup(
+    file: Annotated[Path, typer.Argument(help="A new file.")],
+    data: Data = None,
+    database_url: DatabaseUrl = None,
+    json: Json = None,
+) -> None:
+    """Copy the service's database into one file, also while the service runs."""
+    from server.commands.service import backup as run
+
+    run({"data": data, "database_url": database_url}, file, json)
+
+
+@app.command()
+def restore(
+    file: Annotated[Path, typer.Argument(help="A backup.")],
+    force: Annotated[
+        bool, typer.Option("--force", help="Take the place of a database, which is kept under another name.")
+    ] = False,
+    data: Data = None,
+    database_url: DatabaseUrl = None,
+    json: Json = None,
+) -> None:
+    """Put a backup in the place of the service's database; the service must not run."""
+    from server.commands.service import restore as run
+
+    run({"data": data, "database_url": database_url}, file, force, json)

@@ -1,0 +1,150 @@
+"""`fingertwin serve`, `token`, `backup` and `restore`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from daq.errors import InputError
+from server.console import answer, progress, say, table
+
+if TYPE_CHECKING:
+    from server.service.database import Database
+    from server.service.settings import Settings
+    from server.service.tokens import Role, Token
+
+Given = Mapping[str, Any]
+
+
+def serve(given: Given, json: str | None) -> None:
+    """Run the service until it is told to stop."""
+    from server.service.serve import serve as run
+
+    def make(settings: Settings) -> Any:
+        from server.service.app import create_app
+
+        return create_app(settings)
+
+    def ready(address: str) -> None:
+        if not answer("serve", {"url": address}, json):
+            say(f"The service is at {address}; Ctrl-C ends it.")
+        sys.stdout.flush()
+
+    run(settings_of(given), make, ready)
+
+
+def create_token(given: Given, name: str, role: Role, days: float | None, json: str | None) -> None:
+    """Make a token and print it."""
+    from server.service.tokens import create
+
+    with _database(settings_of(given), new=True) as database:
+        token, text = create(database, name, role, days)
+    if answer("token-create", {"token": text, **token.as_dict()}, json):
+        return
+    say(text)
+    until = f"until {token.expires_utc}" if token.expires_utc else "until it is revoked"
+    say(f"Token {token.id} of {token.name} may {_may(token)} {until}. It is not shown again.")
+
+
+def list_tokens(given: Given, json: str | None) -> None:
+    """Show the tokens."""
+    from server.service.tokens import listed
+
+    with _database(settings_of(given)) as database:
+        found = listed(database)
+    if answer("token-list", {"tokens": [t.as_dict() for t in found]}, json):
+        return
+    rows = [[t.id, t.name, t.role, t.state(), t.created_utc[:16], (t.expires_utc or "")[:16] or None] for t in found]
+    table("Tokens", ["id", "name", "role", "state", "created (UTC)", "ends (UTC)"], rows)
+
+
+def revoke_token(given: Given, number: str, json: str | None) -> None:
+    """Make a token useless."""
+    from server.service.tokens import revoke
+
+    with _database(settings_of(given)) as database:
+        token = revoke(database, number)
+    if not answer("token-revoke", token.as_dict(), json):
+        say(f"Token {token.id} of {token.name} is revoked; a service that runs refuses it within a second or two.")
+
+
+def backup(given: Given, target: Path, json: str | None) -> None:
+    """Copy the service's database into one file."""
+    from server.service.backup import backup as run
+
+    with progress("Copying and checking"):
+        done = run(settings_of(given), target)
+    if not answer("backup", done.as_dict(), json):
+        say(f"{done.file}: {_megabytes(done.size_bytes)}, {done.sessions} sessions, checked")
+
+
+def restore(given: Given, source: Path, force: bool, json: str | None) -> None:
+    """Put a backup in the place of the service's database."""
+    from server.service.backup import restore as run
+
+    with progress("Checking and copying"):
+        done, aside = run(settings_of(given), source, force=force)
+    if answer("restore", {**done.as_dict(), "former": None if aside is None else str(aside)}, json):
+        return
+    say(f"{done.file}: {_megabytes(done.size_bytes)}, {done.sessions} sessions, checked")
+    if aside is not None:
+        say(f"The former database is {aside}")
+
+
+def settings_of(given: Given) -> Settings:
+    """Return the settings: what was given, then FINGERTWIN_… variables, then the defaults.
+
+    Raises:
+        InputError: one of them cannot be used.
+    """
+    from pydantic import ValidationError
+
+    from server.service.settings import Settings
+
+    try:
+        return Settings(**{name: value for name, value in given.items() if value is not None})
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = str(first["loc"][0]) if first["loc"] else "settings"
+        said = str(first["msg"]).removeprefix("Input should be ").removeprefix("Value error, ")
+        option = f"--{name.replace('_', '-')} or FINGERTWIN_{name.upper()}"
+        raise InputError(f"{option} is {str(first.get('input'))[:100]!r}", said) from error
+
+
+@contextmanager
+def _database(settings: Settings, *, new: bool = False) -> Iterator[Database]:
+    """Yield the service's database, which may be in use.
+
+    Raises:
+        InputError: there is none and none is to be made, or it cannot be used.
+    """
+    from server.service.database import Database
+    from server.service.folder import alone, folder_of, held, made, sqlite_of
+    from server.service.migrate import check, expected, explained, upgrade
+
+    file = sqlite_of(settings)
+    if new:
+        made(folder_of(settings))
+    elif file is not None and not file.is_file():
+        raise InputError(f"there is no database in {file.parent}", "the service's folder", "Give it with --data")
+    database = Database(settings.url)
+    try:
+        if check(database) != expected():
+            # Not under a service that runs and knows another version.
+            with held(folder_of(settings)), alone(database):
+                upgrade(database)
+        with explained(database):
+            yield database
+    finally:
+        database.close()
+
+
+def _may(token: Token) -> str:
+    return "read and write" if token.role == "write" else "read"
+
+
+def _megabytes(size_bytes: int) -> str:
+    return f"{size_bytes / 1e6:.1f} MB"

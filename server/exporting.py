@@ -1,0 +1,227 @@
+"""Sessions and models written for other software, for whichever command or request was asked for it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from daq.errors import InputError
+from server.workflow import Bench, compare_bench
+
+if TYPE_CHECKING:
+    from daq.measured import MeasuredSession
+    from daq.session_models import Session
+    from fingermodel.compare import Comparison
+    from fingermodel.model_files import Revision
+
+# Endings that each format may have, the first one by default.
+ENDINGS: Mapping[str, tuple[str, ...]] = {
+    "csv": (".csv",),
+    "parquet": (".parquet",),
+    "hdf5": (".h5", ".hdf5"),
+    "c3d": (".c3d",),
+    "mat": (".mat",),
+    "supplement": (".zip",),
+}
+OF_MODELS = ("csv", "parquet")
+
+
+@contextmanager
+def writing(path: Path, remedy: str = "Choose another --out") -> Iterator[None]:
+    """Say in one line that a file cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(
+            f"{path} cannot be written ({error.strerror or error})",
+            "a place that can be written to, with space left",
+            remedy,
+        ) from error
+
+
+def write_table_file(
+    columns: Mapping[str, list[Any]], path: Path, file_format: str, about: Mapping[str, Any]
+) -> Path | None:
+    """Write columns as `csv`, with what they are beside it, or as `parquet`; return the file beside it."""
+    from daq.export import write_columns, write_table
+
+    if file_format == "csv":
+        return write_table(columns, path, about)
+    write_columns(columns, path, file_format)
+    return None
+
+
+def parameter_columns(revision: Revision) -> dict[str, list[Any]]:
+    """A revision's parameters as columns, one row each."""
+    rows = revision.document["parameters"]
+    return {key: [row[key] for row in rows] for key in rows[0]} if rows else {}
+
+
+def about_revision(revision: Revision, sources: Mapping[str, str]) -> dict[str, Any]:
+    """What a table of parameters came from; `sources` are SHA-256 by name."""
+    from daq.export import software
+
+    return {
+        "software": software(),
+        "session": revision.session,
+        "model": revision.id,
+        "sources": dict(sources),
+    }
+
+
+def bench_columns(bench: Bench, hidden: Collection[str] = ()) -> dict[str, list[Any]]:
+    """Measured and predicted cases as columns, one row a case.
+
+    Args:
+        bench: session and model.
+        hidden: cases whose predictions are left empty.
+    """
+    from daq.export import case_columns
+
+    columns = {**case_columns(bench.measured), **_predicted_columns(compare_bench(bench), hidden)}
+    return columns | {"model": [bench.loaded.name] * len(columns["id"])}
+
+
+def about_bench(bench: Bench, sources: Mapping[str, Any], hidden: Collection[str] = ()) -> dict[str, Any]:
+    """What a table of cases came from; `sources` are fingerprints by name."""
+    from daq.export import software
+
+    measured = bench.measured
+    notes = list(measured.notes)
+    if hidden:
+        notes.append(f"{len(hidden)} validation cases without prediction, which is hidden until the session is closed")
+    return {
+        "software": software(),
+        "session": measured.session.id,
+        "model": bench.loaded.name,
+        "tension_factor_source": measured.tension_factor_source,
+        "sources": dict(sources),
+        "notes": notes,
+    }
+
+
+def write_whole(
+    bench: Bench,
+    session: Session,
+    path: Path,
+    file_format: str,
+    about: Mapping[str, Any],
+    hidden: Collection[str] = (),
+) -> int:
+    """Write cases and readings as `hdf5` or `mat`; return the number of cases.
+
+    Args:
+        bench: session and model.
+        session: in its folder, with its readings.
+        path: of the file.
+        file_format: hdf5 or mat.
+        about: of `about_bench`.
+        hidden: cases whose predictions are left empty.
+    """
+    from daq.export import window_columns
+    from daq.export_formats import write_hdf5, write_mat
+
+    columns = {**bench_columns(bench, hidden), **window_columns(bench.measured)}
+    (write_hdf5 if file_format == "hdf5" else write_mat)(session, columns, path, about)
+    return len(columns["id"])
+
+
+def write_paper(
+    measured: MeasuredSession,
+    bench: Bench | None,
+    models: Sequence[Mapping[str, Any]],
+    path: Path,
+    session_file: Path,
+    hidden: Collection[str] = (),
+) -> tuple[int, dict[str, int]]:
+    """Write the supplement of a paper.
+
+    Args:
+        measured: the session, in its folder.
+        bench: of it and the model whose predictions go along; None for none.
+        models: documents of that model and of the revisions before it.
+        path: of the archive.
+        session_file: description of the session.
+        hidden: cases whose predictions are left empty.
+
+    Returns:
+        the number of cases, and how many private things were replaced, by kind.
+    """
+    from daq.export import case_columns, software
+    from daq.supplement import write_supplement
+
+    about = {"software": software()}
+    if bench is None:
+        columns: Mapping[str, list[Any]] = {**case_columns(measured)}
+    else:
+        columns = bench_columns(bench, hidden)
+        about["model"] = bench.loaded.name
+    replaced = write_supplement(
+        measured,
+        columns,
+        path,
+        about=about,
+        session_file=session_file,
+        models=models,
+        finger=own_finger(measured.session),
+        commands=_commands(models),
+    )
+    return len(columns["id"]), replaced
+
+
+def own_finger(session: Session) -> dict[str, Any] | None:
+    """The document of the session's finger, where it does not come with the software."""
+    from fingermodel.finger_files import finger_names, read_finger
+
+    if session.finger in finger_names() and not (session.folder and (session.folder / session.finger).is_file()):
+        return None
+    return read_finger(session.finger, session.folder).document
+
+
+def _commands(models: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Seeds, and what makes every figure and revision again, run beside the supplement's session.yaml."""
+    from daq.supplement import model_members
+    from fingermodel.diagnosis import calibration, held_out, next_cases
+    from fingermodel.refit import SEED
+
+    members = model_members(models)
+    chosen = f" --model {members[0]}" if members else ""
+    revisions = []
+    for i, (member, document) in enumerate(zip(members, models, strict=True)):
+        if not member.endswith(".json"):
+            continue
+        start = members[i + 1] if i + 1 < len(members) else document["parent"]
+        given = f"session.yaml --model {start} --out again-{i}.json"
+        changed = " ".join([*document["added"], *(f"--without {name}" for name in document["removed"])])
+        command = f"add {changed} {given}" if changed else f"refit {given} --method {document['method']}"
+        revisions.append({"file": member, "id": document["id"], "command": f"fingertwin {command}"})
+    pages = {name: f"fingertwin {name} session.yaml{chosen} --figures figures" for name in ("compare", "diagnose")}
+    return {
+        "seeds": {
+            "refit": SEED,
+            "diagnose: calibration": calibration.SEED,
+            "diagnose: held-out cases": held_out.SEED,
+            "next": next_cases.SEED,
+        },
+        "figures": [{"file": f"figures/{n}.html, and PNG and SVG beside it", "command": c} for n, c in pages.items()],
+        "revisions": revisions,
+    }
+
+
+def _predicted_columns(comparison: Comparison, hidden: Collection[str]) -> dict[str, list[Any]]:
+    """Predicted force and tip moment, force residual and z of every case, in the measured cases' order."""
+    columns: dict[str, list[Any]] = {}
+    shown = [None if c.id in hidden else c for c in comparison.cases]
+    for i, axis in enumerate("xyz"):
+        predicted = [None if c is None else float(c.predicted_N[i]) for c in shown]
+        measured = [float(c.measured_N[i]) for c in comparison.cases]
+        columns[f"predicted_F{axis}_N"] = predicted
+        columns[f"residual_F{axis}_N"] = [
+            None if p is None else m - p for m, p in zip(measured, predicted, strict=True)
+        ]
+        columns[f"predicted_T{axis}_Nmm"] = [
+            None if c is None or c.predicted_Nmm is None else float(c.predicted_Nmm[i]) for c in shown
+        ]
+    return columns | {"z": [None if c is None else c.z for c in shown]}

@@ -1,0 +1,216 @@
+"""What an effect would change in the very cases of a session, beside what the model misses in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from fingermodel.compare import PLANES, CaseComparison, Comparison
+from fingermodel.fingers import Plane
+from server.figures.style import (
+    COMPONENT_AXES,
+    COMPONENT_SENSES,
+    GRID,
+    INK,
+    MUTED,
+    SMALL_PX,
+    NothingToDrawError,
+    axis,
+    case_text,
+    domain,
+    figure,
+    in_order,
+    load_styles,
+    number,
+    plain,
+)
+
+Floats = NDArray[np.float64]
+
+# Beyond so many cases a bar is no longer seen.
+MOST_CASES = 150
+_PANEL, _GAP, _TOP, _BOTTOM, _LEFT, _RIGHT = 170, 30, 112, 118, 66, 20  # [px]
+# Less than this is nothing that a cell could read [N].
+_NOTHING_N = 1e-6
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A parameter of the effect and the value that it is given.
+
+    Attributes:
+        name: of the parameter.
+        value: that it is given.
+        unit: of it.
+        why: where the value comes from, in a few words.
+    """
+
+    name: str
+    value: float
+    unit: str
+    why: str
+
+
+def effect_figure(
+    title: str, without: Comparison, within: Comparison, settings: Sequence[Setting], *, plane: Plane = "space"
+) -> go.Figure:
+    """Draw the change of every predicted force component as bars, and as circles what the model misses without it.
+
+    Args:
+        title: of the effect.
+        without: the session compared with the model, the effect at its null.
+        within: the same cases, the effect at its settings.
+        settings: of its parameters.
+        plane: which components: x and y, or z too.
+
+    Raises:
+        NothingToDrawError: no case, nothing that the effect acts on, or no force that it changes.
+    """
+    if not settings:
+        raise NothingToDrawError("This finger has nothing that the effect acts on.")
+    after = {c.id: c for c in within.cases}
+    pairs = [(c, after[c.id].predicted_N - c.predicted_N) for c in _sorted(without.cases)]
+    count = PLANES[plane]
+    sizes = [float(np.linalg.norm(change[:count])) for _, change in pairs]
+    if not sizes or not np.isfinite(sizes).all():
+        raise NothingToDrawError("There is no load case whose change could be drawn.")
+    if max(sizes) < _NOTHING_N:
+        raise NothingToDrawError("The effect changes no force of these load cases.")
+    largest = int(np.argmax(sizes))
+    said = f"{number(sizes[largest], 3)} N in {plain(pairs[largest][0].id)}"
+    least = sorted(sizes, reverse=True)[:MOST_CASES][-1]
+    drawn = [p for p, size in zip(pairs, sizes, strict=True) if size >= least][:MOST_CASES]
+    height = count * _PANEL + (count - 1) * _GAP
+    data: list[Any] = []
+    layout: dict[str, Any] = {"annotations": [], "shapes": [], "bargap": 0.15, "showlegend": True}
+    for index in range(count):
+        upper = 1.0 - index * (_PANEL + _GAP) / height
+        data += _panel(drawn, index, layout, domain(upper - _PANEL / height, upper), last=index == count - 1)
+    layout["legend"] = {
+        "orientation": "h",
+        "x": 0.0,
+        "xanchor": "left",
+        "y": -(_BOTTOM - 34) / height,
+        "yanchor": "top",
+        "font": {"size": SMALL_PX + 1},
+    }
+    left_out = len(pairs) - len(drawn)
+    cut = f" The {len(drawn)} cases that it changes most, {left_out} others are left out." if left_out else ""
+    return figure(
+        data,
+        layout,
+        title=f"What it would change here: {plain(title)}",
+        subtitle=f"{_given(settings)}<br>Largest change: {said}.{cut}",
+        height=height + _TOP + _BOTTOM,
+        margin={"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
+    )
+
+
+def _sorted(cases: Sequence[CaseComparison]) -> list[CaseComparison]:
+    """Cases by mount, tendons, posture and weight, as they stand on the axis."""
+    muscles, postures = in_order(c.muscles for c in cases), list(dict.fromkeys(c.posture for c in cases))
+    places = {"tip": 0, "bone": 1}
+    return sorted(
+        cases,
+        key=lambda c: (
+            places.get(c.location, 2),
+            muscles.index(c.muscles),
+            postures.index(c.posture),
+            sum(c.masses_g.values()),
+        ),
+    )
+
+
+def _panel(
+    pairs: Sequence[tuple[CaseComparison, Floats]],
+    index: int,
+    layout: dict[str, Any],
+    place: list[float],
+    *,
+    last: bool,
+) -> list[Any]:
+    """Bars and circles of one component, with its axes and the bounds between tendons."""
+    suffix = str(index + 1) if index else ""
+    names = {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
+    cases = [c for c, _ in pairs]
+    changes = [float(change[index]) for _, change in pairs]
+    missing = [float(c.measured_N[index] - c.predicted_N[index]) for c in cases]
+    styles = load_styles(in_order(c.muscles for c in cases))
+    words = [
+        f"{case_text(c)}<br>{COMPONENT_AXES[index]}: the effect changes it by {number(change, 3)} N"
+        f"<br>measured − predicted without it {number(rest, 3)} N"
+        for c, change, rest in zip(cases, changes, missing, strict=True)
+    ]
+    at = list(range(len(cases)))
+    groups = _groups(cases)
+    layout[f"xaxis{suffix}"] = axis(
+        anchor=names["yaxis"],
+        range=[-0.7, len(cases) - 0.3],
+        tickvals=[0.5 * (a + b - 1) for _, a, b in groups],
+        ticktext=[name for name, _, _ in groups],
+        tickangle=-60,
+        ticks="",
+        showticklabels=last,
+        showgrid=False,
+        showline=False,
+    )
+    title = f"{COMPONENT_AXES[index]} [N], {COMPONENT_SENSES[index]} +"
+    layout[f"yaxis{suffix}"] = axis(title, domain=place, anchor=names["xaxis"], nticks=5)
+    layout[f"yaxis{suffix}"] |= {"zeroline": True, "zerolinecolor": MUTED, "zerolinewidth": 1}
+    line = {"color": GRID, "width": 1}
+    for _, begin, _ in groups[1:]:
+        shape = {"type": "line", "x0": begin - 0.5, "x1": begin - 0.5, "y0": 0, "y1": 1, "line": line}
+        layout["shapes"].append(shape | {"xref": names["xaxis"], "yref": f"{names['yaxis']} domain", "layer": "below"})
+    bars = go.Bar(
+        x=at,
+        y=changes,
+        marker={"color": [styles[c.muscles].color for c in cases], "line": {"width": 0}},
+        hoverinfo="text",
+        hovertext=words,
+        name="change by the effect (colour: the loaded tendon)",
+        showlegend=index == 0,
+        meta={"kind": "change", "cases": [c.id for c in cases]},
+        **names,
+    )
+    circles = go.Scatter(
+        x=at,
+        y=missing,
+        mode="markers",
+        marker={"color": INK, "symbol": "circle-open", "size": 6, "line": {"width": 1.2}},
+        hoverinfo="skip",
+        name="measured − predicted without the effect",
+        showlegend=index == 0,
+        meta={"kind": "missing"},
+        **names,
+    )
+    return [bars, circles]
+
+
+def _groups(cases: Sequence[CaseComparison]) -> list[tuple[str, int, int]]:
+    """(Name, first, end) of neighbouring cases of one mount and one set of tendons."""
+    out: list[tuple[str, int, int]] = []
+    for index, case in enumerate(cases):
+        name = f"{case.location} {plain(case.muscles)}"
+        if out and out[-1][0] == name:
+            out[-1] = (name, out[-1][1], index + 1)
+        else:
+            out.append((name, index, index + 1))
+    return out
+
+
+def _given(settings: Sequence[Setting]) -> str:
+    """Say what the parameters are set to, the first few of them."""
+    units = {"1": ""}
+    told = [f"{plain(s.name)} = {_short(s.value)} {units.get(s.unit, plain(s.unit))}".rstrip() for s in settings[:3]]
+    more = f" and {len(settings) - 3} more" if len(settings) > 3 else ""
+    whys = ", ".join(dict.fromkeys(s.why for s in settings))
+    return f"{', '.join(told)}{more} ({whys})."
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}".replace("-", "\N{MINUS SIGN}")

@@ -1,0 +1,61 @@
+// The service's documented interface, and nothing but it.
+
+export class Refusal extends Error {
+  constructor(status, body) {
+    super(body?.detail || `The service answered ${status}.`);
+    this.status = status;
+    this.detail = this.message;
+    this.body = body;
+  }
+}
+
+export class Away extends Error {
+  constructor() {
+    super("The service does not answer. It is asked again by itself; nothing that you typed is lost.");
+    this.detail = this.message;
+  }
+}
+
+export async function ask(path, { method = "GET", body, signal } = {}) {
+  let response;
+  try {
+    response = await fetch(`/api/v1${path}`, {
+      method,
+      signal,
+      headers: body === undefined ? {} : { "Content-Type": "application/json" },
+      body: body === undefined ? undefined : JSON.stringify(body),
+    });
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    throw new Away();
+  }
+  if (response.status === 204) return null;
+  const said = await response.json().catch(() => null);
+  if (!response.ok) throw new Refusal(response.status, said);
+  return said;
+}
+
+export const get = (path, query = {}, signal) => {
+  const asked = Object.entries(query).filter(([, v]) => v !== null && v !== undefined && v !== "");
+  const text = new URLSearchParams(asked).toString();
+  return ask(text ? `${path}?${text}` : path, { signal });
+};
+export const post = (path, body = {}) => ask(path, { method: "POST", body });
+export const put = (path, body) => ask(path, { method: "PUT", body });
+export const at = (...parts) => "/" + parts.map(encodeURIComponent).join("/");
+
+/** Wait for a job, telling how far it is; survives a restart of the service. */
+export async function finished(job, tell, signal) {
+  let now = job;
+  for (let pause = 200; ; pause = Math.min(1.4 * pause, 1500)) {
+    tell(now);
+    if (!["queued", "running"].includes(now.state)) return now;
+    await new Promise((resolve) => setTimeout(resolve, pause));
+    if (signal?.aborted) return now;
+    try {
+      now = await get(at("jobs", job.id), {}, signal);
+    } catch (error) {
+      if (!(error instanceof Away)) throw error;
+    }
+  }
+}

@@ -1,0 +1,87 @@
+// Which page is shown: the address after # says it.
+import { Live } from "./live.js";
+import { el, fill, problem } from "./dom.js";
+
+const VIEWS = {
+  bench: ["Bench", () => import("./views/bench.js")],
+  compare: ["Compare", () => import("./views/compare.js")],
+  find: ["Find the missing effect", () => import("./views/find.js")],
+  fall: ["The fall of the error", () => import("./views/fall.js")],
+};
+const OTHERS = { "": ["Sessions", () => import("./views/sessions.js")], help: ["Help", () => import("./views/help.js")] };
+
+let shown = null;
+let live = null;
+const main = document.getElementById("main");
+
+function where() {
+  const [path, query] = location.hash.replace(/^#\/?/, "").split("?");
+  const parts = path.split("/").map(decodeURIComponent);
+  const asked = Object.fromEntries(new URLSearchParams(query || ""));
+  if (parts[0] === "sessions" && parts[1]) return { session: parts[1], view: parts[2] || "compare", asked };
+  return { session: null, view: parts[0] || "", asked };
+}
+
+function navigation({ session, view }) {
+  const link = (href, title, current) => el("a", { href, "aria-current": current ? "page" : null }, title);
+  fill(document.getElementById("nav"),
+    link("#/", "Sessions", !session && view === ""),
+    session ? Object.entries(VIEWS).map(([name, [title]]) =>
+      link(`#/sessions/${encodeURIComponent(session)}/${name}`, title, name === view)) : null,
+    link("#/help", "Help", !session && view === "help"));
+}
+
+export function linkState(text, away = false) {
+  const place = document.getElementById("link");
+  if (place.textContent === text) return;
+  place.textContent = text;
+  place.classList.toggle("away", away);
+}
+
+function listen(session) {
+  if (live?.session === session) return;
+  live?.close();
+  live = new Live(session, (message) => shown?.hear?.(message), (state, detail) => {
+    if (state === "live") linkState(session ? `live: ${session}` : "live");
+    else if (state === "away") linkState("The service does not answer; trying again …", true);
+    else linkState(detail, true);
+    shown?.link?.(state);
+  });
+}
+
+async function show() {
+  const here = where();
+  shown?.leave?.();
+  shown = null;
+  navigation(here);
+  listen(here.session);
+  const found = here.session ? VIEWS[here.view] : OTHERS[here.view];
+  if (!found) {
+    document.title = "fingertwin";
+    fill(main, el("h1", {}, "There is no such page"), el("p", {}, el("a", { href: "#/" }, "To the sessions")));
+    return;
+  }
+  document.title = `${here.session ? `${here.session}: ` : ""}${found[0]} – fingertwin`;
+  fill(main, el("p", { class: "quiet" }, "Loading …"));
+  try {
+    const { view } = await found[1]();
+    if (where().session !== here.session || where().view !== here.view) return;
+    fill(main);
+    shown = await view(main, here);
+  } catch (error) {
+    fill(main, el("h1", {}, found[0]), problem(error),
+      el("p", {}, el("button", { onclick: show }, "Try again"), " ", el("a", { href: "#/" }, "To the sessions")));
+  }
+}
+
+let before = "";
+addEventListener("hashchange", () => {
+  const here = where();
+  const name = `${here.session}/${here.view}`;
+  if (name === before && shown?.asked) shown.asked(here.asked);
+  else show();
+  before = name;
+  main.focus({ preventScroll: true });
+});
+before = `${where().session}/${where().view}`;
+show();

@@ -1,0 +1,149 @@
+"""The model service as an ASGI application."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.metadata import version
+
+from fastapi import APIRouter, FastAPI
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+
+from daq.errors import InputError
+from daq.uplink.wire import API
+from server.service import problems
+from server.service.answers import JsonAnswer
+from server.service.guard import protect
+from server.service.health import Health
+from server.service.metrics import Metrics
+from server.service.openapi import answer_wrong_method, document_of
+from server.service.services import Services, build
+from server.service.settings import Settings
+from server.service.tokens import TokenBook
+
+_LOG = logging.getLogger(__name__)
+_DESCRIPTION = """\
+The digital twin of a finger on a test bench. It takes a load cell's readings in, keeps them, predicts and compares the
+forces of every load case, refits the model, and finds the physical effect that is missing.
+
+Units are in the names: `_N`, `_Nmm`, `_g`, `_deg`, `_s`. Axes: x proximal, y dorsal, z radial. Refusals are
+`application/problem+json` and say what was found, what was expected and what to do.
+"""
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """Make the application; its parts are built and started with it.
+
+    Args:
+        settings: of the service.
+    """
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        parts = await asyncio.to_thread(build, settings)
+        app.state.services = parts
+        folder = None if settings.database_url else settings.data
+        app.state.health = Health(parts.database, lambda: parts.ready, parts.jobs.workers, folder)
+        _measure(parts, app.state.health, app.state.metrics)
+        parts.live.start(asyncio.get_running_loop())
+        parts.watch.start()
+        warming = threading.Thread(target=_warm, args=(parts,), name="warm", daemon=True)
+        warming.start()
+        try:
+            yield
+        finally:
+            await parts.live.close()
+            await asyncio.to_thread(_stop, parts)
+
+    app = FastAPI(
+        title="fingertwin",
+        version=version("fingertwin"),
+        description=_DESCRIPTION,
+        openapi_url=None,
+        docs_url=None,
+        redoc_url=None,
+        default_response_class=JsonAnswer,
+        lifespan=lifespan,
+        license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+    )
+    metrics = app.state.metrics = Metrics()
+    tokens = TokenBook(lambda: app.state.services.database)
+    app.add_exception_handler(problems.ProblemError, problems.answer_problem)
+    app.add_exception_handler(InputError, problems.answer_input_error)
+    app.add_exception_handler(RequestValidationError, problems.answer_invalid)
+    app.add_exception_handler(HTTPException, problems.answer_http)
+    app.add_exception_handler(405, answer_wrong_method)
+    app.add_exception_handler(Exception, problems.answer_failure)
+    _add_routes(app)
+    app.openapi = lambda: document_of(app)  # type: ignore[method-assign]
+
+    @app.get(f"{API}/openapi.json", include_in_schema=False)
+    def openapi() -> JsonAnswer:
+        """Return the OpenAPI document; making it takes a moment, which a thread waits."""
+        return JsonAnswer(document_of(app))
+
+    protect(app, settings, tokens, metrics)
+    return app
+
+
+def _add_routes(app: FastAPI) -> None:
+    from server.service.routes import (
+        catalogue,
+        exports,
+        figures,
+        health,
+        ingest,
+        jobs,
+        live,
+        pages,
+        predictions,
+        readings,
+        sessions,
+        twins,
+    )
+
+    api = APIRouter(prefix=API)
+    parts = (health, sessions, ingest, readings, live, predictions, twins, jobs, figures, exports, catalogue)
+    for part in parts:
+        api.include_router(part.router)
+    app.include_router(api)
+    app.include_router(pages.router)
+    app.include_router(health.metrics_router)
+
+
+def _measure(parts: Services, health: Health, metrics: Metrics) -> None:
+    """Let the metrics ask for what the parts count by themselves."""
+    health.report(metrics)
+    parts.ingest.stored = metrics.ingested
+    metrics.live_clients.set_function(lambda: float(parts.live.clients))
+    metrics.ask("fingertwin_live", "Of the live stream, since the start.", lambda: vars(parts.live.counters), "what")
+
+
+def _warm(parts: Services) -> None:
+    """Compile what the first request would wait for, and only then take up queued jobs, whose workers compile too."""
+    import numpy as np
+
+    try:
+        predictor = parts.twins.predictor("an1979_middle")
+        rotations, muscles = len(predictor.topology.rotations), len(predictor.topology.muscles)
+        for size in (1, 16):
+            predictor.predict(np.full((size, rotations), 0.5), np.zeros((size, muscles)), 0.0)
+    except Exception:
+        _LOG.exception("the model was not warmed, and the service does not become ready")
+    else:
+        parts.ready = True
+    try:
+        parts.jobs.start()
+    except Exception:
+        _LOG.exception("the jobs of the run before were not taken up")
+
+
+def _stop(parts: Services) -> None:
+    parts.ready = False
+    parts.jobs.close()
+    parts.watch.close()
+    parts.database.close()

@@ -1,0 +1,111 @@
+"""The service's database: SQLite in one file by default, PostgreSQL by its URL."""
+
+from __future__ import annotations
+
+import datetime as dt
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Engine, create_engine, event, make_url, text
+from sqlalchemy.engine import URL
+from sqlalchemy.exc import ArgumentError, DatabaseError, OperationalError
+
+from daq.errors import InputError
+
+# How long a writer waits for another process, such as a backup, to let go of the file [ms].
+_BUSY_MS = 10_000
+_WRITES = "fingertwin_writes"
+
+
+def now_utc() -> str:
+    """The time in UTC, as kept."""
+    return dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds")
+
+
+class Database:
+    """A database that is reached from several threads.
+
+    Args:
+        url: of SQLAlchemy: `sqlite:///FILE`, or `postgresql+psycopg://…`.
+
+    Raises:
+        InputError: it is no such URL, or the database cannot be opened.
+    """
+
+    def __init__(self, url: str) -> None:
+        try:
+            parsed = make_url(url)
+        except ArgumentError as error:
+            raise InputError("the database's URL cannot be read", "sqlite:///FILE or postgresql+psycopg://…") from error
+        self.dialect = parsed.get_backend_name()
+        if self.dialect not in ("sqlite", "postgresql"):
+            raise InputError(f"a database of {self.dialect}", "sqlite or postgresql")
+        self.url = parsed
+        self.engine = _engine(parsed)
+        # One writer at a time: SQLite has no more, and the numbers of messages are to grow with the commits.
+        self._writer = threading.Lock()
+
+    @property
+    def file(self) -> Path | None:
+        """The file of SQLite; None elsewhere."""
+        return Path(self.url.database) if self.dialect == "sqlite" and self.url.database else None
+
+    @contextmanager
+    def reading(self) -> Iterator[Connection]:
+        """Yield a connection that sees one state of the database, and changes nothing."""
+        with self.engine.connect() as connection:
+            try:
+                yield connection
+            finally:
+                connection.rollback()
+
+    @contextmanager
+    def writing(self) -> Iterator[Connection]:
+        """Yield a connection in a transaction of its own, one after the other: all of it is kept, or nothing."""
+        with (
+            self._writer,
+            self.engine.connect().execution_options(**{_WRITES: True}) as connection,
+            connection.begin(),
+        ):
+            yield connection
+
+    def alive(self) -> bool:
+        """Whether it answers."""
+        try:
+            with self.reading() as connection:
+                return connection.execute(text("SELECT 1")).scalar() == 1
+        except (OperationalError, DatabaseError):
+            return False
+
+    def close(self) -> None:
+        """Close all connections."""
+        self.engine.dispose()
+
+
+def _engine(url: URL) -> Engine:
+    if url.get_backend_name() != "sqlite":
+        try:
+            return create_engine(url, pool_pre_ping=True, hide_parameters=True)
+        except ImportError as error:
+            raise InputError(
+                f"PostgreSQL needs the package {error.name}", "fingertwin[postgres]", "Install it"
+            ) from error
+    # The driver must not begin transactions by itself: a write begins at once, or not at all.
+    engine = create_engine(
+        url, connect_args={"check_same_thread": False, "isolation_level": None}, hide_parameters=True
+    )
+
+    @event.listens_for(engine, "connect")
+    def prepare(connection: Any, _: Any) -> None:
+        for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", f"busy_timeout={_BUSY_MS}"):
+            connection.execute(f"PRAGMA {pragma}")
+
+    @event.listens_for(engine, "begin")
+    def begin(connection: Connection) -> None:
+        writes = connection.get_execution_options().get(_WRITES, False)
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+    return engine

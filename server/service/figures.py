@@ -1,0 +1,337 @@
+"""Figures as the command line draws them, as Plotly JSON with words for who cannot see them; each is drawn once."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import orjson
+
+from server.service.answers import dumps
+from server.service.blinding import blinded, require_closed, seen
+from server.service.figure_parts import resolved, spread_members, spread_of
+from server.service.figure_parts import settings_of as effect_settings
+from server.service.finger_drawing import draw_finger
+from server.service.measuring import Measured
+from server.service.problems import ProblemError, not_found
+from server.service.services import Services
+from server.workflow import Bench, compare_bench
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+Theme = Literal["light", "dark"]
+Drawing = tuple["go.Figure | None", str]
+
+SCHEMA = "fingertwin/figure/1"
+COMPARISON = ("scatter", "scatter_validation", "vectors", "bone", "errors", "z")
+DIAGNOSIS = ("residual_map", "missing_torque", "ranking", "confounding", "revisions", "held_out")
+REVISIONS = ("waterfall",)
+_MOST = 512
+_NONE = "No figure: "
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure as it is answered.
+
+    Attributes:
+        body: JSON.
+        tag: of the body, for clients that have it already.
+    """
+
+    body: bytes
+    tag: str
+
+
+class Figures:
+    """Draws figures, and keeps them as long as what they show is the same.
+
+    Args:
+        parts: of the service.
+    """
+
+    def __init__(self, parts: Services) -> None:
+        self.parts = parts
+        self._drawn: OrderedDict[Hashable, Drawn] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def comparison(self, name: str, session: str, model: str | None, before: str | None, theme: Theme) -> Drawn:
+        """Draw a figure of predicted against measured forces; while a bench is running, without validation cases.
+
+        Args:
+            name: of the figure, one of COMPARISON.
+            session: that is compared.
+            model: with which it is compared.
+            before: model that this one is held against; None for none.
+            theme: of the page.
+
+        Raises:
+            InputError: the session or a model cannot be used.
+            ProblemError: there is no such figure, session or model.
+        """
+        _require(name, COMPARISON)
+        parts, measured = self.parts, self.parts.measuring.of(session)
+        named = resolved(parts, measured, model)
+        earlier = resolved(parts, measured, before) if before is not None else None
+        others = spread_members(parts, measured)
+        key = ("comparison", name, measured.key, named, before is not None, earlier, tuple(o.key for o in others))
+
+        def draw() -> dict[str, Any]:
+            from server.figures.comparison import comparison_plans
+            from server.figures.style import NothingToDrawError
+
+            bench = parts.twins.bench(measured, named)
+            comparison = seen(measured, compare_bench(bench))
+            held = parts.twins.bench(measured, earlier) if before is not None else None
+            plans = comparison_plans(
+                bench.model,
+                bench.observations,
+                comparison,
+                None if held is None else seen(measured, compare_bench(held)),
+                "" if held is None else held.loaded.name,
+                spread_of(parts, others, comparison),
+                theta=bench.theta,
+                model_name=bench.loaded.name,
+            )
+            plan = next(p for p in plans if p.name == name)
+            about = _about(measured, bench) | {"before": None if held is None else held.loaded.name}
+            try:
+                return _shown(name, plan.draw(), plan.caption, about)
+            except NothingToDrawError as nothing:
+                return _shown(name, None, _nothing(nothing), about)
+
+        return self._kept(key, theme, draw)
+
+    def effect(self, effect: str, session: str, model: str | None, theme: Theme) -> Drawn:
+        """Draw what an effect would change in a session's cases, beside what the model misses in them.
+
+        Args:
+            effect: of the catalogue or a user's, one of its candidates, or one of its parameters.
+            session: whose cases are drawn; while a bench is running, without validation cases.
+            model: as it is without the effect.
+            theme: of the page.
+
+        Raises:
+            InputError: the session or the model cannot be used.
+            ProblemError: there is no such effect, session or model.
+        """
+        parts, measured = self.parts, self.parts.measuring.of(session)
+        named = resolved(parts, measured, model)
+        own = parts.effects.named([effect])
+
+        def draw() -> dict[str, Any]:
+            from fingermodel.compare import compare
+            from server.figures.effect_change import effect_figure
+            from server.figures.style import NothingToDrawError
+
+            bench = parts.twins.bench(measured, named, own)
+            title, settings = effect_settings(bench, effect)
+            table, without = bench.model.parameters, bench.theta.copy()
+            within = without.copy()
+            for setting in settings:
+                at = table.index[setting.name]
+                without[at], within[at] = table.initial[at], setting.value
+            before = seen(measured, compare(bench.model, bench.observations, without))
+            after = seen(measured, compare(bench.model, bench.observations, within))
+            about = _about(measured, bench) | {"effect": effect, "parameters": [vars(s) for s in settings]}
+            try:
+                drawn = effect_figure(title, before, after, settings, plane=bench.model.finger.judged_in)
+            except NothingToDrawError as nothing:
+                return _shown(effect, None, _nothing(nothing), about)
+            caption = "An effect whose bars follow the circles would take up what the model misses."
+            return _shown(effect, drawn, caption, about)
+
+        return self._kept(("effect", effect, measured.key, named), theme, draw)
+
+    def finger(self, session: str, posture: str | None, case: str | None, model: str | None, theme: Theme) -> Drawn:
+        """Draw the finger in a posture, or with the weights and forces of a load case.
+
+        Args:
+            session: whose finger it is.
+            posture: of the session; by default that of the case.
+            case: taken or planned; None for the finger alone.
+            model: whose finger and prediction are drawn.
+            theme: of the page.
+
+        Raises:
+            InputError: the session or the model cannot be used.
+            ProblemError: there is no such session, posture, case or model.
+        """
+        measured = self.parts.measuring.of(session)
+        named = resolved(self.parts, measured, model)
+
+        def draw() -> dict[str, Any]:
+            figure, about = draw_finger(self.parts, measured, posture, case, named)
+            caption = "Joint centres and tendon points are the model's; outlines, clamp and pulleys are schematic."
+            head = {"session": session, "session_version": measured.record.version, "blinded": _hidden(measured)}
+            return _shown("finger", figure, caption, head | about)
+
+        return self._kept(("finger", measured.key, posture, case, named), theme, draw)
+
+    def diagnosis(self, name: str, job: str, session: str | None, theme: Theme) -> Drawn:
+        """Draw a figure of a diagnosis that is done.
+
+        Args:
+            name: of the figure, one of DIAGNOSIS.
+            job: of the kinds diagnose or pooled.
+            session: of a pooled diagnosis.
+            theme: of the page.
+
+        Raises:
+            ProblemError: 404 there is no such figure, job or session, 409 the job is not done, or another.
+        """
+        _require(name, DIAGNOSIS)
+        session, answer, history = diagnosed(self.parts, job, session)
+
+        def draw() -> dict[str, Any]:
+            figure, caption = _diagnosis_drawings(answer, history)[name]
+            return _shown(name, figure, caption, {"session": session, "model": answer.get("model"), "job": job})
+
+        return self._kept(("diagnosis", name, job, session), theme, draw)
+
+    def revisions(self, name: str, revision: str | None, specimen: str | None, theme: Theme) -> Drawn:
+        """Draw how the error fell with every step up to a revision.
+
+        Args:
+            name: of the figure, one of REVISIONS.
+            revision: its id.
+            specimen: or that whose revision in force is meant.
+            theme: of the page.
+
+        Raises:
+            ProblemError: there is no such figure, revision or specimen, or not one of both is given.
+        """
+        _require(name, REVISIONS)
+        if (revision is None) == (specimen is None):
+            raise ProblemError(422, "not one of revision and specimen", "one of the two")
+        if revision is None:
+            revision = self.parts.revisions.in_force(specimen or "")
+            if revision is None:
+                raise not_found("revision of specimen", specimen or "", "/api/v1/specimens")
+        found = self.parts.revisions.read(revision)
+
+        def draw() -> dict[str, Any]:
+            from server.figures.diagnosis_revisions import revisions_figure
+            from server.figures.style import NothingToDrawError
+
+            about = {"revision": found["id"], "specimen": found["specimen"], "session": found["session"]}
+            try:
+                figure = revisions_figure({}, found["history"])
+            except NothingToDrawError as nothing:
+                return _shown(name, None, _nothing(nothing), about)
+            return _shown(name, figure, "Identification cases are fitted, validation cases never.", about)
+
+        return self._kept(("revisions", name, revision), theme, draw)
+
+    def _kept(self, key: Hashable, theme: Theme, draw: Callable[[], dict[str, Any]]) -> Drawn:
+        """A figure that is kept already, or is drawn now and kept."""
+        key = (key, theme)
+        with self._lock:
+            if key in self._drawn:
+                self._drawn.move_to_end(key)
+                return self._drawn[key]
+        body = dumps(_on_page(draw(), theme) | {"theme": theme})
+        drawn = Drawn(body, hashlib.sha256(body).hexdigest()[:32])
+        with self._lock:
+            self._drawn[key] = drawn
+            while len(self._drawn) > _MOST:
+                self._drawn.popitem(last=False)
+        return drawn
+
+
+def diagnosed(
+    parts: Services, job: str, session: str | None
+) -> tuple[str, dict[str, Any], Sequence[Mapping[str, Any]] | None]:
+    """Return the session of a diagnosis that is done, its answer, and the history of the model that it began with.
+
+    Raises:
+        ProblemError: 404 there is no such job or session, 409 the job is not done or of another kind.
+    """
+    found = parts.jobs.get(job)
+    if found.kind not in ("diagnose", "pooled"):
+        raise ProblemError(409, f"job {job} is a {found.kind}", "a diagnosis")
+    if found.state != "done" or found.result is None:
+        raise ProblemError(409, f"job {job} is {found.state}", "a job that is done")
+    if found.kind == "pooled":
+        each = found.result.get("each") or {}
+        if session not in each:
+            raise ProblemError(
+                404, f"job {job} has no session {session or '(none given)'}"[:300], f"session: one of {', '.join(each)}"
+            )
+        name, answer = session, each[session]
+    else:
+        name, answer = str(found.session), found.result
+        if session not in (None, name):
+            raise ProblemError(404, f"job {job} is of session {name}", f"session: {name}, or left out")
+    require_closed(parts.measuring.of(str(name)))
+    history = None
+    with suppress(ProblemError):  # a finger has none
+        history = parts.revisions.read(str(answer.get("model")))["history"] or None
+    return str(name), answer, history
+
+
+def _diagnosis_drawings(answer: dict[str, Any], history: Any) -> dict[str, Drawing]:
+    """Every figure of a diagnosis with its caption; None with a sentence where there is nothing to draw."""
+    from server.diagnosis_report import diagnosis_sections
+    from server.figures.report import Picture
+
+    sections = diagnosis_sections(answer, history, {})
+    places = [p for s in sections for p in s.parts if isinstance(p, Picture) or str(p).startswith(_NONE)]
+    return {
+        name: (p.figure, p.caption) if isinstance(p, Picture) else (None, str(p))
+        for name, p in zip(DIAGNOSIS, places, strict=True)
+    }
+
+
+def _require(name: str, known: Sequence[str]) -> None:
+    if name not in known:
+        raise not_found("figure", name, f"/api/v1/figures: {', '.join(known)}")
+
+
+def _nothing(error: Exception) -> str:
+    text = str(error)
+    return f"{_NONE}{text[:1].lower()}{text[1:]}"
+
+
+def _hidden(measured: Measured) -> list[str]:
+    return sorted(blinded(measured))
+
+
+def _about(measured: Measured, bench: Bench) -> dict[str, Any]:
+    return {
+        "session": measured.record.id,
+        "session_version": measured.record.version,
+        "model": bench.loaded.name,
+        "blinded": _hidden(measured),
+    }
+
+
+def _shown(name: str, figure: go.Figure | None, caption: str, about: dict[str, Any]) -> dict[str, Any]:
+    """The answer's plain data, in the colours of paper."""
+    from server.figures.alternative import plain_text, text_of
+
+    head: dict[str, Any] = {"schema": SCHEMA, "name": name}
+    if figure is None:
+        return head | {"title": None, "caption": None, "text": caption, "figure": None} | about
+    data = orjson.loads(figure.to_json())
+    title = plain_text(str(((data["layout"].get("title")) or {}).get("text") or name))
+    return head | {"title": title, "caption": caption, "text": text_of(data, caption), "figure": data} | about
+
+
+def _on_page(shown: dict[str, Any], theme: Theme) -> dict[str, Any]:
+    """Let the page show through, and turn the colours over where it is dark."""
+    from server.figures.dark import for_dark
+
+    figure = shown["figure"]
+    if figure is None:
+        return shown
+    figure["layout"] |= {"paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)"}
+    if theme == "light":
+        return shown
+    return shown | {"figure": for_dark(figure)}

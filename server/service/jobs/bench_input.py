@@ -1,0 +1,127 @@
+"""What a worker is given of a bench session: its description and its reduced windows, never its readings."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from daq.errors import ModelError
+from daq.plateaus import Plateau
+from daq.windows import Span
+
+if TYPE_CHECKING:
+    from daq.measured import MeasuredSession
+    from daq.session_models import Session
+    from fingermodel.fingers import Finger
+    from fingermodel.model_files import Revision
+    from fingermodel.stages import Effect
+    from server.workflow import Bench
+
+# Of a session's document that brings its own finger.
+FINGER_DOCUMENT = "finger_document"
+
+
+@dataclass(frozen=True, eq=False)
+class BenchInput:
+    """A measured session and the model to hold against it, as values that go from process to process.
+
+    Attributes:
+        session: document of a bench-session/1 whose cases are all measured; it may hold its finger (`finger_document`).
+        plateaus: its windows, reduced.
+        notes: what the reader of the results should know.
+        model: document of a revision, name of a shipped finger, or None for the session's own finger.
+        effects: documents of the user's own effects.
+        readings_sha256: fingerprint of the readings that the windows were cut from.
+        provenance: what the answer says that it came from; no part of the fingerprint.
+    """
+
+    session: Mapping[str, Any]
+    plateaus: Mapping[Span, Plateau] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    model: Mapping[str, Any] | str | None = None
+    effects: tuple[Mapping[str, Any], ...] = ()
+    readings_sha256: str | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        session: Session,
+        plateaus: Mapping[Span, Plateau],
+        notes: tuple[str, ...] = (),
+        *,
+        model: Mapping[str, Any] | str | None = None,
+        effects: tuple[Mapping[str, Any], ...] = (),
+        readings_sha256: str | None = None,
+    ) -> BenchInput:
+        """Make it of a session; windows that its cases do not use are left out."""
+        from daq.corrections import windows_of
+
+        document = session.model_dump(mode="json", exclude_none=True)
+        used = {window: plateaus[window] for window in windows_of(session)}
+        return cls(document, used, notes, model, effects, readings_sha256)
+
+    @property
+    def id(self) -> str:
+        """Of the session."""
+        return str(self.session["id"])
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of all that a result follows from."""
+        said = [dict(self.session), self.model, [dict(e) for e in self.effects]]
+        digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
+        for window, plateau in sorted(self.plateaus.items()):
+            digest.update(repr(window).encode())
+            digest.update(plateau.mean.tobytes())
+            digest.update(plateau.covariance.tobytes())
+        return digest.hexdigest()
+
+    def measured(self) -> MeasuredSession:
+        """Put the forces of the load cases together.
+
+        Raises:
+            InputError: the session cannot be used.
+        """
+        from daq.corrections import assemble
+        from daq.sessions import parse_session
+
+        session, faults = parse_session(dict(self.session), None)
+        if session is None:
+            raise faults[0]
+        return assemble(session, self.plateaus, self.notes)
+
+    def open(self, *, catalogue: bool = False, effects: Sequence[Effect] = ()) -> Bench:
+        """Load the model and hold it against the session.
+
+        Args:
+            catalogue: whether the model shall hold the catalogue's effects, at their null.
+            effects: more effects of the user's, which come with the catalogue.
+
+        Raises:
+            InputError: session, model or effects cannot be used.
+        """
+        from fingermodel.effects.user import effect_from_dict
+        from server.workflow import bench_of, prepare_jax
+
+        prepare_jax()
+        own = [effect_from_dict(dict(document), "the session's own effect") for document in self.effects]
+        return bench_of(self.measured(), self._model(), catalogue=catalogue, effects=[*own, *effects])
+
+    def _model(self) -> Finger | Revision:
+        """The model itself: no name in a document is ever taken for a path."""
+        from fingermodel.finger_files import finger_from_dict, finger_names, read_finger
+        from fingermodel.model_files import revision_of
+
+        if isinstance(self.model, Mapping):
+            return revision_of(dict(self.model), "the revision")
+        if self.model is None and FINGER_DOCUMENT in self.session:
+            return finger_from_dict(self.session[FINGER_DOCUMENT], "the session's finger")
+        name = str(self.session["finger"]) if self.model is None else self.model
+        known = finger_names()
+        if name not in known:
+            raise ModelError(f"no finger {name[:200]!r}", f"one of {', '.join(known)}")
+        return read_finger(name)

@@ -1,0 +1,83 @@
+"""What worker processes are given to do, and how that ends."""
+
+from __future__ import annotations
+
+import logging
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+from daq.errors import InputError
+from server.service.jobs.worker import said_of
+
+_log = logging.getLogger(__name__)
+
+Ending = Literal["done", "refused", "failed", "died", "timed_out", "cancelled", "stopped"]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How an order ended.
+
+    Attributes:
+        ending: done; refused (bad input), failed (an exception), died (the worker), timed_out, cancelled, or stopped
+            (the supervisor was closed).
+        result: of the function, where it is done.
+        found: what was wrong, in one line; expected and remedy where they are known.
+        trace: of a failure, for the log.
+    """
+
+    ending: Ending
+    result: Any = None
+    found: str = ""
+    expected: str = ""
+    remedy: str = ""
+    trace: str = ""
+
+    @classmethod
+    def of_error(cls, error: Exception) -> Outcome:
+        """What an exception that is being handled makes of an order."""
+        if isinstance(error, InputError):
+            return cls("refused", found=error.found, expected=error.expected, remedy=error.remedy)
+        return cls("failed", found=said_of(error), trace=traceback.format_exc())
+
+
+class Watcher(Protocol):
+    """Is told what becomes of an order, in a thread of the supervisor's."""
+
+    def started(self) -> tuple[Any, Mapping[str, Any]]:
+        """It is taken up: return its payload, and the parts that are finished already."""
+
+    def progressed(self, fraction: float, stage: str) -> None:
+        """So much is done."""
+
+    def part(self, key: str, result: Any) -> None:
+        """A part is finished."""
+
+    def ended(self, outcome: Outcome) -> None:
+        """It has ended; told once of every order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """What a worker shall do.
+
+    Attributes:
+        id: under which it can be cancelled.
+        function: dotted name; called with payload and `Tell`.
+        watcher: gives the payload and is told what happens.
+        timeout_s: after which its worker is killed; None waits for ever.
+    """
+
+    id: str
+    function: str
+    watcher: Watcher
+    timeout_s: float | None = None
+
+    def tell(self, call: Callable[[], None]) -> None:
+        """Tell the watcher; what goes wrong there must not end the thread that tells."""
+        try:
+            call()
+        except Exception:
+            _log.exception("job %s: what became of it could not be kept", self.id)

@@ -1,0 +1,243 @@
+"""Population runs: every session refitted with every set of effects, to its readings and to readings drawn anew.
+
+The bootstrap is parametric: the readings that are fitted are drawn about the measured ones from the covariance with
+which the fit weighs them, shared tares and the scatter of friction included. Cases are not resampled: a case drawn
+twice would share its tare with itself, and a session has few cases of each kind. So the spread that comes out is that
+of the readings' noise; the errors of the rig, which the fit knows as priors, come on top (the refit's `sd` has both).
+Errors are always counted against the readings as they were measured.
+
+Each replicate starts from the fit to the measured readings and frees the same parameters. What it draws follows from
+seed, session and number alone, so the sets of effects see the same draws, and neither the order nor the place in
+which they are computed changes anything.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import InputError
+from server.console import clean
+from server.service.jobs.bench_input import BenchInput
+from server.service.jobs.executors import Executor, ExecutorSettings
+from server.service.jobs.population_summary import Result, summarise
+from server.service.jobs.worker import Tell
+
+if TYPE_CHECKING:
+    from fingermodel.compare import Comparison
+    from fingermodel.fit_report import Fit
+    from fingermodel.observations import Observations
+    from server.workflow import Bench
+
+Floats = NDArray[np.float64]
+
+_MOST_REPLICATES = 10_000
+_MOST_FITS = 1_000_000
+# Benches that a process keeps open between fits.
+_KEPT_OPEN = 8
+_open: OrderedDict[tuple[str, bool], Bench] = OrderedDict()
+
+
+@dataclass(frozen=True, eq=False)
+class PopulationInput:
+    """What is to be fitted.
+
+    Attributes:
+        benches: sessions with their models.
+        effects: sets of candidates to add; an empty one is the plain refit.
+        bootstrap: replicates of each session.
+        seed: of their draws.
+        level: of the percentile intervals.
+        executor: where the fits are computed.
+    """
+
+    benches: tuple[BenchInput, ...]
+    effects: tuple[tuple[str, ...], ...] = ((),)
+    bootstrap: int = 100
+    seed: int = 0
+    level: float = 0.95
+    executor: ExecutorSettings = field(default_factory=ExecutorSettings)
+
+    def __post_init__(self) -> None:
+        names = [b.id for b in self.benches]
+        sets = [frozenset(e) for e in self.effects]
+        if not names or len(set(names)) < len(names):
+            raise InputError(f"sessions {', '.join(names)[:200] or 'none'}", "at least one, and each once")
+        if not sets or len(set(sets)) < len(sets):
+            raise InputError(f"{len(sets)} sets of effects, {len(set(sets))} different", "at least one, and each once")
+        if not 0 <= self.bootstrap <= _MOST_REPLICATES:
+            raise InputError(f"bootstrap {self.bootstrap}", f"replicates from 0 to {_MOST_REPLICATES}")
+        if not 0.5 <= self.level < 1.0:
+            raise InputError(f"level {self.level:g}", "0.5 or more and below 1")
+        if self.fits > _MOST_FITS:
+            raise InputError(f"{self.fits} fits", f"at most {_MOST_FITS}", "Ask for fewer replicates or sets at once")
+
+    @property
+    def fits(self) -> int:
+        """How many there are, those to the measured readings included."""
+        return len(self.benches) * len(self.effects) * (self.bootstrap + 1)
+
+    @property
+    def catalogue(self) -> bool:
+        """Whether the models must hold the catalogue of effects."""
+        return any(self.effects)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One fit.
+
+    Attributes:
+        fingerprint: of the bench.
+        bench: session and model.
+        effects: to add.
+        replicate: 0 for the measured readings.
+        seed: of the draws.
+        catalogue: whether the model shall hold the catalogue, as it does in all fits of a run or in none.
+        estimate: result of replicate 0, from which the others start.
+    """
+
+    fingerprint: str
+    bench: BenchInput
+    effects: tuple[str, ...]
+    replicate: int
+    seed: int
+    catalogue: bool
+    estimate: Result | None = None
+
+
+def run(payload: PopulationInput, tell: Tell) -> Result:
+    """Carry a population run out, only what earlier attempts have not done, and return its summary."""
+    prints = {b.id: b.fingerprint for b in payload.benches}
+    done = {key: part for key, part in tell.parts.items() if part["fingerprint"] == prints.get(part["session"])}
+    with payload.executor.open() as executor:
+        _compute(executor, _estimates(payload, prints), payload, done, tell)
+        _compute(executor, _replicates(payload, prints, done), payload, done, tell)
+    return summarise(payload.effects, [b.id for b in payload.benches], done, payload.level) | {
+        "bootstrap": payload.bootstrap,
+        "seed": payload.seed,
+        "fits": payload.fits,
+    }
+
+
+def key_of(session: str, effects: int, replicate: int) -> str:
+    """Key of a fit: session, number of the set of effects, number of the replicate."""
+    return f"{session}/{effects}/{replicate}"
+
+
+def _compute(
+    executor: Executor, parts: Iterator[tuple[str, Part]], payload: PopulationInput, done: dict[str, Result], tell: Tell
+) -> None:
+    missing = ((key, part) for key, part in parts if key not in done)
+    for key, result in executor.map(fit_part, missing):
+        tell.part(key, result)
+        done[key] = result
+        tell(len(done) / payload.fits, f"{len(payload.benches)} sessions, {len(payload.effects)} sets of effects")
+
+
+def _estimates(payload: PopulationInput, prints: Mapping[str, str]) -> Iterator[tuple[str, Part]]:
+    for bench in payload.benches:
+        for number, effects in enumerate(payload.effects):
+            yield (
+                key_of(bench.id, number, 0),
+                Part(prints[bench.id], bench, effects, 0, payload.seed, payload.catalogue),
+            )
+
+
+def _replicates(
+    payload: PopulationInput, prints: Mapping[str, str], done: Mapping[str, Result]
+) -> Iterator[tuple[str, Part]]:
+    for bench in payload.benches:
+        for number, effects in enumerate(payload.effects):
+            estimate = done[key_of(bench.id, number, 0)]
+            for k in range(1, payload.bootstrap + 1):
+                part = Part(prints[bench.id], bench, effects, k, payload.seed, payload.catalogue, estimate)
+                yield key_of(bench.id, number, k), part
+
+
+def fit_part(part: Part) -> Result:
+    """Carry out one fit, in whatever process."""
+    bench = _opened(part)
+    gain = None
+    if part.estimate is None:
+        from server.commands.additions import add_bench
+
+        _, addition, after = add_bench(bench, part.effects, ())
+        fit, gain, names = addition.fit, addition.log_evidence_gain, addition.names
+    else:
+        fit, after = _refitted(bench, part, part.estimate)
+        names = tuple(part.estimate["added"])
+    return _result(part, bench, fit, after) | {"added": list(names), "log_evidence_gain": gain}
+
+
+def _refitted(bench: Bench, part: Part, estimate: Result) -> tuple[Fit, Comparison]:
+    from fingermodel.compare import compare
+    from fingermodel.problems import map_problem
+    from fingermodel.refit import refit_map
+
+    observations = drawn(bench, part.seed, part.bench.id, part.replicate)
+    problem = map_problem(bench.model, observations, None, estimate["effect_parameters"])
+    start = problem.centre.copy()
+    for name, value in estimate["values"].items():
+        start[bench.model.parameters.index[name]] = value
+    fit = refit_map(problem, start=start)
+    return fit, compare(bench.model, bench.observations, fit.theta)
+
+
+def drawn(bench: Bench, seed: int, session: str, replicate: int) -> Observations:
+    """Draw the readings that are fitted anew, about the measured ones.
+
+    Args:
+        bench: with the measured readings.
+        seed: of the run.
+        session: its id.
+        replicate: number of the draw.
+    """
+    from fingermodel.problems import map_problem
+
+    problem = map_problem(bench.model, bench.observations)
+    digest = hashlib.sha256(f"{seed}/{session}/{replicate}".encode()).digest()
+    z = np.random.default_rng(int.from_bytes(digest, "big")).standard_normal(len(problem.rows))
+    wrench = bench.observations.wrench.copy()
+    wrench.reshape(-1)[problem.rows] += np.linalg.solve(problem.whitener, z)
+    return replace(bench.observations, wrench=wrench)
+
+
+def _result(part: Part, bench: Bench, fit: Fit, after: Comparison) -> Result:
+    session = bench.measured.session
+    effects = [p for p in fit.parameters if p.kind == "effect"]
+    out: Result = clean(
+        {
+            "fingerprint": part.fingerprint,
+            "session": session.id,
+            "specimen": session.specimen.id,
+            "judged_in": bench.model.finger.judged_in,
+            "replicate": part.replicate,
+            "outcome": fit.outcome,
+            "objective": fit.objective,
+            "effect_parameters": [p.name for p in effects],
+            "units": {p.name: p.unit for p in effects},
+            "values": {p.name: p.value for p in fit.parameters},
+            "rmse_N": {
+                place: {plane: errors["rmse_N"] for plane, errors in planes.items()}
+                for place, planes in after.summary().items()
+            },
+        }
+    )
+    return out
+
+
+def _opened(part: Part) -> Bench:
+    """Open a bench, or take it from those that this process has opened before."""
+    key = part.fingerprint, part.catalogue
+    bench = _open.pop(key, None) or part.bench.open(catalogue=part.catalogue)
+    _open[key] = bench
+    while len(_open) > _KEPT_OPEN:
+        _open.popitem(last=False)
+    return bench

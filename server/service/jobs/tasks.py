@@ -1,0 +1,208 @@
+"""What workers compute for one session: the answers of the command line, and the revision where one arises.
+
+Each function takes a payload and `Tell`, and returns plain data: `{"body": …}`, with `revision` or `frozen` beside it
+as the document that the command line would have written to a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from daq.errors import InputError
+from server.console import clean
+from server.service.jobs.bench_input import BenchInput
+from server.service.jobs.worker import Tell
+
+if TYPE_CHECKING:
+    from fingermodel.diagnosis.diagnose import Diagnosis
+    from server.workflow import Bench
+
+Answer = dict[str, Any]
+
+# Averaged forces, so nothing but the model takes time.
+_WARM_SESSION = "synek2019_H01"
+
+
+@dataclass(frozen=True, eq=False)
+class RefitInput:
+    """`fingertwin refit`.
+
+    Attributes:
+        bench: session and model.
+        method: `map` or `slsqp`.
+        plane: of the forces that count; by default what the finger's axes can predict.
+    """
+
+    bench: BenchInput
+    method: str = "map"
+    plane: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.method not in ("map", "slsqp"):
+            raise InputError(f"method {self.method!r:.50}", "map or slsqp")
+        if self.plane not in (None, "sagittal", "space"):
+            raise InputError(f"plane {self.plane!r:.50}", "sagittal or space")
+        if self.method == "slsqp" and self.plane is not None:
+            raise InputError(f"plane {self.plane} with method slsqp", "no plane", "Eq 5 is posed in the sagittal plane")
+
+
+@dataclass(frozen=True, eq=False)
+class AddInput:
+    """`fingertwin add`.
+
+    Attributes:
+        bench: session and model.
+        effects: names of effects or candidates, the user's own among them, or formulas with one coefficient k.
+        without: effects or parameters that the model has, to be taken out.
+    """
+
+    bench: BenchInput
+    effects: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.effects and not self.without:
+            raise InputError("nothing to add and nothing to take out", "at least one effect")
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnoseInput:
+    """`fingertwin diagnose`.
+
+    Attributes:
+        bench: session and model.
+        thorough: more starts and pairs.
+        frozen: documents of predictions that were made before.
+    """
+
+    bench: BenchInput
+    thorough: bool = False
+    frozen: tuple[Mapping[str, Any], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class PooledInput:
+    """`fingertwin diagnose` of several sessions.
+
+    Attributes:
+        benches: sessions, each with its model.
+        thorough: more starts and pairs.
+    """
+
+    benches: tuple[BenchInput, ...]
+    thorough: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class NextInput:
+    """`fingertwin next`.
+
+    Attributes:
+        bench: session and model.
+        freeze: whether what the explanations predict shall be written down.
+    """
+
+    bench: BenchInput
+    freeze: bool = False
+
+
+def refit(payload: RefitInput, tell: Tell) -> Answer:
+    """Refit the model, and return `body` and `revision`."""
+    from server.commands.twin import fit_body, provenance, refit_compared
+    from server.workflow import describe_revision
+
+    tell(0.0, "loading")
+    bench = payload.bench.open(catalogue=True)
+    tell(0.1, "refitting")
+    before, fit, after = refit_compared(bench, payload.method, payload.plane)
+    revision = describe_revision(bench, fit, before.summary(), after.summary(), payload.bench.readings_sha256)
+    body = provenance(bench) | fit_body(fit, before, after) | {"model": revision["id"]}
+    return _answer("refit", body, payload.bench, revision=revision)
+
+
+def add(payload: AddInput, tell: Tell) -> Answer:
+    """Add effects and take others out, refit, and return `body` and `revision`."""
+    from server.commands.additions import add_bench, addition_body, addition_step, resolved_effects
+    from server.workflow import describe_revision
+
+    tell(0.0, "loading")
+    names, own = resolved_effects(payload.effects, files=False)
+    bench = payload.bench.open(catalogue=True, effects=own)
+    tell(0.1, "refitting")
+    before, addition, after = add_bench(bench, names, payload.without)
+    revision = describe_revision(
+        bench,
+        addition.fit,
+        before.summary(),
+        after.summary(),
+        payload.bench.readings_sha256,
+        addition_step(addition, payload.without),
+    )
+    body = addition_body(bench, addition, before, after, payload.without)
+    body |= {"history": revision["history"], "model": revision["id"]}
+    return _answer("add", body, payload.bench, revision=revision)
+
+
+def diagnose(payload: DiagnoseInput, tell: Tell) -> Answer:
+    """Say where the model fails and what is missing, and return `body`."""
+    from server.commands.diagnosis import diagnosis_answer
+
+    bench, diagnosis = _diagnosed(payload.bench, payload.thorough, tell)
+    return _answer("diagnose", diagnosis_answer(bench, diagnosis, payload.frozen), payload.bench)
+
+
+def pooled(payload: PooledInput, tell: Tell) -> Answer:
+    """Diagnose sessions by themselves and together, and return `body`."""
+    from fingermodel.diagnosis.pooled import diagnose_pooled
+    from server.commands.diagnosis import diagnosis_answer
+    from server.commands.pooling import pooled_body
+
+    tell(0.0, "loading")
+    benches = [given.open(catalogue=True) for given in payload.benches]
+    found = diagnose_pooled(
+        [(b.measured.session.id, b.model, b.observations) for b in benches],
+        thorough=payload.thorough,
+        progress=lambda done: tell(0.05 + 0.9 * done, "fitting every effect to every session"),
+    )
+    pairs = zip(benches, found.diagnoses, strict=True)
+    each = {bench.measured.session.id: diagnosis_answer(bench, one) for bench, one in pairs}
+    return _answer("diagnose", pooled_body(found) | {"each": each}, *payload.benches)
+
+
+def next_cases(payload: NextInput, tell: Tell) -> Answer:
+    """Rank what could be measured next, and return `body` and `frozen`, None where that was not asked for."""
+    from fingermodel.diagnosis.next_cases import plan_next
+    from server.commands.planning import frozen_plan, plan_body
+
+    bench, diagnosis = _diagnosed(payload.bench, False, tell)
+    plan = plan_next(diagnosis)
+    frozen = frozen_plan(bench, plan, payload.bench.readings_sha256) if payload.freeze else None
+    body = plan_body(bench, diagnosis, plan) | {"frozen": frozen["sha256"] if frozen else None}
+    return _answer("next", body, payload.bench, frozen=frozen)
+
+
+def warm() -> None:
+    """Load the array compiler and the compiled models, so that a worker's first job finds them there."""
+    from server.workflow import compare_bench, open_bench, refit_bench
+
+    bench = open_bench(_WARM_SESSION, catalogue=True)
+    compare_bench(bench)
+    refit_bench(bench, starts=1)
+
+
+def _diagnosed(given: BenchInput, thorough: bool, tell: Tell) -> tuple[Bench, Diagnosis]:
+    from server.commands.diagnosis import run_diagnosis
+
+    tell(0.0, "loading")
+    bench = given.open(catalogue=True)
+    diagnosis = run_diagnosis(bench, thorough, lambda done: tell(0.05 + 0.9 * done, "fitting every effect"))
+    tell(0.95, "weighing load cases")
+    return bench, diagnosis
+
+
+def _answer(command: str, body: Answer, *benches: BenchInput, **documents: Answer | None) -> Answer:
+    origins = [dict(b.provenance) for b in benches]
+    origin = origins[0] if len(origins) == 1 else {"sessions": origins}
+    return {"body": clean({"schema": f"fingertwin/{command}/1"} | body), "provenance": origin} | documents

@@ -1,0 +1,139 @@
+"""What runs in a worker process: one order after another, with news of how far it is.
+
+A worker ends with its parent, however that ends and whatever the worker computes at that moment. It leaves Ctrl-C and
+the end of the service to its parent.
+"""
+
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from multiprocessing.connection import Connection, wait
+from typing import Any
+
+from daq.errors import InputError
+
+# News of progress that come faster than this are left out, unless the stage is another.
+_NEWS_S = 0.2
+
+# What a worker tells: ("ready",), perhaps ("unwarmed", trace) before; of each order ("taken",), ("progress", fraction,
+# stage), ("part", key, result), and in the end one of ("done", result), ("refused", found, expected, remedy) and
+# ("failed", found, trace).
+Said = tuple[Any, ...]
+
+
+class Tell:
+    """What a function in a worker is given to tell how far it is.
+
+    Args:
+        send: takes what is told.
+        parts: results by key that an earlier, interrupted attempt has told with `part`.
+    """
+
+    def __init__(self, send: Callable[[Said], None], parts: Mapping[str, Any] | None = None) -> None:
+        self.parts: Mapping[str, Any] = parts or {}
+        self._send = send
+        self._lock = threading.Lock()
+        self._stage, self._said_s, self._open = "", -_NEWS_S, True
+
+    def __call__(self, fraction: float, stage: str = "") -> None:
+        """Tell the share that is done, 0 to 1, and what is being done, in a few words."""
+        with self._lock:
+            now = time.monotonic()
+            if self._open and (stage != self._stage or now - self._said_s >= _NEWS_S):
+                self._stage, self._said_s = stage, now
+                self._send(("progress", float(fraction), stage))
+
+    def part(self, key: str, result: Any) -> None:
+        """Hand in a finished part, plain data, which is kept: an interrupted job goes on from there."""
+        with self._lock:
+            if self._open:
+                self._send(("part", key, result))
+
+    def close(self) -> None:
+        """From now on nothing is told: what comes late is not taken for news of the next job."""
+        with self._lock:
+            self._open = False
+
+
+def work(connection: Connection, warm_up: str | None) -> None:
+    """Carry out orders until the other end is closed.
+
+    Args:
+        connection: to the supervisor; an order is a pickled (function, payload, parts).
+        warm_up: function that is called once before the first order.
+    """
+    _leave_signals_to_the_parent()
+    threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
+
+    def send(said: Said) -> None:
+        connection.send_bytes(pickle.dumps(said, pickle.HIGHEST_PROTOCOL))
+
+    if warm_up is not None:
+        try:
+            function_of(warm_up)()
+        except Exception:
+            send(("unwarmed", traceback.format_exc()))
+    send(("ready",))
+    while True:
+        try:
+            order = connection.recv_bytes()
+        except (EOFError, OSError):
+            return
+        send(("taken",))
+        try:
+            send(_carry_out(order, send))
+        except OSError:
+            return
+        except Exception as error:
+            # The result itself could not be sent.
+            send(_failure(error))
+
+
+def _carry_out(order: bytes, send: Callable[[Said], None]) -> Said:
+    tell = Tell(send)
+    try:
+        name, payload, tell.parts = pickle.loads(order)  # noqa: S301 - from our own parent
+        return ("done", function_of(name)(payload, tell))
+    except InputError as error:
+        return ("refused", error.found, error.expected, error.remedy)
+    except (Exception, SystemExit) as error:
+        return _failure(error)
+    finally:
+        tell.close()
+
+
+def _failure(error: BaseException) -> Said:
+    return ("failed", said_of(error), traceback.format_exc())
+
+
+def said_of(error: BaseException) -> str:
+    """Type and message of an exception, in one line."""
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+def function_of(name: str) -> Callable[..., Any]:
+    """Import a function by its dotted name."""
+    module, _, function = name.rpartition(".")
+    found: Callable[..., Any] = getattr(importlib.import_module(module), function)
+    return found
+
+
+def _leave_signals_to_the_parent() -> None:
+    for name in ("SIGINT", "SIGTERM"):
+        signal.signal(getattr(signal, name), signal.SIG_IGN)
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)

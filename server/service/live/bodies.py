@@ -1,0 +1,60 @@
+"""What a bench posts to a session's live path: envelopes of its readings, as `daq.uplink.live_tail` makes them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+# Beyond any reading and any time, and far from where sums overflow.
+MOST = 1e12
+_EXAMPLE: dict[str, Any] = {
+    "stream": "ab12cd34",
+    "from_s": 61.2,
+    "to_s": 61.22,
+    "count": 140,
+    "latest": [-0.9, -2.1, 0.1, 1.0, -0.7, 9.0],
+    "least": [-0.95, -2.2, 0.0, 0.5, -1.2, 8.1],
+    "most": [-0.85, -2.0, 0.2, 1.5, -0.2, 9.9],
+    "mean": [-0.9, -2.1, 0.1, 1.0, -0.7, 9.0],
+    "overload": False,
+}
+
+Reading = Annotated[float, Field(ge=-MOST, le=MOST, allow_inf_nan=False)]
+Wrench = Annotated[list[Reading | None], Field(min_length=6, max_length=6)]
+Time = Annotated[float, Field(ge=-MOST, le=MOST, allow_inf_nan=False)]
+
+
+class Envelope(BaseModel):
+    """Some hundredths of a second of one stream. Six-vectors are Fx Fy Fz [N], Tx Ty Tz [N mm], in the cell's axes."""
+
+    model_config = ConfigDict(strict=True, frozen=True, json_schema_extra={"example": _EXAMPLE})
+
+    stream: str = Field(min_length=1, max_length=100, description="Id of the stream.")
+    from_s: Time = Field(description="Time of the first reading since the stream began [s].")
+    to_s: Time = Field(description="Time of the last reading [s].")
+    count: int = Field(ge=1, le=1_000_000, description="Number of readings.")
+    latest: Wrench = Field(description="The last reading; null where a component is no number.")
+    least: Wrench = Field(description="The least of each component.")
+    most: Wrench = Field(description="The greatest of each component.")
+    mean: Wrench | None = Field(default=None, description="The mean of each component.")
+    overload: bool = Field(default=False, description="Whether any reading was beyond the cell's range.")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Envelope:
+        if self.to_s < self.from_s:
+            raise ValueError("to_s lies before from_s")
+        if any(a is not None and b is not None and b < a for a, b in zip(self.least, self.most, strict=True)):
+            raise ValueError("most is below least")
+        return self
+
+
+class LiveMessage(BaseModel):
+    """Envelopes of one bench, the oldest first, and how many it could not send since it began."""
+
+    model_config = ConfigDict(strict=True, frozen=True, json_schema_extra={
+        "example": {"dropped": 0, "envelopes": [_EXAMPLE]},
+    })  # fmt: skip
+
+    envelopes: list[Envelope] = Field(max_length=500, description="Of one or several streams.")
+    dropped: int = Field(default=0, ge=0, le=1 << 53, description="Envelopes that were never sent.")

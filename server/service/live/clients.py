@@ -1,0 +1,198 @@
+"""Clients of the live path: what each wants to hear, and what waits for it. What waits is bounded; nobody waits for it.
+
+Text frames are JSON arrays of messages. A frame is made once for all clients that want the same; a client that does
+not keep up loses the oldest traces, which it is told, and never a kept message: where even those become too many, it
+is told from where to resume.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from server.service.answers import dumps
+from server.service.live.traces import Rows, as_columns, decimated
+from server.service.messages import Message
+
+# Half a second at 30 Hz: what is older is no longer live.
+FRAMES_WAITING = 15
+MOST_KEPT, MOST_KEPT_BYTES = 2000, 4 << 20
+# Codes of RFC 6455 with which a connection is closed, and those that are this service's own.
+POLICY, FAILED, RESTART, TRY_AGAIN = 1008, 1011, 1012, 1013
+BAD_PARAMETERS, NOT_FOUND = 4422, 4404
+# The reason in a close frame has room for so many bytes.
+_REASON_BYTES = 120
+
+
+@dataclass(frozen=True)
+class Subscription:
+    """What a client wants to hear.
+
+    Attributes:
+        sessions: ids, None for all.
+        traces: whether traces are wanted.
+        rate_hz: frames a second, at most.
+    """
+
+    sessions: frozenset[str] | None = None
+    traces: bool = False
+    rate_hz: float = 30.0
+
+    def wants(self, session: str | None) -> bool:
+        """Whether messages of a session, or of none, are wanted."""
+        return self.sessions is None or session in self.sessions
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A kept message as it is sent."""
+
+    id: int
+    session: str | None
+    text: bytes
+
+    @classmethod
+    def of(cls, message: Message) -> Kept:
+        """Of one with a number."""
+        return cls(message.id or 0, message.session, dumps(message.as_dict()))
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What is due at one moment to all who want the same.
+
+    Attributes:
+        kept: messages that must not be lost, in order.
+        passing: traces, estimates and heartbeats, as they are sent.
+        live: how many of these are lost with the frame: traces and estimates.
+    """
+
+    kept: tuple[Kept, ...] = ()
+    passing: tuple[bytes, ...] = ()
+    live: int = 0
+
+    @cached_property
+    def text(self) -> str:
+        """As it is sent."""
+        return array([*(k.text for k in self.kept), *self.passing])
+
+
+def array(messages: list[bytes]) -> str:
+    """Return a frame of messages."""
+    return (b"[" + b",".join(messages) + b"]").decode()
+
+
+class Client:
+    """What waits for one client; of the event loop's thread only.
+
+    Args:
+        subscription: what it wants to hear.
+        after: number of the last kept message that it was sent.
+
+    Attributes:
+        after: the same, as it goes on.
+        dropped: traces and estimates that it was never sent.
+        closing: code and reason with which to hang up, once all that waits was sent.
+    """
+
+    def __init__(self, subscription: Subscription, after: int) -> None:
+        self.subscription, self.after = subscription, after
+        self.dropped = 0
+        self.closing: tuple[int, str] | None = None
+        self._frames: deque[Frame] = deque()
+        self._saved: list[Kept] = []
+        self._saved_bytes = 0
+        self._told = 0
+        self._some = asyncio.Event()
+
+    def push(self, frame: Frame) -> bool:
+        """Let a frame wait; return False where the client is too slow for what must not be lost."""
+        if self.closing is not None:
+            return False
+        self._frames.append(frame)
+        self._some.set()
+        if len(self._frames) > FRAMES_WAITING:
+            oldest = self._frames.popleft()
+            self.dropped += oldest.live
+            self._saved += oldest.kept
+            self._saved_bytes += sum(len(k.text) for k in oldest.kept)
+        if len(self._saved) <= MOST_KEPT and self._saved_bytes <= MOST_KEPT_BYTES:
+            return True
+        self._frames.clear()
+        self._saved.clear()
+        self._frames.append(Frame(passing=(dumps({"kind": "resume", "after": self.after}),)))
+        self.close(TRY_AGAIN, f"too slow: connect again with after={self.after}")
+        return False
+
+    def close(self, code: int, reason: str) -> None:
+        """Hang up once what waits was sent."""
+        self.closing = self.closing or (code, reason.encode()[:_REASON_BYTES].decode(errors="ignore"))
+        self._some.set()
+
+    async def wait(self) -> None:
+        """Wait until there is something to send, or to hang up."""
+        await self._some.wait()
+        self._some.clear()
+
+    def take(self) -> str | None:
+        """Return the next text to be sent, None where nothing waits."""
+        if self._saved or self.dropped > self._told:
+            said = [k.text for k in self._saved]
+            if self.dropped > self._told:
+                said.append(dumps({"kind": "dropped", "count": self.dropped - self._told, "total": self.dropped}))
+            self.after = self._saved[-1].id if self._saved else self.after
+            self._saved, self._saved_bytes, self._told = [], 0, self.dropped
+            return array(said)
+        if not self._frames:
+            return None
+        frame = self._frames.popleft()
+        self.after = frame.kept[-1].id if frame.kept else self.after
+        return frame.text
+
+
+@dataclass(eq=False)
+class Group:
+    """All clients that want the same, and what is due to them.
+
+    Attributes:
+        subscription: of them all.
+        due_s: when the next frame may go, by the loop's clock.
+        passing: estimates by session, of which the latest counts, and other messages that are not kept.
+    """
+
+    subscription: Subscription
+    due_s: float = 0.0
+    clients: set[Client] = field(default_factory=set)
+    kept: list[Kept] = field(default_factory=list)
+    rows: dict[tuple[str, str], list[Rows]] = field(default_factory=dict)
+    passing: dict[object, bytes] = field(default_factory=dict)
+    beat: bytes | None = None
+
+    @property
+    def pending(self) -> bool:
+        """Whether anything is due."""
+        return bool(self.kept or self.rows or self.passing or self.beat)
+
+    def frame(self) -> Frame:
+        """Return what is due, as a frame; nothing is due afterwards."""
+        traces = [trace_message(*key, rows, self.subscription.rate_hz) for key, rows in self.rows.items()]
+        passing = [*traces, *self.passing.values()]
+        out = Frame(tuple(self.kept), (*passing, *([self.beat] if self.beat else [])), len(passing))
+        self.kept, self.rows, self.passing, self.beat = [], {}, {}, None
+        return out
+
+
+def trace_message(session: str, stream: str, rows: list[Rows], rate_hz: float) -> bytes:
+    """Return a trace as it is sent, at a rate."""
+    together = decimated(rows[0] if len(rows) == 1 else np.concatenate(rows), rate_hz)
+    return encoded_trace(session, stream, together)
+
+
+def encoded_trace(session: str, stream: str, rows: Rows, recent: bool = False) -> bytes:
+    """Return a trace as it is sent; `recent` says that it is the past minutes, for who comes new."""
+    body = {"stream": stream, "recent": recent, **as_columns(rows)}
+    return dumps({"kind": "trace", "session": session, "body": body})

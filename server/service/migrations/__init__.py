@@ -1,0 +1,1 @@
+"""Steps from one version of the database's schema to the next; Alembic runs them, `server.service.migrate` calls it."""

@@ -1,0 +1,73 @@
+"""The service's OpenAPI document: refusals under their own media type, and who needs a token."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.openapi.utils import get_openapi
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
+from server.service.problems import PROBLEM, ProblemError, problem_answer, shortened
+
+_METHODS = ("get", "put", "post", "delete", "patch")
+_BEARER = {
+    "type": "http",
+    "scheme": "bearer",
+    "description": "A token of `fingertwin token create`. On loopback none is needed; elsewhere every address wants "
+    "one, and what changes anything wants one with the role `write`.",
+}
+
+
+def document_of(app: FastAPI) -> dict[str, Any]:
+    """Return the document, made once.
+
+    Args:
+        app: whose routes are described.
+    """
+    if app.openapi_schema is None:
+        document = get_openapi(
+            title=app.title,
+            version=app.version,
+            description=app.description,
+            routes=app.routes,
+            license_info=app.license_info,
+        )
+        for path in document["paths"].values():
+            for method in _METHODS:
+                for status, answer in path.get(method, {}).get("responses", {}).items():
+                    _settle(status, answer)
+        document["components"].setdefault("securitySchemes", {})["bearer"] = _BEARER
+        document["security"] = [{}, {"bearer": []}]
+        app.openapi_schema = document
+    return app.openapi_schema
+
+
+async def answer_wrong_method(request: Request, error: Exception) -> Response:
+    """Answer that an address does not take a method, and which it takes."""
+    document = await run_in_threadpool(document_of, request.app)
+    methods = methods_of(document, request.url.path)
+    if not methods and isinstance(error, HTTPException):
+        methods = [m.strip() for m in (error.headers or {}).get("Allow", "").split(",") if m.strip()]
+    headers = {"Allow": ", ".join(methods)}
+    wrong = ProblemError(405, f"the method {shortened(request.method)}", " or ".join(methods), headers=headers)
+    return problem_answer(wrong.status, wrong.body, wrong.headers)
+
+
+def methods_of(document: dict[str, Any], path: str) -> list[str]:
+    """Methods that are documented for an address; of several templates that fit, the one with the fewest blanks."""
+    fitting = [t for t in document["paths"] if re.fullmatch(re.sub(r"\{[^}]*\}", "[^/]+", t), path)]
+    template = min(fitting, key=lambda t: t.count("{"), default="")
+    return [m.upper() for m in _METHODS if m in document["paths"].get(template, {})]
+
+
+def _settle(status: str, answer: dict[str, Any]) -> None:
+    """Put a refusal's form where it is sent, and take it away where nothing is."""
+    content = answer.get("content", {})
+    if status in ("204", "304"):
+        answer.pop("content", None)
+    elif status[0] in "45" and "application/json" in content:
+        answer["content"] = {PROBLEM: content["application/json"]}

@@ -1,0 +1,1 @@
+"""The addresses of the service, below /api/v1."""

@@ -1,0 +1,178 @@
+"""What the service knows beforehand: effects, fingers, protocols; and users' own effects."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Request
+from pydantic import Field
+
+from daq.locations import data_dir
+from server.service.answers import JsonAnswer
+from server.service.problems import not_found
+from server.service.schemas.common import Form, Plain, Shown, documented
+from server.service.services import of
+from server.service.strict import StrictRoute
+
+router = APIRouter(route_class=StrictRoute, tags=["catalogue"])
+
+Name = Annotated[str, Path(max_length=100)]
+
+
+class EffectParameter(Shown):
+    """A parameter of an effect."""
+
+    name: str = Field(description="`effect.place`.", examples=["worn_pulley.FDP"])
+    unit: str
+    null: float = Field(description="At which the effect changes nothing.")
+    range: list[float] | None = Field(description="Plausible values.")
+    prior_sd: float | None
+    one_sided: bool
+
+
+class EffectShown(Shown):
+    """A physical effect that a model may lack."""
+
+    name: str
+    stage: str = Field(description="tension, geometry, sharing, torque or reading.")
+    title: str
+    formula: str
+    tell: str = Field(description="What gives it away in the data.")
+    source: str
+    own: bool = Field(description="Whether a user gave it.")
+    candidates: list[str]
+    parameters: list[EffectParameter]
+
+
+class EffectList(Shown):
+    """The catalogue, then users' own effects."""
+
+    effects: list[EffectShown]
+
+
+class NewEffect(Form):
+    """An effect of one's own: a whole fingertwin-effect/1, or a bare formula with one coefficient k."""
+
+    formula: Annotated[str | None, Field(max_length=2000, examples=["torque[PIP] += k * t_EDC * sin(q_PIP)"])] = None
+    document: Annotated[
+        Plain | None,
+        Field(
+            description="Name, title, formulas, parameters with units and ranges.",
+            examples=[
+                {
+                    "format": "fingertwin-effect/1",
+                    "name": "stiff_skin",
+                    "title": "the skin resists flexion",
+                    "source": "our own bench",
+                    "formulas": ["torque[PIP] += -k * q_PIP"],
+                    "parameters": {"k": {"unit": "N mm/rad", "range": [0, 40]}},
+                }
+            ],
+        ),
+    ] = None
+
+    def given(self) -> dict[str, Any]:
+        """The document, or the formula alone."""
+        return self.document if self.document is not None else {"formula": self.formula}
+
+
+class Named(Shown):
+    """A finger or a protocol."""
+
+    name: str
+
+
+class FingerList(Shown):
+    """Fingers that come with the software."""
+
+    fingers: list[Named]
+
+
+class ProtocolList(Shown):
+    """Bench protocols that come with the software."""
+
+    protocols: list[Named]
+
+
+@router.get("/effects", responses=documented(EffectList))
+def effects(request: Request) -> JsonAnswer:
+    """List the effects: formula, parameters, units, ranges, source."""
+    return JsonAnswer({"schema": "fingertwin/effects/1", "effects": of(request).effects.shown()})
+
+
+@router.get("/effects/{name}", responses=documented(EffectShown))
+def effect(name: Name, request: Request) -> JsonAnswer:
+    """Return one effect."""
+    return JsonAnswer(of(request).effects.one(name))
+
+
+@router.post("/effects", status_code=201, responses=documented(EffectShown, status=201) | {200: {"model": EffectShown}})
+def add_effect(body: NewEffect, request: Request) -> JsonAnswer:
+    """Keep an effect of one's own: a formula on a whitelist, which is parsed and never run as code."""
+    shown, new = of(request).effects.add(body.given())
+    return JsonAnswer(shown, 201 if new else 200)
+
+
+@router.post("/effects/check", responses=documented(EffectShown))
+def check_effect(body: NewEffect, request: Request) -> JsonAnswer:
+    """Say what an effect of one's own would be, without keeping it."""
+    return JsonAnswer(of(request).effects.check(body.given()))
+
+
+@router.get("/fingers", responses=documented(FingerList))
+def fingers() -> JsonAnswer:
+    """List the fingers: joints, tendons, what they are judged in."""
+    from fingermodel.finger_files import finger_names, read_finger
+
+    rows = [_finger(read_finger(n), n) for n in finger_names()]
+    return JsonAnswer({"fingers": [{k: r[k] for k in r if k != "document"} for r in rows]})
+
+
+@router.get("/fingers/{name}", responses=documented(Named))
+def finger(name: Name) -> JsonAnswer:
+    """Return a finger with every number and its source."""
+    from daq.sessions import read_yaml
+    from fingermodel.finger_files import finger_names, read_finger
+
+    if name not in finger_names():
+        raise not_found("finger", name, "/api/v1/fingers")
+    document = read_yaml(data_dir() / "fingers" / f"{name}.yaml")
+    return JsonAnswer(_finger(read_finger(name), name) | {"document": document})
+
+
+@router.get("/protocols", responses=documented(ProtocolList))
+def protocols() -> JsonAnswer:
+    """List the bench protocols."""
+    from daq.protocols import plan, read_protocol
+
+    rows = []
+    for path in sorted((data_dir() / "protocols").glob("*.yaml")):
+        protocol = read_protocol(path.stem)
+        planned, seconds = plan(protocol)
+        rows.append({"name": path.stem, "title": protocol.title, "cases": len(planned), "seconds": seconds})
+    return JsonAnswer({"protocols": rows})
+
+
+@router.get("/protocols/{name}", responses=documented(Named))
+def protocol(name: Name) -> JsonAnswer:
+    """Return a bench protocol with its load cases in order."""
+    from dataclasses import asdict
+
+    from daq.protocols import plan, read_protocol
+
+    if name not in {p.stem for p in (data_dir() / "protocols").glob("*.yaml")}:
+        raise not_found("protocol", name, "/api/v1/protocols")
+    found = read_protocol(name)
+    cases = [asdict(c) for c in plan(found)[0]]
+    return JsonAnswer({"name": name, "document": found.model_dump(mode="json"), "cases": cases})
+
+
+def _finger(found: Any, name: str) -> dict[str, Any]:
+    return {
+        "name": name,
+        "id": found.id,
+        "title": getattr(found, "title", ""),
+        "joints": list(found.topology.rotations),
+        "tendons": list(found.topology.muscles),
+        "judged_in": found.judged_in,
+    }

@@ -1,0 +1,120 @@
+"""Sessions and revisions as files for other software; what is found in a session; its report as one page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from pydantic import Field
+
+from server.service.answers import JsonAnswer
+from server.service.downloads import FileAnswer, apart, attachment, download
+from server.service.exporting import REVISION_FORMATS, SESSION_FORMATS, revision_export, session_export
+from server.service.reports import checked, report_page
+from server.service.schemas.common import ModelName, SessionId, Shown, documented
+from server.service.services import of
+from server.service.strict import StrictRoute
+
+router = APIRouter(route_class=StrictRoute, tags=["exports"])
+
+RevisionId = Annotated[str, Path(max_length=200, description="Id of the revision.")]
+SessionFormat = Annotated[
+    Literal["csv", "columns", "parquet", "hdf5", "c3d", "mat", "supplement", "folder"],
+    Query(
+        alias="format",
+        description="csv, parquet: measured and predicted force of every load case; columns: unit, frame and meaning "
+        "of the csv's columns, and what it came from (JSON); hdf5, mat: cases and readings; c3d: the six channels; "
+        "supplement: one archive for a paper, without private names; folder: the session as the command line has it.",
+    ),
+]
+RevisionFormat = Annotated[
+    Literal["json", "csv", "columns", "parquet"],
+    Query(alias="format", description="json: the document; csv, parquet: its parameters; columns: of the csv."),
+]
+Job = Annotated[str | None, Query(max_length=200, description="A diagnosis of the session that is done.")]
+# The page's own script may run; it can reach nothing, neither the network nor the service.
+REPORT_POLICY = (
+    "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data: blob:; font-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+
+
+class FindingShown(Shown):
+    """Something that was found."""
+
+    level: str = Field(description="error, warning or note.")
+    code: str
+    where: str
+    text: str
+
+
+class Checked(Shown):
+    """What was found in a session."""
+
+    schema_: str = Field(alias="schema", examples=["fingertwin/check/1"])
+    session: str
+    ok: bool = Field(description="Whether it can be used.")
+    findings: list[FindingShown]
+
+
+def _files(formats: Mapping[str, str], description: str) -> dict[int | str, dict[str, Any]]:
+    binary, plain = {"type": "string", "format": "binary"}, {"type": "object"}
+    content = {k: {"schema": plain if k == "application/json" else binary} for k in dict.fromkeys(formats.values())}
+    disposition = {"description": "attachment, with a file name", "schema": {"type": "string"}}
+    answer = {"description": description, "content": content, "headers": {"Content-Disposition": disposition}}
+    return {**{k: v for k, v in documented(Shown).items() if k != 200}, 200: answer}
+
+
+@router.get(
+    "/sessions/{session}/export",
+    response_class=Response,
+    responses=_files(SESSION_FORMATS, "The file."),
+)
+async def export_session(
+    session: SessionId, request: Request, file_format: SessionFormat, model: ModelName = None
+) -> FileAnswer:
+    """Write a session for other software, as `fingertwin export` does.
+
+    While a bench is running, validation cases have no prediction in any format.
+    """
+    write = await run_in_threadpool(session_export, of(request), session, file_format, model)
+    headers = {"Link": '<?format=columns>; rel="describedby"'} if file_format == "csv" else None
+    return await download(request, write, SESSION_FORMATS[file_format], headers)
+
+
+@router.get(
+    "/revisions/{revision}/export",
+    response_class=Response,
+    responses=_files(REVISION_FORMATS, "The file."),
+)
+async def export_revision(revision: RevisionId, request: Request, file_format: RevisionFormat = "json") -> FileAnswer:
+    """Write a revision's document, or its parameters as a table."""
+    write = await run_in_threadpool(revision_export, of(request), revision, file_format)
+    return await download(request, write, REVISION_FORMATS[file_format])
+
+
+@router.get("/sessions/{session}/check", responses=documented(Checked))
+async def check(session: SessionId, request: Request) -> JsonAnswer:
+    """Look for everything that is wrong with a session, as `fingertwin check` does: recording, windows, tares, weights.
+
+    The stored readings are read once more from the beginning, which takes some seconds for a long recording.
+    """
+    return JsonAnswer(await apart(request, lambda: checked(of(request), session)))
+
+
+@router.get(
+    "/sessions/{session}/report",
+    response_class=Response,
+    responses=_files({"html": "text/html"}, "A page that loads nothing from anywhere."),
+)
+async def report(session: SessionId, request: Request, model: ModelName = None, job: Job = None) -> Response:
+    """Return the report of a session as one page to be saved: the comparison, and a diagnosis where a job is named.
+
+    It is an attachment: opened from where it was saved, it runs in no origin of the service. While a bench is running,
+    validation cases are left out.
+    """
+    page = await apart(request, lambda: report_page(of(request), session, model, job))
+    headers = {"Content-Disposition": attachment(f"{session}-report.html"), "Content-Security-Policy": REPORT_POLICY}
+    return Response(page, 200, headers, "text/html")

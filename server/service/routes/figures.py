@@ -1,0 +1,216 @@
+"""Figures as Plotly JSON: comparisons, diagnoses, the fall of the error, the finger at the bench, effects."""
+
+from __future__ import annotations
+
+import threading
+from typing import Annotated
+
+from fastapi import APIRouter, Header, Path, Query, Request, Response
+
+from daq.uplink.wire import API
+from server.service.answers import JsonAnswer
+from server.service.figures import COMPARISON, DIAGNOSIS, REVISIONS, Drawn, Figures, Theme
+from server.service.schemas.common import ModelName, documented
+from server.service.schemas.figures import EXAMPLE, FigureList, FigureShown
+from server.service.services import of
+from server.service.strict import StrictRoute
+
+router = APIRouter(route_class=StrictRoute, prefix="/figures", tags=["figures"])
+
+Name = Annotated[str, Path(max_length=100, description="Of the figure, as listed.")]
+Effect = Annotated[
+    str,
+    Path(max_length=200, description="An effect, one of its candidates, or a parameter.", examples=["worn_pulley.FDP"]),
+]
+InSession = Annotated[str, Query(max_length=100, description="Id of the session.", examples=["DEV-01"])]
+Before = Annotated[
+    str | None, Query(max_length=200, description="A model that this one is held against; named as `model` is.")
+]
+Posture = Annotated[
+    str | None, Query(max_length=200, description="A posture of the session; by default that of the case.")
+]
+InCase = Annotated[
+    str | None,
+    Query(alias="case", max_length=100, description="A load case, taken or planned; else the finger alone."),
+]
+OfJob = Annotated[str, Query(max_length=200, description="Id of a diagnosis that is done.")]
+OfSession = Annotated[str | None, Query(max_length=100, description="Which session of a pooled diagnosis.")]
+OfRevision = Annotated[str | None, Query(max_length=200, description="Id of a revision.")]
+OfSpecimen = Annotated[str | None, Query(max_length=200, description="Or a specimen, whose revision is in force.")]
+OnPage = Annotated[Theme, Query(description="Colours for a light or a dark page.")]
+Matched = Annotated[str | None, Header(alias="If-None-Match", max_length=200)]
+
+_DRAWN = documented(FigureShown, example=EXAMPLE) | {304: {"description": "Not Modified"}}
+_LOCK = threading.Lock()
+
+_MODEL = ("model", False, "A revision's id, a finger's name, or in_force; by default the session's own finger.")
+_SESSION = ("session", True, "Id of the session.")
+_THEME = ("theme", False, "light (default) or dark.")
+_KINDS: dict[str, tuple[str, tuple[tuple[str, bool, str], ...]]] = {
+    "comparison": (
+        "Measured load cases; while a bench is running, identification cases alone are shown.",
+        (_SESSION, _MODEL, ("before", False, "A model that this one is held against."), _THEME),
+    ),
+    "diagnosis": (
+        "A job of kind diagnose or pooled that is done.",
+        (("job", True, "Id of the job."), ("session", False, "Which session of a pooled diagnosis."), _THEME),
+    ),
+    "revisions": (
+        "A revision.",
+        (
+            ("revision", False, "Id of the revision, or"),
+            ("specimen", False, "the specimen whose revision in force is meant."),
+            _THEME,
+        ),
+    ),
+    "finger": (
+        "A session with postures; a load case for weights and forces.",
+        (
+            _SESSION,
+            ("posture", False, "Its name; by default that of the case."),
+            ("case", False, "A load case, taken or planned."),
+            _MODEL,
+            _THEME,
+        ),
+    ),
+    "effect": (
+        "Measured load cases, and an effect of GET /api/v1/effects; while a bench is running, identification alone.",
+        (_SESSION, _MODEL, _THEME),
+    ),
+}
+_TITLES = {
+    "scatter": "Measured and predicted force components, identification cases",
+    "scatter_validation": "Measured and predicted force components, validation cases",
+    "vectors": "Tip forces in each posture",
+    "bone": "Net forces on the metacarpal",
+    "errors": "Errors by tendon, posture and role",
+    "z": "Residual of every case against its measurement uncertainty",
+    "residual_map": "Where the model fails, by tendon and posture",
+    "missing_torque": "The joint torque that is missing",
+    "ranking": "Which explanation, with probabilities",
+    "confounding": "What cannot be told apart",
+    "revisions": "Error before and after",
+    "held_out": "Cases that were held out",
+    "waterfall": "The fall of the error, step by step",
+}
+
+
+def figures_of(request: Request) -> Figures:
+    """The service's figures, made with the first request for one."""
+    parts, state = of(request), request.app.state
+    with _LOCK:
+        found: Figures | None = getattr(state, "figures", None)
+        if found is None or found.parts is not parts:
+            found = state.figures = Figures(parts)
+    return found
+
+
+@router.get("", responses=documented(FigureList))
+def listed() -> JsonAnswer:
+    """List the figures: what each needs, and its query parameters."""
+    rows = [_listed(k, n) for k, names in _names().items() for n in names]
+    finger = _listed("finger", "finger") | {"title": "The finger in a posture, with weights and forces"}
+    effect = _listed("effect", "{effect}") | {"title": "What an effect would change in a session's cases"}
+    rows += [finger | {"path": f"{API}/figures/finger"}, effect]
+    return JsonAnswer({"figures": rows})
+
+
+@router.get("/comparison/{name}", responses=_DRAWN)
+def comparison(
+    name: Name,
+    session: InSession,
+    request: Request,
+    model: ModelName = None,
+    before: Before = None,
+    theme: OnPage = "light",
+    matched: Matched = None,
+) -> Response:
+    """Draw predicted against measured forces: scatter, vectors at the finger, errors, residuals in uncertainties.
+
+    While a bench is running, validation cases are left out.
+    """
+    return _answer(figures_of(request).comparison(name, session, model, before, theme), matched)
+
+
+@router.get("/diagnosis/{name}", responses=_DRAWN)
+def diagnosis(
+    name: Name,
+    job: OfJob,
+    request: Request,
+    session: OfSession = None,
+    theme: OnPage = "light",
+    matched: Matched = None,
+) -> Response:
+    """Draw a figure of a diagnosis that is done."""
+    return _answer(figures_of(request).diagnosis(name, job, session, theme), matched)
+
+
+@router.get("/revisions/{name}", responses=_DRAWN)
+def revisions(
+    name: Name,
+    request: Request,
+    revision: OfRevision = None,
+    specimen: OfSpecimen = None,
+    theme: OnPage = "light",
+    matched: Matched = None,
+) -> Response:
+    """Draw how the error fell with every step up to a revision, or to the one in force for a specimen."""
+    return _answer(figures_of(request).revisions(name, revision, specimen, theme), matched)
+
+
+@router.get("/finger", responses=_DRAWN)
+def finger(
+    session: InSession,
+    request: Request,
+    posture: Posture = None,
+    case: InCase = None,
+    model: ModelName = None,
+    theme: OnPage = "light",
+    matched: Matched = None,
+) -> Response:
+    """Draw the finger in a posture with its tendons; of a load case with its weights, measured and predicted force.
+
+    `layout.meta` tells the scale [mm/N], and where forces begin at tip and bone, for a live vector to be added. The
+    prediction of a validation case is hidden until its session is closed.
+    """
+    return _answer(figures_of(request).finger(session, posture, case, model, theme), matched)
+
+
+@router.get("/effect/{effect}", responses=_DRAWN)
+def effect(
+    effect: Effect,
+    session: InSession,
+    request: Request,
+    model: ModelName = None,
+    theme: OnPage = "light",
+    matched: Matched = None,
+) -> Response:
+    """Draw what an effect would change in a session's cases, at a typical size, beside what the model misses in them.
+
+    Typical is the upper end of the plausible range; where there is none, a standard deviation of the prior; and what
+    was fitted, where the model holds the effect. While a bench is running, validation cases are left out.
+    """
+    return _answer(figures_of(request).effect(effect, session, model, theme), matched)
+
+
+def _names() -> dict[str, tuple[str, ...]]:
+    return {"comparison": COMPARISON, "diagnosis": DIAGNOSIS, "revisions": REVISIONS}
+
+
+def _listed(kind: str, name: str) -> dict[str, object]:
+    needs, parameters = _KINDS[kind]
+    return {
+        "kind": kind,
+        "name": name,
+        "title": _TITLES.get(name, name),
+        "needs": needs,
+        "path": f"{API}/figures/{kind}/{name}",
+        "parameters": [{"name": n, "required": r, "description": d} for n, r, d in parameters],
+    }
+
+
+def _answer(drawn: Drawn, matched: str | None) -> Response:
+    headers = {"ETag": f'"{drawn.tag}"', "Cache-Control": "no-cache"}
+    if matched is not None and matched.strip(' W/"') == drawn.tag:
+        return Response(status_code=304, headers=headers)
+    return JsonAnswer(drawn.body, 200, headers)

@@ -1,0 +1,69 @@
+"""`/health`, `/health/live`, `/health/ready`, and `/metrics` for Prometheus."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from fastapi import APIRouter, Request
+from pydantic import BaseModel
+from starlette.responses import Response
+
+from server.service.health import Health, HealthAnswer
+from server.service.metrics import CONTENT_TYPE, Metrics
+from server.service.problems import ProblemError
+from server.service.schemas.common import documented
+
+router = APIRouter(prefix="/health", tags=["health"])
+# Beside the interface: Prometheus asks for it at the root.
+metrics_router = APIRouter(tags=["health"])
+
+
+class Live(BaseModel):
+    """It runs."""
+
+    live: Literal[True] = True
+
+
+class Ready(BaseModel):
+    """It may be asked."""
+
+    ready: Literal[True] = True
+
+
+def _health(request: Request) -> Health:
+    found: Health = request.app.state.health
+    return found
+
+
+@router.get("", summary="How the service is", response_model=HealthAnswer, responses=documented(HealthAnswer))
+def health(request: Request) -> HealthAnswer:
+    """Return version, database, disk and workers; `degraded` says that something needs a person."""
+    return _health(request).answer()
+
+
+@router.get("/live", summary="Whether the service runs", response_model=Live, responses=documented(Live))
+async def live() -> Live:
+    """Answer; no token is needed."""
+    return Live()
+
+
+@router.get("/ready", summary="Whether the service may be asked", response_model=Ready, responses=documented(Ready))
+async def ready(request: Request) -> Ready:
+    """Answer 503 until models are warm and the database is up to date; no token is needed."""
+    if not _health(request).ready:
+        raise ProblemError(
+            503, "the service is not ready", "models that are compiled", "Ask again", headers={"Retry-After": "1"}
+        )
+    return Ready()
+
+
+@metrics_router.get(
+    "/metrics",
+    summary="Metrics for Prometheus",
+    response_class=Response,
+    responses=documented(BaseModel) | {200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+)
+def metrics(request: Request) -> Response:
+    """Return counters, gauges and histograms in Prometheus' text format."""
+    found: Metrics = request.app.state.metrics
+    return Response(found.text(), media_type=CONTENT_TYPE)

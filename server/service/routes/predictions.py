@@ -1,0 +1,75 @@
+"""Predictions of any finger, posture and load; comparisons of sessions with models; friction by force balance."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from fastapi import APIRouter, Header, Query, Request, Response
+
+from daq.errors import InputError
+from server.service.answers import JsonAnswer
+from server.service.predicting import columns
+from server.service.problems import ProblemError
+from server.service.schemas.common import ModelName, SessionId, Shown, documented
+from server.service.schemas.predictions import Asked, Compared, Predicted
+from server.service.services import of
+from server.service.strict import StrictRoute
+
+router = APIRouter(route_class=StrictRoute, tags=["comparison"])
+
+Matched = Annotated[str | None, Header(alias="If-None-Match", max_length=200)]
+
+
+@router.post("/predictions", responses=documented(Predicted))
+def predict(body: Asked, request: Request) -> JsonAnswer:
+    """Predict the forces of load cases, many at once or one alone."""
+    predictor = of(request).twins.predictor(body.model)
+    topology = predictor.topology
+    given = body.masses_g if body.masses_g is not None else body.tensions_N or {}
+    what = "tendon" if body.masses_g is None else "mass on"
+    degrees, rows = columns(body.postures_deg, topology.rotations, "joint")
+    load, more = columns(given, topology.muscles, what, rows)
+    if (load < 0).any():
+        raise InputError("a mass or tension below zero", "0 or more: tendons only pull")
+    n = max(rows, more)
+    degrees, load = (np.broadcast_to(a, (n, a.shape[1])) for a in (degrees, load))
+    weight = body.gravity_m_s2 * 1e-3 * body.tension_factor
+    tension = load * weight if body.masses_g is not None else load
+    forces = predictor.predict(np.deg2rad(degrees), np.ascontiguousarray(tension), weight)
+    undetermined = np.flatnonzero(np.isnan(forces["tip_force_N"][:, 0]))
+    answer = {k: np.ascontiguousarray(v) for k, v in forces.items()}
+    head = {"schema": "fingertwin/predict/1", "model": predictor.name, "n": n}
+    return JsonAnswer(head | answer | {"undetermined": undetermined})
+
+
+@router.get("/sessions/{session}/comparison", responses=documented(Compared) | {304: {"description": "Not Modified"}})
+def compare(session: SessionId, request: Request, model: ModelName = None, matched: Matched = None) -> Response:
+    """Compare predicted with measured forces, per load case and summarised.
+
+    While a bench is running, validation cases are left out. An answer that the client has already is not sent again
+    (`If-None-Match`).
+    """
+    compared = of(request).twins.comparison(session, model)
+    headers = {"ETag": f'"{compared.tag}"', "Cache-Control": "no-cache"}
+    if matched is not None and matched.strip(' W/"') == compared.tag:
+        return Response(status_code=304, headers=headers)
+    return JsonAnswer(compared.body, 200, headers)
+
+
+@router.get("/friction", tags=["friction"], responses=documented(Shown))
+def friction(
+    request: Request,
+    session: Annotated[list[str], Query(min_length=1, max_length=50, description="One or more sessions.")],
+) -> JsonAnswer:
+    """Find the friction factor by force balance (Synek et al. 2019, Eq 1): per case, specimen and pooled."""
+    from daq.friction import friction as balance
+
+    parts = of(request)
+    found = []
+    for name in dict.fromkeys(session):
+        measured = parts.measuring.of(name)
+        if not measured.record.closed:
+            raise ProblemError(409, f"session {name} is still running", "a session that its bench has closed")
+        found.append(measured.require())
+    return JsonAnswer({"schema": "fingertwin/friction/1"} | balance(found).as_dict())

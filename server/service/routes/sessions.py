@@ -1,0 +1,219 @@
+"""Sessions, their load cases, and edits with an undo."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Query, Request, Response
+from sqlalchemy import select
+
+from daq.errors import InputError
+from server.service.answers import JsonAnswer
+from server.service.problems import ProblemError
+from server.service.records import steps_of, undone_edits
+from server.service.schema import streams
+from server.service.schemas.common import CaseId, Limit, SessionId, Shown, documented
+from server.service.schemas.sessions import (
+    Author,
+    CaseList,
+    CaseShown,
+    Checklist,
+    Edited,
+    EditList,
+    Exclusion,
+    NewCase,
+    NewSession,
+    SessionList,
+    SessionShown,
+    Windows,
+)
+from server.service.services import Services, of
+from server.service.sizes import require_case_id
+from server.service.strict import StrictRoute
+from server.service.watch import case_bodies
+
+router = APIRouter(route_class=StrictRoute, prefix="/sessions", tags=["sessions"])
+
+EditNumber = Annotated[int, Path(ge=1, le=1 << 53, description="Number of the edit.")]
+
+
+@router.post("", status_code=201, responses=documented(SessionShown, status=201) | {200: {"model": SessionShown}})
+def create(body: NewSession, request: Request) -> JsonAnswer:
+    """Begin a session: with its document, or empty where a bench will send its record.
+
+    The very same session again is a success (200).
+    """
+    parts = of(request)
+    new = parts.sessions.create(body.id, body.document)
+    headers = {"Location": f"/api/v1/sessions/{body.id}"}
+    return JsonAnswer(_shown(parts, body.id), 201 if new else 200, headers)
+
+
+@router.get("", responses=documented(SessionList))
+def listed(
+    request: Request,
+    specimen: Annotated[str | None, Query(max_length=200, description="Of this specimen only.")] = None,
+    limit: Limit = 100,
+    after: Annotated[str, Query(max_length=200, description="Ids after this one.")] = "",
+) -> JsonAnswer:
+    """List sessions in the order of their ids."""
+    rows = of(request).sessions.listed(specimen, limit, after)
+    return JsonAnswer({"sessions": [vars(r) for r in rows], "next": rows[-1].id if len(rows) == limit else None})
+
+
+@router.get("/{session}", responses=documented(SessionShown))
+def read(session: SessionId, request: Request) -> JsonAnswer:
+    """Return a session: where it comes from, its streams, and how far its cases are."""
+    return JsonAnswer(_shown(of(request), session))
+
+
+@router.get("/{session}/document", responses=documented(Shown))
+def document(session: SessionId, request: Request) -> JsonAnswer:
+    """Return the session as bench-session/1, edits included."""
+    record = of(request).sessions.read(session)
+    if record.document is None:
+        raise ProblemError(409, f"session {session} has no record yet", "a document, or a bench's events")
+    return JsonAnswer(record.document)
+
+
+@router.delete("/{session}", status_code=204, responses=documented(Shown, status=422))
+def delete(session: SessionId, request: Request) -> Response:
+    """Hide a session. What it holds is kept, and its id is not used again."""
+    of(request).sessions.delete(session)
+    return Response(status_code=204)
+
+
+@router.post("/{session}/close", responses=documented(SessionShown))
+def close(session: SessionId, request: Request) -> JsonAnswer:
+    """Close a session: predictions of its validation cases may be seen from here on."""
+    parts = of(request)
+    parts.sessions.close(session)
+    return JsonAnswer(_shown(parts, session))
+
+
+@router.get("/{session}/cases", responses=documented(CaseList))
+def cases(session: SessionId, request: Request) -> JsonAnswer:
+    """Return the load cases: what hangs, how far each is, its force, and its prediction where that may be seen."""
+    parts = of(request)
+    measured = parts.measuring.of(session)
+    bodies = case_bodies(measured, parts.twins)
+    return JsonAnswer({"session": session, "version": measured.record.version, "cases": bodies})
+
+
+@router.get("/{session}/checklist", responses=documented(Checklist))
+def checklist(session: SessionId, request: Request) -> JsonAnswer:
+    """Return the steps of the protocol that a bench follows, in order; of a document, its cases."""
+    record = of(request).sessions.read(session)
+    return JsonAnswer({"session": session, "version": record.version, "steps": steps_of(record)})
+
+
+@router.get("/{session}/cases/{case}", responses=documented(CaseShown))
+def one_case(session: SessionId, case: CaseId, request: Request) -> JsonAnswer:
+    """Return one load case."""
+    return JsonAnswer(_case(of(request), session, case))
+
+
+@router.post("/{session}/cases", status_code=201, responses=documented(Edited, status=201))
+def add_case(session: SessionId, body: NewCase, request: Request) -> JsonAnswer:
+    """Add a load case; its force is computed as soon as the readings of its windows are there."""
+    name = body.case.get("id")
+    require_case_id(name)
+    return _edited(of(request), session, "case", str(name), body.case, author=body.author, status=201)
+
+
+@router.put("/{session}/cases/{case}/windows", responses=documented(Edited))
+def move_windows(session: SessionId, case: CaseId, body: Windows, request: Request) -> JsonAnswer:
+    """Move the windows of a load case; its force is computed anew, and the edit can be undone."""
+    given = body.model_dump(exclude_unset=True, exclude={"author"})
+    if not given:
+        raise ProblemError(422, "no window", "unloaded_s, loaded_s or unloaded_after_s")
+    return _edited(of(request), session, "windows", case, given, author=body.author)
+
+
+@router.post("/{session}/cases/{case}/exclude", responses=documented(Edited))
+def exclude(session: SessionId, case: CaseId, body: Exclusion, request: Request) -> JsonAnswer:
+    """Leave a load case out, for a reason; of a bench that is running, that is done at the bench."""
+    return _edited(of(request), session, "exclude", case, {"reason": body.reason}, author=body.author)
+
+
+@router.post("/{session}/cases/{case}/include", responses=documented(Edited))
+def include(session: SessionId, case: CaseId, body: Author, request: Request) -> JsonAnswer:
+    """Take a load case in again."""
+    return _edited(of(request), session, "include", case, {}, author=body.author)
+
+
+@router.get("/{session}/edits", responses=documented(EditList))
+def edit_list(session: SessionId, request: Request) -> JsonAnswer:
+    """Return every change that was made after the bench, with those that are taken back."""
+    record = of(request).sessions.read(session)
+    undone = undone_edits(record.edits)
+    rows = [e.as_dict() | {"in_force": e.number not in undone} for e in record.edits]
+    return JsonAnswer({"session": session, "version": record.version, "edits": rows})
+
+
+@router.post("/{session}/edits/{edit}/undo", responses=documented(Edited))
+def undo(session: SessionId, edit: EditNumber, body: Author, request: Request) -> JsonAnswer:
+    """Take an edit back; an undo is an edit too, and can be taken back."""
+    parts = of(request)
+    found = next((e for e in parts.sessions.read(session).edits if e.number == edit), None)
+    case = None if found is None else found.case
+    return _edited(parts, session, "undo", case, {}, undoes=edit, author=body.author)
+
+
+def _edited(
+    parts: Services,
+    session: str,
+    kind: str,
+    case: str | None,
+    body: dict[str, Any],
+    *,
+    undoes: int | None = None,
+    author: str | None = None,
+    status: int = 200,
+) -> JsonAnswer:
+    number = parts.sessions.edit(session, kind, case, body, undoes=undoes, author=author)
+    try:
+        shown = None if case is None else _case(parts, session, case)
+    except ProblemError:
+        shown = None  # an undone case is there no more
+    answer = {"session": session, "version": parts.sessions.version(session), "edit": number, "case": shown}
+    return JsonAnswer(answer, status)
+
+
+def _case(parts: Services, session: str, case: str) -> dict[str, Any]:
+    bodies = case_bodies(parts.measuring.of(session), parts.twins)
+    found = next((b for b in bodies if b["id"] == case), None)
+    if found is None:
+        raise ProblemError(404, f"session {session} has no load case {case[:100]}", f"one of GET …/{session}/cases")
+    return found
+
+
+def _shown(parts: Services, session: str) -> dict[str, Any]:
+    measured = parts.measuring.of(session)
+    record = measured.record
+    with parts.database.reading() as connection:
+        query = select(streams).where(streams.c.session == session).order_by(streams.c.number)
+        rows = connection.execute(query).all()
+    try:
+        record.session()
+        problem = None if measured.problem is None else str(measured.problem)
+    except InputError as error:
+        problem = str(error) if record.cases or record.problem else None
+    known = record.document or {}
+    states = [s.state for s in measured.states.values()]
+    return {
+        "id": session,
+        "version": record.version,
+        "source": record.source,
+        "closed": record.closed,
+        "created_utc": record.created_utc,
+        "specimen": (known.get("specimen") or {}).get("id"),
+        "finger": known.get("finger"),
+        "protocol": known.get("protocol"),
+        "stream": record.stream or (rows[0].id if rows else None),
+        "streams": [
+            {"id": r.id, "next_seq": r.next_seq, "held": r.held, "ended": bool(r.ended), "epoch": r.epoch} for r in rows
+        ],
+        "cases": {s: states.count(s) for s in dict.fromkeys(states)},
+        "problem": problem,
+    }

@@ -1,0 +1,74 @@
+"""Forms that several parts of the interface share."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import Path, Query
+from pydantic import BaseModel, ConfigDict, Field
+
+from server.service.problems import problems
+
+SESSION_ID = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$"
+
+SessionId = Annotated[str, Path(max_length=100, description="Id of the session.", examples=["DEV-01"])]
+CaseId = Annotated[str, Path(max_length=100, description="Id of the load case.", examples=["c001"])]
+Limit = Annotated[int, Query(ge=1, le=1000, description="How many at most.")]
+ModelName = Annotated[
+    str | None,
+    Query(
+        max_length=200,
+        description="A revision's id, a finger's name, or `in_force` for the revision that stands for the specimen; "
+        "by default the session's own finger.",
+        examples=["an1979_middle"],
+    ),
+]
+
+
+class Form(BaseModel):
+    """A body that is sent: unknown keys are refused, numbers are finite, and no text stands for a number."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
+
+
+class Shown(BaseModel):
+    """A body that is answered; it may come to have more keys."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+class ErrorsInPlane(Shown):
+    """Errors of predicted against measured forces over some load cases in one plane (Synek et al. 2019, Eqs 6, 7)."""
+
+    cases: int = Field(description="How many load cases.")
+    components: int = Field(description="Scalar force components, two or three a case.")
+    rmse_N: float | None = Field(description="Root mean square over the components [N].")
+    rmse_rel_pct: float | None = Field(description="Of the mean measured norm [%].")
+    magnitude_error_N: float | None = Field(description="Mean error of the magnitude [N].")
+    magnitude_error_pct: float | None = Field(description="Relative to each measured magnitude [%].")
+    direction_error_deg: float | None = Field(description="Mean unsigned angle [deg].")
+    direction_cases: int = Field(description="Cases whose force stands out from its uncertainty.")
+
+
+class Errors(Shown):
+    """Errors in the sagittal plane, as published, and in space."""
+
+    sagittal: ErrorsInPlane
+    space: ErrorsInPlane
+
+
+Summary = dict[str, Errors]
+Vector = Annotated[list[float | None], Field(min_length=3, max_length=3)]
+Plain = dict[str, Any]
+
+
+# What any address may answer when it refuses.
+_REFUSALS = problems(400, 401, 403, 404, 405, 409, 411, 413, 414, 415, 421, 422, 429, 500, 503)
+
+
+def documented(model: type[BaseModel], *, status: int = 200, example: Any = None) -> dict[int | str, dict[str, Any]]:
+    """Return the documentation of an answer and of all refusals, for a route's `responses`."""
+    answer: dict[str, Any] = {"model": model}
+    if example is not None:
+        answer["content"] = {"application/json": {"example": example}}
+    return {status: answer, **_REFUSALS}

@@ -1,0 +1,61 @@
+"""Forms of jobs."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import ConfigDict, Field
+
+from server.service.problems import Problem
+from server.service.schemas.common import Plain, Shown
+
+State = Literal["queued", "running", "done", "failed", "cancelled"]
+
+RUNNING_JOB: dict[str, Any] = {
+    "schema": "fingertwin/job/1",
+    "id": "0d9cf8a1c02f4b5c9e0a3f0c6a1f7be2",
+    "kind": "diagnose",
+    "session": "DEV-01",
+    "request": {"model": None, "thorough": False, "effects": []},
+    "state": "running",
+    "progress": 0.4,
+    "stage": "fitting every effect",
+    "attempts": 0,
+    "timeout_s": 1800.0,
+    "created_utc": "2026-03-02T09:14:07.120+00:00",
+    "started_utc": "2026-03-02T09:14:07.180+00:00",
+    "finished_utc": None,
+    "result": None,
+    "problem": None,
+}
+
+
+class JobShown(Shown):
+    """Work in the background: how far it is, and what came of it."""
+
+    model_config = ConfigDict(json_schema_extra={"example": RUNNING_JOB})
+
+    schema_: Literal["fingertwin/job/1"] = Field(alias="schema")
+    id: str
+    kind: str = Field(description="Such as refit, add, diagnose, next, pooled or population.")
+    session: str | None = Field(description="That it is about; null for what concerns several or none.")
+    request: Plain = Field(description="What it was asked for with.")
+    state: State
+    progress: float = Field(ge=0.0, le=1.0, description="Share that is done.")
+    stage: str = Field(description="What is being done.")
+    attempts: int = Field(
+        ge=0, description="How often the service stopped unasked while it ran; the third time fails it."
+    )
+    timeout_s: float = Field(gt=0.0, description="After which it is given up [s].")
+    created_utc: str
+    started_utc: str | None
+    finished_utc: str | None
+    result: Plain | None = Field(description="Once it is done; null in lists.")
+    problem: Problem | None = Field(description="Why it failed.")
+
+
+class JobList(Shown):
+    """Some jobs, newest first."""
+
+    jobs: list[JobShown]
+    next: str | None = Field(description="To be given as `after` for more.")

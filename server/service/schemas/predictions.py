@@ -1,0 +1,92 @@
+"""Forms of predictions and comparisons."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import ConfigDict, Field, model_validator
+
+from server.service.schemas.common import Form, Plain, Shown, Summary, Vector
+
+MOST_ROWS = 100_000
+# Far beyond any angle in degrees, mass in g and tension in N, and far from where sums overflow.
+Number = Annotated[float, Field(ge=-1e6, le=1e6)]
+Column = Annotated[list[Number], Field(min_length=1, max_length=MOST_ROWS)]
+Columns = Annotated[dict[Annotated[str, Field(max_length=60)], Column], Field(max_length=40)]
+
+EXAMPLE: Any = {
+    "model": "an1979_middle",
+    "postures_deg": {"MCP": [0, 40], "PIP": [65, 55], "DIP": [50, 35]},
+    "masses_g": {"FDP": [950]},
+    "tension_factor": 0.835,
+}
+
+
+class Asked(Form):
+    """Load cases to predict, by column: row i of each column is load case i; a column of one number holds for all."""
+
+    model: Annotated[
+        str,
+        Field(max_length=200, description="A finger's name or a revision's id.", examples=["an1979_middle"]),
+    ] = "an1979_middle"
+    postures_deg: Annotated[
+        Columns, Field(description="Angle of each joint [deg], flexion positive; one left out is 0.")
+    ]
+    masses_g: Annotated[Columns | None, Field(description="Weight hung on each tendon [g].")] = None
+    tensions_N: Annotated[Columns | None, Field(description="Or the tension in each tendon [N].")] = None
+    tension_factor: Annotated[
+        float, Field(gt=0, le=1.5, description="Friction correction c: tension = c m g; of masses alone.")
+    ] = 1.0
+    gravity_m_s2: Annotated[float, Field(ge=5, le=20)] = 9.81
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, json_schema_extra={"examples": [EXAMPLE]})
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> Asked:
+        if (self.masses_g is None) == (self.tensions_N is None):
+            raise ValueError("give masses_g or tensions_N, and not both")
+        return self
+
+
+class Predicted(Shown):
+    """Forces that the finger exerts on what holds it: x proximal, y dorsal, z radial."""
+
+    model: str
+    n: int = Field(description="Load cases.")
+    tip_force_N: list[Vector] = Field(description="In the distal phalanx's axes [N].")
+    tip_moment_Nmm: list[Vector] = Field(description="About the load point in the mid pulp [N mm].")
+    bone_force_N: list[Vector] = Field(description="In the metacarpal's axes [N].")
+    undetermined: list[int] = Field(description="Rows whose finger is straight: their forces are null.")
+
+
+class ComparedCase(Shown):
+    """A load case: what was read and what the model says should have been read."""
+
+    id: str
+    role: str
+    posture: str
+    location: str
+    masses_g: dict[str, float]
+    measured_N: Vector
+    measured_sd_N: Vector
+    predicted_N: Vector
+    residual_N: Vector
+    measured_Nmm: Vector | None
+    predicted_Nmm: Vector | None
+    z: float | None = Field(description="Mahalanobis norm of the residual.")
+
+
+class Compared(Shown):
+    """Predicted against measured, as `fingertwin compare --json`, with what it came from."""
+
+    session: str
+    model: str
+    cases: list[ComparedCase]
+    summary: Summary = Field(description="Errors by role and location.")
+    by_muscle: dict[str, Any]
+    by_posture: dict[str, Any]
+    waiting: dict[str, str] = Field(description="Cases whose readings are not all there, and what is missing.")
+    failed: dict[str, str] = Field(description="Cases that could not be measured, and why.")
+    excluded: dict[str, str] = Field(description="Cases left out, and why.")
+    blinded: list[str] = Field(description="Validation cases that are hidden until the bench closes the session.")
+    provenance: Plain = Field(description="Readings, corrections, model and software that it came from.")

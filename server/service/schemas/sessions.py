@@ -1,0 +1,195 @@
+"""Forms of sessions, their load cases and edits."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from server.service.schemas.common import SESSION_ID, Form, Plain, Shown, Vector
+
+Span = Annotated[tuple[float, float], Field(strict=False, description="[start, end] in s of the session's readings.")]
+Name = Annotated[str, Field(min_length=1, max_length=100)]
+Reason = Annotated[str, Field(min_length=1, max_length=2000)]
+
+CASE = {
+    "id": "c097",
+    "role": "identification",
+    "posture": "hook",
+    "location": "tip",
+    "masses_g": {"FDP": 950.0},
+    "unloaded_s": [0.4, 3.8],
+    "loaded_s": [9.6, 12.9],
+}
+DOCUMENT = {
+    "format": "bench-session/1",
+    "id": "H01",
+    "specimen": {"id": "H01", "species": "human", "digit": "third", "side": "left"},
+    "finger": "an1979_middle",
+    "tension_factor": 0.835,
+    "postures_deg": {"hook": {"MCP": 0, "PIP": 65, "DIP": 50, "abduction": 0}},
+    "cases": [
+        {
+            "id": "c001",
+            "role": "identification",
+            "posture": "hook",
+            "location": "tip",
+            "masses_g": {"FDP": 950.0},
+            "force_N": [-3.1, -2.4, 0.2],
+        }
+    ],
+}
+
+
+class NewSession(Form):
+    """A session to begin."""
+
+    id: Annotated[str, Field(pattern=SESSION_ID, description="Its id from now on.", examples=["H01"])]
+    document: Annotated[
+        Plain | None,
+        Field(
+            description="A bench-session/1: specimen, finger, postures [deg], load cases with masses [g], and windows "
+            "[s] or forces [N]. Readings follow as a stream. Left out where a bench sends its own record. "
+            "A finger of one's own comes along as `finger_document`.",
+            examples=[DOCUMENT],
+        ),
+    ] = None
+
+
+class SessionShown(Shown):
+    """A session."""
+
+    id: str
+    version: int = Field(description="Raised by every change.")
+    source: str = Field(description="document, bench, or none where nothing is known yet.")
+    closed: bool = Field(description="Whether predictions of validation cases may be seen.")
+    created_utc: str
+    specimen: str | None = None
+    finger: str | None = None
+    protocol: str | None = None
+    stream: str | None = Field(None, description="Stream whose time windows are told in.")
+    streams: list[Plain] = Field(default=[], description="Each stream with its description and cursor.")
+    cases: dict[str, int] = Field(default={}, description="How many cases are in each state.")
+    problem: str | None = Field(None, description="Why the session cannot be used, where it cannot.")
+
+
+class SessionListed(Shown):
+    """A session in the list."""
+
+    id: str
+    specimen: str | None
+    source: str
+    version: int
+    created_utc: str
+    closed_utc: str | None
+    streams: int
+
+
+class SessionList(Shown):
+    """Sessions in the order of their ids."""
+
+    sessions: list[SessionListed]
+    next: str | None = Field(description="To be given as `after` for more; null where there are no more.")
+
+
+class CaseShown(Shown):
+    """A load case: what hangs, how far it is, its force and prediction."""
+
+    id: str
+    role: str | None
+    posture: str | None
+    location: str | None
+    masses_g: dict[str, float] | None = Field(description="Weight hung on each tendon [g].")
+    state: Literal["measured", "waiting", "failed", "excluded"]
+    why: str
+    windows: dict[str, list[float]] = Field(description="unloaded_s, loaded_s, unloaded_after_s [s].")
+    measured_N: Vector | None = Field(description="Force on the cell, mount axes, tare removed [N].")
+    measured_sd_N: Vector | None = Field(description="Its standard uncertainty [N].")
+    measured_Nmm: Vector | None = Field(description="Moment about the load point [N mm].")
+    predicted_N: Vector | None = Field(description="By the session's own model; null where it may not be seen yet.")
+    residual_N: Vector | None
+    z: float | None = Field(description="Mahalanobis norm of the residual.")
+    blinded: bool = Field(description="A validation case of a session that is not closed: no prediction is shown.")
+
+
+class CaseList(Shown):
+    """A session's load cases."""
+
+    session: str
+    version: int
+    cases: list[CaseShown]
+
+
+class StepShown(Shown):
+    """A step of a bench's protocol: a load case, or a known weight on the cell itself."""
+
+    id: str
+    text: str = Field(description="What is hung where.")
+    state: Literal["done", "excluded", "open"]
+
+
+class Checklist(Shown):
+    """The steps of a session in order; repeats stand at the end."""
+
+    session: str
+    version: int
+    steps: list[StepShown]
+
+
+class NewCase(Form):
+    """A load case to add, as in bench-session/1; a repeat is added too, none is replaced."""
+
+    case: Annotated[Plain, Field(examples=[CASE])]
+    author: Name | None = None
+
+
+class Windows(Form):
+    """Other windows of a case; null takes one away."""
+
+    unloaded_s: Span | None = None
+    loaded_s: Span | None = None
+    unloaded_after_s: Span | None = None
+    author: Name | None = None
+
+
+class Exclusion(Form):
+    """Why a case is left out."""
+
+    reason: Reason
+    author: Name | None = None
+
+
+class Author(Form):
+    """Who does it."""
+
+    author: Name | None = None
+
+
+class EditShown(Shown):
+    """A change of a session; it can be taken back."""
+
+    number: int
+    created_utc: str
+    author: str | None
+    kind: str
+    case: str | None
+    body: dict[str, Any]
+    undoes: int | None
+    in_force: bool
+
+
+class EditList(Shown):
+    """A session's edits, oldest first."""
+
+    session: str
+    version: int
+    edits: list[EditShown]
+
+
+class Edited(Shown):
+    """What an edit made."""
+
+    session: str
+    version: int
+    edit: int = Field(description="Its number, by which it can be undone.")
+    case: CaseShown | None

@@ -1,0 +1,134 @@
+"""What a running service is made of, and the order in which it starts and stops."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from fastapi import Request
+from starlette.requests import HTTPConnection
+
+from daq.bench.forces import Predict
+from daq.bench.record import BenchSetup
+from daq.blocks import Chunk
+from daq.errors import ModelError
+from server.service.database import Database
+from server.service.ingest import Ingest
+from server.service.measuring import Measuring
+from server.service.messages import Messages
+from server.service.revisions import Revisions
+from server.service.sessions import Sessions
+from server.service.settings import Settings
+from server.service.windows import Windows
+
+if TYPE_CHECKING:
+    from server.service.effects import OwnEffects
+    from server.service.jobs.service import JobService
+    from server.service.live.estimate import MakePredict
+    from server.service.live.hub import LiveHub
+    from server.service.twins import Twins
+    from server.service.watch import Watch
+
+
+@dataclass(eq=False)
+class Services:
+    """Everything that answers requests.
+
+    Attributes:
+        settings: of the service.
+        database: that it keeps everything in.
+        messages: that it tells.
+        sessions, ingest, measuring, twins, revisions, effects, jobs, live, watch: its parts.
+        started: monotonic time of the start [s].
+        ready: whether models are warm and the database is up to date.
+    """
+
+    settings: Settings
+    database: Database
+    messages: Messages
+    sessions: Sessions
+    ingest: Ingest
+    measuring: Measuring
+    twins: Twins
+    revisions: Revisions
+    effects: OwnEffects
+    jobs: JobService
+    live: LiveHub
+    watch: Watch
+    started: float = field(default_factory=time.monotonic)
+    ready: bool = False
+
+
+def services(connection: HTTPConnection) -> Services:
+    """The running service's parts, for a request or a WebSocket."""
+    found: Services = connection.app.state.services
+    return found
+
+
+def of(request: Request) -> Services:
+    """The running service's parts."""
+    return services(request)
+
+
+def live_predictor(fingers: frozenset[str]) -> MakePredict:
+    """Return what predicts a running bench's cases; a finger's file on the bench's disk is not looked for here."""
+
+    def make(setup: BenchSetup) -> Predict:
+        from server.bench.prediction import predictor
+
+        if setup.finger not in fingers:
+            raise ModelError(f"finger {setup.finger[:100]!r}", f"one of {', '.join(sorted(fingers))}")
+        return predictor(setup)
+
+    return make
+
+
+def build(settings: Settings) -> Services:
+    """Put a service together; nothing runs yet.
+
+    Raises:
+        InputError: the database cannot be used.
+    """
+    from server.workflow import prepare_jax
+
+    prepare_jax()
+    # Two threads that load the array compiler at once would leave it half made: it is there before anybody asks.
+    import fingermodel.effects.catalogue
+    import fingermodel.model  # noqa: F401
+    from fingermodel.finger_files import finger_names
+    from server.service.effects import OwnEffects
+    from server.service.jobs.service import JobService
+    from server.service.jobs.supervisor import Supervisor
+    from server.service.live.hub import LiveHub
+    from server.service.migrate import upgrade
+    from server.service.task_kinds import task_kinds
+    from server.service.twins import Twins
+    from server.service.watch import Watch
+
+    if settings.database_url is None:
+        settings.data.mkdir(parents=True, exist_ok=True)
+    database = Database(settings.url)
+    upgrade(database)
+    messages = Messages(database)
+    fingers = frozenset(finger_names())
+    sessions = Sessions(database, messages, fingers)
+    windows = Windows(database)
+    measuring = Measuring(sessions, windows)
+    revisions = Revisions(database, messages)
+    twins = Twins(database, measuring, revisions, fingers)
+    watch = Watch(database, messages, measuring, twins)
+    live = LiveHub(messages, live_predictor(fingers), windows.one)
+
+    def on_chunk(session: str, stream: str, chunk: Chunk) -> None:
+        live.offer_chunk(session, stream, chunk)
+        watch.on_readings(session)
+
+    ingest = Ingest(database, messages, on_chunk)
+    effects = OwnEffects(database)
+    kinds = task_kinds(settings, database, measuring, twins, revisions, effects)
+    workers = Supervisor(settings.worker_count)
+    jobs = JobService(database, messages, workers, kinds, settings.job_timeout_s)
+    return Services(
+        settings, database, messages, sessions, ingest, measuring, twins, revisions, effects, jobs, live, watch
+    )

@@ -1,0 +1,271 @@
+"""Sessions as they are kept: begun, edited with an undo, closed, and hidden instead of deleted."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import Connection, func, insert, select, update
+
+from daq.errors import InputError
+from daq.sessions import parse_session
+from server.service.database import Database, now_utc
+from server.service.messages import Messages
+from server.service.problems import ProblemError, not_found, shortened
+from server.service.records import EDIT_KINDS, FINGER_DOCUMENT, WINDOWS, Record, read_record, undone_edits
+from server.service.schema import edits, sessions, streams
+from server.service.sizes import require_case_id, require_sizes
+
+# Goes into addresses and names of files that are exported.
+_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+_MOST_CASES = 5000
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A session in a list."""
+
+    id: str
+    specimen: str | None
+    source: str
+    version: int
+    created_utc: str
+    closed_utc: str | None
+    streams: int
+
+
+class Sessions:
+    """Keeps sessions.
+
+    Args:
+        database: where they are kept.
+        messages: are told of every change.
+        fingers: names of the fingers that a session may name.
+    """
+
+    def __init__(self, database: Database, messages: Messages, fingers: frozenset[str]) -> None:
+        self._database, self._messages, self._fingers = database, messages, fingers
+
+    def create(self, name: str, document: Mapping[str, Any] | None) -> bool:
+        """Begin a session.
+
+        Args:
+            name: its id.
+            document: a bench-session/1 that is known already; None where a bench will send its record.
+
+        Returns:
+            False where the very same session is there already.
+
+        Raises:
+            ProblemError: 409 another session has the id, or a deleted one had it.
+            InputError: the document cannot be used.
+        """
+        if not _ID.fullmatch(name):
+            raise ProblemError(
+                422,
+                f"session id {shortened(name)!r}",
+                "letters, digits and . _ -, at most 100, a letter or digit first",
+            )
+        kept = None if document is None else self._sound(name, document)
+        with self._messages.writing() as telling:
+            connection = telling.connection
+            row = connection.execute(select(sessions).where(sessions.c.id == name)).first()
+            if row is not None:
+                if row.deleted_utc is None and row.document == kept:
+                    return False
+                what = "was deleted, and ids are not used twice" if row.deleted_utc else "is there, and differs"
+                raise ProblemError(409, f"session {name} {what}", "the same document, or another id")
+            specimen = None if kept is None else kept["specimen"]["id"]
+            values = {"id": name, "created_utc": now_utc(), "document": kept, "specimen": specimen}
+            connection.execute(insert(sessions).values(values))
+            telling.tell("session", name, {"change": "created"})
+        return True
+
+    def read(self, name: str) -> Record:
+        """Return a session as it stands.
+
+        Raises:
+            ProblemError: 404 there is none.
+        """
+        with self._database.reading() as connection:
+            return read_record(connection, name)
+
+    def version(self, name: str) -> int:
+        """Return the version of a session, which every change raises.
+
+        Raises:
+            ProblemError: 404 there is none.
+        """
+        with self._database.reading() as connection:
+            query = select(sessions.c.version).where((sessions.c.id == name) & sessions.c.deleted_utc.is_(None))
+            found = connection.execute(query).scalar()
+        if found is None:
+            raise not_found("session", name, "/api/v1/sessions")
+        return int(found)
+
+    def listed(self, specimen: str | None = None, limit: int = 100, after: str = "") -> list[Listed]:
+        """Return sessions by id, after one of them."""
+        count = select(func.count()).where(streams.c.session == sessions.c.id).scalar_subquery()
+        query = select(sessions, count.label("streams")).where(sessions.c.deleted_utc.is_(None))
+        query = query.where(sessions.c.id > after).order_by(sessions.c.id).limit(limit)
+        if specimen is not None:
+            query = query.where(sessions.c.specimen == specimen)
+        with self._database.reading() as connection:
+            rows = connection.execute(query).all()
+        return [
+            Listed(
+                r.id,
+                r.specimen,
+                "document" if r.document is not None else "bench",
+                r.version,
+                r.created_utc,
+                r.closed_utc,
+                r.streams,
+            )
+            for r in rows
+        ]
+
+    def close(self, name: str) -> None:
+        """Close a session: predictions of its validation cases may be seen from here on.
+
+        Raises:
+            ProblemError: 404 there is none, 409 a bench is the one to close it.
+        """
+        with self._messages.writing() as telling:
+            record = read_record(telling.connection, name)
+            if record.closed:
+                return
+            if record.source == "bench":
+                raise ProblemError(
+                    409,
+                    f"session {name} is held by a bench",
+                    "the bench to close it",
+                    "Close it there (fingertwin log)",
+                )
+            _changed(telling.connection, name, closed_utc=now_utc())
+            telling.tell("session", name, {"change": "closed"})
+
+    def delete(self, name: str) -> None:
+        """Hide a session; what it holds is kept, and so is its id.
+
+        Raises:
+            ProblemError: 404 there is none.
+        """
+        with self._messages.writing() as telling:
+            read_record(telling.connection, name)
+            _changed(telling.connection, name, deleted_utc=now_utc())
+            telling.tell("session", name, {"change": "deleted"})
+
+    def edit(
+        self,
+        name: str,
+        kind: str,
+        case: str | None,
+        body: Mapping[str, Any],
+        *,
+        undoes: int | None = None,
+        author: str | None = None,
+    ) -> int:
+        """Add an edit, unless it would make the session unusable.
+
+        Returns:
+            its number.
+
+        Raises:
+            ProblemError: 404 no such session, case or edit; 409 it is undone already, or the bench is still running.
+            InputError: the session could not be used with it.
+        """
+        if kind not in EDIT_KINDS:
+            raise ProblemError(422, f"edit {shortened(kind)!r}", f"one of {', '.join(EDIT_KINDS)}")
+        require_sizes(body)
+        if kind == "case":
+            require_case_id(case)
+        with self._messages.writing() as telling:
+            connection = telling.connection
+            record = read_record(connection, name)
+            self._require_possible(record, kind, case, undoes)
+            values = {
+                "session": name,
+                "created_utc": now_utc(),
+                "author": author,
+                "kind": kind,
+                "case": case,
+                "body": dict(body),
+                "undoes": undoes,
+            }
+            number = connection.execute(insert(edits).values(values).returning(edits.c.number)).scalar_one()
+            # Before it is kept: what the session would be.
+            changed = read_record(connection, name)
+            if changed.cases:
+                changed.session()
+            _changed(connection, name)
+            telling.tell("session", name, {"change": "edited", "edit": number, "kind": kind, "case": case})
+        return int(number)
+
+    def _require_possible(self, record: Record, kind: str, case: str | None, undoes: int | None) -> None:
+        where = f"/api/v1/sessions/{record.id}"
+        if record.document is None:
+            raise ProblemError(409, f"session {record.id} has no record yet", "a document, or a bench's events")
+        names = {c["id"] for c in record.cases}
+        if kind == "undo":
+            known = {e.number for e in record.edits}
+            if undoes not in known:
+                raise not_found("edit", str(undoes), f"{where}/edits")
+            if undoes in undone_edits(record.edits):
+                raise ProblemError(409, f"edit {undoes} is undone already", "one that is in force")
+        elif kind == "case":
+            if case in names:
+                raise ProblemError(409, f"case {case} is there already", "a new id", "A repeat is added, none replaced")
+            if len(names) >= _MOST_CASES:
+                raise ProblemError(409, f"{len(names)} cases", f"at most {_MOST_CASES}")
+        elif case not in names:
+            raise not_found("case", str(case), f"{where}/cases")
+        if kind == "exclude" and record.source == "bench" and not record.closed:
+            raise ProblemError(
+                409, f"session {record.id} is held by a bench", "an exclusion at the bench, before predictions are seen"
+            )
+
+    def _sound(self, name: str, document: Mapping[str, Any]) -> dict[str, Any]:
+        """A document that can be used, with nothing that would reach a file."""
+        given = dict(document)
+        if given.get("id") != name:
+            raise ProblemError(422, f"the document's id is {shortened(given.get('id'))!r}", repr(name))
+        require_sizes(given)
+        session, faults = parse_session(given, None)
+        if session is None:
+            more = [{"where": "document", "found": str(f)} for f in faults[:50]]
+            raise ProblemError(422, faults[0].found, faults[0].expected, faults[0].remedy, errors=more)
+        finger = given.get(FINGER_DOCUMENT)
+        if finger is not None:
+            from fingermodel.finger_files import finger_from_dict
+
+            finger_from_dict(finger, f"the finger of {name}")
+        elif session.finger not in self._fingers:
+            raise ProblemError(
+                422,
+                f"finger {shortened(session.finger)!r}",
+                f"one of {', '.join(sorted(self._fingers))}, or its document as {FINGER_DOCUMENT}",
+            )
+        out = session.model_dump(mode="json", exclude_defaults=True)
+        out["gravity_m_s2"] = session.gravity_m_s2
+        out["postures_deg"] = {name: posture.model_dump() for name, posture in session.postures_deg.items()}
+        return out
+
+
+def _changed(connection: Connection, name: str, **values: Any) -> None:
+    raised = {"version": sessions.c.version + 1} | values
+    connection.execute(update(sessions).where(sessions.c.id == name).values(raised))
+
+
+def windows_in(body: Mapping[str, Any]) -> dict[str, Any]:
+    """The windows of an edit.
+
+    Raises:
+        InputError: it has none, or something else.
+    """
+    unknown = [k for k in body if k not in WINDOWS]
+    if unknown or not body:
+        raise InputError(f"windows {', '.join(map(shortened, unknown)) or 'of nothing'}", f"of {', '.join(WINDOWS)}")
+    return dict(body)

@@ -1,0 +1,71 @@
+"""Settings of the service: of the command line, of `FINGERTWIN_…` variables, or their defaults."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+from pathlib import Path
+from typing import Literal
+
+from platformdirs import user_data_path
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+DATABASE_FILE = "fingertwin.db"
+
+
+def default_folder() -> Path:
+    """Where the service keeps its data unless it is told otherwise."""
+    return user_data_path("fingertwin", appauthor=False)
+
+
+class Settings(BaseSettings):
+    """Settings of the service.
+
+    Attributes:
+        host: address that it listens on; another than loopback needs a token.
+        port: that it listens on.
+        data: folder of its database and backups.
+        database_url: another database than SQLite in that folder.
+        workers: processes that refit and diagnose; 0 takes as many as half the cores, at most 4.
+        job_timeout_s: after which a job that says nothing else is given up.
+        executor: of population runs: processes here, or a Dask cluster.
+        dask_scheduler: address of the cluster's scheduler.
+        most_body_bytes: of a request.
+        requests_per_s: of one client beyond loopback; bursts of ten times as many pass.
+        log_format: lines to read, or JSON.
+        log_level: of the log.
+    """
+
+    model_config = SettingsConfigDict(env_prefix="FINGERTWIN_", extra="ignore")
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=8765, ge=0, le=65535)
+    data: Path = Field(default_factory=default_folder)
+    database_url: str | None = None
+    workers: int = Field(default=0, ge=0, le=64)
+    job_timeout_s: float = Field(default=1800.0, gt=0)
+    executor: Literal["processes", "dask"] = "processes"
+    dask_scheduler: str | None = None
+    most_body_bytes: int = Field(default=16 << 20, ge=1 << 16)
+    requests_per_s: float = Field(default=100.0, gt=0)
+    log_format: Literal["text", "json"] = "text"
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
+
+    @property
+    def url(self) -> str:
+        """Of the database."""
+        return self.database_url or f"sqlite:///{self.data / DATABASE_FILE}"
+
+    @property
+    def worker_count(self) -> int:
+        """Processes that refit and diagnose."""
+        return self.workers or max(1, min(4, (os.cpu_count() or 2) // 2))
+
+    @property
+    def loopback(self) -> bool:
+        """Whether it can be reached from this machine only."""
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return self.host == "localhost"

@@ -1,0 +1,234 @@
+"""Sessions held against models: the benches and comparisons that every answer of the service is made of."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections import OrderedDict
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+from sqlalchemy import select
+
+from server.service.answers import dumps
+from server.service.database import Database
+from server.service.measuring import Measured, Measuring
+from server.service.predicting import Predictor
+from server.service.problems import ProblemError, shortened
+from server.service.records import FINGER_DOCUMENT
+from server.service.revisions import Revisions
+from server.service.schema import chunks, streams
+from server.workflow import Bench, bench_of, compare_bench
+
+if TYPE_CHECKING:
+    from fingermodel.compare import Comparison
+    from fingermodel.fingers import Finger
+    from fingermodel.model_files import Revision
+    from fingermodel.stages import Effect
+
+_MOST_BENCHES, _MOST_COMPARISONS = 32, 256
+# Of `model`: the revision in force for the session's specimen, or the session's own finger where there is none.
+IN_FORCE = "in_force"
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A comparison as it is answered.
+
+    Attributes:
+        body: JSON.
+        tag: of the body, for clients that have it already.
+    """
+
+    body: bytes
+    tag: str
+
+
+class Twins:
+    """Holds sessions against models, each pair once.
+
+    Args:
+        database: that holds the readings.
+        measuring: gives measured forces.
+        revisions: that may be asked for as models.
+        fingers: names of the fingers that come with the software.
+    """
+
+    def __init__(self, database: Database, measuring: Measuring, revisions: Revisions, fingers: frozenset[str]) -> None:
+        self._database, self._measuring, self._revisions, self._fingers = database, measuring, revisions, fingers
+        self._benches: OrderedDict[Hashable, Bench] = OrderedDict()
+        self._compared: OrderedDict[Hashable, Compared] = OrderedDict()
+        self._predictors: OrderedDict[str, Predictor] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def model(self, name: str | None, measured: Measured | None = None) -> Revision | Finger | str | None:
+        """Return the model that a request names.
+
+        Args:
+            name: of a revision or of a finger that comes with the software, IN_FORCE, or None for the session's own.
+            measured: the session.
+
+        Raises:
+            ProblemError: 422 there is no such model.
+        """
+        if name == IN_FORCE and measured is not None and measured.session is not None:
+            name = self._revisions.in_force(measured.session.specimen.id)
+        if name is None:
+            return None if measured is None else self._own_finger(measured)
+        if name in self._fingers:
+            return name
+        try:
+            return self._revisions.loaded(name)
+        except ProblemError as error:
+            if error.status != 404:
+                raise
+            raise ProblemError(
+                422, f"model {shortened(name)!r}", "a revision's id, or a finger of GET /api/v1/fingers", "List them"
+            ) from None
+
+    def bench(self, measured: Measured, model: str | None = None, effects: Sequence[Effect] | None = None) -> Bench:
+        """Hold a session against a model.
+
+        Args:
+            measured: the session.
+            model: as in `model`.
+            effects: of the user's own that the model shall hold beside the catalogue, at their null; None leaves out
+                the catalogue as well.
+
+        Raises:
+            InputError: the session or the model cannot be used.
+            ProblemError: there is no such model.
+        """
+        forces = measured.require()
+        found = self.model(model, measured)
+        named = found if found is None or isinstance(found, str) else found.id
+        key = (measured.key, named, None if effects is None else tuple(effects))
+        with self._lock:
+            known = self._benches.get(key)
+        if known is not None:
+            return known
+        bench = bench_of(forces, found, catalogue=effects is not None, effects=effects or ())
+        with self._lock:
+            self._benches[key] = bench
+            while len(self._benches) > _MOST_BENCHES:
+                self._benches.popitem(last=False)
+        return bench
+
+    def predictor(self, model: str) -> Predictor:
+        """Return what predicts with a finger or revision.
+
+        Raises:
+            ProblemError: there is no such model.
+        """
+        with self._lock:
+            known = self._predictors.get(model)
+        if known is not None:
+            return known
+        found = self.model(model)
+        if found is None or isinstance(found, str):
+            from fingermodel.finger_files import read_finger
+
+            found = read_finger(model)
+        made = Predictor(found)
+        with self._lock:
+            self._predictors[model] = made
+            while len(self._predictors) > _MOST_BENCHES:
+                self._predictors.popitem(last=False)
+        return made
+
+    def comparison(self, name: str, model: str | None = None) -> Compared:
+        """Compare a session with a model; predictions of validation cases are left out while a bench is running.
+
+        Raises:
+            InputError: the session or the model cannot be used.
+            ProblemError: there is no such session or model.
+        """
+        measured = self._measuring.of(name)
+        asked = model
+        if model == IN_FORCE and measured.session is not None:
+            asked = self._revisions.in_force(measured.session.specimen.id)
+        key = (measured.key, asked)
+        with self._lock:
+            known = self._compared.get(key)
+            if known is not None:
+                self._compared.move_to_end(key)
+                return known
+        bench = self.bench(measured, asked)
+        body = dumps(self.compared_body(measured, bench, compare_bench(bench)))
+        out = Compared(body, hashlib.sha256(body).hexdigest()[:32])
+        with self._lock:
+            self._compared[key] = out
+            while len(self._compared) > _MOST_COMPARISONS:
+                self._compared.popitem(last=False)
+        return out
+
+    def compared_body(self, measured: Measured, bench: Bench, comparison: Comparison) -> dict[str, Any]:
+        """The contract's comparison, blind where it has to be, with what it came from."""
+        from fingermodel.compare import Comparison as Cases
+        from server.commands.twin import provenance
+
+        blinded = []
+        if not measured.record.closed:
+            blinded = [c.id for c in comparison.cases if c.role == "validation"]
+            seen = tuple(c for c in comparison.cases if c.role != "validation")
+            comparison = Cases(seen, comparison.noise_assumed)
+        states = measured.states
+        rest = {s: {i: c.why for i, c in states.items() if c.state == s} for s in ("waiting", "failed", "excluded")}
+        body = {"schema": "fingertwin/compare/1"} | provenance(bench) | comparison.as_dict() | rest
+        return body | {"blinded": blinded, "provenance": self.provenance(measured, bench)}
+
+    def provenance(self, measured: Measured, bench: Bench, *, digest: bool = False) -> dict[str, Any]:
+        """Say which readings, corrections, model and software a number came from.
+
+        Args:
+            measured: the session.
+            bench: held against the model.
+            digest: whether the readings are to be named by a digest of their chunks, which takes a moment.
+        """
+        record = measured.record
+        readings = None
+        if record.stream is not None:
+            readings = self._readings(record.id, record.stream, digest)
+        return {
+            "session": record.id,
+            "session_version": record.version,
+            "readings": readings,
+            "edits": [e.number for e in record.edits],
+            "model": bench.loaded.name,
+            "model_parent": bench.loaded.parent,
+            "tension_factor": measured.require().tension_factor,
+            "tension_factor_source": measured.require().tension_factor_source,
+            "software": version("fingertwin"),
+        }
+
+    def _readings(self, session: str, stream: str, digest: bool) -> dict[str, Any]:
+        mine = (chunks.c.session == session) & (chunks.c.stream == stream)
+        with self._database.reading() as connection:
+            here = (streams.c.session == session) & (streams.c.id == stream)
+            row = connection.execute(select(streams.c.next_seq, streams.c.held).where(here)).one()
+            out: dict[str, Any] = {"stream": stream, "samples": row.held}
+            if digest:
+                query = select(chunks.c.first_seq, chunks.c.sha256).where(mine).order_by(chunks.c.first_seq)
+                text = "\n".join(f"{r.first_seq} {r.sha256}" for r in connection.execute(query))
+                out["sha256_of_chunks"] = hashlib.sha256(text.encode()).hexdigest()
+        return out
+
+    def _own_finger(self, measured: Measured) -> Finger | None:
+        """The finger that a session brings with it; None where it names one that the service has."""
+        document = measured.record.document or {}
+        finger = document.get(FINGER_DOCUMENT)
+        if finger is not None:
+            from fingermodel.finger_files import finger_from_dict
+
+            return finger_from_dict(finger, f"the finger of {measured.record.id}")
+        name = document.get("finger")
+        if name not in self._fingers:
+            raise ProblemError(
+                422,
+                f"session {measured.record.id} names finger {shortened(name)!r}, which is a file of the bench",
+                f"one of {', '.join(sorted(self._fingers))}, or its document as {FINGER_DOCUMENT}",
+                "Ask with ?model=",
+            )
+        return None

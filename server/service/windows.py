@@ -1,0 +1,160 @@
+"""Windows of a session, reduced from the readings that are stored, as soon as they are all there."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from sqlalchemy import ColumnElement, Connection, func, select
+
+from daq.blocks import Chunk
+from daq.errors import JournalError, ReadingsError
+from daq.plateaus import Plateau
+from daq.readings import ReadingBlock
+from daq.windows import Span, gather
+from server.service.database import Database
+from server.service.schema import chunks, streams
+
+_MOST_CACHED = 20_000
+_Key = tuple[str, str, Span]
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """What has become of a session's windows.
+
+    Attributes:
+        plateaus: those that could be reduced.
+        waiting: those whose readings are not all there yet, and what is missing.
+        failed: those that cannot be reduced, and why.
+    """
+
+    plateaus: dict[Span, Plateau] = field(default_factory=dict)
+    waiting: dict[Span, str] = field(default_factory=dict)
+    failed: dict[Span, ReadingsError] = field(default_factory=dict)
+
+
+class Windows:
+    """Reduces windows, and remembers them: readings that are stored never change.
+
+    Args:
+        database: that holds the readings.
+    """
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._known: OrderedDict[_Key, Plateau | ReadingsError] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def reduce(self, session: str, stream: str | None, windows: Mapping[Span, str]) -> Reduced:
+        """Reduce windows of a stream.
+
+        Args:
+            session: that the stream belongs to.
+            stream: None where the session has none: all windows wait.
+            windows: [start, end] in s, and a name for messages.
+        """
+        out = Reduced()
+        new = []
+        for window in windows:
+            with self._lock:
+                found = self._known.get((session, stream or "", window))
+            if isinstance(found, Plateau):
+                out.plateaus[window] = found
+            elif found is not None:
+                out.failed[window] = found
+            else:
+                new.append(window)
+        if new:
+            with self._database.reading() as connection:
+                for window in new:
+                    self._reduce(connection, session, stream, window, windows[window], out)
+        return out
+
+    def one(self, session: str, stream: str | None, window: Span) -> Plateau | None:
+        """Reduce a window where all its readings are there."""
+        return self.reduce(session, stream, {window: "window"}).plateaus.get(window)
+
+    def _reduce(
+        self, connection: Connection, session: str, stream: str | None, window: Span, name: str, out: Reduced
+    ) -> None:
+        state = None
+        if stream is not None:
+            here = (streams.c.session == session) & (streams.c.id == stream)
+            state = connection.execute(select(streams).where(here)).first()
+        if state is None or stream is None:
+            out.waiting[window] = "no readings are there yet"
+            return
+        lacks = _lacking(connection, session, stream, window, bool(state.ended) and state.held == state.next_seq)
+        if lacks:
+            out.waiting[window] = lacks
+            return
+        found: Plateau | ReadingsError
+        try:
+            blocks = blocks_of(connection, session, stream, window)
+            found = gather(blocks, {window: name}, "the stored readings").plateaus[window]
+            out.plateaus[window] = found
+        except ReadingsError as error:
+            found = out.failed[window] = error
+        except JournalError as error:
+            found = out.failed[window] = ReadingsError(error.found, error.expected, error.remedy)
+        with self._lock:
+            self._known[session, stream, window] = found
+            while len(self._known) > _MOST_CACHED:
+                self._known.popitem(last=False)
+
+
+def _lacking(connection: Connection, session: str, stream: str, window: Span, whole: bool) -> str:
+    """What of a window is still to come, in words; nothing where it can be reduced."""
+    if whole:
+        return ""
+    mine = (chunks.c.session == session) & (chunks.c.stream == stream)
+    last_s = connection.execute(select(func.max(chunks.c.last_s)).where(mine)).scalar()
+    if last_s is None or last_s <= window[1]:
+        return f"readings until {window[1]:g} s are to come" + ("" if last_s is None else f" (now at {last_s:.1f} s)")
+    low, high = _ends(connection, mine, window)
+    columns = select(chunks.c.first_seq, chunks.c.n, chunks.c.first_s, chunks.c.last_s)
+    near = columns.where(mine & chunks.c.first_seq.between(low, high)).order_by(chunks.c.first_seq)
+    rows = connection.execute(near).all()
+    if rows and rows[0].first_seq > 0 and rows[0].first_s > window[0]:
+        return f"readings before {rows[0].first_s:.2f} s are missing"
+    for before, row in pairwise(rows):
+        if row.first_seq != before.first_seq + before.n:
+            return f"readings from {before.last_s:.2f} to {row.first_s:.2f} s are missing"
+    if not rows or rows[-1].last_s <= window[1]:
+        return f"readings until {window[1]:g} s are missing"
+    return ""
+
+
+def _ends(connection: Connection, mine: ColumnElement[bool], window: Span) -> tuple[int, int]:
+    """Numbers of the chunks in which the last reading before a window and the first one after it lie."""
+    before = select(chunks.c.first_seq).where(mine & (chunks.c.first_s <= window[0]))
+    after = select(chunks.c.first_seq).where(mine & (chunks.c.last_s > window[1]))
+    low = connection.execute(before.order_by(chunks.c.first_s.desc()).limit(1)).scalar()
+    high = connection.execute(after.order_by(chunks.c.last_s).limit(1)).scalar()
+    first, last = connection.execute(
+        select(func.min(chunks.c.first_seq), func.max(chunks.c.first_seq)).where(mine)
+    ).one()
+    return (first or 0) if low is None else low, (last or 0) if high is None else high
+
+
+def blocks_of(connection: Connection, session: str, stream: str, window: Span | None = None) -> Iterator[ReadingBlock]:
+    """Yield a stream's readings in order, or those of the chunks about a window.
+
+    Raises:
+        JournalError: a chunk is damaged.
+    """
+    mine = (chunks.c.session == session) & (chunks.c.stream == stream)
+    if window is not None:
+        mine &= chunks.c.first_seq.between(*_ends(connection, mine, window))
+    query = select(chunks.c.payload).where(mine).order_by(chunks.c.first_seq)
+    for (payload,) in connection.execute(query.execution_options(yield_per=16)):
+        chunk = Chunk.from_bytes(payload)
+        if len(chunk):
+            # A reading beyond the range is flagged also where the device has no status of its own.
+            status = np.where(chunk.overload & (chunk.status == 0), 1, chunk.status)
+            yield ReadingBlock(chunk.t_s, chunk.wrench, status)

@@ -1,0 +1,85 @@
+"""The pages in a real Chromium against a service of their own, watched for whatever goes wrong."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.server.service.processes import Process
+
+BROWSER = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+)
+OFFLINE = "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1"
+
+
+def require_browser() -> None:
+    """Skip, with a line, where there is no Chromium and none is required."""
+    if BROWSER is None and "browser" not in os.environ.get("FINGERTWIN_REQUIRE", "").split(","):
+        pytest.skip("chromium is not installed: the pages are not opened in a browser", allow_module_level=True)
+
+
+@dataclass
+class Watched:
+    """A page, and what it complained of.
+
+    Attributes:
+        page: of Playwright.
+        url: of the service.
+        complaints: of the console, and scripts that failed.
+        elsewhere: addresses that were asked for and are not the service's.
+    """
+
+    page: Any
+    url: str
+    complaints: list[str] = field(default_factory=list)
+    elsewhere: list[str] = field(default_factory=list)
+
+    def open(self, path: str, heading: str) -> None:
+        """Go to a page and wait for its heading."""
+        self.page.goto(f"{self.url}/#/{path}")
+        self.page.get_by_role("heading", level=1, name=heading).wait_for()
+
+    def text(self) -> str:
+        """All that can be read."""
+        return str(self.page.locator("main").inner_text())
+
+
+@contextmanager
+def browsing() -> Iterator[Any]:
+    """A browser without any network but this machine's."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        arguments = ["--no-sandbox", OFFLINE]
+        browser = playwright.chromium.launch(executable_path=BROWSER, args=arguments)
+        yield browser
+        browser.close()
+
+
+def watched(browser: Any, url: str, **given: Any) -> Watched:
+    """Open a new page that is watched."""
+    page = browser.new_page(**({"viewport": {"width": 1280, "height": 800}} | given))
+    page.set_default_timeout(60_000)
+    out = Watched(page, url)
+    page.on("console", lambda m: out.complaints.append(m.text) if m.type in ("error", "warning") else None)
+    page.on("pageerror", lambda error: out.complaints.append(str(error)))
+    page.on("request", lambda r: None if r.url.startswith((url, "data:", "blob:")) else out.elsewhere.append(r.url))
+    return out
+
+
+@contextmanager
+def served(folder: Path, port: int = 0) -> Iterator[tuple[str, Process]]:
+    """A service with its address."""
+    process = Process(["-m", "server.cli", "serve", "--data", str(folder), "--port", str(port)])
+    try:
+        yield process.address(), process
+    finally:
+        process.close()

@@ -1,0 +1,42 @@
+"""Real fits in workers, with a catalogue that compiles in a third of the time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from fingermodel.effects import catalogue
+from server.service.jobs import population, tasks
+from server.service.jobs.worker import Tell
+
+HERE = __name__
+_fit_part = population.fit_part
+_EVERY = catalogue.CATALOGUE
+
+
+@contextmanager
+def few_effects() -> Iterator[None]:
+    """Leave two effects in the catalogue, here and in the workers of population runs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(catalogue, "CATALOGUE", catalogue.CATALOGUE)
+        patch.setattr(population, "fit_part", fit_part)
+        leave_few()
+        yield
+    population._open.clear()
+
+
+def leave_few() -> None:
+    catalogue.CATALOGUE = tuple(e for e in _EVERY if e.name in ("hanger_mass", "zero_offset"))
+
+
+def refit(payload: tasks.RefitInput, tell: Tell) -> tasks.Answer:
+    leave_few()
+    return tasks.refit(payload, tell)
+
+
+def fit_part(part: population.Part) -> dict[str, Any]:
+    leave_few()
+    return _fit_part(part)

@@ -1,0 +1,386 @@
+"""Exports, checks and reports of the service: those of the command line, blind where they must be, gone afterwards."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import anyio
+import ezc3d
+import numpy as np
+import pytest
+
+from daq.bench.run import BenchRun
+from daq.checks import check
+from daq.sessions import read_session
+from server.commands.bench import model_findings
+from server.commands.files import export_source
+from server.drawing import draw_comparison
+from server.figures.report import Section
+from server.service import exporting
+from server.service.database import now_utc
+from server.service.downloads import FileAnswer, attachment
+from server.workflow import compare_bench, open_bench, refit_bench, save_revision
+from tests.daq.bench_plays import Bench, case, predicted, setup, tared, whole
+from tests.server.service.exported import OF_PREDICTIONS, cells, datasets, exported, from_csv, from_mat, members
+from tests.server.service.recorded import STREAM, upload
+from tests.server.service.running import ServiceReceiver
+from tests.server.service.test_bench_sessions import Played
+
+RECORDED, PUBLISHED, MEAN = "DEV-01", "synek2019_H01", "synek2019_HMEAN"
+AT = "/api/v1/sessions"
+ENDING = {"csv": "csv", "parquet": "parquet", "hdf5": "h5", "c3d": "c3d", "mat": "mat", "supplement": "zip"}
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceReceiver]:
+    out = ServiceReceiver(tmp_path_factory.mktemp("service"))
+    for name in (RECORDED, PUBLISHED, "synek2019_H02", "synek2019_H03", MEAN):
+        upload(out.client(), name)
+    yield out
+    out.close()
+
+
+@pytest.fixture(autouse=True)
+def emptied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The folder of temporary files; nothing is left in it."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    yield folder
+    assert list(folder.iterdir()) == []
+
+
+@pytest.fixture
+def played(tmp_path: Path) -> Iterator[Played]:
+    out = Played(tmp_path)
+    yield out
+    assert out.bench.journal is not None
+    out.bench.journal.close()
+    out.service.close()
+
+
+def by_command_line(session: str, file_format: str, folder: Path) -> bytes:
+    file = folder / f"out.{ENDING[file_format]}"
+    export_source(session, file_format, file, None, str(folder / "said.json"))
+    return file.read_bytes()
+
+
+@pytest.mark.parametrize("name", [RECORDED, PUBLISHED])
+@pytest.mark.parametrize("file_format", ["csv", "parquet"])
+def test_tables_are_those_of_the_command_line_to_the_last_byte(
+    service: ServiceReceiver, name: str, file_format: str, tmp_path: Path
+) -> None:
+    assert exported(service, name, file_format) == by_command_line(name, file_format, tmp_path)
+
+
+def test_what_columns_are_is_told_of_this_very_table(service: ServiceReceiver) -> None:
+    table, told = exported(service, RECORDED, "csv"), json.loads(exported(service, RECORDED, "columns"))
+    assert told["table_sha256"] == hashlib.sha256(table).hexdigest()
+    assert [c["name"] for c in told["columns"]] == table.decode().splitlines()[0].replace('"', "").split(",")
+    assert told["provenance"]["readings"]["stream"] == STREAM
+    assert len(told["sources"]["sha256_of_chunks"]) == 64
+
+
+def test_readings_and_cases_are_those_of_the_command_line(service: ServiceReceiver, tmp_path: Path) -> None:
+    ours = datasets(exported(service, RECORDED, "hdf5"))
+    theirs = datasets(by_command_line(RECORDED, "hdf5", tmp_path))
+    assert set(ours) - {"readings/status"} == set(theirs)
+    for name, values in theirs.items():
+        np.testing.assert_array_equal(ours[name], values)
+    mat = from_mat(exported(service, RECORDED, "mat"))
+    assert mat["readings"]["Fx_N"] == pytest.approx(ours["readings/Fx_N"])
+    assert [c["predicted_Fx_N"] for c in mat["cases"]] == pytest.approx(ours["cases/predicted_Fx_N"])
+
+
+def test_channels_are_those_of_the_command_line(service: ServiceReceiver, tmp_path: Path) -> None:
+    both = []
+    for k, content in enumerate((exported(service, RECORDED, "c3d"), by_command_line(RECORDED, "c3d", tmp_path))):
+        file = tmp_path / f"{k}.c3d"
+        file.write_bytes(content)
+        both.append(ezc3d.c3d(str(file)))
+    np.testing.assert_array_equal(both[0]["data"]["analogs"], both[1]["data"]["analogs"])
+    assert both[0]["parameters"]["EVENT"]["LABELS"]["value"] == both[1]["parameters"]["EVENT"]["LABELS"]["value"]
+
+
+def test_a_supplement_differs_only_in_what_it_came_from(service: ServiceReceiver, tmp_path: Path) -> None:
+    ours = members(exported(service, RECORDED, "supplement"))
+    theirs = members(by_command_line(RECORDED, "supplement", tmp_path))
+    assert set(ours) == set(theirs)
+    # The readings come from the stored chunks, which know a status.
+    of_origin = {"manifest.json", "cases.csv.json", "readings.csv", "SHA256SUMS"}
+    assert {n: v for n, v in ours.items() if n not in of_origin} == {
+        n: v for n, v in theirs.items() if n not in of_origin
+    }
+    assert len(ours["readings.csv"].splitlines()) == len(theirs["readings.csv"].splitlines())
+    assert not [n for n, v in ours.items() if b"fingertwin-" in v.replace(b"fingertwin-table/", b"")
+                .replace(b"fingertwin-supplement/", b"")]  # fmt: skip
+
+
+def test_a_folder_is_a_session_that_the_command_line_takes(service: ServiceReceiver, tmp_path: Path) -> None:
+    for name in (RECORDED, PUBLISHED):
+        for member, content in members(exported(service, name, "folder")).items():
+            (tmp_path / member).parent.mkdir(exist_ok=True)
+            (tmp_path / member).write_bytes(content)
+        compared = compare_bench(open_bench(tmp_path / name)).as_dict()
+        assert json.dumps(compared) == json.dumps(compare_bench(open_bench(name)).as_dict())
+
+
+def test_a_supplement_with_a_model_holds_its_revisions_back_to_the_finger(
+    service: ServiceReceiver, tmp_path: Path
+) -> None:
+    bench = open_bench(PUBLISHED)
+    summary = compare_bench(bench).summary()
+    first = save_revision(bench, refit_bench(bench, starts=1), tmp_path / "r1.json", summary, summary)
+    later = first | {"id": "later", "parent": first["id"], "created_utc": now_utc()}
+    with service.parts.messages.writing() as telling:
+        for document in (first, later):
+            service.parts.revisions.keep(telling, document, "P9", {}, "fitted")
+    found = members(exported(service, PUBLISHED, "supplement", model="later"))
+    assert json.loads(found["models/model.json"])["id"] == "later"
+    assert json.loads(found["models/before-1.json"])["id"] == first["id"]
+    # A revision alone: its document and its parameters, as the command line writes them.
+    at = f"/api/v1/revisions/{first['id']}/export"
+    assert service.client().get(at).json() == json.loads(json.dumps(first))
+    export_source(str(tmp_path / "r1.json"), "csv", tmp_path / "r1.csv", None, str(tmp_path / "said.json"))
+    table = service.client().get(at, params={"format": "csv"}).content
+    assert table == (tmp_path / "r1.csv").read_bytes()
+    told = service.client().get(at, params={"format": "columns"}).json()
+    assert told["sources"][f"{first['id']}.json"] == hashlib.sha256((tmp_path / "r1.json").read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("name", [RECORDED, MEAN])
+def test_a_report_is_the_page_of_the_command_line(service: ServiceReceiver, name: str, tmp_path: Path) -> None:
+    answer = service.client().get(f"{AT}/{name}/report")
+    bench = open_bench(name)
+    page = draw_comparison(bench, compare_bench(bench), tmp_path, static=False)
+    assert answer.content == page.read_bytes()
+    assert answer.headers["Content-Disposition"] == f'attachment; filename="{name}-report.html"'
+    policy = answer.headers["Content-Security-Policy"]
+    assert "default-src 'none'" in policy
+    assert "sandbox allow-scripts" in policy
+    assert not {"connect-src", "allow-same-origin"} & set(policy.replace(";", " ").split())
+
+
+@pytest.mark.parametrize("name", [RECORDED, PUBLISHED])
+def test_a_check_finds_what_the_command_line_finds(service: ServiceReceiver, name: str) -> None:
+    body = service.client().get(f"{AT}/{name}/check").json()
+    expected = check(name).as_dict()
+    assert model_findings(name) == []
+    assert (body["schema"], body["ok"]) == ("fingertwin/check/1", expected["ok"])
+    assert [f["code"] for f in body["findings"]] == [f["code"] for f in expected["findings"]]
+    assert body["tares"] == pytest.approx(expected["tares"])
+    assert body["known_weights"] == expected["known_weights"]
+
+
+def predictions(columns: Mapping[str, Any], case_id: str) -> list[Any]:
+    """What a table says of a case's prediction, as far as it says anything."""
+    ids = [i.decode() if isinstance(i, bytes) else i for i in columns["id"]]
+    row = ids.index(case_id)
+    found = [v[row] for k, v in columns.items() if k.startswith(OF_PREDICTIONS) or k == "z"]
+    assert len(found) == 10
+    return [v for v in found if v is not None and not np.isnan(v)]
+
+
+def tables(service: ServiceReceiver) -> dict[str, Mapping[str, Any]]:
+    """The cases of session S1 in every format that holds predictions."""
+    hdf5 = datasets(exported(service, "S1", "hdf5"))
+    cases = from_mat(exported(service, "S1", "mat"))["cases"]
+    archive = members(exported(service, "S1", "supplement", model="an1979_middle"))
+    return {
+        "csv": from_csv(exported(service, "S1", "csv")),
+        "parquet": cells(exported(service, "S1", "parquet")),
+        "hdf5": {k.removeprefix("cases/"): v for k, v in hdf5.items() if "cases" in k},
+        "mat": {k: [c[k] for c in cases] for k in cases[0]},
+        "supplement": from_csv(archive["cases.csv"]),
+    }
+
+
+def test_while_a_bench_runs_no_export_holds_a_prediction_of_its_validation_cases(played: Played) -> None:
+    played.bench.play(whole()[:-1])
+    played.send()
+    for kind, columns in tables(played.service).items():
+        assert predictions(columns, "c003") == [], kind
+        assert len(predictions(columns, "c001")) >= 7, kind
+        row = [i.decode() if isinstance(i, bytes) else i for i in columns["id"]].index("c003")
+        assert float(columns["Fy_N"][row]) < -1.0, kind
+    told = json.loads(exported(played.service, "S1", "columns"))
+    assert any("hidden until the session is closed" in n for n in told["notes"])
+    page = played.client.get(f"{AT}/S1/report").text
+    assert "c001" in page
+    assert "c003" not in page
+    assert "Validation cases are left out until the session is closed." in page
+    assert b"predicted" not in members(exported(played.service, "S1", "folder"))["S1/session.yaml"]
+    played.bench.press("close")
+    played.send()
+    for kind, columns in tables(played.service).items():
+        assert len(predictions(columns, "c003")) >= 7, kind
+    assert "c003" in played.client.get(f"{AT}/S1/report").text
+
+
+def test_a_bench_that_has_only_begun_exports_what_is_there(played: Played) -> None:
+    played.bench.play(["next", *tared(), *case("tip", FDP=950)])
+    played.send()
+    assert cells(exported(played.service, "S1", "parquet"))["id"] == ["c001"]
+    played.bench.play([*tared(), "next", *case("tip", FDS=950)])
+    played.send()
+    for file_format in ("csv", "hdf5", "supplement", "folder", "c3d"):
+        assert exported(played.service, "S1", file_format)
+
+
+class _Sent:
+    """Keeps a bench's chunks and events, as a journal would."""
+
+    def __init__(self) -> None:
+        self.chunks: list[Any] = []
+
+    def append(self, _: str, chunk: Any) -> None:
+        self.chunks.append(chunk)
+
+    def event(self, *_: Any) -> None:
+        pass
+
+
+def test_a_finger_that_names_a_file_is_never_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from daq.uplink.events import encoded
+    from tests.server.service.recorded import EPOCH_1, describe, put
+
+    secret = tmp_path / "secret.yaml"
+    secret.write_text("password: swordfish\n")
+    kept = _Sent()
+    bench = Bench(BenchRun(setup(finger=str(secret)), predicted, STREAM), kept, STREAM)  # type: ignore[arg-type]
+    bench.play(["next", *tared(), *case("tip", FDP=950)])
+    service = ServiceReceiver(tmp_path / "service")
+    client = service.client()
+    client.post(AT, json={"id": "S1"}).raise_for_status()
+    describe(client, "S1")
+    for chunk in kept.chunks:
+        put(client, "S1", chunk).raise_for_status()
+    for number, event in enumerate(bench.said):
+        body = encoded(event)
+        headers = {"X-Fingertwin-SHA256": hashlib.sha256(body).hexdigest(), "X-Fingertwin-Epoch": EPOCH_1}
+        path = f"{AT}/S1/events/{EPOCH_1}/{number}"
+        client.put(path, content=body, headers=headers | {"Content-Type": "application/json"}).raise_for_status()
+    monkeypatch.setattr(Path, "open", _no_opening(secret, Path.open))
+    for path in ("check", "report", "export?format=csv", "export?format=supplement", "export?format=hdf5"):
+        answer = client.get(f"{AT}/S1/{path}")
+        assert "swordfish" not in answer.text
+        assert (answer.status_code == 200) == (path == "check"), answer.text
+    assert client.get(f"{AT}/S1/check").json()["findings"][0]["code"] == "not_predictable"
+    assert exported(service, "S1", "csv", model="an1979_middle")
+    service.close()
+
+
+def _no_opening(file: Path, opened: Any) -> Any:
+    def open_(self: Path, *args: Any, **more: Any) -> Any:
+        assert self != file
+        return opened(self, *args, **more)
+
+    return open_
+
+
+def test_the_temporary_file_goes_also_when_the_client_does(emptied: Path) -> None:
+    def answer() -> FileAnswer:
+        folder = tempfile.TemporaryDirectory()
+        file = Path(folder.name) / "S1.csv"
+        file.write_bytes(b"x" * 3_000_000)
+        return FileAnswer(file, folder, "text/csv")
+
+    async def receive() -> Any:
+        await anyio.sleep_forever()
+
+    sent: list[Any] = []
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+        if message["type"] == "http.response.body":
+            raise OSError("the client has gone")
+
+    async def cancelled() -> None:
+        with anyio.CancelScope() as scope:
+
+            async def hang(message: Any) -> None:
+                if message["type"] == "http.response.body":
+                    scope.cancel()
+                    await anyio.sleep_forever()
+
+            await answer()({"type": "http", "asgi": {"spec_version": "2.4"}}, receive, hang)
+        assert scope.cancelled_caught
+
+    for version in ("2.3", "2.4"):
+        with suppress(Exception):
+            asgi = {"type": "http", "asgi": {"spec_version": version}}
+            anyio.run(answer(), asgi, receive, send)
+        assert list(emptied.iterdir()) == []
+    assert len([m for m in sent if m["type"] == "http.response.body"]) == 2
+    anyio.run(cancelled)
+
+
+def test_a_full_disk_is_said_and_leaves_nothing(service: ServiceReceiver, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(exporting, "write_table_file", full)
+    answer = service.client().get(f"{AT}/{RECORDED}/export", params={"format": "csv"})
+    assert answer.status_code == 503
+    assert "No space left on device" in answer.json()["detail"]
+    assert "fingertwin-" not in answer.text
+
+
+def test_a_name_in_a_header_is_harmless() -> None:
+    assert attachment('a"; b\r\nX: y/../..\\c€.csv') == 'attachment; filename="a_b_X_y_.._.._c_.csv"'
+    assert attachment("...") == 'attachment; filename="download"'
+
+
+def test_a_diagnosis_follows_the_comparison_in_one_page(service: ServiceReceiver) -> None:
+    from tests.server.service.test_figures_routes import kept_job
+
+    kept_job(service, "d9", session=RECORDED)
+    page = service.client().get(f"{AT}/{RECORDED}/report", params={"job": "d9", "model": "an1979_middle"}).text
+    headings = ("Summary", "Load cases", "Verdict", "Which explanation", "Load cases to run next")
+    places = [page.index(f"<h2>{Section(h, []).heading}</h2>") for h in headings]
+    assert places == sorted(places)
+    assert page.count("<!DOCTYPE html>") == 1
+    wrong = service.client().get(f"{AT}/{PUBLISHED}/report", params={"job": "d9"})
+    assert wrong.status_code == 404
+    assert RECORDED in wrong.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    ("path", "params", "status", "words"),
+    [
+        ("/nobody/export", {"format": "csv"}, 404, "nobody"),
+        (f"/{RECORDED}/export", {}, 422, "format"),
+        (f"/{RECORDED}/export", {"format": "docx"}, 422, "'csv'"),
+        (f"/{RECORDED}/export", {"format": "csv", "model": "../secret"}, 422, "../secret"),
+        (f"/{RECORDED}/export", {"format": "c3d", "model": "an1979_middle"}, 422, "no model"),
+        (f"/{PUBLISHED}/export", {"format": "c3d"}, 422, "format=hdf5"),
+        (f"/{RECORDED}/report", {"job": "nowhere"}, 404, "nowhere"),
+        (f"/{RECORDED}/report", {"model": "nothing"}, 422, "nothing"),
+        ("/nobody/report", {}, 404, "nobody"),
+        ("/nobody/check", {}, 404, "nobody"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_in_one_line(
+    service: ServiceReceiver, path: str, params: dict[str, str], status: int, words: str
+) -> None:
+    answer = service.client().get(f"{AT}{path}", params=params)
+    assert answer.status_code == status
+    assert answer.headers["Content-Type"].startswith("application/problem+json")
+    assert words in answer.json()["detail"]
+
+
+def test_a_session_without_a_record_has_nothing_to_export(service: ServiceReceiver) -> None:
+    service.client().post(AT, json={"id": "EMPTY"}).raise_for_status()
+    for path in ("export?format=csv", "export?format=folder", "check", "report"):
+        answer = service.client().get(f"{AT}/EMPTY/{path}")
+        assert answer.status_code == 422, path
+        assert "no load case" in answer.json()["detail"] or "no measured load case" in answer.json()["detail"]
+    missing = service.client().get("/api/v1/revisions/none/export", params={"format": "parquet"})
+    assert missing.status_code == 404
+    assert read_session(RECORDED).id == RECORDED

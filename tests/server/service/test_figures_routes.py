@@ -1,0 +1,362 @@
+"""Figures of the service: those of the command line, in words too, on dark pages too, and blind where they must be."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sqlalchemy import insert
+
+from fingermodel.compare import compare
+from server.diagnosis_report import diagnosis_figures
+from server.figures.comparison import comparison_figures
+from server.figures.dark import for_dark, turned
+from server.figures.diagnosis_revisions import revisions_figure
+from server.figures.style import INK, MUTED, TENDONS
+from server.service.blinding import HIDDEN
+from server.service.database import now_utc
+from server.service.figures import COMPARISON, DIAGNOSIS
+from server.service.schema import jobs
+from server.workflow import compare_bench, open_bench
+from tests.daq.bench_plays import PROTOCOL, case, tared, whole
+from tests.server.service.recorded import upload
+from tests.server.service.running import ServiceReceiver
+from tests.server.service.test_bench_sessions import Played
+from tests.server.test_diagnosis_figures import found as missing_effect
+
+RECORDED, PUBLISHED, MEAN = "DEV-01", "synek2019_H01", "synek2019_HMEAN"
+AT = "/api/v1/figures"
+MOST_BYTES = 200_000
+NUMBERS = count(1000)
+PAGES = ("paper_bgcolor", "plot_bgcolor")
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceReceiver]:
+    out = ServiceReceiver(tmp_path_factory.mktemp("service"))
+    for name in (RECORDED, PUBLISHED, "synek2019_H02", "synek2019_H03", MEAN):
+        upload(out.client(), name)
+    assert out.parts.watch.settle(60.0)
+    yield out
+    out.close()
+
+
+@pytest.fixture
+def played(tmp_path: Path) -> Iterator[Played]:
+    out = Played(tmp_path)
+    yield out
+    assert out.bench.journal is not None
+    out.bench.journal.close()
+    out.service.close()
+
+
+def shown(service: ServiceReceiver, path: str, **asked: Any) -> dict[str, Any]:
+    answer = service.client().get(f"{AT}{path}", params=asked)
+    assert answer.status_code == 200, answer.text
+    assert len(answer.content) < MOST_BYTES
+    body: dict[str, Any] = answer.json()
+    assert body["schema"] == "fingertwin/figure/1"
+    assert not re.search(r"</?[a-z]", body["text"])
+    return body
+
+
+def drawn(figure: Any) -> dict[str, Any]:
+    """A figure of the command line, on the colour of the page."""
+    out: dict[str, Any] = json.loads(figure.to_json())
+    out["layout"] |= dict.fromkeys(PAGES, "rgba(0,0,0,0)")
+    return out
+
+
+def traces(body: dict[str, Any], kind: str) -> list[dict[str, Any]]:
+    found = body["figure"]["data"]
+    return [t for t in found if (t["meta"].get("kind") if isinstance(t.get("meta"), dict) else t.get("meta")) == kind]
+
+
+def kept_job(service: ServiceReceiver, name: str, **instead: Any) -> None:
+    """A job that is finished."""
+    row = {
+        "id": name, "number": next(NUMBERS), "kind": "diagnose", "session": RECORDED, "request": {},
+        "state": "done", "timeout_s": 1.0, "created_utc": now_utc(), "result": missing_effect(),
+    }  # fmt: skip
+    with service.parts.database.writing() as connection:
+        connection.execute(insert(jobs).values(row | instead))
+
+
+@pytest.mark.parametrize("name", [RECORDED, PUBLISHED])
+def test_comparisons_are_drawn_as_by_the_command_line(service: ServiceReceiver, name: str) -> None:
+    bench = open_bench(name)
+    expected = comparison_figures(
+        bench.model, bench.observations, compare_bench(bench), theta=bench.theta, model_name=bench.loaded.name
+    )
+    for figure in COMPARISON:
+        body = shown(service, f"/comparison/{figure}", session=name)
+        assert body["figure"] == (drawn(expected[figure]) if figure in expected else None)
+        assert body["text"].startswith(body["title"] if body["figure"] else "No figure: no ")
+    assert len(expected) >= 4
+
+
+def test_an_average_is_drawn_with_the_spread_of_the_specimens_that_are_here(service: ServiceReceiver) -> None:
+    body = shown(service, "/comparison/vectors", session=MEAN)
+    assert {t["meta"]["meaning"] for t in traces(body, "area")} == {"measured mean ± 1 SD between specimens"}
+
+
+def test_the_words_hold_the_numbers_of_the_comparison(service: ServiceReceiver) -> None:
+    summary = compare_bench(open_bench(RECORDED)).select("identification", "tip").errors("space")
+    text = shown(service, "/comparison/scatter", session=RECORDED)["text"]
+    assert f"RMSE {summary.rmse_N:.2f} N ({summary.rmse_rel_pct:.1f} %) in space" in text
+    assert "56 identification cases" in text
+    assert "measured Fx [N], proximal +" in text
+
+
+def test_two_models_are_drawn_side_by_side(service: ServiceReceiver) -> None:
+    body = shown(service, "/comparison/scatter", session=PUBLISHED, before="an1979_middle")
+    assert (body["before"], body["model"]) == ("an1979_middle", "synek2019_initial")
+    assert {a["xaxis"] for a in body["figure"]["data"] if "xaxis" in a} >= {"x", "x2", "x3", "x4"}
+
+
+def test_a_figure_that_the_client_has_is_not_sent_again_until_a_case_changes(service: ServiceReceiver) -> None:
+    client, asked = service.client(), {"session": PUBLISHED}
+    first = client.get(f"{AT}/comparison/errors", params=asked)
+    again = client.get(f"{AT}/comparison/errors", params=asked, headers={"If-None-Match": first.headers["ETag"]})
+    assert (again.status_code, again.content) == (304, b"")
+    case_id = client.get(f"/api/v1/sessions/{PUBLISHED}/cases").json()["cases"][0]["id"]
+    body = {"reason": "the suture slipped"}
+    client.post(f"/api/v1/sessions/{PUBLISHED}/cases/{case_id}/exclude", json=body).raise_for_status()
+    later = client.get(f"{AT}/comparison/errors", params=asked, headers={"If-None-Match": first.headers["ETag"]})
+    assert later.status_code == 200
+    assert later.headers["ETag"] != first.headers["ETag"]
+    client.post(f"/api/v1/sessions/{PUBLISHED}/cases/{case_id}/include", json={}).raise_for_status()
+    assert client.get(f"{AT}/comparison/errors", params=asked).json()["figure"] == first.json()["figure"]
+
+
+def luminance(color: str) -> float:
+    channels = np.array([int(color[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+    linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def contrast(a: str, b: str) -> float:
+    low, high = sorted((luminance(a), luminance(b)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_on_a_dark_page_words_and_data_stand_out_and_pale_stays_pale(service: ServiceReceiver) -> None:
+    page = turned("#ffffff")
+    assert luminance(page) < 0.01
+    assert all(contrast(turned(c), page) > 4.5 for c in (INK, MUTED))
+    assert all(contrast(turned(t.color), page) > 3.0 for t in TENDONS.values())
+    greys = [f"#{v:02x}{v:02x}{v:02x}" for v in range(0, 256, 5)]
+    lights = [luminance(turned(g)) for g in greys]
+    assert lights == sorted(lights, reverse=True)
+    assert turned("rgba(0,114,178,0.22)") == turned("rgba(0, 114, 178, 0.22)")
+    assert turned("rgba(0,114,178,0.22)").endswith(",0.22)")
+    assert turned("nonsense") == "nonsense"
+    light, dark = (shown(service, "/comparison/vectors", session=RECORDED, theme=t) for t in ("light", "dark"))
+    assert dark["figure"] == for_dark(light["figure"])
+    assert dark["figure"]["data"][0]["x"] == light["figure"]["data"][0]["x"]
+    assert dark["figure"]["layout"]["font"]["color"] == turned(INK)
+    assert dark["text"] == light["text"]
+
+
+def test_a_diagnosis_is_drawn_as_by_the_command_line(service: ServiceReceiver) -> None:
+    kept_job(service, "d1")
+    answer = missing_effect()
+    kept_job(service, "p1", kind="pooled", session=None, result={"each": {RECORDED: answer}})
+    expected = diagnosis_figures(answer)
+    assert set(expected) == set(DIAGNOSIS)
+    for name in DIAGNOSIS:
+        body = shown(service, f"/diagnosis/{name}", job="d1")
+        assert body["figure"] == drawn(expected[name])
+        assert body["caption"]
+        assert shown(service, f"/diagnosis/{name}", job="p1", session=RECORDED)["figure"] == body["figure"]
+
+
+def test_the_fall_of_the_error_is_that_of_the_revision(service: ServiceReceiver) -> None:
+    rmse = {"identification/tip": 0.2, "validation/tip": 0.3}
+    history: list[dict[str, Any]] = [
+        {"id": "an1979_middle", "added": [], "removed": [], "log_evidence_gain": None, "rmse_N": rmse},
+        {"id": "r1", "added": ["worn_pulley.FDP"], "removed": [], "log_evidence_gain": 9.0,
+         "rmse_N": dict.fromkeys(rmse, 0.1)},
+    ]  # fmt: skip
+    document = {
+        "id": "r1", "session": {"id": RECORDED}, "parent": "an1979_middle", "created_utc": now_utc(),
+        "history": history,
+    }  # fmt: skip
+    with service.parts.messages.writing() as telling:
+        service.parts.revisions.keep(telling, document, "P-r1", {}, "fitted")
+    for asked in ({"revision": "r1"}, {"specimen": "P-r1"}):
+        body = shown(service, "/revisions/waterfall", **asked)
+        assert body["figure"] == drawn(revisions_figure({}, history))
+        assert "log evidence" in json.dumps(body["figure"]["layout"])
+
+
+def test_the_finger_holds_the_weights_and_forces_of_its_case(service: ServiceReceiver) -> None:
+    bench = open_bench(RECORDED)
+    for found in (c for c in compare_bench(bench).cases if c.id in ("c001", "c030", "c090")):
+        body = shown(service, "/finger", session=RECORDED, case=found.id)
+        weights = {t["meta"]["tendon"]: t["meta"]["mass_g"] for t in traces(body, "weight")}
+        assert weights == {m: g for m, g in found.masses_g.items() if g}
+        place = body["figure"]["layout"]["meta"]
+        rotation = np.array(place[found.location]["rotation"])
+        for kind, force in (("measured", found.measured_N), ("predicted", found.predicted_N)):
+            (arrow,) = traces(body, kind)
+            assert arrow["meta"]["force_N"] == pytest.approx((rotation @ force)[:2])
+            assert [arrow["x"][0], arrow["y"][0]] == pytest.approx(place[found.location]["origin_mm"])
+            size = float(np.hypot(*(rotation @ force)[:2]))
+            (head,) = traces(body, f"{kind}_head")
+            reach = np.hypot(head["x"][0] - arrow["x"][0], head["y"][0] - arrow["y"][0])
+            assert reach == pytest.approx(size * place["mm_per_N"])
+
+
+def test_the_finger_alone_has_neither_weights_nor_forces(service: ServiceReceiver) -> None:
+    body = shown(service, "/finger", session=RECORDED, posture="hook")
+    assert [traces(body, k) for k in ("weight", "measured", "predicted")] == [[], [], []]
+    assert "MCP 0°, PIP 65°, DIP 50°" in body["text"]
+    assert body["figure"]["layout"]["meta"]["mm_per_N"] > 0.0
+
+
+@pytest.mark.parametrize("effect", ["worn_pulley.FDP", "worn_pulley", "tip_location"])
+def test_an_effect_is_drawn_as_the_difference_that_it_makes(service: ServiceReceiver, effect: str) -> None:
+    body = shown(service, f"/effect/{effect}", session=RECORDED)
+    bench = open_bench(RECORDED, catalogue=True)
+    theta = bench.theta.copy()
+    for setting in body["parameters"]:
+        parameter = bench.model.parameters.parameters[bench.model.parameters.index[setting["name"]]]
+        assert parameter.plausible is not None
+        assert setting["value"] == parameter.plausible[1]
+        theta[bench.model.parameters.index[setting["name"]]] = setting["value"]
+    before = {c.id: c for c in compare(bench.model, bench.observations, bench.theta).cases}
+    after = {c.id: c for c in compare(bench.model, bench.observations, theta).cases}
+    bars, circles = traces(body, "change"), traces(body, "missing")
+    assert len(bars) == len(circles) == 3
+    for axis, (bar, circle) in enumerate(zip(bars, circles, strict=True)):
+        cases = bar["meta"]["cases"]
+        assert sorted(cases) == sorted(before)
+        change = [after[c].predicted_N[axis] - before[c].predicted_N[axis] for c in cases]
+        assert bar["y"] == pytest.approx(change, abs=1e-9)
+        assert circle["y"] == pytest.approx([before[c].measured_N[axis] - before[c].predicted_N[axis] for c in cases])
+    if effect == "worn_pulley.FDP":
+        moved = {c for bar in bars for c, y in zip(bar["meta"]["cases"], bar["y"], strict=True) if abs(y) > 1e-9}
+        assert moved == {c for c, found in before.items() if found.masses_g.get("FDP")}
+
+
+def test_a_users_own_effect_is_drawn_too(service: ServiceReceiver) -> None:
+    formula = "torque[PIP] += k * t_EDC * sin(q_PIP)"
+    own = service.client().post("/api/v1/effects", json={"formula": formula}).raise_for_status().json()["name"]
+    body = shown(service, f"/effect/{own}", session=RECORDED)
+    bars = traces(body, "change")
+    loaded = {c.id for c in compare_bench(open_bench(RECORDED)).cases if c.masses_g.get("EDC") and c.location == "tip"}
+    moved = {c for bar in bars for c, y in zip(bar["meta"]["cases"], bar["y"], strict=True) if abs(y) > 1e-9}
+    assert loaded
+    assert loaded <= moved
+
+
+def test_while_a_bench_runs_no_figure_says_anything_of_its_validation_cases(played: Played) -> None:
+    played.bench.play(whole()[:-1])
+    played.send()
+    hidden = "c003"
+    service = played.service
+    paths = [f"/comparison/{n}" for n in COMPARISON] + ["/effect/worn_pulley", "/effect/hanger_mass"]
+
+    def everything() -> dict[str, str]:
+        return {p: json.dumps(without_blinded(shown(service, p, session="S1"))) for p in paths}
+
+    def without_blinded(body: dict[str, Any]) -> dict[str, Any]:
+        assert body.pop("blinded") == ([] if played.bench.run.record.closed else [hidden])
+        return body
+
+    running = everything()
+    assert [p for p, text in running.items() if hidden in text] == []
+    assert [p for p, text in running.items() if "c001" in text or "c004" in text] == [
+        p for p in paths if p not in ("/comparison/scatter_validation", "/comparison/errors")
+    ]
+    assert "validation, tip" not in running["/comparison/errors"]
+    before = shown(service, "/comparison/scatter", session="S1", before="an1979_middle")
+    assert hidden not in json.dumps({k: v for k, v in before.items() if k != "blinded"})
+    body = shown(service, "/finger", session="S1", case=hidden)
+    assert HIDDEN in body["text"]
+    assert traces(body, "measured")
+    assert not traces(body, "predicted")
+    assert "predicted" not in body["text"].replace("prediction", "")
+    played.bench.press("close")
+    played.send()
+    closed = everything()
+    assert [p for p, text in closed.items() if hidden in text] == [
+        p for p in paths if p not in ("/comparison/scatter", "/comparison/bone", "/comparison/errors")
+    ]
+    assert "validation, tip" in closed["/comparison/errors"]
+    assert traces(shown(service, "/finger", session="S1", case=hidden), "predicted")
+
+
+def test_a_planned_case_is_drawn_before_it_is_taken(played: Played) -> None:
+    played.bench.play(["next", *tared(), *case("tip", FDP=950)])
+    played.send()
+    planned = shown(played.service, "/finger", session="S1", case="c002")
+    assert not traces(planned, "measured")
+    assert [t["meta"]["mass_g"] for t in traces(planned, "weight")] == [950.0]
+    asked = {"postures_deg": {k: [v] for k, v in PROTOCOL["postures_deg"]["hook"].items()}, "masses_g": {"FDS": [950]}}  # type: ignore[index]
+    answer = played.client.post("/api/v1/predictions", json=asked | {"tension_factor": 0.835}).json()
+    rotation = np.array(planned["figure"]["layout"]["meta"]["tip"]["rotation"])
+    (arrow,) = traces(planned, "predicted")
+    assert arrow["meta"]["force_N"] == pytest.approx((rotation @ answer["tip_force_N"][0])[:2])
+    assert not traces(shown(played.service, "/finger", session="S1", case="c003"), "predicted")
+    assert shown(played.service, "/finger", session="S1", posture="relaxed")["figure"]
+
+
+def test_every_figure_is_listed_with_what_it_needs(service: ServiceReceiver) -> None:
+    rows = service.client().get(AT).json()["figures"]
+    paths = {r["path"] for r in rows}
+    assert {f"{AT}/comparison/{n}" for n in COMPARISON} | {f"{AT}/diagnosis/{n}" for n in DIAGNOSIS} < paths
+    documented = service.client().get("/api/v1/openapi.json").json()["paths"]
+    for row in rows:
+        template = row["path"] if row["path"] in documented else f"{row['path'].rpartition('/')[0]}/{{name}}"
+        parameters = {p["name"]: p["required"] for p in documented[template]["get"]["parameters"] if p["in"] == "query"}
+        assert {p["name"]: p["required"] for p in row["parameters"]} == parameters, row["path"]
+
+
+@pytest.mark.parametrize(
+    ("path", "asked", "status", "words"),
+    [
+        ("/comparison/pie", {"session": RECORDED}, 404, "scatter_validation"),
+        ("/comparison/z", {}, 422, "session"),
+        ("/comparison/z", {"session": "nobody"}, 404, "nobody"),
+        ("/comparison/z", {"session": RECORDED, "model": "../../etc/passwd"}, 422, "/api/v1/fingers"),
+        ("/comparison/z", {"session": RECORDED, "before": "nothing"}, 422, "nothing"),
+        ("/comparison/z", {"session": RECORDED, "theme": "pink"}, 422, "light"),
+        ("/comparison/z", {"session": "x" * 5000}, 422, "100"),
+        ("/finger", {"session": RECORDED}, 422, "posture"),
+        ("/finger", {"session": RECORDED, "posture": "fist"}, 404, "fist"),
+        ("/finger", {"session": RECORDED, "case": "c999"}, 404, "c999"),
+        ("/finger", {"session": RECORDED, "case": "c001", "posture": "hook"}, 422, "minor_flexion"),
+        ("/finger", {"session": RECORDED, "posture": "hook", "model": "nothing"}, 422, "nothing"),
+        ("/effect/gremlins", {"session": RECORDED}, 404, "gremlins"),
+        ("/effect/worn_pulley.toe", {"session": RECORDED}, 404, "worn_pulley.FDP"),
+        ("/diagnosis/ranking", {"job": "nowhere"}, 404, "nowhere"),
+        ("/diagnosis/ranking", {"job": "waits"}, 409, "failed"),
+        ("/diagnosis/ranking", {"job": "refitted"}, 409, "refit"),
+        ("/diagnosis/ranking", {"job": "together"}, 404, RECORDED),
+        ("/diagnosis/pie", {"job": "waits"}, 404, "ranking"),
+        ("/revisions/waterfall", {}, 422, "one of the two"),
+        ("/revisions/waterfall", {"revision": "r9", "specimen": "P9"}, 422, "one of the two"),
+        ("/revisions/waterfall", {"revision": "r9"}, 404, "r9"),
+        ("/revisions/waterfall", {"specimen": "P9"}, 404, "P9"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_in_one_line(
+    service: ServiceReceiver, path: str, asked: dict[str, str], status: int, words: str
+) -> None:
+    if "job" in asked and asked["job"] != "nowhere" and service.client().get("/api/v1/jobs/waits").status_code == 404:
+        kept_job(service, "waits", state="failed", result=None)
+        kept_job(service, "refitted", kind="refit")
+        kept_job(service, "together", kind="pooled", session=None, result={"each": {RECORDED: missing_effect()}})
+    answer = service.client().get(f"{AT}{path}", params=asked)
+    assert answer.status_code == status
+    assert answer.headers["Content-Type"].startswith("application/problem+json")
+    assert words in answer.json()["detail"]
+    assert "\n" not in answer.json()["detail"]

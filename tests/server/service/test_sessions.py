@@ -1,0 +1,241 @@
+"""Sessions at the service: what is measured, told, edited, hidden, and what a request may not do."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from server.workflow import compare_bench, open_bench
+from tests.server.service.recorded import chunks_of, describe, document_of, put, upload
+from tests.server.service.running import ServiceReceiver
+
+RECORDED, PUBLISHED = "DEV-01", "synek2019_H01"
+AT = "/api/v1/sessions"
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceReceiver]:
+    out = ServiceReceiver(tmp_path_factory.mktemp("service"))
+    upload(out.client(), RECORDED)
+    upload(out.client(), PUBLISHED)
+    assert out.parts.watch.settle(60.0)
+    yield out
+    out.close()
+
+
+@pytest.fixture
+def fresh(tmp_path: Path) -> Iterator[ServiceReceiver]:
+    out = ServiceReceiver(tmp_path)
+    yield out
+    out.close()
+
+
+def plain(body: Any) -> Any:
+    """As a reader of the JSON gets it."""
+    return json.loads(json.dumps(body))
+
+
+def small(name: str = "S1", cases: int = 3) -> dict[str, Any]:
+    """A published session with few cases."""
+    document = document_of(PUBLISHED)
+    return document | {"id": name, "cases": document["cases"][:cases]}
+
+
+@pytest.mark.parametrize("name", [RECORDED, PUBLISHED])
+def test_a_comparison_is_that_of_the_command_line_to_the_last_bit(service: ServiceReceiver, name: str) -> None:
+    answer = service.client().get(f"{AT}/{name}/comparison").json()
+    expected = plain(compare_bench(open_bench(name)).as_dict())
+    assert {k: answer[k] for k in expected} == expected
+    assert answer["blinded"] == []
+    assert answer["waiting"] == answer["failed"] == {}
+    assert answer["provenance"]["model"] == "an1979_middle" if name == RECORDED else "synek2019_initial"
+
+
+def test_a_comparison_that_the_client_has_is_not_sent_again(service: ServiceReceiver) -> None:
+    path = f"{AT}/{RECORDED}/comparison"
+    first = service.client().get(path)
+    again = service.client().get(path, headers={"If-None-Match": first.headers["ETag"]})
+    assert (again.status_code, again.content) == (304, b"")
+    assert service.client().get(path, headers={"If-None-Match": '"x"'}).status_code == 200
+
+
+def test_readings_in_any_order_give_the_same_forces_and_what_lacks_is_said(
+    service: ServiceReceiver, fresh: ServiceReceiver
+) -> None:
+    client = fresh.client()
+    document = document_of(RECORDED) | {"id": "any"}
+    client.post(AT, json={"id": "any", "document": document}).raise_for_status()
+    describe(client, "any")
+    chunks = list(chunks_of(RECORDED))
+    missing = chunks.pop(7)
+    chunks = chunks[::-1]
+    for chunk in chunks:
+        put(client, "any", chunk).raise_for_status()
+    states = {c["id"]: c for c in client.get(f"{AT}/any/cases").json()["cases"]}
+    begin, end = missing.t_s[0], missing.t_s[-1]
+    lacking = {
+        c["id"] for c in document["cases"]
+        if any(w[0] <= end and w[1] >= begin for w in (c["unloaded_s"], c["loaded_s"]))
+    }  # fmt: skip
+    assert lacking
+    assert {i for i, c in states.items() if c["state"] == "waiting"} == lacking
+    assert all("missing" in states[i]["why"] for i in lacking)
+    put(client, "any", missing).raise_for_status()
+    ours = client.get(f"{AT}/any/comparison").json()
+    theirs = service.client().get(f"{AT}/{RECORDED}/comparison").json()
+    assert ours["cases"] == theirs["cases"]
+
+
+def test_each_case_is_told_as_soon_as_its_readings_are_there(fresh: ServiceReceiver) -> None:
+    client = fresh.client()
+    upload(client, PUBLISHED)
+    assert fresh.parts.watch.settle(30.0)
+    told = [m for m in fresh.parts.messages.after(0) if m.kind == "case"]
+    assert {m.body["id"] for m in told} == {c["id"] for c in document_of(PUBLISHED)["cases"]}
+    compared = {c["id"]: c for c in client.get(f"{AT}/{PUBLISHED}/comparison").json()["cases"]}
+    for message in told:
+        assert message.body["predicted_N"] == compared[message.body["id"]]["predicted_N"]
+    # Nothing is told twice, not after a restart either.
+    fresh.restart()
+    fresh.parts.watch.touch(PUBLISHED)
+    assert fresh.parts.watch.settle(30.0)
+    assert [m.id for m in fresh.parts.messages.after(0) if m.kind == "case"] == [m.id for m in told]
+
+
+def test_an_undone_edit_leaves_nothing_behind_and_an_undo_can_be_undone(fresh: ServiceReceiver) -> None:
+    client = fresh.client()
+    upload(client, RECORDED)
+    path = f"{AT}/{RECORDED}"
+    before = client.get(f"{path}/comparison").json()["cases"]
+    moved = client.put(f"{path}/cases/c001/windows", json={"loaded_s": [6.5, 8.0], "author": "A"})
+    assert moved.status_code == 200
+    edit = moved.json()["edit"]
+    after = client.get(f"{path}/comparison").json()["cases"]
+    assert after[0]["measured_N"] != before[0]["measured_N"]
+    assert after[1:] == before[1:]
+    client.post(f"{path}/cases/c002/exclude", json={"reason": "the suture slipped"}).raise_for_status()
+    assert client.get(f"{path}/comparison").json()["excluded"] == {"c002": "the suture slipped"}
+    undo = client.post(f"{path}/edits/{edit}/undo", json={}).json()["edit"]
+    assert client.get(f"{path}/cases/c001").json()["measured_N"] == before[0]["measured_N"]
+    assert client.post(f"{path}/edits/{edit}/undo", json={}).status_code == 409
+    client.post(f"{path}/edits/{undo}/undo", json={}).raise_for_status()
+    assert client.get(f"{path}/cases/c001").json()["measured_N"] == after[0]["measured_N"]
+    edits = client.get(f"{path}/edits").json()["edits"]
+    assert [(e["kind"], e["in_force"]) for e in edits] == [
+        ("windows", True), ("exclude", True), ("undo", False), ("undo", True),
+    ]  # fmt: skip
+
+
+def test_an_edit_that_would_make_the_session_unusable_changes_nothing(fresh: ServiceReceiver) -> None:
+    client = fresh.client()
+    upload(client, RECORDED)
+    path = f"{AT}/{RECORDED}"
+    before = client.get(path).json()["version"]
+    refused = [
+        client.put(f"{path}/cases/c001/windows", json={"loaded_s": [9.0, 5.0]}),
+        client.put(f"{path}/cases/c001/windows", json={"loaded_s": None}),
+        client.put(f"{path}/cases/c001/windows", json={}),
+        client.post(f"{path}/cases", json={"case": {"id": "new", "posture": "nowhere"}}),
+        client.post(f"{path}/cases/c001/exclude", json={"reason": ""}),
+    ]
+    assert [r.status_code for r in refused] == [422] * 5
+    assert client.put(f"{path}/cases/c999/windows", json={"loaded_s": [1.0, 2.0]}).status_code == 404
+    assert client.post(f"{path}/cases", json={"case": document_of(RECORDED)["cases"][0]}).status_code == 409
+    assert client.get(path).json()["version"] == before
+    assert client.get(f"{path}/edits").json()["edits"] == []
+
+
+def test_a_session_is_begun_once_and_a_deleted_one_keeps_its_id(fresh: ServiceReceiver) -> None:
+    client = fresh.client()
+    assert client.post(AT, json={"id": "S1", "document": small()}).status_code == 201
+    assert client.post(AT, json={"id": "S1", "document": small()}).status_code == 200
+    assert client.post(AT, json={"id": "S1", "document": small(cases=2)}).status_code == 409
+    assert client.post(AT, json={"id": "S1"}).status_code == 409
+    assert client.delete(f"{AT}/S1").status_code == 204
+    assert client.get(f"{AT}/S1").status_code == 404
+    assert client.get(AT).json()["sessions"] == []
+    gone = client.post(AT, json={"id": "S1", "document": small()})
+    assert gone.status_code == 409
+    assert "deleted" in gone.json()["detail"]
+
+
+def test_lists_are_paged_without_loss(fresh: ServiceReceiver) -> None:
+    client = fresh.client()
+    names = sorted(f"S{i}" for i in range(7))
+    for name in names:
+        client.post(AT, json={"id": name, "document": small(name)}).raise_for_status()
+    found, after = [], ""
+    while True:
+        page = client.get(AT, params={"limit": 3, "after": after}).json()
+        found += [s["id"] for s in page["sessions"]]
+        if page["next"] is None:
+            break
+        after = page["next"]
+    assert found == names
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"finger": "../../etc/passwd"}, "finger"),
+        ({"finger": "/etc/passwd"}, "finger"),
+        ({"tension_factor": 7}, "0 < c"),
+        ({"id": "another"}, "another"),
+        ({"cases": []}, "load case"),
+        ({"format": "bench-session/9"}, "bench-session/1"),
+        ({"specimen": document_of(PUBLISHED)["specimen"] | {"name": "Doe"}}, "name"),
+    ],
+)
+def test_a_document_that_cannot_be_used_is_refused_in_one_line(
+    service: ServiceReceiver, change: dict[str, Any], said: str
+) -> None:
+    answer = service.client().post(AT, json={"id": "bad", "document": small("bad") | change})
+    assert answer.status_code == 422
+    assert answer.headers["Content-Type"] == "application/problem+json"
+    assert said in answer.json()["detail"]
+    assert "\n" not in answer.json()["detail"]
+    assert service.client().get(f"{AT}/bad").status_code == 404
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"",
+        b"{",
+        b"[]",
+        b"null",
+        b'{"id": "a\\u0000b"}',
+        b'{"id": "\\ud800"}',
+        b'{"id": NaN}',
+        b'{"id": 3}',
+        b"\xff\xfe",
+    ],
+)
+def test_a_body_that_is_no_session_is_refused(service: ServiceReceiver, body: bytes) -> None:
+    answer = service.client().post(AT, content=body, headers={"Content-Type": "application/json"})
+    assert answer.status_code == 422
+    assert answer.json()["status"] == 422
+
+
+def test_a_session_without_a_measured_case_says_what_it_waits_for(fresh: ServiceReceiver) -> None:
+    client = fresh.client()
+    client.post(AT, json={"id": RECORDED, "document": document_of(RECORDED)}).raise_for_status()
+    answer = client.get(f"{AT}/{RECORDED}/comparison")
+    assert answer.status_code == 422
+    assert "96 waiting" in answer.json()["detail"]
+    assert client.get(f"{AT}/{RECORDED}").json()["cases"] == {"waiting": 96}
+    client.post(AT, json={"id": "empty"}).raise_for_status()
+    assert "no load case yet" in client.get(f"{AT}/empty/comparison").json()["detail"]
+    assert client.get(f"{AT}/empty/cases").json()["cases"] == []
+    assert client.post(f"{AT}/empty/diagnoses", json={}).status_code == 422
+
+
+def test_a_model_that_is_none_is_refused(service: ServiceReceiver) -> None:
+    for name in ("nothing", "../data/fingers/an1979_middle.yaml", "a.json"):
+        answer = service.client().get(f"{AT}/{RECORDED}/comparison", params={"model": name})
+        assert answer.status_code == 422
+        assert "GET /api/v1/fingers" in answer.json()["detail"]
