@@ -14,10 +14,11 @@ import os
 import re
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from benchmarks.machine import commit
+from benchmarks.uplink_parts import use_all_cores
 from tests.server.service.asking import Tally, asked, prepared
 from tests.server.service.postgres import postgres_url
 from tests.server.service.processes import running, whole
@@ -25,7 +26,7 @@ from tests.server.service.processes import running, whole
 HERE = Path(__file__).parent
 PHASES = ("examples", "coverage", "fuzzing", "stateful")
 # Of each operation and round; the first round has the edges too, the next ones draw anew.
-EXAMPLES = 60
+EXAMPLES = 50
 TITLE = {"sqlite": "SQLite", "postgresql": "PostgreSQL"}
 
 
@@ -41,6 +42,7 @@ def fuzzed(cases: int, seed: int, folder: Path) -> tuple[Tally, str]:
             phases = PHASES if round_ == 0 else PHASES[2:]
             tally.add(asked(url, ids, examples=EXAMPLES, seed=seed + round_, phases=phases))
             round_ += 1
+            print(f"{sum(tally.cases.values())} cases, {len(tally.failures)} failures", flush=True)
         return tally, service.log
 
 
@@ -76,8 +78,8 @@ def report(tally: Tally, log: str, database: str, command: str, seconds: float) 
     return lines + [f"- {error.splitlines()[0][:300]}" for error in tally.errors]
 
 
-def _counted(counts: dict[str, int] | dict[int, int]) -> str:
-    return ", ".join(f"{k} {counts[k]}" for k in sorted(counts))  # type: ignore[type-var,index]
+def _counted(counts: Mapping[str, int] | Mapping[int, int]) -> str:
+    return ", ".join(f"{k} {n}" for k, n in sorted(counts.items(), key=str))
 
 
 HEAD = """\
@@ -111,6 +113,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=HERE / "openapi_fuzz.md")
     given = parser.parse_args()
+    use_all_cores()
     os.environ["FINGERTWIN_LOG_LEVEL"] = "warning"
     if given.database == "postgresql":
         os.environ["FINGERTWIN_DATABASE_URL"] = postgres_url()

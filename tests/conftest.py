@@ -10,6 +10,8 @@ import server  # noqa: F401 - settles the number of threads before anything nume
 from tests.settings import load_profile
 
 load_profile()
+# Most services of tests do no jobs; compiling for them would take the machine from those that do.
+os.environ.setdefault("FINGERTWIN_WARM_WORKERS", "false")
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -66,6 +66,8 @@ def service(folder: Path) -> Iterator[str]:
     program = "from server.cli import main; main()"
     arguments = ["serve", "--port", "0", "--data", str(folder / "service"), "--json", "-"]
     environment = os.environ | {"FINGERTWIN_WORKERS": str(WORKERS), "FINGERTWIN_LOG_LEVEL": "warning"}
+    # Its two jobs are asked for at once: each worker compiles for one of them.
+    environment["FINGERTWIN_WARM_WORKERS"] = "false"
     log = folder / "service.log"
     with log.open("wb") as errors:
         process = subprocess.Popen(  # noqa: S603 - this very program

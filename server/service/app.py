@@ -136,6 +136,8 @@ def _warm(parts: Services) -> None:
         _LOG.exception("the model was not warmed, and the service does not become ready")
     else:
         parts.ready = True
+        if parts.settings.warm_workers:
+            parts.jobs.warm()
     try:
         parts.jobs.start()
     except Exception:

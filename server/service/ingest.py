@@ -102,6 +102,8 @@ class Ingest:
                 number = connection.execute(highest).scalar_one() + 1
                 row = {"session": session, "id": stream, "number": number, "description": description, "sha256": digest}
                 connection.execute(insert(streams).values(row))
+                raised = {"version": sessions.c.version + 1}
+                connection.execute(update(sessions).where(sessions.c.id == session).values(raised))
             return self._cursor_of(connection, session, stream)
 
     def cursor(self, session: str, stream: str) -> dict[str, Any]:

@@ -40,6 +40,7 @@ def document_of(app: FastAPI) -> dict[str, Any]:
             for method in _METHODS:
                 for status, answer in path.get(method, {}).get("responses", {}).items():
                     _settle(status, answer)
+        _restore_nulls(document, document["components"]["schemas"])
         document["components"].setdefault("securitySchemes", {})["bearer"] = _BEARER
         document["security"] = [{}, {"bearer": []}]
         app.openapi_schema = document
@@ -62,6 +63,24 @@ def methods_of(document: dict[str, Any], path: str) -> list[str]:
     fitting = [t for t in document["paths"] if re.fullmatch(re.sub(r"\{[^}]*\}", "[^/]+", t), path)]
     template = min(fitting, key=lambda t: t.count("{"), default="")
     return [m.upper() for m in _METHODS if m in document["paths"].get(template, {})]
+
+
+def _restore_nulls(value: Any, schemas: dict[str, Any]) -> None:
+    """Put back into examples what the framework leaves out of them: required members that are null."""
+    if isinstance(value, list):
+        for item in value:
+            _restore_nulls(item, schemas)
+    if not isinstance(value, dict):
+        return
+    schema: dict[str, Any] = value["schema"] if isinstance(value.get("schema"), dict) else value
+    schema = schemas.get(str(schema.get("$ref", "")).rpartition("/")[2], schema)
+    several = value.get("examples")
+    for example in (value.get("example"), *(several if isinstance(several, list) else ())):
+        if isinstance(example, dict):
+            example.update({name: None for name in schema.get("required", ()) if name not in example})
+    for key, item in value.items():
+        if key not in ("example", "examples"):
+            _restore_nulls(item, schemas)
 
 
 def _settle(status: str, answer: dict[str, Any]) -> None:

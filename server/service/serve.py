@@ -108,6 +108,8 @@ def _run(settings: Settings, app: ASGIApp, listener: socket.socket, ready: Calla
         proxy_headers=False,
         lifespan="on",
         ws_max_size=_MOST_MESSAGE,
+        # On loopback and in a lab the wire is wider than the core that would pack for it.
+        ws_per_message_deflate=False,
         timeout_graceful_shutdown=FINISH_S,
     )
     host, port = listener.getsockname()[:2]

@@ -127,7 +127,7 @@ def build(settings: Settings) -> Services:
     ingest = Ingest(database, messages, on_chunk)
     effects = OwnEffects(database)
     kinds = task_kinds(settings, database, measuring, twins, revisions, effects)
-    workers = Supervisor(settings.worker_count)
+    workers = Supervisor(settings.worker_count, "server.service.jobs.tasks.warm" if settings.warm_workers else None)
     jobs = JobService(database, messages, workers, kinds, settings.job_timeout_s)
     return Services(
         settings, database, messages, sessions, ingest, measuring, twins, revisions, effects, jobs, live, watch

@@ -235,7 +235,7 @@ class Sessions:
         require_sizes(given)
         session, faults = parse_session(given, None)
         if session is None:
-            more = [{"where": "document", "found": str(f)} for f in faults[:50]]
+            more = [{"where": "document", "found": shortened(f)} for f in faults[:50]]
             raise ProblemError(422, faults[0].found, faults[0].expected, faults[0].remedy, errors=more)
         finger = given.get(FINGER_DOCUMENT)
         if finger is not None:

@@ -28,6 +28,7 @@ class Settings(BaseSettings):
         data: folder of its database and backups.
         database_url: another database than SQLite in that folder.
         workers: processes that refit and diagnose; 0 takes as many as half the cores, at most 4.
+        warm_workers: whether they start with the service and compile the models, instead of with the first job.
         job_timeout_s: after which a job that says nothing else is given up.
         executor: of population runs: processes here, or a Dask cluster.
         dask_scheduler: address of the cluster's scheduler.
@@ -44,6 +45,7 @@ class Settings(BaseSettings):
     data: Path = Field(default_factory=default_folder)
     database_url: str | None = None
     workers: int = Field(default=0, ge=0, le=64)
+    warm_workers: bool = True
     job_timeout_s: float = Field(default=1800.0, gt=0)
     executor: Literal["processes", "dask"] = "processes"
     dask_scheduler: str | None = None

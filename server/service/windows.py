@@ -99,7 +99,8 @@ class Windows:
             found = gather(blocks, {window: name}, "the stored readings").plateaus[window]
             out.plateaus[window] = found
         except ReadingsError as error:
-            found = out.failed[window] = error
+            # Without what it was raised in: it is kept.
+            found = out.failed[window] = error.with_traceback(None)
         except JournalError as error:
             found = out.failed[window] = ReadingsError(error.found, error.expected, error.remedy)
         with self._lock:
@@ -152,9 +153,10 @@ def blocks_of(connection: Connection, session: str, stream: str, window: Span | 
     if window is not None:
         mine &= chunks.c.first_seq.between(*_ends(connection, mine, window))
     query = select(chunks.c.payload).where(mine).order_by(chunks.c.first_seq)
-    for (payload,) in connection.execute(query.execution_options(yield_per=16)):
-        chunk = Chunk.from_bytes(payload)
-        if len(chunk):
-            # A reading beyond the range is flagged also where the device has no status of its own.
-            status = np.where(chunk.overload & (chunk.status == 0), 1, chunk.status)
-            yield ReadingBlock(chunk.t_s, chunk.wrench, status)
+    with connection.execute(query.execution_options(yield_per=16)) as rows:
+        for (payload,) in rows:
+            chunk = Chunk.from_bytes(payload)
+            if len(chunk):
+                # A reading beyond the range is flagged also where the device has no status of its own.
+                status = np.where(chunk.overload & (chunk.status == 0), 1, chunk.status)
+                yield ReadingBlock(chunk.t_s, chunk.wrench, status)

@@ -174,6 +174,10 @@ class JobService:
         """Wait until a job is finished; after a time return it as it stands."""
         return self._keeper.wait(lambda: self.get(name), timeout_s)
 
+    def warm(self) -> None:
+        """Start the workers now, so that the first job finds its models compiled."""
+        self._supervisor.warm()
+
     def workers(self) -> Workers:
         """Count worker processes."""
         return self._supervisor.state()

@@ -9,13 +9,10 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
 from server.service.answers import dumps
-from server.service.live.traces import Rows, as_columns, decimated
 from server.service.messages import Message
 
 # Half a second at 30 Hz: what is older is no longer live.
@@ -152,47 +149,3 @@ class Client:
         frame = self._frames.popleft()
         self.after = frame.kept[-1].id if frame.kept else self.after
         return frame.text
-
-
-@dataclass(eq=False)
-class Group:
-    """All clients that want the same, and what is due to them.
-
-    Attributes:
-        subscription: of them all.
-        due_s: when the next frame may go, by the loop's clock.
-        passing: estimates by session, of which the latest counts, and other messages that are not kept.
-    """
-
-    subscription: Subscription
-    due_s: float = 0.0
-    clients: set[Client] = field(default_factory=set)
-    kept: list[Kept] = field(default_factory=list)
-    rows: dict[tuple[str, str], list[Rows]] = field(default_factory=dict)
-    passing: dict[object, bytes] = field(default_factory=dict)
-    beat: bytes | None = None
-
-    @property
-    def pending(self) -> bool:
-        """Whether anything is due."""
-        return bool(self.kept or self.rows or self.passing or self.beat)
-
-    def frame(self) -> Frame:
-        """Return what is due, as a frame; nothing is due afterwards."""
-        traces = [trace_message(*key, rows, self.subscription.rate_hz) for key, rows in self.rows.items()]
-        passing = [*traces, *self.passing.values()]
-        out = Frame(tuple(self.kept), (*passing, *([self.beat] if self.beat else [])), len(passing))
-        self.kept, self.rows, self.passing, self.beat = [], {}, {}, None
-        return out
-
-
-def trace_message(session: str, stream: str, rows: list[Rows], rate_hz: float) -> bytes:
-    """Return a trace as it is sent, at a rate."""
-    together = decimated(rows[0] if len(rows) == 1 else np.concatenate(rows), rate_hz)
-    return encoded_trace(session, stream, together)
-
-
-def encoded_trace(session: str, stream: str, rows: Rows, recent: bool = False) -> bytes:
-    """Return a trace as it is sent; `recent` says that it is the past minutes, for who comes new."""
-    body = {"stream": stream, "recent": recent, **as_columns(rows)}
-    return dumps({"kind": "trace", "session": session, "body": body})

@@ -11,17 +11,8 @@ from typing import Any, Protocol
 from starlette.websockets import WebSocketDisconnect, WebSocketDisconnected
 
 from server.service.answers import dumps
-from server.service.live.clients import (
-    FAILED,
-    POLICY,
-    RESTART,
-    TRY_AGAIN,
-    Client,
-    Kept,
-    Subscription,
-    array,
-    encoded_trace,
-)  # fmt: skip
+from server.service.live.clients import FAILED, POLICY, RESTART, TRY_AGAIN, Client, Kept, Subscription, array
+from server.service.live.groups import encoded_trace
 from server.service.live.hub import HEARTBEAT_S, PAGE, LiveHub
 from server.service.live.traces import Rows
 

@@ -84,9 +84,15 @@ class SessionEstimate:
             InputError, KeyError, TypeError, ValueError: it is no event of a bench.
         """
         if event.kind == STARTED:
+            from fingermodel.finger_files import finger_names
+
             self._bench = None
             setup = BenchSetup.of_value(event.value)
-            self._bench = BenchEstimate(self._session, setup, event.stream, self._predictions.of(setup), self._tares)
+            told = self._predictions.of(setup)
+            if setup.finger not in finger_names():
+                # A file of the bench's: it is not looked for here, and its plan needs no finger.
+                told, setup = None, replace(setup, finger=finger_names()[0])
+            self._bench = BenchEstimate(self._session, setup, event.stream, told, self._tares)
         elif self._bench is not None:
             self._bench.event(event)
 

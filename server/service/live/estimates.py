@@ -6,11 +6,13 @@ import logging
 import queue
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from daq.journal.rows import Event
 from server.service.live.estimate import MakePredict, Predictions, SessionEstimate, Tares
@@ -88,24 +90,30 @@ class Estimates:
 
     def step(self, given: list[Message | tuple[str, str, Rows]]) -> list[tuple[str, dict[str, Any]]]:
         """Take what was given; return the estimates of the sessions that it is about."""
-        touched: dict[str, None] = {}
+        # Envelopes that follow each other are taken together: it costs no more than one.
+        together: dict[str, dict[str, list[Rows]]] = {}
         for item in given:
-            session = item.session if isinstance(item, Message) else item[0]
-            if session is not None:
-                touched[session] = None
-                followed = self._followed(session)
-                with _of(session):
-                    if isinstance(item, Message):
-                        followed.take(item)
-                    else:
-                        followed.bench.trace(item[1], item[2])
+            if not isinstance(item, Message):
+                session, stream, rows = item
+                together.setdefault(session, {}).setdefault(stream, []).append(rows)
+            elif item.session is not None:
+                self._trace(item.session, together.pop(item.session, {}))
+                with _of(item.session):
+                    self._followed(item.session).take(item)
+                together[item.session] = {}
         out = []
-        for session in touched:
+        for session, streams in together.items():
+            self._trace(session, streams)
             with _of(session):
                 found = self._followed(session).bench.estimate()
                 if found is not None:
                     out.append((session, found))
         return out
+
+    def _trace(self, session: str, streams: Mapping[str, list[Rows]]) -> None:
+        for stream, rows in streams.items():
+            with _of(session):
+                self._followed(session).bench.trace(stream, np.concatenate(rows))
 
     def _followed(self, session: str) -> _Followed:
         """Return a session, from its first event on."""

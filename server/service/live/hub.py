@@ -12,15 +12,14 @@ import logging
 import threading
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from daq.blocks import Chunk
-from server.service.answers import dumps
 from server.service.database import now_utc
 from server.service.live.bodies import LiveMessage
-from server.service.live.clients import RESTART, Client, Group, Kept, Subscription
+from server.service.live.clients import RESTART, Client, Subscription
 from server.service.live.estimates import Estimates, MakePredict, Tares
+from server.service.live.groups import SLACK_S, Counters, Groups
 from server.service.live.order import InOrder
 from server.service.live.traces import Rows, Traces, rows_of, rows_of_chunk
 from server.service.messages import Message, Messages
@@ -31,34 +30,7 @@ GAP_S = 0.1
 # Every so often, a session that posts is looked for in the database.
 TRUSTED_S = 5.0
 PAGE = 500
-# Frames that are due so soon go at once.
-_SLACK_S = 0.001
 _LOG = logging.getLogger(__name__)
-
-
-@dataclass
-class Counters:
-    """What the hub has done since it started.
-
-    Attributes:
-        envelopes: of traces that came in and were new.
-        encoded: frames that were made.
-        frames: that were sent, to all clients together.
-        bytes: of these; letters beyond ASCII count once.
-        dropped: traces and estimates that slow clients were not sent.
-        resumes: clients that were told to connect again, being too slow.
-        wakes: of the event loop.
-        refused: clients that were not let in.
-    """
-
-    envelopes: int = 0
-    encoded: int = 0
-    frames: int = 0
-    bytes: int = 0
-    dropped: int = 0
-    resumes: int = 0
-    wakes: int = 0
-    refused: int = 0
 
 
 class LiveHub:
@@ -85,7 +57,7 @@ class LiveHub:
         self._inbox: list[Message | tuple[str, str, Rows, bool]] = []
         self._woken = False
         self._clients: dict[Client, asyncio.Task[None]] = {}
-        self._groups: dict[Subscription, Group] = {}
+        self._groups = Groups(self.counters)
         self._timer: asyncio.TimerHandle | None = None
         self._beat_timer: asyncio.TimerHandle | None = None
         self._ticked_s = 0.0
@@ -122,8 +94,7 @@ class LiveHub:
         for timer in (self._timer, self._beat_timer):
             if timer is not None:
                 timer.cancel()
-        for group in self._groups.values():
-            self._flush(group)
+        self._groups.flush(self._ticked_s, all_of_them=True)
         tasks = [*self._clients.values(), *([self._filler] if self._filler else [])]
         for client in self._clients:
             client.close(RESTART, f"the service stops: connect again with after={self.last}")
@@ -178,8 +149,14 @@ class LiveHub:
     # ----- on the loop's thread
 
     def _wake(self) -> None:
+        if self._loop is None or self.closed:
+            return
         self.counters.wakes += 1
-        self._plan(min([self._ticked_s + TICK_S, *(g.due_s for g in self._groups.values())]))
+        at_s = min(self._ticked_s + TICK_S, self._groups.due_s())
+        if at_s <= self._loop.time() + SLACK_S:
+            self._tick()
+        else:
+            self._plan(at_s)
 
     def _plan(self, at_s: float) -> None:
         """See to it that there is a tick by then."""
@@ -192,6 +169,8 @@ class LiveHub:
     def _tick(self) -> None:
         if self._loop is None:
             return
+        if self._timer is not None:
+            self._timer.cancel()
         self._timer, self._ticked_s = None, self._loop.time()
         with self._lock:
             items, self._inbox, self._woken = self._inbox, [], False
@@ -199,22 +178,16 @@ class LiveHub:
             self._take(item)
         self._hand_on(self._order.ready())
         self._look_for_gaps()
-        for group in self._groups.values():
-            if group.pending:
-                if group.due_s <= self._ticked_s + _SLACK_S:
-                    self._flush(group)
-                else:
-                    self._plan(group.due_s)
+        left_s = self._groups.flush(self._ticked_s)
+        if left_s < float("inf"):
+            self._plan(left_s)
 
     def _take(self, item: Message | tuple[str, str, Rows, bool]) -> None:
         if isinstance(item, Message):
-            if item.id is not None:
+            if item.id is None:
+                self._groups.tell(item)
+            else:
                 self._order.offer(item)
-                return
-            # Of estimates only the latest counts.
-            key = (item.kind, item.session) if item.kind == "estimate" else object()
-            told = {"kind": item.kind, "session": item.session, "body": item.body}
-            self._pass(item.session, key, told)
             return
         session, stream, rows, live = item
         rows = self.traces.add(session, stream, rows, self._ticked_s, live)
@@ -222,50 +195,24 @@ class LiveHub:
             return
         self.counters.envelopes += len(rows)
         self._estimates.trace(session, stream, rows)
-        for group in self._groups.values():
-            if group.subscription.traces and group.subscription.wants(session):
-                group.rows.setdefault((session, stream), []).append(rows)
-
-    def _pass(self, session: str | None, key: object, told: Mapping[str, Any]) -> None:
-        wanting = [g for g in self._groups.values() if g.subscription.wants(session)]
-        text = dumps(told) if wanting else b""
-        for group in wanting:
-            group.passing[key] = text
+        self._groups.show(session, stream, rows)
 
     def _hand_on(self, messages: Iterable[Message]) -> None:
         for message in messages:
             if message.kind == "event":
                 self._estimates.event(message)
-            wanting = [g for g in self._groups.values() if g.subscription.wants(message.session)]
-            if wanting:
-                kept = Kept.of(message)
-                for group in wanting:
-                    group.kept.append(kept)
-
-    def _flush(self, group: Group) -> None:
-        if not group.pending:
-            return
-        period_s = 1.0 / group.subscription.rate_hz
-        late_s = self._ticked_s - group.due_s
-        group.due_s = (group.due_s if late_s < period_s else self._ticked_s) + period_s
-        frame = group.frame()
-        self.counters.encoded += 1
-        for client in list(group.clients):
-            before = client.dropped
-            if not client.push(frame):
-                group.clients.discard(client)
-                self.counters.resumes += 1
-            self.counters.dropped += client.dropped - before
+            self._groups.keep(message)
 
     def _look_for_gaps(self) -> None:
         if not self._order.gap:
             self._gap_s = None
-        elif self._gap_s is None:
-            self._gap_s = self._ticked_s
-            self._plan(self._ticked_s + GAP_S)
-        elif self._ticked_s - self._gap_s >= GAP_S and (self._filler is None or self._filler.done()):
-            self._gap_s = None
-            self._filler = asyncio.ensure_future(self._fill())
+        elif self._filler is None or self._filler.done():
+            self._gap_s = self._ticked_s if self._gap_s is None else self._gap_s
+            if self._ticked_s - self._gap_s < GAP_S:
+                self._plan(self._gap_s + GAP_S)
+            else:
+                self._gap_s = None
+                self._filler = asyncio.ensure_future(self._fill())
 
     async def _fill(self) -> None:
         try:
@@ -294,10 +241,8 @@ class LiveHub:
         for known in (self._bench_dropped, self._shown_until_s):
             for session in [s for s in list(known) if s not in sessions]:
                 known.pop(session, None)
-        for group in self._groups.values():
-            group.beat = dumps(
-                {"kind": "heartbeat", "at_utc": now_utc(), "latest": self.last, "live": self.live(group.subscription)}
-            )
+        common = {"kind": "heartbeat", "at_utc": now_utc(), "latest": self.last}
+        self._groups.beat(lambda subscription: common | {"live": self.live(subscription)})
         self._beat_timer = self._loop.call_later(HEARTBEAT_S, self._beat)
         self._wake()
 
@@ -322,10 +267,7 @@ class LiveHub:
 
     def join(self, client: Client) -> list[tuple[str, str, Rows]]:
         """Let a client hear all after `last` from now on; return the last minutes that it wants to see."""
-        group = self._groups.setdefault(client.subscription, Group(client.subscription))
-        # What is due to the others is in what the client has been told.
-        self._flush(group)
-        group.clients.add(client)
+        self._groups.join(client, self._ticked_s)
         if not client.subscription.traces:
             return []
         return [(s, stream, trace.recent()) for s, stream, trace in self.traces.of(client.subscription.sessions)]
@@ -333,8 +275,4 @@ class LiveHub:
     def leave(self, client: Client) -> None:
         """Forget a client."""
         self._clients.pop(client, None)
-        group = self._groups.get(client.subscription)
-        if group is not None:
-            group.clients.discard(client)
-            if not group.clients:
-                del self._groups[client.subscription]
+        self._groups.leave(client)

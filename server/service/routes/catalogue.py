@@ -24,9 +24,9 @@ class EffectParameter(Shown):
 
     name: str = Field(description="`effect.place`.", examples=["worn_pulley.FDP"])
     unit: str
-    null: float = Field(description="At which the effect changes nothing.")
-    range: list[float] | None = Field(description="Plausible values.")
-    prior_sd: float | None
+    null: float = Field(description="At which the effect changes nothing [unit].")
+    range: list[float] | None = Field(description="Plausible values [unit].")
+    prior_sd: float | None = Field(description="Standard deviation of its prior [unit]; null where it has none.")
     one_sided: bool
 
 

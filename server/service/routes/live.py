@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Request
+from fastapi.concurrency import run_in_threadpool
 from starlette.responses import Response
 from starlette.websockets import WebSocket
 
@@ -17,10 +18,11 @@ router = APIRouter(route_class=StrictRoute, tags=["live"])
 
 
 @router.post("/sessions/{session}/live", status_code=204, responses=documented(Shown, status=422))
-def show(session: SessionId, body: LiveMessage, request: Request) -> Response:
+async def show(session: SessionId, body: LiveMessage, request: Request) -> Response:
     """Show what a load cell says now: envelopes of some hundredths of a second. Nothing of it is kept."""
     parts = of(request)
-    parts.sessions.version(session)
+    if not parts.live.is_shown(session):
+        await run_in_threadpool(parts.sessions.version, session)
     parts.live.trace(session, body)
     return Response(status_code=204)
 

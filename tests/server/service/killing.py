@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-import psutil
 from sqlalchemy import func, select, text
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
@@ -166,13 +165,19 @@ class Killed:
     """
 
     def __init__(self, folder: Path, database: str | None = None, seed: int = 0) -> None:
-        self.folder, self.draw, self.tally = folder, random.Random(seed), Tally()
+        self.folder, self.draw, self.tally = folder, random.Random(seed), Tally()  # noqa: S311
         self.database = Database(database or f"sqlite:///{folder / 'data' / 'fingertwin.db'}")
         self.port = _free_port()
         self.url = f"http://127.0.0.1:{self.port}"
 
-    def run(self, kills: int, *, longest_s: float = 3.0) -> Tally:
-        """Kill it so often, let it live on once more, and look at what is there."""
+    def run(self, kills: int, *, longest_s: float = 3.0, refits: bool = True) -> Tally:
+        """Kill it so often, let it live on once more, and look at what is there.
+
+        Args:
+            kills: how many lives end by one.
+            longest_s: that it lives once it is ready, unless it shall end a refit.
+            refits: whether some lives last to a refit's end, and the last one until all jobs have ended.
+        """
         with ExitStack() as held:
             with self.life() as service, service.client() as client:
                 self._ready(service)
@@ -184,11 +189,12 @@ class Killed:
             held.callback(listener.close)
             held.callback(asker.close)
             for k in range(kills):
-                self._one_life(k, longest_s)
+                self._one_life(k, longest_s, refits=refits)
                 self._look(benches, asker)
+                print(f"{k + 1} of {kills}: {len(self.tally.wrong)} wrong", flush=True)
             with self.life() as service:
                 self._ready(service)
-                self._settle(service, benches, asker, listener)
+                self._settle(service, benches, asker, listener, refits=refits)
             self._look(benches, asker)
             for bench in benches:
                 bench.close()
@@ -206,11 +212,13 @@ class Killed:
         finally:
             children = _children(service)
             service.close()
-            _, left = psutil.wait_procs(children, timeout=_DEAD_S)
-            self.tally.wrong += [f"worker {p.pid} lives on" for p in left]
+            until = time.monotonic() + _DEAD_S
+            while (left := [p for p in children if _lives(p)]) and time.monotonic() < until:
+                time.sleep(0.05)
+            self.tally.wrong += [f"worker {number} lives on" for number, _ in left]
 
-    def _one_life(self, number: int, longest_s: float) -> None:
-        kind = "starting" if number % 9 == 4 else "refitting to the end" if number % 12 == 7 else "running"
+    def _one_life(self, number: int, longest_s: float, *, refits: bool) -> None:
+        kind = "starting" if number % 9 == 4 else "refitting to the end" if refits and number % 12 == 7 else "running"
         with self.life() as service:
             if kind == "starting":
                 time.sleep(self.draw.uniform(0.0, 3.0))
@@ -246,7 +254,9 @@ class Killed:
                 time.sleep(0.02)
         raise RuntimeError(f"it was never ready: {service.log}")
 
-    def _settle(self, service: Process, benches: list[Bench], asker: Asker, listener: Listener) -> None:
+    def _settle(
+        self, service: Process, benches: list[Bench], asker: Asker, listener: Listener, *, refits: bool
+    ) -> None:
         """Let all that was begun come to its end."""
         asker.close()
         for bench in benches:
@@ -254,7 +264,7 @@ class Killed:
             if not bench.uplink.flush(PATIENCE_S):
                 self.tally.wrong.append(f"{bench.name} did not catch up: {bench.uplink.status()}")
         with service.client() as client:
-            for job in asker.taken:
+            for job in asker.taken if refits else ():
                 while client.get(f"/api/v1/jobs/{job}").raise_for_status().json()["state"] in _OPEN:
                     time.sleep(0.1)
         with self.database.reading() as connection:
@@ -301,18 +311,19 @@ class Killed:
             mine = (chunks.c.session == row.session) & (chunks.c.stream == row.id)
             query = select(
                 func.coalesce(func.sum(chunks.c.n), 0), func.coalesce(func.max(chunks.c.first_seq + chunks.c.n), 0)
-            )  # noqa: E501
+            )
             found = tuple(connection.execute(query.where(mine)).one())
             if found != (row.held, row.next_seq):
                 yield f"stream {row.id} says {(row.held, row.next_seq)}, its chunks {found}"
         for name in BENCHES:
             version = connection.execute(select(sessions.c.version).where(sessions.c.id == name)).scalar()
-            counts = [
+            told, held, begun = (
                 connection.execute(select(func.count()).select_from(t).where(t.c.session == name, *more)).scalar()
-                for t, more in ((events, ()), (messages, (messages.c.kind == "event",)))
-            ]
-            if counts != [version or 0] * 2:
-                yield f"{name} is of version {version}, with {counts[0]} events and {counts[1]} messages of them"
+                for t, more in ((messages, (messages.c.kind == "event",)), (events, ()), (streams, ()))
+            )
+            # Each event and each stream that is begun raises it.
+            if told != held or (version or 0) != held + begun:
+                yield f"{name} is of version {version}, with {begun} streams, {held} events and {told} told"
 
     def _compare(self, bench: Bench) -> None:
         """Compare a journal with what arrived of it, byte by byte."""
@@ -342,10 +353,25 @@ class Killed:
             )
 
 
-def _children(service: Process) -> list[psutil.Process]:
-    with suppress(psutil.NoSuchProcess):
-        return psutil.Process(service.process.pid).children(recursive=True)
+def _stat(number: int) -> list[str]:
+    """What the system (Linux) says of a process after its name: state, parent, …, start; empty where it is gone."""
+    with suppress(OSError):
+        return Path(f"/proc/{number}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
     return []
+
+
+def _children(service: Process) -> list[tuple[int, str]]:
+    """Number and start of each process that a service has begun, and of theirs."""
+    known = {int(p.name): _stat(int(p.name)) for p in Path("/proc").iterdir() if p.name.isdecimal()}
+    found = [service.process.pid]
+    for parent in found:
+        found += [number for number, stat in known.items() if stat and int(stat[1]) == parent]
+    return [(number, known[number][19]) for number in found[1:]]
+
+
+def _lives(process: tuple[int, str]) -> bool:
+    stat = _stat(process[0])
+    return bool(stat) and stat[19] == process[1] and stat[0] != "Z"
 
 
 def _free_port() -> int:

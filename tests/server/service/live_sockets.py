@@ -97,7 +97,7 @@ class Served:
                 await asyncio.sleep(0.001)
 
     def _hearing(self) -> int:
-        return sum(len(group.clients) for group in self.hub._groups.values())
+        return self.hub._groups.clients
 
     async def gone(self) -> None:
         await asyncio.gather(*self._tasks)

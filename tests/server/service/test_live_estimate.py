@@ -23,7 +23,7 @@ from daq.windows import Span
 from server.service.live.estimate import Predictions, SessionEstimate
 from server.service.live.estimates import Estimates
 from server.service.live.traces import rows_of_chunk
-from server.service.messages import Messages
+from server.service.messages import Message, Messages
 from tests.daq.bench_plays import QUIET, Bench, Line, case, hung, load, predicted, setup, tared, truth, wait, whole
 from tests.server.service.live_sockets import PATIENCE_S, hub_of, keep, messages_in
 
@@ -232,9 +232,14 @@ class Recorded(Bench):
     def __init__(self, messages: Messages, session: str) -> None:
         self.messages, self.session = messages, session
         self.chunks: list[Chunk] = []
+        self.log: list[Chunk | Event] = []
         run = WatchedRun(setup(), None, STREAM)
-        run.seen = self.chunks.append
+        run.seen = self._see
         super().__init__(run)
+
+    def _see(self, chunk: Chunk) -> None:
+        self.chunks.append(chunk)
+        self.log.append(chunk)
 
     def stored(self, session: str, stream: str | None, window_s: Span) -> Plateau | None:
         t = np.concatenate([c.t_s for c in self.chunks])
@@ -243,6 +248,7 @@ class Recorded(Bench):
 
     def _keep(self, events: Sequence[Event]) -> None:
         super()._keep(events)
+        self.log += events
         for event in events:
             keep(self.messages, "event", self.session, **body(event, len(self.said)))
 
@@ -303,6 +309,26 @@ def test_an_event_counts_once_whether_it_was_stored_before_or_told_now(tmp_path:
     given: list[Any] = [*new, *(("S", STREAM, rows_of_chunk(c)) for c in bench.chunks[first:])]
     assert estimates.step(given)[0][1]["force_N"] == pytest.approx(truth("tip", {"FDP": 950})[:3], abs=0.02)
     estimates.close()
+
+
+def test_what_is_taken_at_once_is_taken_in_order(tmp_path: Path) -> None:
+    (tmp_path / "none").mkdir()
+    bench = Recorded(messages_in(tmp_path), "S")
+    bench.play(HANGING)
+    given: list[Any] = [
+        Message("event", "S", body(item, 0), number + 1)
+        if isinstance(item, Event)
+        else ("S", STREAM, rows_of_chunk(item))
+        for number, item in enumerate(bench.log)
+    ]
+    one_by_one = Estimates(lambda _: None, messages_in(tmp_path / "none"), None, None)
+    at_once = Estimates(lambda _: None, messages_in(tmp_path / "none"), None, None)
+    last = [found for item in given for _, found in one_by_one.step([item])][-1]
+    ((_, together),) = at_once.step(given)
+    assert (together["case"], together["at_s"]) == (last["case"], last["at_s"])
+    assert together["force_N"] == pytest.approx(last["force_N"], abs=0.02)
+    for one in (one_by_one, at_once):
+        one.close()
 
 
 def test_estimates_reach_who_watches(tmp_path: Path) -> None:
