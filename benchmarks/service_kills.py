@@ -26,7 +26,7 @@ HERE = Path(__file__).parent
 TEXT = """\
 Looked at after every kill, in the dead service's database: every chunk, event and job that was acknowledged is there;
 each stream's cursor is that of its chunks; each session's version and messages are those of its streams and events; a
-job is done where its one revision is kept, and nowhere else; the file is sound; no worker lives on. In the end: the
+job is done where its revision is kept, and nowhere else; the file is sound; no worker lives on. In the end: the
 stored chunks are those of the journals byte by byte, the events the same, each once. Each start became ready by itself.
 A refit that is killed three times is a failed job with that reason. Other programs ran on the machine at the same time,
 so that the times to ready are not those of a quiet one.
