@@ -106,18 +106,14 @@ def test_an_address_takes_the_methods_of_its_most_exact_template(document: Found
     assert methods_of(document, "/api/v1/nothing") == []
 
 
-@pytest.mark.parametrize(
-    ("database", "count"), [pytest.param("sqlite", 2, id="SQLite"), pytest.param("postgresql", 1, id="PostgreSQL")]
-)
-def test_the_service_answers_as_documented(
-    database: str, count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("database", ["sqlite", "postgresql"])
+def test_the_service_answers_as_documented(database: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if database == "postgresql":
         monkeypatch.setenv("FINGERTWIN_DATABASE_URL", postgres_url())
     with running(whole(tmp_path)) as service:
         with service.client() as client:
             ids = prepared(client, refit=False)
-        tally = asked(service.address(), ids, examples=count, seed=1, phases=("fuzzing",))
+        tally = asked(service.address(), ids, examples=1, seed=1, phases=("fuzzing",))
         assert not tally.errors
         assert not tally.failures
         assert len(tally.cases) > 50
