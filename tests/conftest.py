@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 
 import pytest
 
@@ -10,6 +11,9 @@ import server  # noqa: F401 - settles the number of threads before anything nume
 from tests.settings import load_profile
 
 load_profile()
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    # As of what a shell starts in the background: processes of tests would be deaf to Ctrl-C.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 # Most services of tests do no jobs; compiling for them would take the machine from those that do.
 os.environ.setdefault("FINGERTWIN_WARM_WORKERS", "false")
 
