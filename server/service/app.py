@@ -26,6 +26,8 @@ from server.service.settings import Settings
 from server.service.tokens import TokenBook
 
 _LOG = logging.getLogger(__name__)
+# So long a compilation that has begun may hold up the end of the service.
+_COMPILED_S = 30.0
 _DESCRIPTION = """\
 The digital twin of a finger on a test bench. It takes a load cell's readings in, keeps them, predicts and compares the
 forces of every load case, refits the model, and finds the physical effect that is missing.
@@ -57,6 +59,8 @@ def create_app(settings: Settings) -> FastAPI:
             yield
         finally:
             await parts.live.close()
+            # The interpreter must not end while a thread is inside the compiler: that would end it with a crash.
+            await asyncio.to_thread(warming.join, _COMPILED_S)
             await asyncio.to_thread(_stop, parts)
 
     app = FastAPI(

@@ -63,7 +63,9 @@ def test_a_window_is_moved_and_the_move_undone(seen: Watched) -> None:
     seen.page.locator("#to-loaded_s").fill("5.5")
     seen.page.get_by_role("button", name="Move the window").nth(1).click()
     seen.page.get_by_text("Changed, and computed anew.").wait_for()
-    seen.page.wait_for_function("before => document.querySelector('#case .big').innerText !== before", arg=before)
+    seen.page.wait_for_function(
+        "before => (document.querySelector('#case .big')?.innerText ?? before) !== before", arg=before
+    )
     seen.page.get_by_role("button", name="Undo").click()
     seen.page.wait_for_function("before => document.querySelector('#case .big')?.innerText === before", arg=before)
 
