@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import commit
+from benchmarks.machine import commit, publish
 
 RATE_HZ = 7000.0
 HERE = Path(__file__).parent
@@ -171,9 +171,7 @@ def main() -> None:
         *(f"| {what} | {value} | {aim} |" for what, value, aim in rows),
         "",
     ]
-    text = "\n".join(lines)
-    given.out.write_text(text, encoding="utf-8")
-    print(text)
+    publish(given.out, lines)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.machine import commit, table, wait_until_quiet
+from benchmarks.machine import commit, publish, table, wait_until_quiet
 from benchmarks.uplink_parts import surroundings
 from daq.journal.check import check
 from daq.journal.writer import Journal
@@ -52,9 +52,7 @@ def main() -> None:
         page.getvalue().strip(),
         "",
     ]
-    text = "\n".join(lines)
-    given.out.write_text(text, encoding="utf-8")
-    print(text)
+    publish(given.out, lines)
 
 
 def _measure(where: Path | None, kills: int, seed: int) -> None:

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machine import commit
+from benchmarks.machine import commit, publish
 from benchmarks.uplink_parts import surroundings
 from daq.blocks import Chunk
 from daq.errors import JournalError
@@ -351,9 +351,7 @@ def main() -> None:
         "recovered. Readings made up: read or recovered without an error and never written so, zeros among them.",
         "",
     ]
-    text = "\n".join(lines)
-    given.out.write_text(text, encoding="utf-8")
-    print(text)
+    publish(given.out, lines)
 
 
 if __name__ == "__main__":

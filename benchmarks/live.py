@@ -34,7 +34,7 @@ import numpy as np
 from fastapi import FastAPI, Request
 from starlette.responses import Response
 
-from benchmarks.machine import commit
+from benchmarks.machine import commit, publish
 
 RATE_HZ, DATAGRAM = 7000.0, 40
 # Another each time, as a service that runs already may have been measured before.
@@ -330,9 +330,7 @@ def main() -> None:
         *(f"| {what} | {value} | {aim} |" for what, value, aim in rows_of(found, given.seconds)),
         "",
     ]
-    text = "\n".join(lines)
-    given.out.write_text(text, encoding="utf-8")
-    print(text)
+    publish(given.out, lines)
 
 
 if __name__ == "__main__":

@@ -130,6 +130,13 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], not
     print(f"\n{note}\n" if note else "")
 
 
+def publish(file: Path, lines: Sequence[str]) -> None:
+    """Write a page of figures, and show it."""
+    text = "\n".join(lines)
+    file.write_text(text, encoding="utf-8")
+    print(text)
+
+
 @cache
 def commit() -> str:
     """The commit that is measured, and whether files differ from it."""

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from benchmarks.machine import commit, describe_machine
+from benchmarks.machine import commit, describe_machine, publish
 from daq.plateaus import reduce_window
 
 Floats = NDArray[np.float64]
@@ -113,9 +113,7 @@ def main() -> None:
         "taken.",
         "",
     ]
-    text = "\n".join(lines)
-    given.out.write_text(text, encoding="utf-8")
-    print(text)
+    publish(given.out, lines)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ from typing import Any
 
 import httpx
 
-from benchmarks.machine import commit
+from benchmarks.machine import commit, publish
 from benchmarks.uplink import command, events_of
 from benchmarks.uplink_parts import (
     CATCH_UP_S,
@@ -296,9 +296,7 @@ def main() -> None:
         + (" Those set aside are in the journal, and are what is lost here." if tally.aside and result.lost else ""),
         "",
     ]
-    text = "\n".join(lines)
-    given.out.write_text(text, encoding="utf-8")
-    print(text)
+    publish(given.out, lines)
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.machine import commit
+from benchmarks.machine import commit, publish
 from benchmarks.uplink_parts import SETTINGS, play, receive, started, surroundings, use_all_cores
 
 Floats = NDArray[np.float64]
@@ -184,9 +184,7 @@ def main() -> None:
         "screen, and a network between two computers, are not in it.",
         "",
     ]
-    text = "\n".join(lines)
-    given.out.write_text(text, encoding="utf-8")
-    print(text)
+    publish(given.out, lines)
 
 
 if __name__ == "__main__":

@@ -32,6 +32,7 @@ from daq.session_rules import faults_between
 from daq.vocabulary import LOCATIONS, ROLES, TENDONS, did_you_mean
 
 __all__ = [
+    "FINGER_DOCUMENT",
     "FORMAT",
     "LOCATIONS",
     "ROLES",
@@ -51,9 +52,11 @@ __all__ = [
     "faults_of",
     "find_session",
     "parse_session",
+    "plain_document",
     "read_session",
     "read_yaml",
     "session_names",
+    "whole_document",
     "write_session",
 ]
 
@@ -63,6 +66,8 @@ except ImportError:
     from yaml import SafeLoader  # type: ignore[assignment]
 
 SESSION_FILE = "session.yaml"
+# Of a document that brings its own finger instead of naming a file.
+FINGER_DOCUMENT = "finger_document"
 
 
 def session_names() -> list[str]:
@@ -154,6 +159,30 @@ def faults_of(path: str | Path) -> list[SessionError]:
         return [error]
 
 
+def plain_document(session: Session) -> dict[str, Any]:
+    """Return a session as plain data; defaults that a reader would have to know are written out."""
+    data = session.model_dump(mode="json", exclude_defaults=True)
+    data["gravity_m_s2"] = session.gravity_m_s2
+    data["postures_deg"] = {name: posture.model_dump() for name, posture in session.postures_deg.items()}
+    return data
+
+
+def whole_document(session: Session, name: str | None = None) -> dict[str, Any]:
+    """Return a session as plain data that stands without its folder: with its finger, where that is a file.
+
+    Args:
+        session: as read.
+        name: that it is to have, if another than its own.
+    """
+    out = plain_document(session)
+    if name is not None:
+        out["id"] = name
+    for file in ((session.folder or Path()) / session.finger, Path(session.finger)):
+        if file.is_file():
+            return out | {FINGER_DOCUMENT: read_yaml(file)}
+    return out
+
+
 def write_session(session: Session, folder: str | Path) -> Path:
     """Write a session's description, and its readings where they lie in another folder.
 
@@ -167,10 +196,7 @@ def write_session(session: Session, folder: str | Path) -> Path:
         if source.is_file() and copy.resolve() != source.resolve():
             with replacing(copy) as temporary:
                 shutil.copyfile(source, temporary)
-    data = session.model_dump(mode="json", exclude_defaults=True)
-    # Defaults that the reader of the file would have to know are written out.
-    data["gravity_m_s2"] = session.gravity_m_s2
-    data["postures_deg"] = {name: posture.model_dump() for name, posture in session.postures_deg.items()}
+    data = plain_document(session)
     ordered = {key: data[key] for key in (*Session.model_fields, *(session.model_extra or {})) if key in data}
     with replacing(target / SESSION_FILE) as temporary:
         temporary.write_text(

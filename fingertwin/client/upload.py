@@ -11,7 +11,7 @@ import numpy as np
 
 from daq.uplink.wire import COUNT, EPOCH, SHA256, Cursor, Range, stream_path
 from fingertwin.client.errors import ServiceError
-from fingertwin.client.exchange import Body, Exchange, path_of, reading
+from fingertwin.client.exchange import Exchange, path_of, reading
 from fingertwin.client.jobs import Progress
 
 if TYPE_CHECKING:
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 STREAM = "readings"
 # Readings of a chunk: some hundred kilobytes.
 CHUNK = 4096
-# Of a document that brings its own finger.
-_FINGER_DOCUMENT = "finger_document"
 # The address of a request has no room for more.
 _ENDLESS = 1 << 62
 
@@ -44,11 +42,11 @@ def upload(exchange: Exchange, path: str | Path, name: str | None, progress: Pro
     Raises:
         InputError: the session or its readings cannot be used, or the service refused.
     """
-    from daq.sessions import read_session
+    from daq.sessions import read_session, whole_document
 
     tell = progress or (lambda share, what: None)
     session = read_session(path)
-    document = _document(session, name)
+    document = whole_document(session, name)
     tell(0.0, "document")
     exchange.post(path_of("sessions"), {"id": document["id"], "document": document}, again=True)
     if session.readings_path is not None:
@@ -56,21 +54,6 @@ def upload(exchange: Exchange, path: str | Path, name: str | None, progress: Pro
         _send_readings(exchange, document["id"], session, session.readings_path, last_s, tell)
     tell(1.0, "done")
     return str(document["id"])
-
-
-def _document(session: Session, name: str | None) -> Body:
-    """The session as JSON, with the finger where it is a file of the bench's own."""
-    from daq.sessions import read_yaml
-
-    out: Body = session.model_dump(mode="json", exclude_defaults=True)
-    out["gravity_m_s2"] = session.gravity_m_s2
-    out["postures_deg"] = {key: posture.model_dump() for key, posture in session.postures_deg.items()}
-    if name is not None:
-        out["id"] = name
-    for file in ((session.folder or Path()) / session.finger, Path(session.finger)):
-        if file.is_file():
-            return out | {_FINGER_DOCUMENT: read_yaml(file)}
-    return out
 
 
 def _send_readings(

@@ -186,41 +186,14 @@ def formula_of(text: str) -> Effect:
 def show_effects(name: str | None, json: str | None) -> None:
     """List the catalogue, or show one effect whole."""
     from fingermodel.effects.catalogue import CATALOGUE, EFFECTS
-    from fingermodel.finger_files import read_finger
-    from fingermodel.model import ANY_LAYOUT
+    from server.catalogue import effect_row
 
-    topology = read_finger("an1979_middle").topology
     if name is not None and name not in EFFECTS:
         from fingermodel.effects.formula_tree import near
 
         raise InputError(f"no effect {name!r}", f"one of {', '.join(EFFECTS)}", near(name, EFFECTS))
     chosen = CATALOGUE if name is None else (EFFECTS[name],)
-    rows: list[dict[str, Any]] = []
-    for effect in chosen:
-        parameters = effect.parameters(topology, ANY_LAYOUT)
-        rows.append(
-            {
-                "name": effect.name,
-                "stage": effect.stage,
-                "title": effect.title,
-                "formula": effect.formula,
-                "tell": effect.tell,
-                "source": effect.source,
-                "rests_on_clamp_assumption": effect.rests_on_clamp_assumption,
-                "candidates": list(effect.variants(topology, ANY_LAYOUT)),
-                "parameters": [
-                    {
-                        "name": p.name,
-                        "unit": p.unit,
-                        "null": p.initial,
-                        "range": list(p.plausible) if p.plausible else None,
-                        "prior_sd": p.sd,
-                        "one_sided": p.one_sided,
-                    }
-                    for p in parameters
-                ],
-            }
-        )
+    rows = [effect_row(effect) for effect in chosen]
     if answer("effects", {"effects": rows}, json):
         return
     if name is None:

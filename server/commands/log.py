@@ -310,17 +310,19 @@ def replay_session(
         InputError: the recording, the speed or the address cannot be used.
     """
     from daq.replay import is_journal
-    from daq.sessions import find_session
-    from server.commands.forwarding import begin_session, session_document
+    from daq.sessions import find_session, read_session, whole_document
 
     port, document = recording, None
     if not Path(recording).is_file() and not is_journal(recording):
         port = str(find_session(recording).parent)
-        document = session_document(Path(port), session) if to is not None else None
+        document = whole_document(read_session(port), session) if to is not None else None
     settings = (f"speed={'0' if speed == 'max' else speed}",)
     name = session or (Path(port).name if Path(port).is_dir() else Path(port).stem)
     if document is not None and to is not None and document.get("readings") is None:
-        begin_session(to, document)
+        from fingertwin.client import Client
+
+        with Client(to) as twin:
+            twin.upload(port, session)
         if not answer("replay", {"session": name, "samples": 0}, json):
             say(f"{name} has averaged forces and no readings: its description is at {to}")
         return

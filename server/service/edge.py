@@ -14,7 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from server.service.logs import REQUEST_ID, cleaned
 from server.service.metrics import Metrics
-from server.service.problems import ProblemError, body_of, problem_answer, shortened
+from server.service.problems import ProblemError, failure, problem_answer, shortened
 
 _LOG = logging.getLogger("fingertwin.request")
 _ID = re.compile(rb"[A-Za-z0-9._-]{1,64}")
@@ -147,5 +147,4 @@ def _failed(error: Exception) -> ASGIApp:
         )
         return problem_answer(503, problem.body, problem.headers)
     _LOG.error("failed", exc_info=error)
-    text = "The service has failed; the fault is in its log, nothing that was acknowledged is lost."
-    return problem_answer(500, body_of(500, text))
+    return failure()

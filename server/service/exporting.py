@@ -25,10 +25,10 @@ from server.exporting import (
 )
 from server.service.blinding import blinded
 from server.service.figure_parts import resolved
-from server.service.folders import session_folder
 from server.service.measuring import Measured
 from server.service.problems import ProblemError
 from server.service.services import Services
+from server.service.session_folders import session_folder
 
 if TYPE_CHECKING:
     from daq.session_models import Session

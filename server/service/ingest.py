@@ -102,8 +102,7 @@ class Ingest:
                 number = connection.execute(highest).scalar_one() + 1
                 row = {"session": session, "id": stream, "number": number, "description": description, "sha256": digest}
                 connection.execute(insert(streams).values(row))
-                raised = {"version": sessions.c.version + 1}
-                connection.execute(update(sessions).where(sessions.c.id == session).values(raised))
+                raise_version(connection, session)
             return self._cursor_of(connection, session, stream)
 
     def cursor(self, session: str, stream: str) -> dict[str, Any]:
@@ -208,10 +207,7 @@ class Ingest:
                 row = {"session": session, "epoch": epoch, "number": number, "arrival": arrival}
                 row |= {"sha256": sent.sha256, "body": sent.body.decode()}
                 connection.execute(insert(events).values(row))
-                raised: dict[str, Any] = {"version": sessions.c.version + 1}
-                if event.kind == "closed":
-                    raised["closed_utc"] = now_utc()
-                connection.execute(update(sessions).where(sessions.c.id == session).values(raised))
+                raise_version(connection, session, **({"closed_utc": now_utc()} if event.kind == "closed" else {}))
                 told = read_json(sent.body) | {"epoch": epoch, "number": number}
                 telling.tell("event", session, told)
             return _event_cursor(connection, session, epoch)
@@ -231,6 +227,12 @@ class Ingest:
             query = query.where(chunks.c.stream == stream).order_by(chunks.c.first_seq)
             missing = gaps((r.first_seq, r.n) for r in connection.execute(query))
         return {"next_seq": row["next_seq"], "missing": missing, "ended": row["ended"], "epoch": row["epoch"]}
+
+
+def raise_version(connection: Connection, session: str, **values: Any) -> None:
+    """Raise a session's version, by which everybody sees that what was computed of it is old; set other columns too."""
+    raised = {"version": sessions.c.version + 1} | values
+    connection.execute(update(sessions).where(sessions.c.id == session).values(raised))
 
 
 def gaps(ranges: Iterable[tuple[int, int]]) -> list[list[int]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -60,9 +60,9 @@ class Measured:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Tells one state of a session from every other."""
-        done = tuple((i, bool(s.why)) for i, s in self.states.items() if s.state == "measured")
-        return self.record.id, self.record.version, done
+        """Tells one state of a session from every other; how far the readings of a case are makes no difference."""
+        settled = tuple((i, s.state, bool(s.why)) for i, s in self.states.items() if s.state != "waiting")
+        return self.record.id, self.record.version, self.record.stream, settled
 
     @property
     def waits(self) -> bool:
@@ -124,8 +124,9 @@ class Measuring:
             return found
         record = found.record if found is not None and found.record.version == version else self._sessions.read(name)
         out = self._measure(record)
-        if found is not None and out.key == found.key and out.record.stream == found.record.stream:
-            out = found
+        if found is not None and out.key == found.key:
+            # The same forces; only what the rest waits for may read otherwise by now.
+            out = replace(found, states=out.states)
         with self._lock:
             self._known[name] = out
             self._known.move_to_end(name)

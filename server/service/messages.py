@@ -8,13 +8,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from sqlalchemy import Connection, func, insert, select
+from sqlalchemy import Connection, insert, select
 
 from server.service.answers import plain
 from server.service.database import Database, now_utc
 from server.service.schema import messages
-
-_IN_ORDER = 0x66696E67
 
 
 @dataclass(frozen=True)
@@ -52,9 +50,6 @@ class Telling:
     def tell(self, kind: str, session: str | None, body: dict[str, Any]) -> None:
         """Keep a message in this transaction, and tell it afterwards."""
         at, body = now_utc(), plain(body)
-        if not self.told and self.connection.dialect.name == "postgresql":
-            # Numbers in the order of commits: who resumes after one must not miss a smaller one that comes later.
-            self.connection.execute(select(func.pg_advisory_xact_lock(_IN_ORDER)))
         row = {"session": session, "kind": kind, "created_utc": at, "body": body}
         number = self.connection.execute(insert(messages).values(row).returning(messages.c.id)).scalar_one()
         self.told.append(Message(kind, session, body, number, at))

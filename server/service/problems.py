@@ -140,10 +140,15 @@ async def answer_invalid(_: Request, error: Exception) -> Response:
     return problem_answer(422, body_of(422, detail) | {"errors": faults[:50]})
 
 
-async def answer_failure(_: Request, __: Exception) -> Response:
-    """Answer that the fault is ours."""
+def failure() -> Response:
+    """Return that the fault is ours."""
     text = "The service has failed; the fault is in its log, nothing that was acknowledged is lost."
     return problem_answer(500, body_of(500, text))
+
+
+async def answer_failure(_: Request, __: Exception) -> Response:
+    """Answer that the fault is ours."""
+    return failure()
 
 
 def _fault(error: Any) -> dict[str, Any]:

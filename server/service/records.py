@@ -14,16 +14,27 @@ from daq.bench.steps import Steps
 from daq.errors import InputError, SessionError
 from daq.journal.rows import Event
 from daq.session_models import Session
-from daq.sessions import parse_session
+from daq.sessions import FINGER_DOCUMENT, parse_session
 from server.service.ingest import stored_events
 from server.service.problems import not_found
 from server.service.schema import edits, sessions, streams
 
+__all__ = [
+    "EDIT_KINDS",
+    "FINGER_DOCUMENT",
+    "WINDOWS",
+    "Edit",
+    "Record",
+    "apply_edits",
+    "live_edits",
+    "read_record",
+    "steps_of",
+    "undone_edits",
+]
+
 # What an edit may do to a session.
 EDIT_KINDS = ("case", "windows", "exclude", "include", "undo")
 WINDOWS = ("unloaded_s", "loaded_s", "unloaded_after_s")
-# Of a document that brings its own finger instead of naming one that the service has.
-FINGER_DOCUMENT = "finger_document"
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from daq.findings import finding
 from server.service.blinding import require_closed, seen
 from server.service.figure_parts import resolved, spread_members, spread_of
 from server.service.figures import diagnosed
-from server.service.folders import session_folder
 from server.service.measuring import Measured
 from server.service.problems import ProblemError
 from server.service.services import Services
+from server.service.session_folders import session_folder
 from server.workflow import compare_bench
 
 if TYPE_CHECKING:

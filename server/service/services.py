@@ -6,7 +6,6 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from fastapi import Request
 from starlette.requests import HTTPConnection
 
 from daq.bench.forces import Predict
@@ -60,15 +59,10 @@ class Services:
     ready: bool = False
 
 
-def services(connection: HTTPConnection) -> Services:
+def of(connection: HTTPConnection) -> Services:
     """The running service's parts, for a request or a WebSocket."""
     found: Services = connection.app.state.services
     return found
-
-
-def of(request: Request) -> Services:
-    """The running service's parts."""
-    return services(request)
 
 
 def live_predictor(fingers: frozenset[str]) -> MakePredict:

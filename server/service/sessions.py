@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, func, insert, select, update
+from sqlalchemy import func, insert, select
 
-from daq.errors import InputError
-from daq.sessions import parse_session
+from daq.sessions import FINGER_DOCUMENT, parse_session, plain_document
 from server.service.database import Database, now_utc
+from server.service.ingest import raise_version
 from server.service.messages import Messages
 from server.service.problems import ProblemError, not_found, shortened
-from server.service.records import EDIT_KINDS, FINGER_DOCUMENT, WINDOWS, Record, read_record, undone_edits
+from server.service.records import EDIT_KINDS, Record, read_record, undone_edits
 from server.service.schema import edits, sessions, streams
 from server.service.sizes import require_case_id, require_sizes
 
@@ -144,7 +144,7 @@ class Sessions:
                     "the bench to close it",
                     "Close it there (fingertwin log)",
                 )
-            _changed(telling.connection, name, closed_utc=now_utc())
+            raise_version(telling.connection, name, closed_utc=now_utc())
             telling.tell("session", name, {"change": "closed"})
 
     def delete(self, name: str) -> None:
@@ -155,7 +155,7 @@ class Sessions:
         """
         with self._messages.writing() as telling:
             read_record(telling.connection, name)
-            _changed(telling.connection, name, deleted_utc=now_utc())
+            raise_version(telling.connection, name, deleted_utc=now_utc())
             telling.tell("session", name, {"change": "deleted"})
 
     def edit(
@@ -200,7 +200,7 @@ class Sessions:
             changed = read_record(connection, name)
             if changed.cases:
                 changed.session()
-            _changed(connection, name)
+            raise_version(connection, name)
             telling.tell("session", name, {"change": "edited", "edit": number, "kind": kind, "case": case})
         return int(number)
 
@@ -248,24 +248,4 @@ class Sessions:
                 f"finger {shortened(session.finger)!r}",
                 f"one of {', '.join(sorted(self._fingers))}, or its document as {FINGER_DOCUMENT}",
             )
-        out = session.model_dump(mode="json", exclude_defaults=True)
-        out["gravity_m_s2"] = session.gravity_m_s2
-        out["postures_deg"] = {name: posture.model_dump() for name, posture in session.postures_deg.items()}
-        return out
-
-
-def _changed(connection: Connection, name: str, **values: Any) -> None:
-    raised = {"version": sessions.c.version + 1} | values
-    connection.execute(update(sessions).where(sessions.c.id == name).values(raised))
-
-
-def windows_in(body: Mapping[str, Any]) -> dict[str, Any]:
-    """The windows of an edit.
-
-    Raises:
-        InputError: it has none, or something else.
-    """
-    unknown = [k for k in body if k not in WINDOWS]
-    if unknown or not body:
-        raise InputError(f"windows {', '.join(map(shortened, unknown)) or 'of nothing'}", f"of {', '.join(WINDOWS)}")
-    return dict(body)
+        return plain_document(session)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import threading
+from collections.abc import Hashable
 from typing import Any
 
 from sqlalchemy import select
@@ -37,6 +38,7 @@ class Watch:
         self._dirty: dict[str, None] = {}
         self._waiting: set[str] = set()
         self._told: dict[str, dict[str, str]] = {}
+        self._seen: dict[str, Hashable] = {}
         self._some = threading.Condition()
         self._busy = self._halt = False
         self._thread = threading.Thread(target=self._run, name="cases", daemon=True)
@@ -100,6 +102,9 @@ class Watch:
             measured = self._measuring.of(session)
         if not measured.waits:
             self._waiting.discard(session)
+        # Most of what arrives while a bench runs is not what a case waits for.
+        if self._seen.get(session) == measured.key:
+            return
         before = self._before(session)
         news = {}
         for case in case_bodies(measured, self._twins):
@@ -107,12 +112,12 @@ class Watch:
             # That a case waits is no news before anything else was told of it.
             if before.get(case["id"]) != digest and (case["id"] in before or case["state"] != "waiting"):
                 news[case["id"]] = (digest, case)
-        if not news:
-            return
-        with self._messages.writing() as telling:
-            for _, case in news.values():
-                telling.tell("case", session, case)
-        before |= {name: digest for name, (digest, _) in news.items()}
+        if news:
+            with self._messages.writing() as telling:
+                for _, case in news.values():
+                    telling.tell("case", session, case)
+            before |= {name: digest for name, (digest, _) in news.items()}
+        self._seen[session] = measured.key
 
     def _before(self, session: str) -> dict[str, str]:
         """Digests of what was told of each case."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from daq.errors import ModelError
 from daq.plateaus import Plateau
+from daq.sessions import FINGER_DOCUMENT
 from daq.windows import Span
 
 if TYPE_CHECKING:
@@ -20,8 +21,7 @@ if TYPE_CHECKING:
     from fingermodel.stages import Effect
     from server.workflow import Bench
 
-# Of a session's document that brings its own finger.
-FINGER_DOCUMENT = "finger_document"
+__all__ = ["FINGER_DOCUMENT", "BenchInput"]
 
 
 @dataclass(frozen=True, eq=False)

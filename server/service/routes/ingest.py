@@ -12,7 +12,7 @@ from daq.uplink.wire import COUNT, EPOCH, SHA256
 from server.service.answers import JsonAnswer
 from server.service.ingest import Sent
 from server.service.schemas.common import SessionId, Shown, documented
-from server.service.services import services
+from server.service.services import of
 from server.service.strict import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, prefix="/sessions/{session}", tags=["ingest"])
@@ -76,13 +76,13 @@ def _body(kind: str, text: str, example: Any = None, schema: dict[str, Any] | No
 async def describe(session: SessionId, stream: Stream, request: Request) -> JsonAnswer:
     """Say what a stream is, before its first chunk."""
     body = await request.body()
-    return JsonAnswer(await run_in_threadpool(services(request).ingest.describe, session, stream, body))
+    return JsonAnswer(await run_in_threadpool(of(request).ingest.describe, session, stream, body))
 
 
 @router.get("/streams/{stream}/cursor", responses=documented(StreamCursor))
 def cursor(session: SessionId, stream: Stream, request: Request) -> JsonAnswer:
     """Return how far a stream is, and what is missing of it."""
-    return JsonAnswer(services(request).ingest.cursor(session, stream))
+    return JsonAnswer(of(request).ingest.cursor(session, stream))
 
 
 @router.put(
@@ -106,14 +106,14 @@ async def put_chunk(
     lie over other samples is a conflict that names what is stored.
     """
     sent = Sent(await request.body(), sha256, epoch)
-    ingest = services(request).ingest
+    ingest = of(request).ingest
     return JsonAnswer(await run_in_threadpool(ingest.put_chunk, session, stream, first_seq, count, sent))
 
 
 @router.get("/events/{epoch}/cursor", responses=documented(EventCursor))
 def event_cursor(session: SessionId, epoch: Epoch, request: Request) -> JsonAnswer:
     """Return which events of an epoch are stored."""
-    return JsonAnswer(services(request).ingest.event_cursor(session, epoch))
+    return JsonAnswer(of(request).ingest.event_cursor(session, epoch))
 
 
 @router.put(
@@ -132,4 +132,4 @@ async def put_event(
 ) -> JsonAnswer:
     """Store an event under its number: gap, tare, case, note, and so on. The same again is a success."""
     sent = Sent(await request.body(), sha256, sent_epoch)
-    return JsonAnswer(await run_in_threadpool(services(request).ingest.put_event, session, epoch, number, sent))
+    return JsonAnswer(await run_in_threadpool(of(request).ingest.put_event, session, epoch, number, sent))

@@ -11,7 +11,7 @@ from server.service.live.bodies import LiveMessage
 from server.service.live.route import live_router
 from server.service.problems import ProblemError
 from server.service.schemas.common import SessionId, Shown, documented
-from server.service.services import of, services
+from server.service.services import of
 from server.service.strict import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, tags=["live"])
@@ -29,11 +29,11 @@ async def show(session: SessionId, body: LiveMessage, request: Request) -> Respo
 
 def _exists(connection: WebSocket, session: str) -> bool:
     try:
-        services(connection).sessions.version(session)
+        of(connection).sessions.version(session)
     except ProblemError:
         return False
     return True
 
 
 # Who may listen was settled by the guard before the route is reached.
-router.include_router(live_router(lambda connection: services(connection).live, exists=_exists))
+router.include_router(live_router(lambda connection: of(connection).live, exists=_exists))

@@ -207,6 +207,32 @@ def test_windows_that_wait_or_cannot_be_reduced_say_so(tmp_path: Path) -> None:
     service.close()
 
 
+def test_a_case_that_turns_out_to_be_unusable_says_so_once_its_readings_are_there(tmp_path: Path) -> None:
+    service = ServiceReceiver(tmp_path)
+    document = document_of(RECORDED)
+    cases = [c | {"unloaded_s": [0.4, 3.8]} for c in document["cases"][:2]]
+    cases[1]["loaded_s"] = [9.6, 9.63]
+    body = document | {"id": "LATE", "cases": cases}
+    service.client().post(AT, json={"id": "LATE", "document": body}).raise_for_status()
+    describe(service.client(), "LATE")
+
+    def seen() -> list[tuple[str, str]]:
+        found = service.client().get(f"{AT}/LATE/cases").json()["cases"]
+        return [(c["state"], "few" if "at least" in c["why"] else c["why"].split(" ")[0]) for c in found]
+
+    assert seen() == [("waiting", "readings"), ("waiting", "readings")]
+    chunks = list(portions(next(iter(chunks_of(RECORDED))), 100))
+    put(service.client(), "LATE", chunks[0]).raise_for_status()
+    assert seen() == [("waiting", "readings"), ("waiting", "readings")]
+    for chunk in chunks[1:]:
+        put(service.client(), "LATE", chunk).raise_for_status()
+    assert seen() == [("measured", ""), ("failed", "few")]
+    assert service.parts.watch.settle(60.0)
+    told = [(m.body["id"], m.body["state"]) for m in service.parts.messages.after(0) if m.kind == "case"]
+    assert sorted(told) == [(cases[0]["id"], "measured"), (cases[1]["id"], "failed")]
+    service.close()
+
+
 def test_events_come_as_they_were_sent_page_by_page(tmp_path: Path) -> None:
     played = Played(tmp_path)
     played.bench.play(["next", *tared(), *case("tip", FDP=950)])
