@@ -30,7 +30,7 @@ from daq.findings import CheckReport
 from daq.measured import MeasuredSession
 from daq.readings import ReadingBlock, open_readings, write_readings
 from daq.redaction import READINGS, Redactor, this_computer
-from daq.sessions import SESSION_FILE, parse_session, write_session
+from daq.sessions import SESSION_FILE, parse_session, plain_document, write_session
 
 FORMAT = "fingertwin-supplement/1"
 SUMS = "SHA256SUMS"
@@ -95,9 +95,7 @@ def write_supplement(
     _require_no_dates(session)
     clean.learn(session.model_dump(mode="json"))
     clean.learn("" if session.folder is None else str(session.folder.resolve()))
-    data = session.model_dump(mode="json", exclude_defaults=True)
-    data["gravity_m_s2"] = session.gravity_m_s2
-    data["postures_deg"] = {name: posture.model_dump() for name, posture in session.postures_deg.items()}
+    data = plain_document(session)
     if session.readings is not None:
         data["readings"] = READINGS
     if finger is not None:

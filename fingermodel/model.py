@@ -275,7 +275,7 @@ def tip_kinematics_batch(topology: Topology, values: FingerValues, posture: Arra
 CHUNK = 2048
 
 
-@partial(jax.jit, static_argnums=0)
+@stored(ClampForces)
 def clamp_forces_batch(topology: Topology, values: FingerValues, posture: Array, tension: Array) -> ClampForces:
     """Forces alone, without budget or effects, each case with its own posture and tensions.
 

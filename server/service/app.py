@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import logging
 import threading
 from collections.abc import AsyncIterator
@@ -140,8 +141,12 @@ def _warm(parts: Services) -> None:
         _LOG.exception("the model was not warmed, and the service does not become ready")
     else:
         parts.ready = True
-        if parts.settings.warm_workers:
-            parts.jobs.warm()
+    if not gc.isenabled():
+        # What was loaded stays as long as the service runs: it is looked through no more.
+        gc.freeze()
+        gc.enable()
+    if parts.ready and parts.settings.warm_workers:
+        parts.jobs.warm()
     try:
         parts.jobs.start()
     except Exception:

@@ -11,7 +11,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from server.service.problems import PROBLEM, ProblemError, problem_answer, shortened
+from server.service.problems import Problem, ProblemError, problem_answer, shortened
 
 _METHODS = ("get", "put", "post", "delete", "patch")
 _BEARER = {
@@ -36,11 +36,13 @@ def document_of(app: FastAPI) -> dict[str, Any]:
             routes=app.routes,
             license_info=app.license_info,
         )
+        schemas = document["components"]["schemas"]
+        schemas[Problem.__name__] = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
         for path in document["paths"].values():
             for method in _METHODS:
                 for status, answer in path.get(method, {}).get("responses", {}).items():
                     _settle(status, answer)
-        _restore_nulls(document, document["components"]["schemas"])
+        _restore_nulls(document, schemas)
         document["components"].setdefault("securitySchemes", {})["bearer"] = _BEARER
         document["security"] = [{}, {"bearer": []}]
         app.openapi_schema = document
@@ -84,9 +86,6 @@ def _restore_nulls(value: Any, schemas: dict[str, Any]) -> None:
 
 
 def _settle(status: str, answer: dict[str, Any]) -> None:
-    """Put a refusal's form where it is sent, and take it away where nothing is."""
-    content = answer.get("content", {})
+    """Take an answer's form away where nothing is sent."""
     if status in ("204", "304"):
         answer.pop("content", None)
-    elif status[0] in "45" and "application/json" in content:
-        answer["content"] = {PROBLEM: content["application/json"]}
