@@ -3,7 +3,7 @@
     python -m benchmarks.live [--seconds 60] [--clients 4] [--url http://127.0.0.1:8765 --pid PID] [--out FILE]
 
 This process plays a load cell of 7000 readings a second through the live path of a bench, and listens as several
-clients at 30 Hz. The service is a process of its own with the real route; with `--url`, one that runs already. In the
+clients at 30 Hz. The service is a whole one in a process of its own; with `--url`, one that runs already. In the
 second half of the time a weight hangs, so that its reading is estimated too. A latency is the age of the oldest
 reading in an envelope when a client has it.
 """
@@ -11,30 +11,25 @@ reading in an envelope when a client has it.
 from __future__ import annotations
 
 import argparse
-import asyncio
 import datetime as dt
 import hashlib
 import json
-import multiprocessing
 import os
 import tempfile
 import threading
 import time
 import uuid
-from collections.abc import AsyncIterator, Iterator
-from contextlib import ExitStack, asynccontextmanager, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import pairwise
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
-from fastapi import FastAPI, Request
-from starlette.responses import Response
 
 from benchmarks.machine import commit, publish
+from benchmarks.service import service
 
 RATE_HZ, DATAGRAM = 7000.0, 40
 # Another each time, as a service that runs already may have been measured before.
@@ -42,77 +37,6 @@ SESSION, STREAM, EPOCH = f"live-{uuid.uuid4().hex[:8]}", "a" * 32, uuid.uuid4().
 # Before it is measured.
 WARM_S = 10.0
 HERE = Path(__file__).parent
-
-
-def serve(end: Connection, folder: str) -> None:
-    """The service's process: the real route and hub, and just enough about them."""
-    # What the whole service has loaded by then.
-    import scipy.fft
-    import scipy.special  # noqa: F401
-    import uvicorn
-
-    from server.service.database import Database
-    from server.service.live.bodies import LiveMessage
-    from server.service.live.hub import LiveHub
-    from server.service.live.route import live_router
-    from server.service.messages import Messages
-    from server.service.schema import metadata
-
-    database = Database(f"sqlite:///{folder}/live.db")
-    metadata.create_all(database.engine)
-    messages = Messages(database)
-    hub = LiveHub(messages)
-
-    @asynccontextmanager
-    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        hub.start(asyncio.get_running_loop())
-        yield
-        await hub.close()
-
-    app = FastAPI(lifespan=lifespan)
-    app.include_router(live_router(lambda _: hub), prefix="/api/v1")
-
-    @app.post("/api/v1/sessions/{session}/live", status_code=202)
-    async def live(session: str, request: Request) -> Response:
-        hub.trace(session, LiveMessage.model_validate_json(await request.body()))
-        return Response(status_code=202)
-
-    @app.post("/api/v1/sessions")
-    def begin() -> None:
-        """Any session is there."""
-
-    @app.put("/api/v1/sessions/{session}/events/{epoch}/{number}")
-    def event(session: str, epoch: str, number: int, body: dict[str, Any]) -> None:
-        with messages.writing() as telling:
-            telling.tell("event", session, body | {"epoch": epoch, "number": number})
-
-    config = uvicorn.Config(app, port=0, log_level="error", access_log=False, ws_per_message_deflate=False)
-    server = uvicorn.Server(config)
-
-    def say() -> None:
-        while not server.started:
-            time.sleep(0.01)
-        end.send(server.servers[0].sockets[0].getsockname()[1])
-        end.recv()
-        server.should_exit = True
-
-    threading.Thread(target=say, daemon=True).start()
-    server.run()
-
-
-@contextmanager
-def own_service() -> Iterator[tuple[str, int]]:
-    """Yield the address and process of a service that is made for this."""
-    ours, theirs = multiprocessing.Pipe()
-    with tempfile.TemporaryDirectory() as folder:
-        process = multiprocessing.get_context("spawn").Process(target=serve, args=(theirs, folder), daemon=True)
-        process.start()
-        port, pid = ours.recv(), process.pid
-        try:
-            yield f"http://127.0.0.1:{port}", pid or 0
-        finally:
-            ours.send("end")
-            process.join(10.0)
 
 
 @dataclass
@@ -314,14 +238,17 @@ def main() -> None:
     given = parser.parse_args()
     before = os.getloadavg()
     with ExitStack() as stack:
-        url, pid = (given.url, given.pid) if given.url else stack.enter_context(own_service())
+        url, pid = given.url, given.pid
+        if not url:
+            folder = stack.enter_context(tempfile.TemporaryDirectory())
+            url, pid, _ = stack.enter_context(service(Path(folder)))
         found = measured(url, pid, given.seconds, given.clients)
     after = os.getloadavg()
     lines = [
         "# The live path",
         "",
         f"Made by `python -m benchmarks.live --seconds {given.seconds:g} --clients {given.clients}` on",
-        f"{dt.datetime.now(dt.UTC).date()}, commit {commit()}: {RATE_HZ:g} readings a second of six axes, posted as",
+        f"{dt.datetime.now(dt.UTC).date()}, commit {commit()}: {RATE_HZ:g} readings a second of six axes, sent as",
         f"envelopes, {given.clients} clients at 30 Hz, all on loopback; {os.cpu_count()} cores, load average",
         f"{before[0]:.1f} before and {after[0]:.1f} after.",
         "",

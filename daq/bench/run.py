@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from daq.bench.engine import BenchEngine, Events
 from daq.bench.forces import Result
 from daq.bench.record import RESUMED, STARTED
-from daq.bench.status import BenchStatus, todo
+from daq.bench.status import BenchStatus, suggested, todo
 from daq.bench.steps import Step
 from daq.errors import SessionError
 from daq.session_models import KnownWeight
@@ -188,6 +188,20 @@ class BenchRun(BenchEngine):
             self._at.steps.checklist(),
             None if self._tare is None else self._now_s - self._tare.window_s[1],
             self.record.closed,
+            self._suggested(),
+        )
+
+    def _suggested(self) -> str:
+        if self.record.closed:
+            return ""
+        if self._finder.offer is not None:
+            return "confirm"
+        if self._phase != "idle":
+            return ""
+        step = self._at.steps.now
+        place, wanted = self._at.place, self._wanted(step)
+        return suggested(
+            step, self._at.steps.now_done, place, wanted, self._tare is not None, self._at.weight is not None
         )
 
     def _todo(self) -> str:

@@ -27,6 +27,7 @@ class BenchStatus:
         checklist: (id, text, done, skipped, now or open) of each step.
         tare_age_s: None without a valid tare.
         closed: whether the session is closed.
+        suggests: the command that comes next, empty while something is waited for.
     """
 
     now_s: float
@@ -41,6 +42,7 @@ class BenchStatus:
     checklist: list[tuple[str, str, str]]
     tare_age_s: float | None
     closed: bool
+    suggests: str
 
 
 def todo(
@@ -76,6 +78,23 @@ def todo(
     if not has_tare:
         return "take all weights off, then tare"
     return f"{hanging(step.case, hangs)}, then mark loaded"
+
+
+def suggested(
+    step: Step | None, done: bool, place: Mapping[str, Any], wanted: Mapping[str, Any], has_tare: bool, has_weight: bool
+) -> str:
+    """Return the command that ends what `todo` says, for the same arguments."""
+    if step is None:
+        return "tare"
+    if done:
+        return "next"
+    if step.case is None and not has_weight:
+        return "known_weight"
+    if wanted["posture"] != place["posture"]:
+        return "posture_set"
+    if wanted["location"] != place["location"]:
+        return "cell_moved"
+    return "loaded" if has_tare else "tare"
 
 
 def hanging(case: PlannedCase | None, hangs: bool) -> str:

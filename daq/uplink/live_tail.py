@@ -7,18 +7,17 @@ uplink see to it that nothing is lost.
 
 from __future__ import annotations
 
-import json
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.uplink.link import open_client
+from daq.uplink.live_wire import Command, LiveSocket, LiveWire, Posts
 from daq.uplink.wire import session_path
 
 if TYPE_CHECKING:
@@ -26,10 +25,12 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-WINDOW_S = 0.02
+# A little less than a picture of a live view lasts.
+WINDOW_S = 0.03
 # Half a second: what is older is no longer live.
-WAITING = 25
-TIMEOUT_S = 0.5
+WAITING = 15
+# How often a bench that can be asked for something listens while its cell is silent.
+LISTEN_S = 0.05
 # After a failure.
 PAUSE_S = 0.25
 
@@ -61,13 +62,13 @@ class _Window:
 
 
 class LiveTail:
-    """Posts envelopes to `…/sessions/{id}/live`, from a thread of its own.
+    """Sends envelopes to `…/sessions/{id}/live`, from a thread of its own.
 
     Args:
         url: of the service.
         session: that is watched.
         token: for the service, where it wants one.
-        client: to be used instead of one of its own.
+        client: to post with, instead of a connection of its own.
         window_s: length of an envelope [s].
         waiting: envelopes that may wait.
         clock: monotonic seconds.
@@ -75,6 +76,7 @@ class LiveTail:
     Attributes:
         sent: envelopes that the service took.
         dropped: envelopes that it never saw.
+        asked: takes what the service asks of the bench, on this thread; None where nothing is to be asked.
 
     Raises:
         InputError: the address is none.
@@ -91,8 +93,11 @@ class LiveTail:
         waiting: int = WAITING,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._client = client or open_client(url, token, TIMEOUT_S)
-        self._path = f"{session_path(session)}/live"
+        self._wire: LiveWire
+        if client is None:
+            self._wire = LiveSocket(url, session, token)
+        else:
+            self._wire = Posts(client, f"{session_path(session)}/live")
         self._window_s, self._clock = window_s, clock
         self._open: dict[str, _Window] = {}
         self._queue: deque[_Window] = deque()
@@ -100,6 +105,10 @@ class LiveTail:
         self._some = threading.Condition()
         self._halt = False
         self.sent = self.dropped = 0
+        self.asked: Callable[[Command], None] | None = None
+        self._bench: Mapping[str, Any] | None = None
+        self._told: tuple[int, Mapping[str, Any] | None] = (0, None)
+        self._answers: list[dict[str, Any]] = []
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
 
     def start(self) -> None:
@@ -129,11 +138,13 @@ class LiveTail:
             if open_one is not None and now - open_one.since_s >= self._window_s:
                 self._close(open_one)
                 open_one = None
-            if open_one is None:
-                self._open[stream] = new
-            else:
+            if open_one is not None:
                 _merge(open_one, new)
-            self._some.notify()
+                return
+            if not self._open:
+                # The thread waits for no more than this: it knows when an open one is due.
+                self._some.notify()
+            self._open[stream] = new
 
     def take(self) -> list[_Window]:
         """Return the envelopes whose time is over, the oldest first; they wait no longer."""
@@ -145,16 +156,30 @@ class LiveTail:
             self._queue.clear()
         return out
 
-    def post(self, windows: list[_Window]) -> bool:
-        """Send envelopes, once; return whether the service took them."""
-        import httpx
+    def show(self, bench: Mapping[str, Any]) -> None:
+        """Show what the bench waits for; told when it changes, and to each new connection."""
+        with self._some:
+            self._bench = bench
 
-        body = {"dropped": self.dropped, "envelopes": [w.message() for w in windows]}
-        headers = {"Content-Type": "application/json"}
-        try:
-            taken = self._client.post(self._path, content=json.dumps(body), headers=headers).is_success
-        except (httpx.HTTPError, OSError):
-            taken = False
+    def answer(self, number: int, refused: str | None) -> None:
+        """Answer a command: with why it was not carried out, or None where it was."""
+        with self._some:
+            self._answers.append({"number": number, "refused": refused})
+            self._some.notify()
+
+    def post(self, windows: list[_Window]) -> bool:
+        """Send envelopes, once, with what the bench waits for and its answers; return whether the service took them."""
+        with self._some:
+            answers, self._answers = self._answers, []
+            bench = self._bench
+        body: dict[str, Any] = {"dropped": self.dropped, "envelopes": [w.message() for w in windows]}
+        if answers:
+            body["answers"] = answers
+        if self._told != (self._wire.connections, bench):
+            body["bench"] = bench
+        taken = self._wire.send(body)
+        if taken and "bench" in body:
+            self._told = (self._wire.connections, bench)
         with self._some:
             self.sent += len(windows) if taken else 0
             self.dropped += 0 if taken else len(windows)
@@ -167,7 +192,7 @@ class LiveTail:
             self._some.notify()
         if self._thread.is_alive():
             self._thread.join(timeout=5.0)
-        self._client.close()
+        self._wire.close()
 
     def _close(self, window: _Window) -> None:
         del self._open[window.stream]
@@ -180,24 +205,34 @@ class LiveTail:
         pause_s = 0.0
         while True:
             with self._some:
-                if not self._halt and not self._open and not self._queue:
-                    self._some.wait()
                 if not self._halt:
-                    self._some.wait_for(lambda: self._halt, pause_s or self._due_s())
+                    self._some.wait(self._rest_s(pause_s))
                 if self._halt:
                     return
             windows = self.take()
-            if windows:
-                try:
+            try:
+                if windows or self._news():
                     pause_s = 0.0 if self.post(windows) else PAUSE_S
-                except RuntimeError:  # hung up meanwhile
-                    return
+                for command in self._wire.heard():
+                    if self.asked is not None:
+                        self.asked(command)
+            except RuntimeError:  # hung up meanwhile
+                return
 
-    def _due_s(self) -> float:
-        """How long until an envelope's time is over [s]."""
+    def _news(self) -> bool:
+        """Whether there is something to tell beside envelopes."""
+        return bool(self._answers) or (self.asked is not None and self._told != (self._wire.connections, self._bench))
+
+    def _rest_s(self, pause_s: float) -> float | None:
+        """How long nothing has to be done [s]; None until something is offered."""
+        if pause_s:
+            return pause_s
         if self._queue:
             return 0.0
-        return max(min((w.since_s for w in self._open.values()), default=0.0) + self._window_s - self._clock(), 0.0)
+        due_s = max(min((w.since_s for w in self._open.values()), default=0.0) + self._window_s - self._clock(), 0.0)
+        if self.asked is None:
+            return due_s if self._open else None
+        return min(due_s, LISTEN_S) if self._open else LISTEN_S
 
 
 def _merge(window: _Window, new: _Window) -> None:

@@ -30,7 +30,7 @@ KEYS = (
     ("k", "note", "note"),
     ("q", QUIT, "quit"),
 )
-_ASKED = {
+QUESTIONS = {
     "exclude": "Why is the last case left out?",
     "known_weight": "Mass in g, direction (such as palmar) and mount:",
     "note": "Note:",
@@ -39,13 +39,22 @@ _ASKED = {
 _COMMANDS = {key: command for key, command, _ in KEYS} | dict.fromkeys(ENTER, "confirm")
 _MOST_TEXT = 500
 
+Answer = Callable[[str | None], None]
+
 
 @dataclass(frozen=True)
 class Pressed:
-    """What the user asks for: a command of a bench run, or `quit`."""
+    """What the user asks for.
+
+    Attributes:
+        command: of a bench run, or `quit`.
+        argument: that belongs to it.
+        answer: is told why it was not done, or None where it was; None where nobody waits for it.
+    """
 
     command: str
     argument: str = ""
+    answer: Answer | None = None
 
 
 class KeyInput:
@@ -77,8 +86,8 @@ class KeyInput:
         command = _COMMANDS.get(key.lower(), "")
         if command == QUIT and closed:
             return Pressed(QUIT)
-        if command in _ASKED:
-            self._command, self.question, self.typed = command, _ASKED[command], ""
+        if command in QUESTIONS:
+            self._command, self.question, self.typed = command, QUESTIONS[command], ""
             return None
         return Pressed(command) if command else None
 

@@ -116,14 +116,8 @@ class BenchLoop:
         """Take what was kept, do what was asked for, draw; return whether to go on."""
         self._take()
         for pressed in self._pressed():
-            if pressed.command == QUIT:
+            if not self._do(pressed):
                 return False
-            try:
-                events = perform(self._run, pressed.command, pressed.argument)
-            except InputError as error:
-                self._view.refuse(error)
-            else:
-                self._say(events)
         now = time.monotonic()
         if now - self._asked_s > SPACE_S:
             self._space_left, self._asked_s = self._journal.space_left(), now
@@ -135,6 +129,21 @@ class BenchLoop:
             self._view.draw(self._space_left)
             self._drawn_s = now
         return not (self._ends_when_closed and self._run.record.closed)
+
+    def _do(self, pressed: Pressed) -> bool:
+        """Do what was asked for; return whether to go on."""
+        refused = None
+        if pressed.command != QUIT:
+            try:
+                events = perform(self._run, pressed.command, pressed.argument)
+            except InputError as error:
+                self._view.refuse(error)
+                refused = str(error)
+            else:
+                self._say(events)
+        if pressed.answer is not None:
+            pressed.answer(refused)
+        return pressed.command != QUIT
 
     def _keep(self) -> None:
         """Write what the cell says; what was written may be shown."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from daq.acquire import Acquisition
     from daq.journal.writer import Journal
+    from daq.uplink.live_tail import LiveTail
     from daq.uplink.thread import UplinkStatus
 
 # At the end of a log, for what is not at the service yet; the rest waits in the journal.
@@ -26,8 +27,8 @@ def forwarding(
     acquisition: Acquisition,
     said: Callable[[str], None],
     document: Mapping[str, Any] | None = None,
-) -> Iterator[None]:
-    """Send a journal to a service while the block runs; without an address, nothing.
+) -> Iterator[LiveTail | None]:
+    """Send a journal to a service while the block runs, and yield its live path; without an address, nothing.
 
     Args:
         to: address of the service.
@@ -42,7 +43,7 @@ def forwarding(
         InputError: the address is none.
     """
     if to is None:
-        yield
+        yield None
         return
     from daq.uplink.live_tail import LiveTail
     from daq.uplink.thread import Uplink
@@ -54,7 +55,7 @@ def forwarding(
     uplink.start()
     tail.start()
     try:
-        yield
+        yield tail
     finally:
         acquisition.live = None
         tail.stop()

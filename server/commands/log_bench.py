@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from daq.journal.writer import Journal
     from daq.session_models import Session
     from server.bench.meter import StreamMeter
+    from server.bench.remote import Remote
 
 FORMAT = "bench-setup/1"
 REQUIRED = ("specimen", "finger", "tension_factor")
@@ -116,6 +117,7 @@ def _follow(
     from daq.journal.rows import Event
     from server.bench.meter import StreamMeter
     from server.bench.prediction import predictor
+    from server.bench.remote import Remote
     from server.commands.forwarding import forwarding
 
     out, cell = options.out or Path(), acquisition.cell
@@ -137,8 +139,9 @@ def _follow(
             # As after a pulled cable: what the bytes before were the beginning of never came.
             journal.event(Event("reconnected", from_s, {"away_s": round(from_s - before.last_s, 3)}, stream))
         meter = StreamMeter(run.full_scale)
-        with forwarding(options.to, options.session_name, journal, stream, acquisition, say):
-            _loop((acquisition, journal, stream, run, meter), by_keys=by_keys)
+        with forwarding(options.to, options.session_name, journal, stream, acquisition, say) as tail:
+            remote = None if tail is None else Remote(tail, run)
+            _loop((acquisition, journal, stream, run, meter), remote, by_keys=by_keys)
         return stream, write_bench_session(journal, out, stream)
 
 
@@ -146,19 +149,22 @@ def _at_terminal(json: str | None) -> bool:
     return sys.stdin.isatty() and sys.stdout.isatty() and json != "-"
 
 
-def _loop(parts: tuple[Acquisition, Journal, str, BenchRun, StreamMeter], *, by_keys: bool) -> None:
-    """Go on until the session is over: by keys on a redrawn screen, or by lines of text."""
+def _loop(
+    parts: tuple[Acquisition, Journal, str, BenchRun, StreamMeter], remote: Remote | None, *, by_keys: bool
+) -> None:
+    """Go on until the session is over: by keys on a redrawn screen, or by lines of text; from elsewhere too."""
     from server.bench.keys import KeyInput, terminal_keys, typed_lines
     from server.bench.loop import BenchLoop, from_keys, from_lines
+    from server.bench.remote import joined
     from server.bench.view import LineView, LiveView
 
     if not by_keys:
         with LineView() as lines:
-            BenchLoop(*parts, lines, from_lines(typed_lines()), ends_when_closed=True).go_on()
+            BenchLoop(*parts, *joined(remote, lines, from_lines(typed_lines())), ends_when_closed=True).go_on()
         return
     keys, run = KeyInput(), parts[3]
     with terminal_keys() as read, LiveView(run, parts[4], keys) as view:
-        BenchLoop(*parts, view, from_keys(keys, read, run)).go_on()
+        BenchLoop(*parts, *joined(remote, view, from_keys(keys, read, run))).go_on()
 
 
 def bench_setup(options: LogOptions, cell: LoadCell) -> BenchSetup:

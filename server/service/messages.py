@@ -20,7 +20,7 @@ class Message:
     """Something that is told.
 
     Attributes:
-        kind: session, event, case, job, revision, or one that is not kept: trace, estimate.
+        kind: session, event, case, job, revision, or one that is not kept: trace, estimate, bench.
         session: that it is about, None for what concerns none.
         body: plain data.
         id: growing number of a message that is kept, None for others.

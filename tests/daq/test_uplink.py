@@ -21,7 +21,7 @@ from daq.blocks import Chunk
 from daq.drivers.robotiq import HEADER, Robotiq, with_crc
 from daq.errors import InputError
 from daq.journal.writer import Event, Journal
-from daq.uplink.live_tail import LiveTail
+from daq.uplink.live_tail import WINDOW_S, LiveTail
 from daq.uplink.parts import part
 from daq.uplink.thread import Uplink
 from daq.uplink.wire import Cursor, retry_after_s, without
@@ -267,7 +267,7 @@ def test_an_envelope_hides_no_peak_and_ends_in_the_latest() -> None:
     offer(tail, 3.0, np.nan, overload=True)
     offer(tail, -4.0, 3.5)
     assert tail.take() == []
-    now[0] = 0.02
+    now[0] = WINDOW_S
     windows = tail.take()
     assert tail.take() == []
     assert [w.message() for w in windows] == [
@@ -279,7 +279,7 @@ def test_an_envelope_hides_no_peak_and_ends_in_the_latest() -> None:
     assert tail.post(windows)
     assert bodies[0][0] == b"/api/v1/sessions/S%201/live"
     offer(tail, np.nan)
-    now[0] = 0.04
+    now[0] = 3.0 * WINDOW_S
     nothing = tail.take()[0].message()
     assert nothing["latest"] == nothing["mean"] == [None] * 6
     tail.stop()
@@ -289,7 +289,7 @@ def test_old_envelopes_make_room_for_new_ones_and_are_counted() -> None:
     now = [0.0]
     tail = tail_of(lambda _: httpx.Response(202), clock=lambda: now[0], waiting=3)
     for i in range(10):
-        now[0] = 0.021 * i
+        now[0] = 1.05 * WINDOW_S * i
         offer(tail, float(i))
     now[0] = 1.0
     windows = tail.take()
@@ -313,7 +313,7 @@ def test_what_was_not_taken_is_not_sent_again() -> None:
     tail = tail_of(refusing, clock=lambda: now[0])
     for value in (1.0, 2.0, 3.0):
         offer(tail, value)
-        now[0] += 0.021
+        now[0] += 1.05 * WINDOW_S
         tail.post(tail.take())
     assert (tail.sent, tail.dropped) == (1, 2)
     assert b'"latest": [3.0' in posted[2]

@@ -58,3 +58,46 @@ class LiveMessage(BaseModel):
 
     envelopes: list[Envelope] = Field(max_length=500, description="Of one or several streams.")
     dropped: int = Field(default=0, ge=0, le=1 << 53, description="Envelopes that were never sent.")
+
+
+class BenchKey(BaseModel):
+    """Something that a bench can be asked for."""
+
+    model_config = ConfigDict(strict=True, frozen=True)
+
+    command: str = Field(min_length=1, max_length=40, description="Its name.")
+    key: str = Field(max_length=10, description="That gives it at the bench's own keyboard; empty where none does.")
+    title: str = Field(max_length=100, description="What it is called.")
+    asks: str | None = Field(default=None, max_length=200, description="The question whose answer belongs to it.")
+
+
+class BenchShown(BaseModel):
+    """What a running bench waits for."""
+
+    model_config = ConfigDict(strict=True, frozen=True)
+
+    step: str = Field(max_length=500, description="What is to hang where.")
+    todo: str = Field(max_length=500, description="What is to be done now.")
+    phase: str = Field(max_length=20, description="idle, unloaded or loaded.")
+    reason: str = Field(max_length=500, description="Why there is no plateau yet.")
+    suggested: str = Field(
+        max_length=40, description="The command that comes next; empty while something is waited for."
+    )
+    closed: bool = Field(description="Whether the session is closed.")
+    keys: tuple[BenchKey, ...] = Field(max_length=40, description="What it can be asked for.")
+
+
+class Answer(BaseModel):
+    """A bench's answer to a command."""
+
+    model_config = ConfigDict(strict=True, frozen=True)
+
+    number: int = Field(ge=0, le=1 << 53)
+    refused: str | None = Field(default=None, max_length=2000, description="Why it was not carried out.")
+
+
+class BenchMessage(LiveMessage):
+    """What a bench sends through its WebSocket: envelopes, what it waits for where that has changed, its answers."""
+
+    bench: BenchShown | None = None
+    answers: list[Answer] = Field(default_factory=list, max_length=100)

@@ -87,6 +87,9 @@ async def _tell(hub: LiveHub, socket: Socket, client: Client, after: int | None)
                 await send(missed)
         # Nothing can be told between the last look and joining.
         past = hub.join(client)
+        benches = hub.benches.shown(client.subscription.sessions)
+        if benches:
+            await send(array([dumps(b) for b in benches]))
         if past:
             await send(await asyncio.to_thread(_shown, past))
         while True:

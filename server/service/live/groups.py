@@ -49,7 +49,7 @@ class Group:
     Attributes:
         subscription: of them all.
         due_s: when the next frame may go, by the loop's clock.
-        passing: estimates by session, of which the latest counts, and other messages that are not kept.
+        passing: estimates and benches by session, of which the latest counts, and others that are not kept.
     """
 
     subscription: Subscription
@@ -107,11 +107,11 @@ class Groups:
                 group.kept.append(kept)
 
     def tell(self, message: Message) -> None:
-        """Let a message that is not kept be due to all who want it; of estimates only the latest counts."""
+        """Let a message that is not kept be due to who wants it; of estimates and benches only the latest counts."""
         wanting = self._wanting(message.session)
         if wanting:
             text = dumps({"kind": message.kind, "session": message.session, "body": message.body})
-            key = (message.kind, message.session) if message.kind == "estimate" else object()
+            key = (message.kind, message.session) if message.kind in ("estimate", "bench") else object()
             for group in wanting:
                 group.passing[key] = text
 

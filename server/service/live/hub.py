@@ -16,6 +16,7 @@ from typing import Any
 
 from daq.blocks import Chunk
 from server.service.database import now_utc
+from server.service.live.benches import Benches
 from server.service.live.bodies import LiveMessage
 from server.service.live.clients import RESTART, Client, Subscription
 from server.service.live.estimates import Estimates, MakePredict, Tares
@@ -44,12 +45,14 @@ class LiveHub:
     Attributes:
         counters: for whoever watches the service.
         traces: the last minutes.
+        benches: that are connected.
     """
 
     def __init__(self, messages: Messages, make_predict: MakePredict | None = None, tares: Tares | None = None) -> None:
         self.messages = messages
         self.counters, self.traces = Counters(), Traces()
         self.closed = False
+        self.benches = Benches(self.publish)
         self._estimates = Estimates(self.publish, messages, make_predict, tares)
         self._order = InOrder(0)
         self._loop: asyncio.AbstractEventLoop | None = None

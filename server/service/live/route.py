@@ -12,6 +12,8 @@ Every text frame is a JSON array of messages; each message is an object with `ki
   `count`, `least`, `most`, `latest`, `mean` (Fx Fy Fz [N], Tx Ty Tz [N mm], the cell's axes; null where unknown) and
   `overload`. With `recent` true it is the last minutes, once, at the beginning.
 - `estimate`: `session`, and in `body` what hangs now, five times a second while it hangs.
+- `bench`: `session`, and in `body` what a running bench waits for (`connected`, `step`, `todo`, `phase`, `reason`,
+  `suggested`, `closed`, `keys`) when that changes, and once at the beginning; with `connected` false it has gone.
 - `dropped`: so many traces and estimates (`count`, and `total`) were not sent, as the client took too long.
 - `resume`: the client took too long even for kept messages; the service hangs up, and `after` is where to go on.
 - `heartbeat`, every few seconds: `latest`, and in `live` how long each stream has been silent.
@@ -70,7 +72,7 @@ def live_router(
             await allow(websocket)
         except ProblemError as problem:
             hub.counters.refused += 1
-            await _refuse(websocket, problem)
+            await refuse(websocket, problem)
             return
         await websocket.accept()
         try:
@@ -150,7 +152,8 @@ def _short(text: str) -> str:
     return text.encode()[:120].decode(errors="ignore")
 
 
-async def _refuse(websocket: WebSocket, problem: ProblemError) -> None:
+async def refuse(websocket: WebSocket, problem: ProblemError) -> None:
+    """Answer with a problem instead of opening a WebSocket; with a code where the server knows no better way."""
     if "websocket.http.response" in websocket.scope.get("extensions", {}):
         await websocket.send_denial_response(problem_answer(problem.status, problem.body, problem.headers))
     else:

@@ -7,9 +7,11 @@ from fastapi.concurrency import run_in_threadpool
 from starlette.responses import Response
 from starlette.websockets import WebSocket
 
+from server.service.live.bench_socket import take
 from server.service.live.bodies import LiveMessage
-from server.service.live.route import live_router
+from server.service.live.route import live_router, refuse, require_same_host
 from server.service.problems import ProblemError
+from server.service.schemas.benches import BenchCommand, Done
 from server.service.schemas.common import SessionId, Shown, documented
 from server.service.services import of
 from server.service.strict import StrictRoute
@@ -25,6 +27,34 @@ async def show(session: SessionId, body: LiveMessage, request: Request) -> Respo
         await run_in_threadpool(parts.sessions.version, session)
     parts.live.trace(session, body)
     return Response(status_code=204)
+
+
+@router.post("/sessions/{session}/bench/commands", responses=documented(Done))
+async def command(session: SessionId, body: BenchCommand, request: Request) -> Done:
+    """Let the bench that logs a session carry out a command, as if its key were pressed there.
+
+    `keys` of the live stream's `bench` messages says which there are. What the bench refuses is answered as 409, with
+    its reason. A command that cannot be handed over at once is not kept.
+    """
+    parts = of(request)
+    await run_in_threadpool(parts.sessions.version, session)
+    await parts.live.benches.ask(session, body.command, body.text)
+    return Done(session=session, command=body.command)
+
+
+@router.websocket("/sessions/{session}/live")
+async def bench(websocket: WebSocket, session: str) -> None:
+    """Take what a bench says through a WebSocket: the messages of the post, and what it waits for."""
+    token = websocket.scope.get("state", {}).get("token")
+    try:
+        require_same_host(websocket)
+        if token is not None and token.role != "write":
+            raise ProblemError(403, f"the token {token.id} may only read", "one that may write")
+    except ProblemError as problem:
+        await refuse(websocket, problem)
+        return
+    await websocket.accept()
+    await take(of(websocket).live, websocket, session, _exists)
 
 
 def _exists(connection: WebSocket, session: str) -> bool:

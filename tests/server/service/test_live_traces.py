@@ -90,8 +90,8 @@ def test_no_rate_loses_a_peak(given: tuple[Floats, NDArray[np.bool_]], rate_hz: 
 
 def test_what_a_bench_posts_is_what_its_readings_are() -> None:
     rng = np.random.default_rng(1)
-    t_s = np.arange(700) / 7000.0
-    wrench = rng.normal(size=(700, 6))
+    t_s = np.arange(1400) / 7000.0
+    wrench = rng.normal(size=(1400, 6))
     wrench[3, 2] = np.nan
     now = [0.0]
     bodies: list[bytes] = []
@@ -102,7 +102,7 @@ def test_what_a_bench_posts_is_what_its_readings_are() -> None:
 
     tail = LiveTail("http://s", "S", client=httpx.Client(base_url="http://s", transport=httpx.MockTransport(taken)),
                     clock=lambda: now[0])  # fmt: skip
-    for k in range(0, 700, 40):
+    for k in range(0, 1400, 40):
         now[0] = t_s[k]
         tail.offer("a", t_s[k : k + 40], wrench[k : k + 40], np.full(len(t_s[k : k + 40]), k == 80))
     now[0] += 1.0
@@ -111,7 +111,7 @@ def test_what_a_bench_posts_is_what_its_readings_are() -> None:
     rows = rows_of(LiveMessage.model_validate_json(bodies[0]))["a"]
     assert len(rows) > 3
     one = whole(rows)
-    assert (one["count"], one["from_s"], one["to_s"], one["overload"]) == (700, t_s[0], t_s[-1], True)
+    assert (one["count"], one["from_s"], one["to_s"], one["overload"]) == (1400, t_s[0], t_s[-1], True)
     assert np.array_equal(one["least"], np.nanmin(wrench, axis=0))
     assert np.array_equal(one["most"], np.nanmax(wrench, axis=0))
     # Envelopes count readings, not components: where some are no numbers the mean is only near.
