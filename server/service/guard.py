@@ -20,8 +20,10 @@ from server.service.problems import ProblemError, problem_answer, shortened
 from server.service.settings import Settings
 from server.service.tokens import Token, TokenBook
 
-# What a machine that watches the service asks; the answers say no more than that it runs.
-OPEN = frozenset({"/api/v1/health/live", "/api/v1/health/ready"})
+# What a machine that watches the service asks (the answers say no more than that it runs), and the pages, which hold no
+# data: they ask whoever opens them for a token.
+OPEN = frozenset({"/api/v1/health/live", "/api/v1/health/ready", "/", "/favicon.ico"})
+PAGES = "/pages/"
 # Sent with POST for the size of their body, but nothing is kept of them.
 READING = ("/api/v1/predictions", "/api/v1/effects/check")
 # Of a WebSocket: a browser can send a token in no other way.
@@ -109,7 +111,7 @@ class Guard:
             token = await _find(self._tokens, given)
         if remote:
             self._check_rate(scope, token)
-        if token is None and (given is not None or (remote and scope["path"] not in OPEN)):
+        if token is None and (given is not None or (remote and not _is_open(scope))):
             raise _unauthorised(given is not None)
         writing = scope.get("method", "GET") not in _SAFE and not scope["path"].startswith(READING)
         if token is not None and token.role != "write" and writing:
@@ -198,6 +200,11 @@ def _headers(scope: Scope) -> Headers:
     if size > _MOST_HEADERS:
         raise ProblemError(400, f"headers of {size} bytes", f"at most {_MOST_HEADERS}")
     return found
+
+
+def _is_open(scope: Scope) -> bool:
+    path = scope["path"]
+    return scope.get("method") in ("GET", "HEAD") and (path in OPEN or path.startswith(PAGES))
 
 
 def _given(scope: Scope, headers: Headers) -> str | None:

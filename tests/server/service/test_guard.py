@@ -60,7 +60,7 @@ def test_a_request_that_says_it_was_forwarded_counts_as_from_elsewhere(here: Gua
 
 def test_elsewhere_every_request_needs_a_token(elsewhere: Guarded) -> None:
     for method in ("GET", "HEAD", "OPTIONS", *WRITING):
-        for path in ("/api/v1/things", "/metrics", "/api/v1/openapi.json", "/", "/nothing"):
+        for path in ("/api/v1/things", "/metrics", "/api/v1/openapi.json", "/pages", "/nothing"):
             answer = ask(elsewhere.app, method, path)
             assert answer.status == 401
             assert answer.headers["www-authenticate"] == 'Bearer realm="fingertwin"'
@@ -69,6 +69,22 @@ def test_elsewhere_every_request_needs_a_token(elsewhere: Guarded) -> None:
     answer = ask(elsewhere.app, headers=bearer("ft_00000000_" + "0" * 64))
     assert answer.headers["www-authenticate"].endswith('error="invalid_token"')
     assert ask(elsewhere.app, path="/api/v1/health/live").status == 200
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"),
+    [
+        ("GET", "/", 404), ("HEAD", "/", 404), ("GET", "/pages/main.js", 404), ("GET", "/favicon.ico", 404),
+        ("POST", "/pages/main.js", 401), ("GET", "/pages", 401), ("GET", "/api/v1/things", 401),
+        ("GET", "/metrics", 401), ("GET", "/pages/../api/v1/things", 404),
+    ],
+)  # fmt: skip
+def test_elsewhere_the_pages_come_without_a_token_and_nothing_else_does(
+    elsewhere: Guarded, method: str, path: str, status: int
+) -> None:
+    # This application has no pages: past the guard there is nothing.
+    assert ask(elsewhere.app, method, path).status == status
+    assert elsewhere.seen == []
 
 
 @pytest.mark.parametrize(
