@@ -17,6 +17,7 @@ from __future__ import annotations
 from fingertwin.client.client import Client
 from fingertwin.client.comparison import ComparedCase, Comparison
 from fingertwin.client.errors import JobFailedError, ServiceError, ServiceUnreachableError
+from fingertwin.client.files import Check, Readings
 from fingertwin.client.findings import Explanation, Finding, Fit, NextCase, Plan
 from fingertwin.client.jobs import Job
 from fingertwin.client.live import Message
@@ -27,6 +28,7 @@ from fingertwin.client.session import Session
 from fingertwin.client.summaries import Errors, InPlanes, Parameter
 
 __all__ = [
+    "Check",
     "Client",
     "ComparedCase",
     "Comparison",
@@ -47,6 +49,7 @@ __all__ = [
     "Parameter",
     "Plan",
     "Prediction",
+    "Readings",
     "Revision",
     "ServiceError",
     "ServiceUnreachableError",

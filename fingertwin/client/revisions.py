@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fingertwin.client.exchange import Body, Exchange, path_of, reading
+from fingertwin.client.files import fetched, format_of
 from fingertwin.client.summaries import Summary, made, names, rmse_of, summary_of
 
 if TYPE_CHECKING:
@@ -125,6 +127,16 @@ class Revision:
         from fingertwin.client.figures import figure
 
         return figure(self._exchange, "revisions/waterfall", revision=self.id)
+
+    def export(self, path: str | Path, file_format: str | None = None) -> Path:
+        """Write it, and return the file.
+
+        Args:
+            path: of the file.
+            file_format: json (the document, which `--model` takes), csv, columns or parquet; by default by its name.
+        """
+        asked = {"format": format_of(Path(path), file_format)}
+        return fetched(self._exchange, path_of("revisions", self.id, "export"), Path(path), asked)
 
     def restore(self, why: str) -> Revision:
         """Put it in force again, for a reason; what stood for the specimen is kept.

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from daq.errors import InputError
 from fingertwin.client.comparison import Comparison
 from fingertwin.client.exchange import Body, Exchange, path_of, reading
+from fingertwin.client.files import Check, Readings, fetched, format_of
 from fingertwin.client.findings import Finding, Fit, Plan
 from fingertwin.client.jobs import Job, finding_of, fit_of, plan_of, revision_of
 from fingertwin.client.live import Message, messages
@@ -195,6 +197,57 @@ class Session:
         """Return every change that was made after the bench, oldest first."""
         with reading("edits"):
             return [Edit.of_list(row) for row in self._exchange.get(self._path("edits"))["edits"]]
+
+    def check(self) -> Check:
+        """Look for everything that is wrong with it: recording, windows, tares, known weights."""
+        return Check.of(self._exchange.get(self._path("check")))
+
+    def readings(self, from_s: float | None = None, to_s: float | None = None, points: int = 2000) -> Readings:
+        """Return stored readings; where there are more than `points`, the least and greatest of stretches of them.
+
+        Args:
+            from_s: first time of the stream; by default its first.
+            to_s: last time; by default its last.
+            points: 2 to 10,000.
+        """
+        asked = {"from_s": from_s, "to_s": to_s, "points": points}
+        return Readings.of(
+            self._exchange.get(self._path("readings"), {k: v for k, v in asked.items() if v is not None})
+        )
+
+    def export(self, path: str | Path, file_format: str | None = None, model: Model = None) -> Path:
+        """Write it for other software, and return the file.
+
+        Args:
+            path: of the file.
+            file_format: csv, columns, parquet, hdf5, c3d, mat, supplement or folder; by default by the file's name.
+            model: whose predictions go along, where the format has any.
+        """
+        asked = {"format": format_of(Path(path), file_format), "model": model_name(model)}
+        return fetched(self._exchange, self._path("export"), Path(path), asked)
+
+    def report(self, path: str | Path, finding: Job[Finding] | None = None, model: Model = None) -> Path:
+        """Write its report, one page that works offline, and return the file.
+
+        Args:
+            path: of the page.
+            finding: a diagnosis that is done, to go along.
+            model: to compare with.
+        """
+        asked = {"job": None if finding is None else finding.id, "model": model_name(model)}
+        return fetched(self._exchange, self._path("report"), Path(path), asked)
+
+    def press(self, command: str, text: str = "") -> None:
+        """Let the bench that logs it carry out a command, as if its key were pressed there.
+
+        Args:
+            command: such as tare, loaded, confirm, next, note; the bench's `bench` messages list them (`live`).
+            text: that belongs to it.
+
+        Raises:
+            ServiceError: 409, no bench is connected, or it refuses, with its reason.
+        """
+        self._exchange.post(self._path("bench", "commands"), {"command": command, "text": text})
 
     def close(self) -> SessionInfo:
         """Close it: predictions of its validation cases may be seen from here on."""
