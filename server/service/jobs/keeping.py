@@ -134,12 +134,16 @@ class JobWatcher:
     def _keep_result(self, outcome: Outcome) -> Outcome:
         def keep(telling: Telling) -> None:
             kept = plain(self._task.keep(telling, self._job, outcome.result))
-            self._change(telling, RUNNING, state=DONE, progress=1.0, stage="", result=kept, finished_utc=now_utc())
+            end = {"progress": 1.0, "stage": "", "result": kept, "finished_utc": now_utc()}
+            if not self._change(telling, RUNNING, state=DONE, **end):
+                raise _NotRunningError
 
         try:
             self._keeper.write(keep)
         except OperationalError:
             raise
+        except _NotRunningError:
+            _log.warning("job %s ended after it had been given up: nothing of it is kept", self._job.id)
         except ProblemError as error:
             return Outcome.of_error(_as_input(error))
         except Exception as error:
@@ -159,14 +163,19 @@ class JobWatcher:
         else:
             self._change(telling, QUEUED, RUNNING, state=FAILED, problem=problem_of(outcome), **end)
 
-    def _change(self, telling: Telling, *states: str, **values: Any) -> None:
-        """Change a job that is in one of some states, and tell it; nothing happens where it is in another."""
+    def _change(self, telling: Telling, *states: str, **values: Any) -> bool:
+        """Change a job that is in one of some states, and tell it; return whether it was in one of them."""
         mine = (jobs.c.id == self._job.id) & jobs.c.state.in_(states)
         columns = [c for c in jobs.c if c.name != "result"]
         row = telling.connection.execute(update(jobs).where(mine).values(values).returning(*columns)).first()
         if row is not None:
             self._job = Job.of_row(row)
             telling.tell("job", self._job.session, self._job.as_message())
+        return row is not None
+
+
+class _NotRunningError(Exception):
+    """The job is in another state by now: what belongs to its result is not kept either."""
 
 
 def _as_input(error: ProblemError) -> InputError:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +126,25 @@ def test_a_failure_says_why(running: Running, kind: str, status: int, found: str
     problem = failed.problem or {}
     assert (failed.state, problem["status"], problem["found"]) == ("failed", status, found)
     assert running.done(running.jobs.submit("double", None, {"value": 1})).state == "done"
+
+
+def test_nothing_is_kept_of_a_job_that_was_given_up_as_it_ended(running: Running) -> None:
+    def given_up(telling: Telling, job: Job, result: Any) -> dict[str, Any]:
+        kept = keep_with_row(telling, job, result)
+        telling.connection.execute(update(jobs).where(jobs.c.id == job.id).values(state="cancelled"))
+        return kept
+
+    task = replace(running.jobs._tasks["double"], keep=given_up)
+    running.jobs._tasks["double"] = task
+    job = running.jobs.submit("double", None, {"value": 4})
+    running.until(lambda m: m.body["id"] == job.id and m.body["stage"] == "doubling")
+    other = running.done(running.jobs.submit("in_parts", None, {"parts": 1, "fail_after": None}))
+    assert other.finished
+    with running.database.reading() as connection:
+        assert connection.execute(select(own_effects.c.name)).all() == []
+        states = connection.execute(select(jobs.c.state, jobs.c.result).where(jobs.c.id == job.id)).one()
+    # The change that gave it up was in the same transaction here, so it is gone with the rest.
+    assert tuple(states) == ("running", None)
 
 
 def test_unknown_kinds_and_endless_timeouts_are_refused(running: Running) -> None:
