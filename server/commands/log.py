@@ -14,6 +14,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import DriverError, InputError, JournalError
+from daq.memory import keep_flat
 from server.console import answer, say, table
 
 if TYPE_CHECKING:
@@ -338,6 +339,7 @@ def acquiring(acquisition: Acquisition, folder: Path, seconds: float | None) -> 
 
     The device first: one that is not there leaves no empty journal. What it says meanwhile waits.
     """
+    keep_flat()
     acquisition.start()
     stop = threading.Timer(seconds or 0.0, acquisition.stop)
     try:
