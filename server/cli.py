@@ -159,10 +159,14 @@ def reproduce(
 
 @app.command()
 def export(
-    source: Annotated[str, typer.Argument(help="A session, or a model revision.")],
+    source: Annotated[str, typer.Argument(help="A session, or a model: a revision; for osim and mjcf also a finger.")],
     file_format: Annotated[
-        Literal["csv", "parquet", "hdf5", "c3d", "mat", "supplement"],
-        typer.Option("--format", help="What to write; supplement: one archive for a paper, without private names."),
+        Literal["csv", "parquet", "hdf5", "c3d", "mat", "supplement", "osim", "mjcf"],
+        typer.Option(
+            "--format",
+            help="What to write; supplement: one archive for a paper, without private names; osim and mjcf: the finger "
+            "for OpenSim or MuJoCo.",
+        ),
     ] = "csv",
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="By default NAME with the format's ending, in this folder.")
@@ -170,7 +174,7 @@ def export(
     model: ModelOption = None,
     json: Json = None,
 ) -> None:
-    """Export a session's load cases (measured and predicted), its readings, or a model's parameters."""
+    """Export a session's load cases (measured and predicted), its readings, a model's parameters, or a finger."""
     from server.commands.files import export_source
 
     export_source(source, file_format, out, model, json)

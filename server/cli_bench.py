@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from daq.errors import InputError
 from server.cli_options import Json, ModelOption, ServiceOption, app
 
 
@@ -183,7 +184,9 @@ def journal_export(
 
 @app.command("import")
 def import_recording(
-    recording: Annotated[Path, typer.Argument(help="A TDMS or LVM file.")],
+    recording: Annotated[
+        Path, typer.Argument(help="A TDMS or LVM file; or a finger as OpenSim (.osim) or MJCF (.xml) file.")
+    ],
     mapping: Annotated[
         Path | None,
         typer.Option("--map", metavar="FILE", help="Which channel is which; by default RECORDING.map.yaml."),
@@ -191,10 +194,29 @@ def import_recording(
     calibration: Annotated[
         str | None, typer.Option(metavar="FILE", help="The cell's .cal file, where the channels are gauge volts.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="By default NAME.parquet in this folder.")] = None,
+    load_point: Annotated[
+        str | None,
+        typer.Option(
+            metavar="'X Y Z'", help="Of a finger: where the clamp holds its last body [mm], if the file does not say."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="By default NAME.parquet, a finger NAME.yaml, in this folder.")
+    ] = None,
     json: Json = None,
 ) -> None:
-    """Make a readings file of a lab's TDMS or LVM recording; proposes which channel is which, and asks."""
+    """Make a readings file of a lab's TDMS or LVM recording (asks which channel is which), or a finger file."""
+    from server.commands.exchange import READABLE
+
+    if recording.suffix.lower() in READABLE:
+        from server.commands.exchange import import_finger
+
+        if mapping is not None or calibration is not None:
+            raise InputError("--map or --calibration with a finger", "neither: it has no channels", "Leave them out")
+        import_finger(recording, load_point, out, json)
+        return
+    if load_point is not None:
+        raise InputError(f"--load-point with {recording.name}", "an .osim or MJCF .xml file", "Leave it out")
     from server.commands.lab_files import import_recording as run
 
     run(recording, mapping, calibration, out, json)

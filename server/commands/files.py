@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
+from server.commands.exchange import ENDINGS as FINGER_FORMATS
+from server.commands.exchange import export_finger
 from server.console import answer, progress, say
 from server.exporting import (
     ENDINGS,
@@ -26,7 +28,10 @@ from server.workflow import Bench, open_bench
 
 
 def export_source(source: str, file_format: str, out: Path | None, model: str | None, json: str | None) -> None:
-    """Write a session's cases, measured and predicted, its readings, or a revision's parameters in a file format."""
+    """Write a session's cases, measured and predicted, its readings, a revision's parameters, or a finger."""
+    if file_format in FINGER_FORMATS:
+        export_finger(source, file_format, out, model, json)
+        return
     ending = "" if out is None else out.suffix.lower()
     if ending in {e for known in ENDINGS.values() for e in known} - set(ENDINGS[file_format]):
         raise InputError(

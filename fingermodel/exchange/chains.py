@@ -1,0 +1,438 @@
+"""A finger as other software describes it: bodies, hinges and paths; and the finger/1 document made of it.
+
+A file's bodies may have frames of any orientation. Here every bone's axes are those of the first bone at zero angles,
+and its origin is the joint at its base, as ours are. Bodies that do not move against each other are one bone, and
+hinges that share a centre, with nothing attached between them, are one joint.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import ModelError
+from fingermodel.finger_files import finger_from_dict
+from fingermodel.fingers import Finger
+
+Floats = NDArray[np.float64]
+
+# From the first joint to the load point [mm]: from a child's little finger to a gorilla's, with room.
+SHORTEST_MM, LONGEST_MM = 10.0, 500.0
+_SAME_MM = 1e-6
+_TOUCH_MM = 1e-3
+_TURNED = 1e-6
+# An axis is flexion if it lies nearer than this to across the finger, as a cosine.
+_ACROSS = 0.7
+_UNSOURCED = {"source": "file", "certainty": "assumed"}
+# What a clamp is taken to carry, by the number of angles that it holds.
+_REACTIONS = {
+    1: ["Fy"],
+    2: ["Fx", "Fy"],
+    3: ["Fx", "Fy", "Tz"],
+    4: ["Fx", "Fy", "Fz", "Tz"],
+    5: ["Fx", "Fy", "Fz", "Ty", "Tz"],
+    6: ["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"],
+}
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """A rotation about an axis (3,) in the parent body's axes at zero angles."""
+
+    name: str
+    axis: Floats
+
+
+@dataclass(frozen=True)
+class Link:
+    """How a body hangs on its parent.
+
+    Attributes:
+        body: its name.
+        parent: name of the body that carries it.
+        joint: name of the joint.
+        hinges: from parent to body; none where they are welded.
+        turn: (3, 3) takes the body's components to the parent's at zero angles.
+        in_parent: (3,) joint centre in the parent [mm].
+        in_body: (3,) the same point in the body [mm].
+    """
+
+    body: str
+    parent: str
+    joint: str
+    hinges: tuple[Hinge, ...]
+    turn: Floats
+    in_parent: Floats
+    in_body: Floats
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point (3,) of a body [mm]."""
+
+    body: str
+    place: Floats
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A wrapping cylinder on a body.
+
+    Attributes:
+        body: that carries it.
+        place: (3,) a point of its axis [mm].
+        axis: (3,) unit vector, body's axes.
+        radius: [mm].
+    """
+
+    body: str
+    place: Floats
+    axis: Floats
+    radius: float
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """A wrapping shape that is no cylinder, or a place that no cylinder tells, in words."""
+
+    what: str
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A stretch of tendon between two points, in the order of the file, with what it wraps on.
+
+    `wrap` is Landsmeer's rule where the file states it otherwise than by a shape.
+    """
+
+    slip: str
+    ends: tuple[Point, Point]
+    on: Cylinder | Obstacle | None = None
+    wrap: str = "straight"
+
+
+@dataclass(frozen=True)
+class Described:
+    """What a file says of a finger.
+
+    Attributes:
+        name: of the model.
+        base: name of the body that does not move.
+        links: parents before children.
+        pieces: of the tendons.
+        load_point: where the clamp holds the last bone; None where the file does not say.
+        about: what fingertwin wrote into it; empty where another program made the file.
+        notes: what was left out, one line each.
+    """
+
+    name: str
+    base: str
+    links: tuple[Link, ...]
+    pieces: tuple[Piece, ...]
+    load_point: Point | None
+    about: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A finger file's contents, the finger it makes, and what the reader should know, one line each."""
+
+    document: dict[str, Any]
+    finger: Finger
+    notes: tuple[str, ...]
+
+
+@dataclass
+class _Bone:
+    """A bone under construction: its joint towards the hand, and where the file's bodies lie in it."""
+
+    name: str
+    joint: str = ""
+    hinges: list[Hinge] = field(default_factory=list)
+    centre: Floats = field(default_factory=lambda: np.zeros(3))
+    used: bool = False
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Takes a body's points to its bone: `turn @ point + shift` [mm]."""
+
+    bone: _Bone
+    turn: Floats
+    shift: Floats
+
+    def at(self, point: Floats) -> Floats:
+        place: Floats = self.turn @ point + self.shift
+        return place
+
+
+def finger_document_of(described: Described, where: str, source: str) -> Imported:
+    """Make a finger file of what another file says.
+
+    Args:
+        described: by `read_mjcf` or `read_osim`.
+        where: the file's name, for messages.
+        source: what the numbers come from, as the new file cites it.
+
+    Raises:
+        ModelError: it is no chain, has no load point, or its lengths make no finger.
+    """
+    bones, placed = _chain(described, where)
+    joints = bones[1:]
+    if not joints:
+        raise ModelError(f"{where}: nothing turns about a hinge", "a chain of bones joined by hinges")
+    pieces = [p for p in described.pieces if placed[p.ends[0].body].bone is not placed[p.ends[1].body].bone]
+    if not pieces:
+        raise ModelError(f"{where}: no tendon runs from one bone to another", "tendons with path points")
+    load_point = described.load_point
+    if load_point is None:
+        raise ModelError(
+            f"{where} does not say where the clamp holds the finger",
+            "a site (MJCF) or marker (OpenSim) named load_point on the last bone",
+            "Give it: --load-point 'X Y Z' in mm in that body's own axes",
+        )
+    if placed[load_point.body].bone is not bones[-1]:
+        raise ModelError(
+            f"{where}: load_point lies on {load_point.body}", f"a point of {bones[-1].name}, the last bone"
+        )
+    for kind, given in (("bones", [b.name for b in bones]), ("angles", [h.name for b in joints for h in b.hinges])):
+        if twice := {name for name in given if given.count(name) > 1}:
+            raise ModelError(f"{where}: two {kind} are called {sorted(twice)[0]!r}", "a name for each", "Rename one")
+    tip = placed[load_point.body].at(load_point.place)
+    _check_lengths(joints, tip, pieces, placed, where)
+    notes = list(described.notes)
+    frame: Floats = np.eye(3)
+    if not described.about:
+        frame = _anatomical(joints, tip, where)
+        notes.append(
+            "axes were laid so that x points to the hand and z along the last joint's axis, and positive angles are "
+            "taken to bend towards the palm"
+        )
+    document = _document(described, bones, frame, tip, where, source)
+    order = {id(bone): i for i, bone in enumerate(bones)}
+    for piece in pieces:
+        segment, note = _segment(piece, placed, order, bones, frame, document)
+        name = f"{segment['joint']}.{segment['slip']}"
+        if any(name == f"{s['joint']}.{s['slip']}" for s in document["segments"]):
+            raise ModelError(
+                f"{where}: {segment['slip']} crosses {segment['joint']} twice", "once, as in a finger/1 file"
+            )
+        if note:
+            notes.append(f"{name}: {note}")
+        document["segments"].append({**segment, **_UNSOURCED})
+    if not described.about:
+        document["muscles"] = list(dict.fromkeys(s["slip"] for s in document["segments"]))
+    return Imported(document, finger_from_dict(document, where), tuple(notes))
+
+
+def _chain(described: Described, where: str) -> tuple[list[_Bone], dict[str, _Placed]]:
+    base = _Bone(described.base)
+    bones = [base]
+    placed = {described.base: _Placed(base, np.eye(3), np.zeros(3))}
+    attached = {end.body for piece in described.pieces for end in piece.ends}
+    if described.load_point is not None:
+        attached.add(described.load_point.body)
+    for body in attached - {described.base, *(link.body for link in described.links)}:
+        raise ModelError(f"{where}: a point lies on {body!r}, which is no body of the model", "a body of the chain")
+    for link in described.links:
+        parent = placed[link.parent]
+        turn = parent.turn @ link.turn
+        if not link.hinges:
+            shift = parent.at(link.in_parent) - turn @ link.in_body
+            placed[link.body] = _Placed(parent.bone, turn, shift)
+            if parent.bone is base and len(bones) == 1:
+                base.name = link.body
+            continue
+        if parent.bone is not bones[-1]:
+            raise ModelError(
+                f"{where} is no chain: {link.body} and {bones[-1].name} both move on {parent.bone.name}",
+                "one finger, each bone on the one before",
+                "Cut the model down to it",
+            )
+        bone = _Bone(link.body, link.joint, [Hinge(h.name, parent.turn @ h.axis) for h in link.hinges])
+        bone.centre = parent.at(link.in_parent)
+        bones.append(bone)
+        placed[link.body] = _Placed(bone, turn, -turn @ link.in_body)
+    for body in attached:
+        placed[body].bone.used = True
+    base.used = True
+    return _merged(bones, placed), placed
+
+
+def _merged(bones: list[_Bone], placed: dict[str, _Placed]) -> list[_Bone]:
+    """Make one joint of two with a common centre, where no tendon is held between them."""
+    out = [bones[0]]
+    for bone in bones[1:]:
+        before = out[-1]
+        if len(out) > 1 and not before.used and np.linalg.norm(bone.centre) < _SAME_MM:
+            bone.hinges = [*before.hinges, *bone.hinges]
+            bone.centre, bone.joint = before.centre, before.joint
+            out[-1] = bone
+        else:
+            out.append(bone)
+    # The hand's bone has its origin at the first joint.
+    first = out[1].centre if len(out) > 1 else np.zeros(3)
+    for body, place in placed.items():
+        if place.bone is out[0]:
+            placed[body] = _Placed(place.bone, place.turn, place.shift - first)
+    if len(out) > 1:
+        out[1].centre = np.zeros(3)
+    return out
+
+
+def _check_lengths(
+    joints: Sequence[_Bone], tip: Floats, pieces: Sequence[Piece], placed: Mapping[str, _Placed], where: str
+) -> None:
+    length = float(sum(np.linalg.norm(v) for v in (*(j.centre for j in joints[1:]), tip)))
+    expected = f"{SHORTEST_MM / 1000:g} to {LONGEST_MM / 1000:g} m, lengths in metres"
+    if not SHORTEST_MM <= length <= LONGEST_MM:
+        raise ModelError(
+            f"{where}: from the first joint to the load point it is {length / 1000:.4g} m", expected, "Scale the model"
+        )
+    for piece in pieces:
+        for end in piece.ends:
+            far = float(np.linalg.norm(placed[end.body].at(end.place)))
+            if far > LONGEST_MM:
+                raise ModelError(f"{where}: {piece.slip} has a point {far / 1000:.4g} m from its joint", expected)
+
+
+def _anatomical(joints: Sequence[_Bone], tip: Floats, where: str) -> Floats:
+    """Axes of ours (columns) in the file's: x proximal, y dorsal, z along the last joint's last axis."""
+    z = joints[-1].hinges[-1].axis / np.linalg.norm(joints[-1].hinges[-1].axis)
+    along = -(sum((j.centre for j in joints[1:]), np.zeros(3)) + tip)
+    x = along - z * (z @ along)
+    if np.linalg.norm(x) < SHORTEST_MM / 2.0:
+        raise ModelError(f"{where}: the last joint turns about the length of the finger", "an axis across it")
+    x = x / np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def _document(
+    described: Described, bones: Sequence[_Bone], frame: Floats, tip: Floats, where: str, source: str
+) -> dict[str, Any]:
+    """Everything but the segments."""
+    about = described.about
+    unit = float(about.get("length_unit_mm", 1.0))
+    count = sum(len(b.hinges) for b in bones)
+    if count not in _REACTIONS:
+        raise ModelError(f"{where} turns about {count} axes", f"at most {max(_REACTIONS)}, which a clamp can hold")
+    document: dict[str, Any] = {
+        "format": "finger/1",
+        "id": about.get("id") or re.sub(r"\W+", "_", described.name).strip("_") or "imported",
+        "title": about.get("title") or f"{described.name}, imported",
+        "sources": {"file": source},
+        "length_unit": {"value_mm": unit, **_UNSOURCED},
+        "prior_width": about.get("prior_width", 1.0),
+        "bones": [b.name for b in bones],
+        "joints": [],
+        "muscles": about.get("muscles", []),
+        "segments": [],
+    }
+    names = {tuple(v): k for k, v in dict(about.get("joints", {})).items()}
+    for parent, bone in pairwise(bones):
+        axes = [frame.T @ h.axis / np.linalg.norm(h.axis) for h in bone.hinges]
+        name = names.get(tuple(h.name for h in bone.hinges), bone.joint)
+        if about:
+            bends = dict(about.get("flexion", {})).get(name)
+        else:
+            across = [abs(float(axis[2])) for axis in axes]
+            bends = bone.hinges[int(np.argmax(across))].name if max(across) > _ACROSS else None
+        document["joints"].append(
+            {
+                "name": name,
+                "parent": parent.name,
+                "child": bone.name,
+                "centre": _plain(frame.T @ bone.centre / unit),
+                "distal_origin": 0.0,
+                "rotations": [
+                    {"name": h.name, "axis": _plain(axis)} | ({"flexion": True} if h.name == bends else {})
+                    for h, axis in zip(bone.hinges, axes, strict=True)
+                ],
+                **_UNSOURCED,
+            }
+        )
+    if about.get("hood"):
+        fractions = {k: {**v, **_UNSOURCED} for k, v in dict(about["hood"].get("fractions", {})).items()}
+        document["hood"] = {**about["hood"], "fractions": fractions}
+    document["reactions"] = about.get("reactions") or _REACTIONS[count]
+    document["load_point"] = {"offset_mm": _plain(frame.T @ tip), **_UNSOURCED}
+    document["judged_in"] = about.get("judged_in", "space")
+    return document
+
+
+def _segment(
+    piece: Piece,
+    placed: Mapping[str, _Placed],
+    order: Mapping[int, int],
+    bones: Sequence[_Bone],
+    frame: Floats,
+    document: Mapping[str, Any],
+) -> tuple[dict[str, Any], str]:
+    """A piece as a segment of the finger file, and what it lost."""
+    ends = sorted(piece.ends, key=lambda end: order[id(placed[end.body].bone)])
+    low, high = (order[id(placed[end.body].bone)] for end in ends)
+    proximal, distal = (frame.T @ placed[end.body].at(end.place) for end in ends)
+    joint = document["joints"][low]
+    unit = document["length_unit"]["value_mm"]
+    head = frame.T @ bones[low + 1].centre
+    wrap, note = piece.wrap, ""
+    if isinstance(piece.on, Obstacle):
+        note = f"wraps on {piece.on.what}, which a finger/1 file has no word for: taken as straight"
+    elif piece.on is not None:
+        place = placed[piece.on.body]
+        cylinder = (frame.T @ place.at(piece.on.place), frame.T @ place.turn @ piece.on.axis, piece.on.radius)
+        # Seen from the joint, whichever of its two bones carries the cylinder.
+        from_joint = cylinder[0] - head if place.bone is bones[low] else cylinder[0]
+        wrap = _rule(joint, proximal - head, distal, from_joint, cylinder[1:]) if high == low + 1 else "straight"
+        if wrap == "straight":
+            note = "wraps on a cylinder that is not the head of its joint: taken as straight"
+    slip = piece.slip
+    if document["muscles"] and slip.startswith(f"{joint['name']}."):
+        slip = slip.removeprefix(f"{joint['name']}.")
+    return {
+        "slip": slip,
+        "joint": joint["name"],
+        "proximal": _plain((proximal - head) / unit),
+        "distal": _plain(distal / unit),
+        "wrap": wrap,
+        "proximal_bone": bones[low].name,
+        "distal_bone": bones[high].name,
+    }, note
+
+
+def _rule(
+    joint: Mapping[str, Any], proximal: Floats, distal: Floats, place: Floats, cylinder: tuple[Floats, float]
+) -> str:
+    """Landsmeer's rule that a cylinder stands for: one about the flexion axis that the line of 0° touches.
+
+    Args:
+        joint: of the finger file.
+        proximal: end, from the joint's centre.
+        distal: end, from there too.
+        place: a point of the cylinder's axis, from there too.
+        cylinder: its axis and radius.
+    """
+    direction, radius = cylinder
+    bending = [np.array(r["axis"]) for r in joint["rotations"] if r.get("flexion")]
+    if not bending:
+        return "straight"
+    axis = bending[0]
+    if np.linalg.norm(np.cross(axis, direction)) > _TURNED or np.linalg.norm(np.cross(axis, place)) > _TOUCH_MM:
+        return "straight"
+    ends = [v - axis * (axis @ v) for v in (proximal, distal)]
+    along = ends[0] - ends[1]
+    moment = float(axis @ np.cross(ends[1], along))
+    if abs(abs(moment) - radius * float(np.linalg.norm(along))) > _TOUCH_MM * float(np.linalg.norm(along)):
+        return "straight"
+    return "landsmeer1_palmar" if moment > 0.0 else "landsmeer1_dorsal"
+
+
+def _plain(vector: Floats) -> list[float]:
+    return [float(x) + 0.0 for x in vector]
