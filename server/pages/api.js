@@ -1,4 +1,5 @@
 // The service's documented interface, and nothing but it.
+import { askForToken, bearer } from "./token.js";
 
 export class Refusal extends Error {
   constructor(status, body) {
@@ -17,22 +18,22 @@ export class Away extends Error {
 }
 
 export async function ask(path, { method = "GET", body, signal } = {}) {
-  let response;
-  try {
-    response = await fetch(`/api/v1${path}`, {
-      method,
-      signal,
-      headers: body === undefined ? {} : { "Content-Type": "application/json" },
-      body: body === undefined ? undefined : JSON.stringify(body),
-    });
-  } catch (error) {
-    if (error.name === "AbortError") throw error;
-    throw new Away();
+  const content = body === undefined ? {} : { "Content-Type": "application/json" };
+  const text = body === undefined ? undefined : JSON.stringify(body);
+  while (true) {
+    let response;
+    try {
+      response = await fetch(`/api/v1${path}`, { method, signal, headers: { ...content, ...bearer() }, body: text });
+    } catch (error) {
+      if (error.name === "AbortError") throw error;
+      throw new Away();
+    }
+    if (response.status === 204) return null;
+    const said = await response.json().catch(() => null);
+    if (response.ok) return said;
+    // Who gives a token goes on where the question came up.
+    if (response.status !== 401 || !(await askForToken(said?.detail || "It wants a token."))) throw new Refusal(response.status, said);
   }
-  if (response.status === 204) return null;
-  const said = await response.json().catch(() => null);
-  if (!response.ok) throw new Refusal(response.status, said);
-  return said;
 }
 
 export const get = (path, query = {}, signal) => {
@@ -42,6 +43,7 @@ export const get = (path, query = {}, signal) => {
 };
 export const post = (path, body = {}) => ask(path, { method: "POST", body });
 export const put = (path, body) => ask(path, { method: "PUT", body });
+export const remove = (path) => ask(path, { method: "DELETE" });
 export const at = (...parts) => "/" + parts.map(encodeURIComponent).join("/");
 
 /** Wait for a job, telling how far it is; survives a restart of the service. */

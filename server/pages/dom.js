@@ -18,20 +18,21 @@ export function fill(node, ...children) {
   return node;
 }
 
-/** A table: `columns` are {name, title, n (right-aligned), cell(row)}. */
+/**
+ * A table: `columns` are {title, n (right-aligned), wrap (sentences), cell(row)}.
+ *
+ * With `pick`, a click anywhere in a row picks it; for the keyboard its first cell is a button.
+ */
 export function table(columns, rows, { caption, pick, picked, key } = {}) {
-  const head = el("tr", {}, columns.map((c) => el("th", { scope: "col", class: c.n ? "n" : "" }, c.title)));
+  const head = el("tr", {}, columns.map((c) => (c.title ? el("th", { scope: "col", class: c.n ? "n" : "" }, c.title) : el("td", { class: "head" }))));
   const body = rows.map((row) => {
     const name = key ? key(row) : null;
-    const line = el("tr", pick ? { tabIndex: 0, role: "button", "aria-selected": String(name === picked) } : {},
-      columns.map((c) => el("td", { class: c.n ? "n" : "" }, c.cell(row) ?? "–")));
-    if (pick) {
-      line.addEventListener("click", () => pick(row));
-      line.addEventListener("keydown", (e) => { if (e.key === "Enter" || e.key === " ") { e.preventDefault(); pick(row); } });
-    }
+    const line = el("tr", pick ? { class: "pickable", "aria-current": name === picked ? "true" : null } : {},
+      columns.map((c, i) => el("td", { class: c.n ? "n" : c.wrap ? "wrap" : "" }, pick && !i ? el("button", { class: "pick" }, c.cell(row)) : c.cell(row) ?? "–")));
+    if (pick) line.addEventListener("click", () => pick(row));
     return line;
   });
-  return el("div", { class: "scroll" }, el("table", {}, caption ? el("caption", {}, caption) : null,
+  return el("div", { class: "scroll", tabIndex: 0, role: "region", "aria-label": caption || columns[0].title || "Table" }, el("table", {}, caption ? el("caption", {}, caption) : null,
     el("thead", {}, head), el("tbody", {}, body)));
 }
 
@@ -40,13 +41,17 @@ export function problem(error) {
   return el("p", { class: "problem", role: "alert" }, text);
 }
 
-export function notice(error, kind = "bad") {
-  const box = el("div", {}, el("span", { class: kind }, error?.detail || error?.message || String(error)), " ",
+/** A word in passing, with something to do about it: `act` is [title, function]. */
+export function notice(error, kind = "bad", act = null) {
+  const box = el("div", { class: kind === "good" ? "toast" : "" }, el("span", { class: kind }, error?.detail || error?.message || String(error)), " ",
+    act ? [el("button", { onclick: () => { box.remove(); act[1](); } }, act[0]), " "] : null,
     el("button", { onclick: () => box.remove() }, "Close"));
   document.getElementById("notices").append(box);
   setTimeout(() => box.remove(), 15000);
 }
 
 export const quiet = (text) => el("p", { class: "quiet" }, text);
+/** The same of several parts. */
+export const note = (...parts) => el("p", { class: "quiet" }, parts);
 export const empty = (...text) => el("div", { class: "empty" }, ...text);
 export const panel = (title, ...children) => el("section", { class: "panel" }, title ? el("h2", {}, title) : null, ...children);

@@ -1,4 +1,5 @@
 // The live WebSocket: kept messages once and in order, also across a restart of the service.
+import { protocols } from "./token.js";
 
 export class Live {
   constructor(session, hear, state) {
@@ -16,7 +17,7 @@ export class Live {
     if (this.session) asked.set("session", this.session);
     if (this.after !== null) asked.set("after", String(this.after));
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    this.socket = new WebSocket(`${scheme}://${location.host}/api/v1/live?${asked}`);
+    this.socket = new WebSocket(`${scheme}://${location.host}/api/v1/live?${asked}`, protocols());
     this.socket.onmessage = (event) => {
       for (const message of JSON.parse(event.data)) this.take(message);
     };

@@ -1,4 +1,5 @@
 // Which page is shown: the address after # says it.
+import { carryTokens } from "./token.js";
 import { Live } from "./live.js";
 import { el, fill, problem } from "./dom.js";
 
@@ -7,6 +8,11 @@ const VIEWS = {
   compare: ["Compare", () => import("./views/compare.js")],
   find: ["Find the missing effect", () => import("./views/find.js")],
   fall: ["The fall of the error", () => import("./views/fall.js")],
+};
+// Pages of a session that others lead to.
+const INNER = {
+  effect: ["An effect", () => import("./views/effect.js"), "find"],
+  report: ["Report", () => import("./views/report.js"), "fall"],
 };
 const OTHERS = { "": ["Sessions", () => import("./views/sessions.js")], help: ["Help", () => import("./views/help.js")] };
 
@@ -27,7 +33,7 @@ function navigation({ session, view }) {
   fill(document.getElementById("nav"),
     link("#/", "Sessions", !session && view === ""),
     session ? Object.entries(VIEWS).map(([name, [title]]) =>
-      link(`#/sessions/${encodeURIComponent(session)}/${name}`, title, name === view)) : null,
+      link(`#/sessions/${encodeURIComponent(session)}/${name}`, title, name === (INNER[view]?.[2] || view))) : null,
     link("#/help", "Help", !session && view === "help"));
 }
 
@@ -55,7 +61,7 @@ async function show() {
   shown = null;
   navigation(here);
   listen(here.session);
-  const found = here.session ? VIEWS[here.view] : OTHERS[here.view];
+  const found = here.session ? VIEWS[here.view] || INNER[here.view] : OTHERS[here.view];
   if (!found) {
     document.title = "fingertwin";
     fill(main, el("h1", {}, "There is no such page"), el("p", {}, el("a", { href: "#/" }, "To the sessions")));
@@ -67,8 +73,11 @@ async function show() {
     const { view } = await found[1]();
     if (where().session !== here.session || where().view !== here.view) return;
     fill(main);
-    shown = await view(main, here);
+    const made = await view(main, here);
+    if (where().session !== here.session || where().view !== here.view) made?.leave?.();
+    else shown = made;
   } catch (error) {
+    if (error.name === "AbortError") return;
     fill(main, el("h1", {}, found[0]), problem(error),
       el("p", {}, el("button", { onclick: show }, "Try again"), " ", el("a", { href: "#/" }, "To the sessions")));
   }
@@ -84,4 +93,5 @@ addEventListener("hashchange", () => {
   main.focus({ preventScroll: true });
 });
 before = `${where().session}/${where().view}`;
+carryTokens();
 show();

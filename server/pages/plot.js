@@ -1,6 +1,7 @@
-// Figures that the service draws, shown by Plotly, with the same in words for who cannot see them.
+// Figures that the service draws, shown by Plotly as wide as their place, with the same in words for who cannot see them.
 import { get } from "./api.js";
 import { el, fill, problem, quiet } from "./dom.js";
+import { sized } from "./plot_size.js";
 
 let loading = null;
 
@@ -8,39 +9,113 @@ function plotly() {
   loading ??= new Promise((resolve, reject) => {
     const script = el("script", { src: "/pages/plotly.min.js" });
     script.onload = () => resolve(window.Plotly);
-    script.onerror = () => { loading = null; reject(new Error("Plotly could not be loaded from the service.")); };
+    script.onerror = () => { loading = null; script.remove(); reject(new Error("Plotly could not be loaded from the service.")); };
     document.head.append(script);
   });
   return loading;
 }
 
-export const theme = () => (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+const dark = matchMedia("(prefers-color-scheme: dark)");
+export const theme = () => (dark.matches ? "dark" : "light");
 
-// Nothing of a figure ever leaves the machine.
+// Nothing of a figure ever leaves the machine. The window's size is watched here, since heights follow widths.
 const CONFIG = {
-  displaylogo: false, responsive: true, showLink: false, showEditInChartStudio: false, plotlyServerURL: "",
+  displaylogo: false, responsive: false, showLink: false, showEditInChartStudio: false, plotlyServerURL: "",
   modeBarButtonsToRemove: ["sendDataToCloud", "editInChartStudio", "lasso2d", "select2d"],
 };
 
-/** Ask for a figure and show it; `picked` is called with a point's custom data. */
-export async function figure(place, path, query = {}, { picked, signal } = {}) {
-  fill(place, quiet("Drawing …"));
+// Figures with words beside their bars, which would meet if they were any narrower [px]: smaller ones are scaled down.
+const LEAST = { ranking: 900, held_out: 900, missing_torque: 880, confounding: 760 };
+
+// What is shown now, to be drawn anew where the page turns dark or light.
+const shown = new Map();
+const turns = new WeakMap();
+dark.addEventListener("change", () => {
+  for (const [plot, again] of shown) {
+    if (plot.isConnected) again();
+    else shown.delete(plot);
+  }
+});
+
+/**
+ * Ask for a figure and show it.
+ *
+ * `picked` is called with the ids of the load cases that a point stands for; `width` fixes the width in px; `still`
+ * draws without tools; `colours` is light or dark where it is not to be the page's.
+ */
+export async function figure(place, path, query = {}, { picked, signal, width, still, colours } = {}) {
+  const turn = (turns.get(place) || 0) + 1;
+  turns.set(place, turn);
+  const late = () => signal?.aborted || turns.get(place) !== turn;
+  if (place.firstChild) place.setAttribute("aria-busy", "true");
+  else fill(place, quiet("Drawing …"));
+  const again = () => figure(place, path, query, { picked, signal, width, still, colours });
   try {
-    const drawn = await get(`/figures/${path}`, { ...query, theme: theme() }, signal);
+    const drawn = await get(`/figures/${path}`, { ...query, theme: colours || theme() }, signal);
+    if (late()) return null;
     if (!drawn.figure) {
       fill(place, quiet(drawn.text));
       return null;
     }
     const lib = await plotly();
-    if (signal?.aborted) return null;
-    const plot = el("div", { class: "plot", role: "img", "aria-label": drawn.text });
-    fill(place, el("figure", {}, plot, drawn.caption ? el("figcaption", {}, drawn.caption) : null,
-      el("details", {}, el("summary", {}, "In words"), el("p", {}, drawn.text))));
-    await lib.newPlot(plot, drawn.figure.data, drawn.figure.layout, CONFIG);
-    if (picked) plot.on("plotly_click", (event) => picked(event.points[0]));
+    if (late()) return null;
+    // Its tools can be reached by keyboard, so it is a group; its words stand for the drawing.
+    const plot = el("div", { class: "plot", role: still ? "img" : "group", "aria-label": drawn.text });
+    const box = el("figure", {}, plot, drawn.caption ? el("figcaption", {}, drawn.caption) : null,
+      still ? null : el("details", {}, el("summary", {}, "In words"), el("p", {}, drawn.text)));
+    for (const old of place.querySelectorAll(".js-plotly-plot")) { shown.delete(old); lib.purge(old); }
+    fill(place, box);
+    const wide = () => width || Math.round(place.clientWidth);
+    const least = LEAST[path.split("/")[1]] || 0;
+    const layout = () => {
+      now = wide();
+      const out = sized(drawn.figure, Math.max(now, least));
+      const scale = Math.min(1, now / least || 1);
+      plot.style.transform = scale < 1 ? `scale(${scale})` : "";
+      plot.style.height = `${out.height * scale}px`;
+      return out;
+    };
+    let now = 0;
+    const data = picked ? clickable(drawn) : drawn.figure.data;
+    await lib.newPlot(plot, data, layout(), { ...CONFIG, staticPlot: Boolean(still) });
+    for (const svg of plot.querySelectorAll("svg.main-svg")) svg.setAttribute("aria-hidden", "true");
+    shown.set(plot, again);
+    if (!width) {
+      let waiting = 0;
+      const watch = new ResizeObserver(() => {
+        if (!plot.isConnected) return watch.disconnect();
+        clearTimeout(waiting);
+        waiting = setTimeout(() => {
+          if (!plot.isConnected || !wide() || Math.abs(wide() - now) < 4) return;
+          lib.react(plot, data, layout(), CONFIG);
+        }, 120);
+      });
+      watch.observe(place);
+    }
+    if (picked) {
+      plot.classList.add("pickable");
+      plot.on("plotly_click", (event) => {
+        const cases = event.points.map((p) => casesOf(drawn.cases, p)).find((found) => found.length);
+        if (cases) picked(cases);
+      });
+    }
     return plot;
   } catch (error) {
-    if (error.name !== "AbortError") fill(place, problem(error));
+    if (error.name !== "AbortError" && !late()) fill(place, problem(error), el("button", { onclick: again }, "Try again"));
     return null;
+  } finally {
+    if (turns.get(place) === turn) place.removeAttribute("aria-busy");
   }
+}
+
+/** What has no label can be picked all the same. */
+function clickable(drawn) {
+  return drawn.figure.data.map((trace, k) => (drawn.cases?.[k] && trace.hoverinfo === "skip" ? { ...trace, hoverinfo: "none" } : trace));
+}
+
+function casesOf(cases, point) {
+  let found = cases?.[point.curveNumber];
+  const at = point.pointNumber ?? point.pointIndex;
+  if (Array.isArray(found)) found = Array.isArray(at) ? found[at[0]]?.[at[1]] : found[at];
+  return [found].flat().filter(Boolean);
 }

@@ -97,6 +97,7 @@ def create_app(settings: Settings) -> FastAPI:
 
 def _add_routes(app: FastAPI) -> None:
     from server.service.routes import (
+        bench_view,
         catalogue,
         exports,
         figures,
@@ -112,7 +113,20 @@ def _add_routes(app: FastAPI) -> None:
     )
 
     api = APIRouter(prefix=API)
-    parts = (health, sessions, ingest, readings, live, predictions, twins, jobs, figures, exports, catalogue)
+    parts = (
+        health,
+        sessions,
+        bench_view,
+        ingest,
+        readings,
+        live,
+        predictions,
+        twins,
+        jobs,
+        figures,
+        exports,
+        catalogue,
+    )
     for part in parts:
         api.include_router(part.router)
     app.include_router(api)
@@ -132,6 +146,8 @@ def _warm(parts: Services) -> None:
     """Compile what the first request would wait for, and only then take up queued jobs, whose workers compile too."""
     import numpy as np
 
+    from daq.plateaus import reduce_window
+
     try:
         predictor = parts.twins.predictor("an1979_middle")
         rotations, muscles = len(predictor.topology.rotations), len(predictor.topology.muscles)
@@ -145,6 +161,8 @@ def _warm(parts: Services) -> None:
         # What was loaded stays as long as the service runs: it is looked through no more.
         gc.freeze()
         gc.enable()
+    # What the first weight that hangs would wait for: a window's statistics load what they need.
+    reduce_window(np.arange(100.0), np.random.default_rng(0).normal(size=(100, 6)))
     if parts.ready and parts.settings.warm_workers:
         parts.jobs.warm()
     try:

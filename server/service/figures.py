@@ -14,6 +14,8 @@ import orjson
 
 from server.service.answers import dumps
 from server.service.blinding import blinded, require_closed, seen
+from server.service.comparison_figures import Only, drawn_comparison
+from server.service.figure_cases import Told, cases_of, told_of
 from server.service.figure_parts import resolved, spread_members, spread_of
 from server.service.figure_parts import settings_of as effect_settings
 from server.service.finger_drawing import draw_finger
@@ -61,7 +63,9 @@ class Figures:
         self._drawn: OrderedDict[Hashable, Drawn] = OrderedDict()
         self._lock = threading.Lock()
 
-    def comparison(self, name: str, session: str, model: str | None, before: str | None, theme: Theme) -> Drawn:
+    def comparison(
+        self, name: str, session: str, model: str | None, before: str | None, only: Only, theme: Theme
+    ) -> Drawn:
         """Draw a figure of predicted against measured forces; while a bench is running, without validation cases.
 
         Args:
@@ -69,6 +73,7 @@ class Figures:
             session: that is compared.
             model: with which it is compared.
             before: model that this one is held against; None for none.
+            only: which cases and components.
             theme: of the page.
 
         Raises:
@@ -80,31 +85,25 @@ class Figures:
         named = resolved(parts, measured, model)
         earlier = resolved(parts, measured, before) if before is not None else None
         others = spread_members(parts, measured)
-        key = ("comparison", name, measured.key, named, before is not None, earlier, tuple(o.key for o in others))
+        key = ("comparison", name, measured.key, named, before is not None, earlier, only, tuple(o.key for o in others))
 
         def draw() -> dict[str, Any]:
-            from server.figures.comparison import comparison_plans
             from server.figures.style import NothingToDrawError
 
             bench = parts.twins.bench(measured, named)
             comparison = seen(measured, compare_bench(bench))
-            held = parts.twins.bench(measured, earlier) if before is not None else None
-            plans = comparison_plans(
-                bench.model,
-                bench.observations,
-                comparison,
-                None if held is None else seen(measured, compare_bench(held)),
-                "" if held is None else held.loaded.name,
-                spread_of(parts, others, comparison),
-                theta=bench.theta,
-                model_name=bench.loaded.name,
-            )
-            plan = next(p for p in plans if p.name == name)
-            about = _about(measured, bench) | {"before": None if held is None else held.loaded.name}
+            held = None
+            if before is not None:
+                other = parts.twins.bench(measured, earlier)
+                held = (other.loaded.name, other, seen(measured, compare_bench(other)))
+            about = _about(measured, bench) | {"before": None if held is None else held[0]}
             try:
-                return _shown(name, plan.draw(), plan.caption, about)
+                figure, caption = drawn_comparison(
+                    name, bench, comparison, only, held, spread_of(parts, others, comparison)
+                )
             except NothingToDrawError as nothing:
                 return _shown(name, None, _nothing(nothing), about)
+            return _shown(name, figure, caption, about, _told(measured))
 
         return self._kept(key, theme, draw)
 
@@ -145,7 +144,7 @@ class Figures:
             except NothingToDrawError as nothing:
                 return _shown(effect, None, _nothing(nothing), about)
             caption = "An effect whose bars follow the circles would take up what the model misses."
-            return _shown(effect, drawn, caption, about)
+            return _shown(effect, drawn, caption, about, _told(measured))
 
         return self._kept(("effect", effect, measured.key, named), theme, draw)
 
@@ -170,7 +169,7 @@ class Figures:
             figure, about = draw_finger(self.parts, measured, posture, case, named)
             caption = "Joint centres and tendon points are the model's; outlines, clamp and pulleys are schematic."
             head = {"session": session, "session_version": measured.record.version, "blinded": _hidden(measured)}
-            return _shown("finger", figure, caption, head | about)
+            return _shown("finger", figure, caption, head | about, _told(measured))
 
         return self._kept(("finger", measured.key, posture, case, named), theme, draw)
 
@@ -191,7 +190,8 @@ class Figures:
 
         def draw() -> dict[str, Any]:
             figure, caption = _diagnosis_drawings(answer, history)[name]
-            return _shown(name, figure, caption, {"session": session, "model": answer.get("model"), "job": job})
+            about = {"session": session, "model": answer.get("model"), "job": job}
+            return _shown(name, figure, caption, about, _told(self.parts.measuring.of(session)))
 
         return self._kept(("diagnosis", name, job, session), theme, draw)
 
@@ -312,16 +312,26 @@ def _about(measured: Measured, bench: Bench) -> dict[str, Any]:
     }
 
 
-def _shown(name: str, figure: go.Figure | None, caption: str, about: dict[str, Any]) -> dict[str, Any]:
+def _told(measured: Measured) -> list[Told]:
+    """The cases that a figure may lead to: while a bench is running, none of validation."""
+    hidden = blinded(measured)
+    return [c for c in told_of(measured.record.cases) if c.id not in hidden]
+
+
+def _shown(
+    name: str, figure: go.Figure | None, caption: str, about: dict[str, Any], known: Sequence[Told] = ()
+) -> dict[str, Any]:
     """The answer's plain data, in the colours of paper."""
     from server.figures.alternative import plain_text, text_of
 
     head: dict[str, Any] = {"schema": SCHEMA, "name": name}
     if figure is None:
-        return head | {"title": None, "caption": None, "text": caption, "figure": None} | about
+        return head | {"title": None, "caption": None, "text": caption, "figure": None, "cases": None} | about
     data = orjson.loads(figure.to_json())
     title = plain_text(str(((data["layout"].get("title")) or {}).get("text") or name))
-    return head | {"title": title, "caption": caption, "text": text_of(data, caption), "figure": data} | about
+    cases = cases_of(data, known) if known else None
+    words = text_of(data, caption)
+    return head | {"title": title, "caption": caption, "text": words, "figure": data, "cases": cases} | about
 
 
 def _on_page(shown: dict[str, Any], theme: Theme) -> dict[str, Any]:

@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class _Case:
+class DrawnCase:
     """A load case that was taken, or is planned."""
 
     id: str
@@ -65,24 +65,25 @@ def draw_finger(
     document = measured.record.document
     if document is None:
         raise ProblemError(409, f"session {name} has no record yet", "a document, or a bench's events")
-    found = None if case is None else _case(measured, case)
+    found = None if case is None else case_in(measured, case)
     if found is not None and posture not in (None, found.posture):
         raise ProblemError(422, f"case {found.id} in another posture", f"posture {found.posture}, or none")
     wanted = posture if found is None else found.posture
     if wanted is None:
         raise ProblemError(422, "neither posture nor case", "one of the two")
-    postures = _postures(measured)
+    postures = postures_of(measured)
     if wanted not in postures:
         raise not_found("posture", wanted, f"/api/v1/sessions/{name}/document")
-    loaded = _model(parts, measured, model)
+    loaded = model_of(parts, measured, model)
     finger = loaded if not hasattr(loaded, "finger") else loaded.finger
     angles = posture_rad(finger.topology, postures[wanted], f"posture {wanted}")
-    hung = Hung({}) if found is None else _hung(parts, measured, found, model, loaded, angles)
+    hung = Hung({}) if found is None else hung_in(parts, measured, found, model, loaded, angles)
     figure = finger_figure(finger, finger.values, wanted, angles, hung, loaded.id)
     return figure, {"model": loaded.id, "posture": wanted, "case": None if found is None else found.id}
 
 
-def _model(parts: Services, measured: Measured, model: str | None) -> Finger | Revision:
+def model_of(parts: Services, measured: Measured, model: str | None) -> Finger | Revision:
+    """The model that a drawing is asked for with; by default the session's own finger."""
     from fingermodel.finger_files import read_finger
 
     found = parts.twins.model(model, measured)
@@ -92,27 +93,34 @@ def _model(parts: Services, measured: Measured, model: str | None) -> Finger | R
     return read_finger(found) if isinstance(found, str) else found
 
 
-def _postures(measured: Measured) -> dict[str, Mapping[str, Any]]:
+def postures_of(measured: Measured) -> dict[str, Mapping[str, Any]]:
+    """Postures of a session and of the protocol that it follows, by name [deg]."""
     record = measured.record
     planned = {} if record.bench is None else record.bench.setup.protocol.postures_deg
     return {**planned, **(record.document or {}).get("postures_deg", {})}
 
 
-def _case(measured: Measured, case: str) -> _Case:
+def case_in(measured: Measured, case: str) -> DrawnCase:
+    """A load case that was taken, or is planned.
+
+    Raises:
+        ProblemError: 404 there is none.
+    """
     record = measured.record
     for taken in record.cases:
         if taken["id"] == case:
             known = {k: taken.get(k) for k in ("role", "posture", "location")}
-            return _Case(case, **{k: str(v) for k, v in known.items()}, masses_g=dict(taken.get("masses_g") or {}))
+            return DrawnCase(case, **{k: str(v) for k, v in known.items()}, masses_g=dict(taken.get("masses_g") or {}))
     for planned in () if record.bench is None else record.bench.setup.cases():
         if planned.id == case:
-            return _Case(case, str(planned.role), planned.posture, str(planned.location), dict(planned.masses_g))
+            return DrawnCase(case, str(planned.role), planned.posture, str(planned.location), dict(planned.masses_g))
     raise not_found("case", case, f"/api/v1/sessions/{record.id}/cases")
 
 
-def _hung(
-    parts: Services, measured: Measured, case: _Case, model: str | None, loaded: Finger | Revision, angles: Floats
+def hung_in(
+    parts: Services, measured: Measured, case: DrawnCase, model: str | None, loaded: Finger | Revision, angles: Floats
 ) -> Hung:
+    """What hangs in a case, with its forces as far as they may be seen."""
     from server.figures.bench_finger import Hung
 
     force = measured.force(case.id) or {"measured_N": None, "measured_sd_N": None}
@@ -128,7 +136,7 @@ def _hung(
 
 
 def _predicted(
-    parts: Services, measured: Measured, case: _Case, model: str | None, loaded: Finger | Revision, angles: Floats
+    parts: Services, measured: Measured, case: DrawnCase, model: str | None, loaded: Finger | Revision, angles: Floats
 ) -> Floats | None:
     """Predict the force on the cell: of a measured case as the comparison does, of others from what will hang."""
     if measured.force(case.id) is not None:

@@ -12,7 +12,8 @@ from sqlalchemy import func, insert, select
 from daq.sessions import FINGER_DOCUMENT, parse_session, plain_document
 from server.service.database import Database, now_utc
 from server.service.ingest import raise_version
-from server.service.messages import Messages
+from server.service.messages import Messages, Telling
+from server.service.planned import PLAN, edit_of, proposal
 from server.service.problems import ProblemError, not_found, shortened
 from server.service.records import EDIT_KINDS, Record, read_record, undone_edits
 from server.service.schema import edits, sessions, streams
@@ -43,10 +44,13 @@ class Sessions:
         database: where they are kept.
         messages: are told of every change.
         fingers: names of the fingers that a session may name.
+
+    Attributes:
+        fingers: those names.
     """
 
     def __init__(self, database: Database, messages: Messages, fingers: frozenset[str]) -> None:
-        self._database, self._messages, self._fingers = database, messages, fingers
+        self._database, self._messages, self.fingers = database, messages, fingers
 
     def create(self, name: str, document: Mapping[str, Any] | None) -> bool:
         """Begin a session.
@@ -186,23 +190,44 @@ class Sessions:
             connection = telling.connection
             record = read_record(connection, name)
             self._require_possible(record, kind, case, undoes)
-            values = {
-                "session": name,
-                "created_utc": now_utc(),
-                "author": author,
-                "kind": kind,
-                "case": case,
-                "body": dict(body),
-                "undoes": undoes,
-            }
-            number = connection.execute(insert(edits).values(values).returning(edits.c.number)).scalar_one()
+            number = _keep(telling, name, kind, case, body, undoes, author)
             # Before it is kept: what the session would be.
             changed = read_record(connection, name)
             if changed.cases:
                 changed.session()
-            raise_version(connection, name)
-            telling.tell("session", name, {"change": "edited", "edit": number, "kind": kind, "case": case})
-        return int(number)
+        return number
+
+    def propose(self, name: str, body: Mapping[str, Any], author: str | None = None) -> int:
+        """Propose a load case to be measured; it stands on the checklist until it is, or is taken back.
+
+        Args:
+            name: of the session.
+            body: posture, location, masses_g [g] and why.
+            author: who proposes it.
+
+        Returns:
+            the number of the edit.
+
+        Raises:
+            ProblemError: 404 no such session, 409 it has no record, 422 the case could not be measured with it.
+        """
+        require_sizes(body)
+        with self._messages.writing() as telling:
+            case, kept = proposal(read_record(telling.connection, name), body)
+            return _keep(telling, name, PLAN, case, kept, None, author)
+
+    def withdraw(self, name: str, case: str, author: str | None = None) -> int:
+        """Take a proposed load case back.
+
+        Returns:
+            the number of the edit that does so, which can be undone.
+
+        Raises:
+            ProblemError: 404 no such session, or no such proposal.
+        """
+        with self._messages.writing() as telling:
+            number = edit_of(read_record(telling.connection, name), case)
+            return _keep(telling, name, "undo", case, {}, number, author)
 
     def _require_possible(self, record: Record, kind: str, case: str | None, undoes: int | None) -> None:
         where = f"/api/v1/sessions/{record.id}"
@@ -242,10 +267,36 @@ class Sessions:
             from fingermodel.finger_files import finger_from_dict
 
             finger_from_dict(finger, f"the finger of {name}")
-        elif session.finger not in self._fingers:
+        elif session.finger not in self.fingers:
             raise ProblemError(
                 422,
                 f"finger {shortened(session.finger)!r}",
-                f"one of {', '.join(sorted(self._fingers))}, or its document as {FINGER_DOCUMENT}",
+                f"one of {', '.join(sorted(self.fingers))}, or its document as {FINGER_DOCUMENT}",
             )
         return plain_document(session)
+
+
+def _keep(
+    telling: Telling,
+    session: str,
+    kind: str,
+    case: str | None,
+    body: Mapping[str, Any],
+    undoes: int | None,
+    author: str | None,
+) -> int:
+    """Add an edit, raise the version and tell of it; return its number."""
+    connection = telling.connection
+    values = {
+        "session": session,
+        "created_utc": now_utc(),
+        "author": author,
+        "kind": kind,
+        "case": case,
+        "body": dict(body),
+        "undoes": undoes,
+    }
+    number = int(connection.execute(insert(edits).values(values).returning(edits.c.number)).scalar_one())
+    raise_version(connection, session)
+    telling.tell("session", session, {"change": "edited", "edit": number, "kind": kind, "case": case})
+    return number

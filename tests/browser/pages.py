@@ -52,6 +52,44 @@ class Watched:
         return str(self.page.locator("main").inner_text())
 
 
+def violations(page: Any) -> list[str]:
+    """What axe-core has against a page as it stands."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response["violations"]
+    return [f"{v['id']}: {n['html'][:200]}" for v in found for n in v["nodes"]]
+
+
+# Where a point of a figure is on the page: [x, y] in px; a cell of a map is named by row and column.
+PLACE = """([number, curve, at]) => {
+  const plot = document.querySelectorAll('.js-plotly-plot')[number];
+  const trace = plot.data[curve];
+  const [row, column] = Array.isArray(at) ? at : [at, at];
+  const axis = (name) => plot._fullLayout[name.replace(/^([xy])/, '$1axis')];
+  const [x, y] = [axis(trace.xaxis || 'x'), axis(trace.yaxis || 'y')];
+  plot.scrollIntoView({ block: 'center' });
+  const box = plot.getBoundingClientRect();
+  return [box.left + x._offset + x.d2p(trace.x[column]), box.top + y._offset + y.d2p(trace.y[row])];
+}"""
+
+
+def click_point(page: Any, curve: int, at: Any, number: int = 0, aside: float = 0.0) -> None:
+    """Click on a point of a figure with the mouse.
+
+    Args:
+        page: of Playwright.
+        curve: number of the trace.
+        at: number of the point, or row and column of a map.
+        number: of the figure on the page.
+        aside: so many px to the left, such as into a bar.
+    """
+    x, y = page.evaluate(PLACE, [number, curve, at])
+    page.mouse.move(x - aside - 1, y)
+    page.mouse.move(x - aside, y)
+    page.wait_for_timeout(100)
+    page.mouse.click(x - aside, y)
+
+
 @contextmanager
 def browsing() -> Iterator[Any]:
     """A browser without any network but this machine's."""

@@ -1,4 +1,4 @@
-"""The pages as a user meets them: compare, look into a case, move a window and back, find, add, see the error fall."""
+"""The story as a user meets it: compare, find, look at the effect, add it, see the error fall, print the report."""
 
 from __future__ import annotations
 
@@ -9,21 +9,25 @@ from typing import Any
 
 import pytest
 
-from tests.browser.pages import Watched, browsing, require_browser, served, watched
+from tests.browser.pages import Watched, browsing, click_point, require_browser, served, violations, watched
 
 require_browser()
 
-SESSION = "DEV-02"
+SESSION, PUBLISHED, EMPTY = "DEV-02", "synek2019_H01", "EMPTY"
+CASE = "minor_flexion-FDS-950-tip"
+BENCH = f"sessions/{SESSION}/bench"
 
 
 @pytest.fixture(scope="module")
 def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     from fingertwin.client import Client
 
-    with served(tmp_path_factory.mktemp("service")) as (address, _):
+    with served(tmp_path_factory.mktemp("service")) as (address, process):
         with Client(address) as twin:
             twin.upload(SESSION)
-            twin.upload("synek2019_H01")
+            twin.upload(PUBLISHED)
+        with process.client() as client:
+            client.post("/api/v1/sessions", json={"id": EMPTY}).raise_for_status()
         yield address
 
 
@@ -42,88 +46,254 @@ def seen(browser: Any, url: str) -> Iterator[Watched]:
     assert out.elsewhere == []
 
 
-def test_from_the_list_of_sessions_to_a_case_and_its_readings(seen: Watched) -> None:
-    seen.open("", "Sessions")
-    seen.page.get_by_label("Search").fill("dev")
-    seen.page.get_by_role("link", name=SESSION).click()
-    seen.page.get_by_role("heading", name=f"{SESSION}: predicted against measured").wait_for()
+def drawn(seen: Watched) -> None:
+    """Wait until no figure is being drawn."""
     seen.page.locator(".js-plotly-plot").first.wait_for()
-    assert "never fitted" in seen.text()
-    seen.page.get_by_role("button", name=re.compile("^c010 ")).press("Enter")
-    seen.page.get_by_role("heading", name="c010: FDS 950 g, minor flexion, tip").wait_for()
-    seen.page.get_by_role("heading", name="Loaded window Fy [N]", exact=True).wait_for()
-    assert "independent readings" in seen.text()
-
-
-def test_a_window_is_moved_and_the_move_undone(seen: Watched) -> None:
-    seen.open(f"sessions/{SESSION}/compare?case=c001", f"{SESSION}: predicted against measured")
-    force = seen.page.locator("#case .big")
-    before = force.inner_text()
-    seen.page.locator("#from-loaded_s").fill("4.5")
-    seen.page.locator("#to-loaded_s").fill("5.5")
-    seen.page.get_by_role("button", name="Move the window").nth(1).click()
-    seen.page.get_by_text("Changed, and computed anew.").wait_for()
     seen.page.wait_for_function(
-        "before => (document.querySelector('#case .big')?.innerText ?? before) !== before", arg=before
+        "() => !document.querySelector('[aria-busy]') && ![...document.querySelectorAll('p')]"
+        ".some((p) => p.textContent === 'Drawing …')"
     )
-    seen.page.get_by_role("button", name="Undo").click()
-    seen.page.wait_for_function("before => document.querySelector('#case .big')?.innerText === before", arg=before)
 
 
-def test_a_missing_effect_is_found_and_added_and_the_error_falls(seen: Watched) -> None:
+def test_a_missing_effect_is_found_and_what_was_ruled_out_is_said(seen: Watched) -> None:
     seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
+    seen.page.get_by_text("Nothing was searched for yet.").wait_for()
     seen.page.get_by_role("button", name="Find the missing effect").click()
+    seen.page.get_by_role("progressbar", name="Fitting every effect").wait_for()
     seen.page.get_by_role("heading", name="The verdict").wait_for(timeout=240_000)
     assert "Found: the hanger was not weighed" in seen.text()
-    seen.page.locator(".js-plotly-plot").first.wait_for()
-    seen.page.get_by_role("button", name="Add hanger_mass, and refit").first.click()
+    ruled_out = seen.page.locator("section", has=seen.page.get_by_role("heading", name="Tested and ruled out"))
+    assert ruled_out.get_by_role("row").count() > 10
+    assert "hanger_mass explains the same readings better" in ruled_out.inner_text()
+    drawn(seen)
+    # Every figure of the answer can be drawn, and a cell of the map leads to its load cases.
+    for name in ("missing_torque", "ranking", "confounding", "held_out", "residual_map"):
+        seen.page.get_by_label("Figure").select_option(name)
+        drawn(seen)
+    click_point(seen.page, 0, [0, 0])
+    seen.page.get_by_role("heading", name=f"{SESSION}: predicted against measured").wait_for()
+    seen.page.get_by_text(re.compile("cases of that point|c001: ")).first.wait_for()
+
+
+def test_next_cases_go_onto_the_checklist_for_everybody(seen: Watched, browser: Any) -> None:
+    other = watched(browser, seen.url)
+    for page in (seen, other):
+        page.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
+        page.page.get_by_role("button", name="Onto the checklist").first.wait_for()
+    seen.page.get_by_role("button", name="Onto the checklist").first.click()
+    seen.page.get_by_role("button", name="On the checklist: take back").wait_for()
+    # The other one sees it without a reload, and takes it back.
+    other.page.get_by_role("button", name="Take back: FDS 475 g, minor_flexion, bone").click()
+    other.page.get_by_text("is off the checklist").wait_for()
+    seen.page.get_by_role("button", name="On the checklist: take back").wait_for(state="detached")
+    other.page.get_by_role("button", name="Undo").click()
+    seen.page.get_by_role("button", name="On the checklist: take back").wait_for()
+    assert (other.complaints, other.elsewhere) == ([], [])
+    other.page.close()
+
+
+def test_an_effect_is_shown_and_added_and_the_error_falls(seen: Watched) -> None:
+    seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
+    seen.page.get_by_role("link", name="What is that?").click()
+    seen.page.get_by_role("heading", level=1, name="hanger_mass").wait_for()
+    drawn(seen)
+    text = seen.text()
+    assert "T_i += c g m0 wherever a mass hangs" in text
+    assert "Source: weight of an unweighed hanger" in text
+    seen.page.get_by_role("img", name=re.compile("It acts on tension")).wait_for()
+    seen.page.get_by_text("It changes case").wait_for()
+    seen.page.get_by_role("button", name="Add and refit").click()
     seen.page.get_by_role("heading", name=f"{SESSION}: the fall of the error").wait_for(timeout=240_000)
     seen.page.get_by_role("heading", name=re.compile("with hanger_mass")).wait_for()
-    seen.page.locator(".js-plotly-plot").first.wait_for()
+    drawn(seen)
     assert "in force" in seen.text()
+    shown = seen.page.locator(".js-plotly-plot").nth(1)
+    kinds = shown.evaluate("plot => plot.data.map((t) => t.meta?.kind)")
+    assert {"measured", "predicted", "before_predicted"} <= set(kinds)
+    falls = seen.page.get_by_role("row", name=re.compile("validation at the tip")).inner_text()
+    assert "\N{MINUS SIGN}0.2" in falls
 
 
-def test_a_formula_is_checked_while_it_is_typed(seen: Watched) -> None:
-    seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
-    formula = seen.page.get_by_label("Formula")
-    formula.fill("torque[PIP] += k * t_EDC * sin(q_PIP)")
-    seen.page.get_by_text("Sound: torque").wait_for()
-    # A refusal is an answer; the browser's console names its status.
-    formula.fill("__import__('os')")
-    seen.page.get_by_role("alert").filter(has_text="expected").first.wait_for()
-    seen.complaints = [c for c in seen.complaints if "422" not in c]
+def test_steps_go_back_and_forth_by_keys_and_by_buttons(seen: Watched) -> None:
+    seen.open(f"sessions/{SESSION}/fall", f"{SESSION}: the fall of the error")
+    with_it = seen.page.get_by_role("heading", name=re.compile("with hanger_mass"))
+    start = seen.page.get_by_role("heading", name="an1979_middle: the start")
+    with_it.wait_for()
+    seen.page.keyboard.press("ArrowLeft")
+    start.wait_for()
+    seen.page.keyboard.press("ArrowRight")
+    with_it.wait_for()
+    seen.page.get_by_role("button", name="Step back").click()
+    start.wait_for()
+    seen.page.get_by_role("button", name=re.compile("^DEV-02-")).press("Enter")
+    with_it.wait_for()
+    for name in ("bone", "scatter", "scatter_validation", "errors", "z"):
+        seen.page.get_by_label("Figure").select_option(name)
+        drawn(seen)
 
 
-def test_what_is_not_there_is_said_with_a_way_on(seen: Watched) -> None:
-    seen.page.goto(f"{seen.url}/#/sessions/nothing/compare")
-    seen.page.get_by_role("button", name="Try again").wait_for()
-    assert "there is no session nothing" in seen.text()
-    seen.page.goto(f"{seen.url}/#/nowhere")
-    seen.page.get_by_role("heading", name="There is no such page").wait_for()
-    seen.complaints = [c for c in seen.complaints if "404" not in c and "WebSocket" not in c]
+def test_the_report_has_every_section_and_figure_on_paper(seen: Watched, tmp_path: Path) -> None:
+    import pypdfium2
+
+    seen.open(f"sessions/{SESSION}/report", f"{SESSION}: report")
+    button = seen.page.get_by_role("button", name="Print or save as PDF")
+    seen.page.get_by_text("Ready. The browser's own dialogue").wait_for()
+    seen.page.evaluate("void (window.print = () => { window.printed = (window.printed || 0) + 1; })")
+    button.click()
+    assert seen.page.evaluate("window.printed") == 1
+    headings = seen.page.locator(".sheet h2").all_inner_texts()
+    assert {"Verdict", "The fall of the error", "Before and after, on the finger", "Load cases"} <= set(headings)
+    figures = seen.page.locator(".sheet-figure .js-plotly-plot")
+    assert figures.count() == 12
+    titles = seen.page.evaluate(
+        "[...document.querySelectorAll('.sheet .js-plotly-plot')].map((p) => p.layout.title.text.split('<br>')[0])"
+    )
+    file = tmp_path / "report.pdf"
+    seen.page.pdf(path=str(file), prefer_css_page_size=True)
+    with pypdfium2.PdfDocument(file) as paper:
+        pages = [page.get_textpage().get_text_bounded() for page in paper]
+        sizes = {tuple(round(v) for v in page.get_size()) for page in paper}
+        pictures = [page.render(scale=0.5).to_numpy() for page in paper]
+    text = re.sub(r"\s+", " ", " ".join(pages))
+    assert sizes == {(595, 842)}
+    assert [h for h in headings if h not in text] == []
+    assert [t for t in titles if t not in text] == []
+    assert "Print or save" not in text
+    # Nothing runs over the edge of the paper, and no page is empty.
+    for picture in pictures:
+        assert (picture[:, -12:] > 250).all()
+        assert (picture[:, :12] > 250).all()
+        assert (picture < 200).any()
+    assert [c["id"] for c in cases(seen)] == re.findall(r"\bc\d{3}(?= (?:ident|valid))", text)
 
 
-PATHS = ["", "help", *(f"sessions/{SESSION}/{v}" for v in ("bench", "compare", "find", "fall"))]
+def cases(seen: Watched) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = seen.page.evaluate(
+        f"fetch('/api/v1/sessions/{SESSION}/comparison').then((r) => r.json()).then((b) => b.cases)"
+    )
+    return found
+
+
+PATHS = [
+    "", "help", BENCH, *(f"sessions/{SESSION}/{v}" for v in ("compare?case=c010", "find", "fall", "report")),
+    f"sessions/{SESSION}/effect?name=worn_pulley.FDP", f"sessions/{EMPTY}/compare", f"sessions/{EMPTY}/find",
+    f"sessions/{EMPTY}/fall",
+]  # fmt: skip
+
+
 # Elements that can be used or looked at and have no name.
 UNNAMED = """() => [...document.querySelectorAll('button, a[href], input, select, textarea, canvas, [role=img]')]
 .filter((e) => e.checkVisibility() && !e.closest('.js-plotly-plot'))
 .filter((e) => !(e.getAttribute('aria-label') || e.innerText?.trim() || e.labels?.length))
 .map((e) => e.outerHTML.slice(0, 120))"""
+BEYOND = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_every_page_can_be_used_by_keyboard_and_read_aloud(seen: Watched, path: str) -> None:
-    seen.page.goto(f"{seen.url}/#/{path}")
+def test_every_page_can_be_used_by_anybody(browser: Any, url: str, path: str) -> None:
+    """By keyboard, read aloud, light and dark, on a tablet: axe-core has nothing against it, and nothing is cut off."""
+    seen = watched(browser, url, color_scheme="light")
+    seen.page.goto(f"{url}/#/{path}")
     seen.page.locator("h1").wait_for()
-    seen.page.wait_for_timeout(500)
-    unnamed = seen.page.evaluate(UNNAMED)
-    assert unnamed == []
+
+    def settle() -> None:
+        if SESSION in path and path != BENCH:
+            drawn(seen)
+        seen.page.wait_for_timeout(300)
+
+    settle()
+    assert seen.page.evaluate(UNNAMED) == []
     assert seen.page.evaluate("document.querySelectorAll('h1').length") == 1
     assert seen.page.evaluate("document.documentElement.lang") == "en"
+    assert seen.page.evaluate(BEYOND) <= 0
     seen.page.keyboard.press("Tab")
     assert seen.page.evaluate("document.activeElement !== document.body")
-    wide = seen.page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
-    assert wide <= 0
+    if path != BENCH:
+        assert violations(seen.page) == []
+    seen.page.set_viewport_size({"width": 820, "height": 1180})
+    seen.page.emulate_media(color_scheme="dark")
+    settle()
+    assert seen.page.evaluate(BEYOND) <= 0
+    if path != BENCH:
+        assert violations(seen.page) == []
+    assert seen.elsewhere == []
+    seen.page.close()
+
+
+def test_figures_fill_their_place_and_follow_the_window(seen: Watched) -> None:
+    seen.open(f"sessions/{SESSION}/compare", f"{SESSION}: predicted against measured")
+    drawn(seen)
+    for width in (1280, 900, 1400):
+        seen.page.set_viewport_size({"width": width, "height": 800})
+        seen.page.wait_for_function(
+            """() => { const plot = document.querySelector('.js-plotly-plot'); const place = plot.closest('.drawn');
+            return Math.abs(plot._fullLayout.width - place.clientWidth) < 5; }"""
+        )
+    # Turned dark, it is drawn anew in the colours of the page.
+    light = seen.page.evaluate("document.querySelector('.js-plotly-plot').layout.font.color")
+    seen.page.emulate_media(color_scheme="dark")
+    seen.page.wait_for_function("c => document.querySelector('.js-plotly-plot')?.layout.font.color !== c", arg=light)
+
+
+def test_a_formula_is_checked_while_it_is_typed(seen: Watched) -> None:
+    seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
+    formula = seen.page.get_by_label("Formula")
+    take = seen.page.get_by_role("button", name="Let it take part")
+    # A refusal is an answer; the browser's console names its status.
+    formula.fill("__import__('os')")
+    seen.page.get_by_role("alert").filter(has_text="expected").first.wait_for()
+    assert take.is_disabled()
+    formula.fill("torque[PIP] += k * t_EDC * sin(q_PIP)")
+    seen.page.get_by_text("Sound: torque").wait_for()
+    take.click()
+    seen.page.get_by_text("takes part in the next search").wait_for()
+    assert seen.page.get_by_role("checkbox", name=re.compile("sin")).is_checked()
+    seen.complaints = [c for c in seen.complaints if "422" not in c]
+
+
+def test_what_is_not_there_is_said_with_a_way_on(seen: Watched) -> None:
+    for view in ("compare", "find", "fall"):
+        seen.page.goto(f"{seen.url}/#/sessions/nothing/{view}")
+        seen.page.get_by_text("there is no session nothing").first.wait_for()
+        seen.page.get_by_role("button", name="Try again").wait_for()
+        seen.page.get_by_role("link", name="To the sessions").wait_for()
+    seen.page.goto(f"{seen.url}/#/sessions/nothing/report")
+    seen.page.get_by_role("button", name="Try again").wait_for()
+    seen.page.goto(f"{seen.url}/#/sessions/{SESSION}/effect?name=gremlins")
+    seen.page.get_by_text("no effect gremlins").wait_for()
+    seen.page.goto(f"{seen.url}/#/nowhere")
+    seen.page.get_by_role("heading", name="There is no such page").wait_for()
+    seen.complaints = [c for c in seen.complaints if "404" not in c and "WebSocket" not in c]
+
+
+def test_a_session_without_a_measured_case_says_what_it_waits_for(seen: Watched) -> None:
+    seen.open(f"sessions/{EMPTY}/compare", f"{EMPTY}: predicted against measured")
+    seen.page.get_by_text("no load case yet").first.wait_for()
+    seen.page.get_by_role("link", name="to the bench").wait_for()
+    seen.open(f"sessions/{EMPTY}/find", f"{EMPTY}: find the missing effect")
+    seen.page.get_by_role("button", name="Find the missing effect").click()
+    seen.page.get_by_role("alert").filter(has_text="no load case yet").wait_for()
+    seen.open(f"sessions/{EMPTY}/fall", f"{EMPTY}: the fall of the error")
+    seen.page.get_by_text("No revision of this session's model yet").wait_for()
+    seen.page.get_by_role("button", name="Refit the model without any").click()
+    seen.page.get_by_role("alert").filter(has_text="no load case yet").wait_for()
+    seen.complaints = [c for c in seen.complaints if "422" not in c]
+
+
+def test_a_search_is_cancelled_and_one_that_failed_says_why(seen: Watched) -> None:
+    seen.open(f"sessions/{PUBLISHED}/find", f"{PUBLISHED}: find the missing effect")
+    seen.page.get_by_role("button", name="Find the missing effect").click()
+    seen.page.get_by_role("button", name="Cancel").click()
+    seen.page.get_by_text("Fitting every effect: cancelled.").wait_for()
+    seen.page.get_by_role("button", name="Try again").wait_for()
+    assert seen.page.get_by_role("button", name="Find the missing effect").is_enabled()
+    # A worker that dies is nothing that a test can order: the answer of such a job is given instead.
+    why = {"detail": "The worker was killed; expected enough memory."}
+    failed = {"id": "x", "kind": "diagnose", "session": PUBLISHED, "state": "failed", "progress": 0.4, "problem": why}
+    seen.page.route(f"**/sessions/{PUBLISHED}/diagnoses", lambda route: route.fulfill(status=202, json=failed))
+    seen.page.get_by_role("button", name="Try again").click()
+    seen.page.get_by_role("alert").filter(has_text="The worker was killed").wait_for()
+    seen.page.get_by_role("button", name="Try again").wait_for()
 
 
 def test_the_pages_are_live_again_after_a_restart_and_keep_what_was_typed(browser: Any, tmp_path: Path) -> None:
@@ -132,14 +302,29 @@ def test_the_pages_are_live_again_after_a_restart_and_keep_what_was_typed(browse
     folder = tmp_path / "service"
     with served(folder) as (address, process):
         with Client(address) as twin:
-            twin.upload("synek2019_H01")
+            twin.upload(PUBLISHED)
         seen = watched(browser, address)
-        seen.open("sessions/synek2019_H01/find", "synek2019_H01: find the missing effect")
+        seen.open(f"sessions/{PUBLISHED}/find", f"{PUBLISHED}: find the missing effect")
         seen.page.get_by_label("Formula").fill("torque[PIP] += k")
-        seen.page.get_by_text("live: synek2019_H01").wait_for()
+        seen.page.get_by_text(f"live: {PUBLISHED}").wait_for()
+        other = watched(browser, address)
+        other.open(f"sessions/{PUBLISHED}/compare?case={CASE}", f"{PUBLISHED}: predicted against measured")
+        other.page.get_by_label("Leave it out, because").fill("the suture")
+        other.page.get_by_text(f"live: {PUBLISHED}").wait_for()
         process.process.kill()
-        seen.page.get_by_text("The service does not answer").wait_for()
+        seen.page.get_by_text("The service does not answer").first.wait_for()
+        # Whatever is asked for meanwhile is refused in words, with a way to ask again.
+        seen.page.get_by_role("button", name="Find the missing effect").click()
+        seen.page.get_by_role("alert").filter(has_text="The service does not answer").first.wait_for()
+        other.page.get_by_role("button", name="Exclude").click()
+        other.page.get_by_role("alert").filter(has_text="The service does not answer").first.wait_for()
     with served(folder, int(address.rsplit(":", 1)[1])):
-        seen.page.get_by_text("live: synek2019_H01").wait_for()
+        seen.page.get_by_text(f"live: {PUBLISHED}").wait_for()
+        other.page.get_by_text(f"live: {PUBLISHED}").wait_for()
         assert seen.page.get_by_label("Formula").input_value() == "torque[PIP] += k"
-    seen.page.close()
+        assert other.page.get_by_label("Leave it out, because").input_value() == "the suture"
+        other.page.get_by_role("button", name="Exclude").click()
+        other.page.get_by_text(f"{CASE} is left out: the suture.").wait_for()
+    for page in (seen, other):
+        assert page.elsewhere == []
+        page.page.close()

@@ -1,175 +1,304 @@
-// The bench: six live traces, the protocol as a checklist, the force of what hangs now, warnings while it still hangs.
-import { at, get } from "../api.js";
-import { el, empty, fill, panel, problem, quiet } from "../dom.js";
-import { masses, norm, number, seconds, vector, words } from "../format.js";
-import { css, envelope } from "./canvas.js";
-import { figure } from "../plot.js";
+// The bench: the force of this moment, what to do now, the protocol, the finger as it is held, six traces, warnings.
+import { Away, at, get } from "../api.js";
+import { el, fill, problem, quiet } from "../dom.js";
+import { number, seconds } from "../format.js";
+import { FingerView } from "./bench_finger.js";
+import { Keys } from "./bench_keys.js";
+import { Now, nowOf } from "./bench_now.js";
+import { ProtocolGrid } from "./bench_protocol.js";
+import { Rate, Ring } from "./bench_ring.js";
+import { Traces } from "./bench_traces.js";
+import { Warnings, warningsOf } from "./bench_warnings.js";
 
-const CHANNELS = [["Fx", "N", 0.05], ["Fy", "N", 0.05], ["Fz", "N", 0.05], ["Tx", "N mm", 0.5], ["Ty", "N mm", 0.5], ["Tz", "N mm", 0.5]];
-const SPANS = [10, 30, 120];
-const KEPT_S = 125;
+const FRAME_MS = 1000 / 30 - 4;
+const LOAD_MS = 150;
+const TRY_AGAIN_MS = 3000;
+// An estimate that is older says nothing of now.
+const FRESH_MS = 1500;
+const SIZE = "bench size";
 
 export async function view(main, { session }) {
-  const path = at("sessions", session);
-  const away = new AbortController();
-  const traces = { t: [], low: CHANNELS.map(() => []), high: CHANNELS.map(() => []), last: null, over: false, at: 0 };
-  let stream = null;
-  let span = 30;
-  let cases = [];
-  let planned = [];
-  let events = [];
-  let cell = null;
-  let frame = 0;
-  let heard = 0;
-  let rate = [];
+  const bench = new BenchPage(main, session);
+  await bench.load();
+  return bench;
+}
 
-  const status = el("p", { class: "row", role: "status" });
-  const values = CHANNELS.map(() => el("span", {}, "–"));
-  const canvases = CHANNELS.map(([name, unit]) => el("canvas", { height: 92, role: "img", "aria-label": `${name} in ${unit}, the last seconds` }));
-  const now = el("div", { "aria-live": "polite" });
-  const warned = el("div", { role: "alert" });
-  const steps = el("div", { class: "steps" });
-  const finger = el("div");
-  const spans = el("select", { id: "span", onchange: (e) => { span = Number(e.target.value); } }, SPANS.map((s) => el("option", { value: s, selected: s === span }, seconds(s))));
-  fill(main, el("h1", {}, `${session}: the bench`), status, warned,
-    el("div", { class: "columns" }, panel("Now", now), panel("Checklist", steps)),
-    panel(null, el("div", { class: "row" }, el("div", {}, el("label", { htmlFor: "span" }, "Shown"), spans), quiet("The cell's own axes, tare not taken off; no peak is left out.")),
-      el("div", { class: "traces" }, CHANNELS.map(([name, unit], i) => el("div", { class: "trace" }, el("h3", {}, el("span", {}, `${name} [${unit}]`), values[i]), canvases[i])))),
-    panel("The finger", finger));
+class BenchPage {
+  constructor(main, session) {
+    this.session = session;
+    this.path = at("sessions", session);
+    this.gone = new AbortController();
+    const { signal } = this.gone;
+    this.ring = new Ring();
+    this.rate = new Rate();
+    this.state = null;
+    this.controlAt = -1e9;
+    this.cases = [];
+    this.steps = [];
+    this.estimate = null;
+    this.estimateAt = -1e9;
+    this.heardAt = null;
+    this.away = false;
+    this.picked = null;
+    this.prompt = null;
+    this.frame = 0;
+    this.drawnAt = 0;
+    this.frames = 0;
+    const changed = () => this.schedule();
+    this.warnings = new Warnings();
+    this.now = new Now(this.warnings.grave);
+    this.keys = new Keys(session, signal);
+    this.grid = new ProtocolGrid((row) => this.pick(row));
+    this.finger = new FingerView(session, changed, signal);
+    this.traces = new Traces(this.ring, session, changed, signal);
+    this.chips = el("div", { class: "row chips" });
+    this.texts = new Map();
+    this.size = el("button", { class: "toggle no-print", onclick: () => this.resize(!this.large, true) }, "Large");
+    this.trouble = el("div", {}, quiet("Loading …"));
+    // Nothing is shown of a bench before it is known how it stands, but for what is wrong with the service.
+    this.middle = el("div", { class: "bench-middle", hidden: true }, this.finger.node, this.grid.node);
+    this.keys.node.hidden = this.traces.node.hidden = this.now.node.hidden = this.size.hidden = true;
+    this.body = el("div", {}, this.now.node, this.warnings.node, this.keys.node, this.middle, this.traces.node);
+    this.node = el("div", { class: "bench" }, el("div", { class: "row bench-head" }, el("h1", {}, `${session}: the bench`), this.chips, this.size),
+      this.trouble, this.body);
+    fill(main, this.node);
+    document.addEventListener("visibilitychange", () => { if (!document.hidden) this.traces.touch(); }, { signal });
+    this.clock = setInterval(() => this.tick(), 500);
+    this.resize(localStorage.getItem(SIZE) !== "small", false);
+  }
 
-  async function load() {
+  leave() {
+    this.gone.abort();
+    cancelAnimationFrame(this.frame);
+    clearInterval(this.clock);
+    clearTimeout(this.loading);
+    this.traces.close();
+    this.finger.close();
+    this.keys.close();
+  }
+
+  link(state) {
+    this.away = state === "away";
+    if (state === "live" && this.state) this.soon();
+    this.tick();
+  }
+
+  hear(message) {
+    if (message.session !== this.session) return;
+    const { kind, body } = message;
+    if (kind === "trace") this.trace(body);
+    else if (kind === "estimate") this.take(body);
+    else if (kind === "bench") {
+      this.controlAt = performance.now();
+      this.control(body);
+      this.show();
+    } else if (["event", "case", "session"].includes(kind)) this.soon();
+  }
+
+  control(body) {
+    this.keys.take(body);
+    this.prompt = body && body.connected !== false ? body : null;
+  }
+
+  /** Ask how the bench stands, some moments later: what happens at a bench comes in several events. */
+  soon(after = LOAD_MS) {
+    this.loading ??= setTimeout(() => { this.loading = null; this.load(); }, after);
+  }
+
+  async load() {
+    const { signal } = this.gone;
+    const asked = performance.now();
     try {
-      const [info, found, told, list] = await Promise.all([get(path, {}, away.signal), get(`${path}/cases`, {}, away.signal),
-        get(`${path}/events`, { limit: 1000 }, away.signal), get(`${path}/checklist`, {}, away.signal)]);
-      cases = found.cases;
-      planned = list.steps;
-      events = told.events;
-      stream = info.stream;
-      cell = info;
-      draw();
-      if (!traces.t.length && stream) recent();
+      const [state, found, list] = await Promise.all([get(`${this.path}/bench/state`, {}, signal), get(`${this.path}/cases`, {}, signal),
+        get(`${this.path}/checklist`, {}, signal)]);
+      const first = this.state === null;
+      const runs = (s) => Boolean(s?.begun && !s.closed);
+      // Where a bench runs, it is read from afar, unless somebody has said otherwise.
+      if ((first || runs(state) > runs(this.state)) && localStorage.getItem(SIZE) === null) this.resize(runs(state), false);
+      this.state = state;
+      // What the live stream has told meanwhile is newer.
+      if (this.controlAt < asked) this.control(state.control);
+      this.cases = found.cases;
+      this.steps = [...state.steps, ...list.steps.filter((s) => s.state === "proposed")];
+      fill(this.trouble, state.problem ? problem(new Error(state.problem)) : null);
+      this.traces.range = state.cell.range;
+      this.traces.tare(state.tare?.mean);
+      if (first) {
+        for (const node of [this.now.node, this.keys.node, this.middle, this.traces.node, this.size]) node.hidden = false;
+        // From now on it is noticed where nothing comes.
+        this.heardAt ??= performance.now();
+        if (!this.ring.count && state.has_readings) this.traces.ask(0, this.traces.span);
+      }
+      this.show();
+      // The readings of a tare come a moment after its event.
+      if (state.tare && !state.tare.mean) this.soon(1000);
     } catch (error) {
-      if (error.name !== "AbortError") fill(now, problem(error), el("button", { onclick: load }, "Try again"));
+      if (error.name === "AbortError") return;
+      if (error instanceof Away) this.away = true;
+      if (this.state === null) fill(this.trouble, problem(error), el("button", { onclick: () => this.load() }, "Try again"));
+      if (error instanceof Away) this.soon(TRY_AGAIN_MS);
+      this.tick();
     }
   }
 
-  async function recent() {
-    const found = await get(`${path}/readings`, { points: 1500 }, away.signal).catch(() => null);
-    if (!found || traces.t.length) return;
-    const raw = found.kind === "raw";
-    const names = ["Fx_N", "Fy_N", "Fz_N", "Tx_Nmm", "Ty_Nmm", "Tz_Nmm"];
-    const t = (raw ? found.t_s : found.to_s) || [];
-    traces.t = t.slice();
-    names.forEach((n, i) => { traces.low[i] = (raw ? found.values[n] : found.least[n]).slice(); traces.high[i] = (raw ? found.values[n] : found.most[n]).slice(); });
-    traces.whole = true;
-  }
-
-  const last = (...kinds) => events.findLast((e) => kinds.includes(e.kind));
-  const value = (e) => e?.value || {};
-
-  function draw() {
-    const done = new Map(cases.map((c) => [c.id, c]));
-    const skipped = new Set(events.filter((e) => ["case_skipped", "known_weight_skipped"].includes(e.kind)).map((e) => value(e).id ?? `weight_${value(e).when}`));
-    const present = value(last("step")).id;
-    const listed = [...planned];
-    for (const c of JSON.parse(localStorage.getItem(`next ${session}`) || "[]")) listed.push({ id: "next:", state: "open", text: `${masses(c.masses_g)}, ${words(c.posture)}, ${c.location}` });
-    fill(steps, listed.length ? listed.map((p) => {
-      const c = done.get(p.id);
-      const state = c ? c.state : p.state === "done" ? "done" : skipped.has(p.id) ? "skipped" : p.id === present ? "now" : p.state;
-      const mark = { measured: "✓", done: "✓", waiting: "…", failed: "✗", excluded: "–", skipped: "–", now: "▶", open: "○" }[state];
-      return el("div", { class: `step${state === "now" ? " now" : ""}` }, el("span", { "aria-hidden": "true" }, mark), el("span", {}, `${p.id} ${p.text}`),
-        el("span", { class: "quiet" }, c?.state === "measured" ? `${number(norm(c.measured_N), 2)} N` : words(state)));
-    }) : empty("No protocol yet: the bench sends it when it begins (fingertwin log --protocol … --to)."));
-    const shown = cases.findLast((c) => c.state === "measured");
-    if (shown) {
-      const outside = shown.z !== null && norm(shown.residual_N) > 0.4 * norm(shown.predicted_N) + 0.3;
-      result({ title: `Last: ${shown.id}, ${masses(shown.masses_g)}, ${words(shown.posture)}, ${shown.location}`, force: shown.measured_N, sd: shown.measured_sd_N, predicted: shown.predicted_N, blinded: shown.blinded, outside });
-      figure(finger, "finger", { session, case: shown.id }, { signal: away.signal });
-    } else {
-      fill(now, empty(cell?.source === "none" ? "The bench has not begun." : "No load case is measured yet."));
-      fill(finger, quiet("It is drawn with the first measured case."));
+  trace(body) {
+    const { state } = this;
+    if (state?.stream?.id && body.stream !== state.stream.id) return;
+    const none = !this.ring.count;
+    const whole = !this.ring.count && this.traces.end !== null && !body.recent;
+    const readings = this.ring.take(body);
+    if (!readings) return;
+    if (none) {
+      this.traces.some(this.traces.stored);
+      this.traces.join();
     }
-    const w = last("warning");
-    const after = last("step", "case_taken", "tare");
-    if (w && (!after || w.arrival > after.arrival)) warn(value(w).text); else fill(warned);
-    tell();
+    if (whole) this.traces.follow();
+    this.heardAt = performance.now();
+    if (!body.recent) this.rate.add(readings, this.heardAt);
+    else if (this.traces.end !== null && state?.begun && !state.closed) this.traces.follow();
+    if (!this.hangs()) this.finger.live(this.raw(true), true, state?.place?.location);
+    this.schedule();
   }
 
-  function result({ title, force, sd, predicted, blinded, outside, steady, why }) {
-    fill(now, el("p", {}, title), el("p", { class: `big ${outside ? "bad" : ""}` }, `${number(norm(force), 2)} N`),
-      el("p", {}, `measured ${vector(force)} N`, sd ? ` (± ${vector(sd)})` : ""),
-      blinded ? quiet("A validation case: its prediction is hidden until the bench closes the session.") : predicted ? el("p", {}, `predicted ${vector(predicted)} N`) : null,
-      outside ? el("p", { class: "bad" }, "Far from the prediction: wrong tendon, wrong weight, forgotten tare, or drift? Look before the weight comes off.") : null,
-      steady === false ? el("p", { class: "warn" }, why || "not steady yet") : null);
-  }
-
-  const warn = (text) => text && fill(warned, el("p", { class: "problem" }, text));
-
-  function tell() {
-    const tare = last("tare");
-    const age = tare && traces.t.length ? traces.t.at(-1) - tare.at_s : null;
-    const gaps = events.filter((e) => e.kind === "gap" || e.kind === "lost").length;
-    fill(status,
-      el("span", { class: "chip" }, rate.length > 1 ? `${Math.round(rateHz())} readings/s` : "no readings now"),
-      el("span", { class: "chip" }, age === null ? "no tare yet" : `tare ${seconds(age)} ago`),
-      el("span", { class: "chip" }, `${gaps} gaps`),
-      traces.over ? el("span", { class: "chip bad" }, "OVERLOAD") : null,
-      el("span", { class: "chip" }, cell?.closed ? "closed: predictions are shown" : "running: validation cases are blind"));
-  }
-
-  const rateHz = () => rate.reduce((a, [, n]) => a + n, 0) / Math.max((performance.now() - rate[0][0]) / 1000, 0.2);
-
-  function trace(body) {
-    if (stream && body.stream !== stream) return;
-    stream = body.stream;
-    if (traces.whole && body.from_s[0] < (traces.t.at(-1) ?? 0) - 1) { traces.t = []; traces.low = CHANNELS.map(() => []); traces.high = CHANNELS.map(() => []); }
-    traces.whole = false;
-    for (let k = 0; k < body.to_s.length; k++) {
-      if (traces.t.length && body.to_s[k] <= traces.t.at(-1)) continue;
-      traces.t.push(body.to_s[k]);
-      for (let i = 0; i < 6; i++) { traces.low[i].push(body.least[k][i]); traces.high[i].push(body.most[k][i]); }
-      traces.last = body.latest[k];
-      traces.over = Boolean(body.overload[k]);
+  take(body) {
+    this.estimate = body;
+    this.estimateAt = performance.now();
+    this.traces.window = body.steady ? body.window_s : null;
+    if (!this.picked || this.picked === body.case) {
+      this.finger.live(body.force_N, false);
+      this.finger.predicted(body.predicted_N);
     }
-    const end = traces.t.at(-1);
-    const cut = traces.t.findIndex((t) => t > end - KEPT_S);
-    if (cut > 500) { traces.t.splice(0, cut); for (let i = 0; i < 6; i++) { traces.low[i].splice(0, cut); traces.high[i].splice(0, cut); } }
-    if (!body.recent) { rate.push([performance.now(), body.count.reduce((a, b) => a + b, 0)]); rate = rate.filter(([at_]) => at_ > performance.now() - 2000); }
-    heard = performance.now();
+    this.warn();
+    this.schedule();
   }
 
-  function paint() {
-    frame = requestAnimationFrame(paint);
-    if (document.hidden) return;
-    const t = traces.t;
-    const end = t.length ? t.at(-1) : 0;
-    const begin = traces.whole ? t[0] : end - span;
-    let from = 0;
-    while (from < t.length && t[from] < begin) from++;
-    CHANNELS.forEach(([, , least], i) => {
-      envelope(canvases[i], t.slice(from), traces.low[i].slice(from), traces.high[i].slice(from), { bounds: [begin, Math.max(end, begin + 0.1)], colour: css("--measured"), least });
-      const text = traces.last ? number(traces.last[i], i < 3 ? 3 : 1) : "–";
-      if (values[i].textContent !== text) values[i].textContent = text;
-    });
+  /** What hangs now and is estimated; null where nothing is, or nothing was heard of it lately. */
+  hangs() {
+    return this.estimate && performance.now() - this.estimateAt < FRESH_MS && this.state?.phase === "loaded" ? this.estimate : null;
   }
 
-  const clock = setInterval(() => {
-    rate = rate.filter(([at_]) => at_ > performance.now() - 2000);
-    tell();
-    if (heard && performance.now() - heard > 3000) warn("The load cell is silent: look at its cable; what was read is kept.");
-  }, 1000);
-  await load();
-  paint();
-  return {
-    leave: () => { away.abort(); cancelAnimationFrame(frame); clearInterval(clock); },
-    link: (state) => { if (state === "live" && heard) load(); },
-    hear: (m) => {
-      if (m.session !== session) return;
-      if (m.kind === "trace") trace({ recent: m.recent, ...m.body });
-      else if (m.kind === "estimate") {
-        const b = m.body;
-        result({ title: `Hanging now: ${b.case ?? ""}`, force: b.force_N, sd: b.sd_N, predicted: b.predicted_N, blinded: b.blinded, outside: b.outside, steady: b.steady, why: b.reason || b.why });
-      } else if (["event", "case", "session"].includes(m.kind)) load();
-    },
-  };
+  /** The force of this moment in the cell's own axes [N], with the tare taken off where there is one. */
+  raw(needsTare) {
+    const { mean } = this.ring;
+    const tare = this.state?.tare?.mean;
+    if (Number.isNaN(mean[0]) || (needsTare && !tare) || this.silentS() > 1.5) return null;
+    return [0, 1, 2].map((i) => mean[i] - (tare ? tare[i] : 0));
+  }
+
+  silentS() {
+    return this.heardAt === null ? 0 : (performance.now() - this.heardAt) / 1000;
+  }
+
+  pick(row) {
+    this.picked = row?.id ?? null;
+    this.show();
+  }
+
+  /** Show how the bench stands: steps, drawing, warnings, what to do. */
+  show() {
+    const { state } = this;
+    if (!state) return;
+    this.grid.show(this.steps, this.cases, state.now, this.picked, state.begun);
+    this.finger.show(...this.posture());
+    this.traces.some(state.has_readings, state.begun || !state.steps.length ? "No readings have come yet." : "This session has averaged forces and no readings.");
+    this.keys.run(state.begun && !state.closed && state.stream?.state !== "ended");
+    if (state.phase !== "loaded") this.traces.window = null;
+    this.tick();
+  }
+
+  /** What the finger is drawn with: what was picked, else the present case, else the last one. */
+  posture() {
+    const { state, steps, cases } = this;
+    const step = steps.find((s) => s.id === (this.picked ?? state.now)) ?? null;
+    const version = (id) => JSON.stringify([cases.find((c) => c.id === id)?.measured_N, state.closed]);
+    if (step?.state === "proposed") return [{ posture: step.posture }, "proposed"];
+    if (step?.masses_g) return [{ case: step.id }, version(step.id)];
+    const last = cases.findLast((c) => c.state === "measured");
+    if (!state.now && last) return [{ case: last.id }, version(last.id)];
+    return state.place ? [{ posture: state.place.posture }, ""] : [null, ""];
+  }
+
+  warn() {
+    const { state } = this;
+    const now = this.ring.lastS;
+    const tareAgeS = state?.tare ? now - state.tare.window_s[1] : 0;
+    const overloaded = this.silentS() < 1 && this.ring.overloadedSince(now - 1);
+    this.warnings.show(warningsOf({ bench: state, estimate: this.hangs(), overloaded, silentS: this.silentS(), away: this.away, now, tareAgeS }));
+  }
+
+  /** What passes with time alone. */
+  tick() {
+    if (!this.state) {
+      this.warnings.show(this.away ? warningsOf({ away: true }) : []);
+      this.now.node.hidden = !this.away;
+      return;
+    }
+    this.warn();
+    this.tell();
+    this.big(true);
+    this.finger.say(performance.now());
+  }
+
+  big(always) {
+    const bench = this.state;
+    const given = nowOf({ bench, prompt: this.prompt?.todo, reason: this.prompt?.reason, cases: this.cases, estimate: this.hangs(), raw: this.raw(false), hasTare: Boolean(bench.tare?.mean) });
+    this.now.show(given, performance.now(), always);
+  }
+
+  chip(name, text, kind = "") {
+    let node = this.texts.get(name);
+    if (!node) {
+      node = el("span", { class: "chip" });
+      this.texts.set(name, node);
+      this.chips.append(node);
+    }
+    node.hidden = !text;
+    if (node.textContent !== text) node.textContent = text;
+    const look = `chip ${kind}`.trim();
+    if (node.className !== look) node.className = look;
+  }
+
+  tell() {
+    const { state } = this;
+    const hz = this.rate.hz(performance.now());
+    const stream = state.stream;
+    const running = state.begun && !state.closed && stream?.state !== "ended";
+    this.chip("mode", !state.begun ? (state.steps.length ? "recorded" : "not begun") : state.closed ? "closed: predictions are shown" : "running: validation is blind");
+    this.chip("rate", running ? (!hz ? "no readings now" : `${Math.round(hz)} readings/s`) : "", running && !hz ? "warn" : "");
+    this.chip("gaps", stream ? `${stream.gaps} gaps${stream.lost_samples ? `, ${stream.lost_samples} lost` : ""}` : "", stream?.gaps ? "warn" : "");
+    const age = state.tare && !Number.isNaN(this.ring.lastS) ? Math.max(this.ring.lastS - state.tare.window_s[1], 0) : null;
+    this.chip("tare", !running ? "" : state.tare ? `tare${age === null ? "" : ` ${seconds(age)} ago`}` : "no tare", running && !state.tare ? "warn" : "");
+    const drift = state.drift;
+    this.chip("drift", drift ? `drift ${number(drift.force_N, 3)} N, ${number(drift.moment_Nmm, 2)} N mm in ${seconds(drift.over_s)}` : "");
+    const range = state.cell.range;
+    const share = range && !Number.isNaN(this.ring.latest[0]) ? Math.max(...range.map((r, i) => Math.abs(this.ring.latest[i]) / r)) : null;
+    this.chip("range", running && share !== null ? `${Math.round(100 * share)} % of the cell's range` : "", share !== null && share >= 0.8 ? "bad" : "");
+  }
+
+  resize(large, kept) {
+    this.large = large;
+    this.node.classList.toggle("large", large);
+    this.size.setAttribute("aria-pressed", String(large));
+    if (kept) localStorage.setItem(SIZE, large ? "large" : "small");
+    this.traces.touch();
+  }
+
+  /** Draw with the next frame, thirty times a second at most, and never where nobody looks. */
+  schedule() {
+    if (this.frame || document.hidden) return;
+    this.frame = requestAnimationFrame((now) => this.paint(now));
+  }
+
+  paint(now) {
+    this.frame = 0;
+    if (now - this.drawnAt < FRAME_MS) {
+      this.schedule();
+      return;
+    }
+    this.drawnAt = now;
+    if (this.state) this.big(false);
+    const drawn = [this.traces.draw(now), this.finger.draw(now)];
+    if (drawn.some(Boolean)) this.frames++;
+    this.node.dataset.frames = String(this.frames);
+  }
 }

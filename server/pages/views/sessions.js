@@ -1,81 +1,78 @@
-// Sessions and specimens: list, search, begin one from a file, open, export.
-import { at, get, post } from "../api.js";
-import { el, empty, fill, notice, panel, problem, quiet, table } from "../dom.js";
+// Sessions and specimens: list, search, import a folder, open, export.
+import { get } from "../api.js";
+import { el, empty, fill, panel, problem, quiet, table } from "../dom.js";
 import { when } from "../format.js";
+import { importing } from "./importing.js";
+
+const FORMATS = [["csv", "cases, CSV"], ["columns", "what the CSV's columns are"], ["parquet", "cases, Parquet"], ["hdf5", "cases and readings, HDF5"], ["mat", "cases and readings, MATLAB"],
+  ["c3d", "the six channels, C3D"], ["folder", "the session's folder"], ["supplement", "supplement for a paper"]];
 
 export async function view(main) {
+  const away = new AbortController();
   const list = el("div");
+  const specimens = el("div");
   const found = el("input", { id: "search", type: "search", autocomplete: "off", oninput: () => draw() });
-  const file = el("input", { id: "file", type: "file", accept: ".json,application/json", onchange: () => begin() });
-  let rows = null;
-  let specimens = [];
+  let rows = [];
+  let known = [];
+  let loaded = false;
 
   fill(main, el("h1", {}, "Sessions"),
-    panel(null, el("div", { class: "row" }, el("div", {}, el("label", { htmlFor: "search" }, "Search"), found),
-      el("div", {}, el("label", { htmlFor: "file" }, "Begin one from a bench-session/1 as JSON"), file)),
-    quiet("Folders with readings come in by the command line: fingertwin replay FOLDER --to this address; a bench sends its own: fingertwin log --to."),
-    list), el("div", { id: "specimens" }));
+    panel(null, el("div", { class: "row" }, el("div", {}, el("label", { htmlFor: "search" }, "Search by session or specimen"), found)), list),
+    panel("Import a session", importing(away.signal)), specimens);
 
   async function load() {
     try {
-      rows = [];
+      const now = [];
       let after = "";
       do {
-        const page = await get("/sessions", { limit: 500, after });
-        rows.push(...page.sessions);
+        const page = await get("/sessions", { limit: 500, after }, away.signal);
+        now.push(...page.sessions);
         after = page.next;
       } while (after);
-      specimens = (await get("/specimens")).specimens;
+      rows = now;
+      known = (await get("/specimens", {}, away.signal)).specimens;
+      loaded = true;
       draw();
     } catch (error) {
-      fill(list, problem(error), el("button", { onclick: load }, "Try again"));
+      if (error.name !== "AbortError") fill(list, problem(error), el("button", { onclick: load }, "Try again"));
     }
   }
 
+  const href = (id, page) => `#/sessions/${encodeURIComponent(id)}/${page}`;
+
   function draw() {
+    if (!loaded) return;
     const text = found.value.trim().toLowerCase();
     const shown = rows.filter((r) => `${r.id} ${r.specimen ?? ""}`.toLowerCase().includes(text));
     if (!rows.length) {
-      fill(list, empty(el("p", {}, "No session yet."), el("p", {}, "Try a recorded one: "),
-        el("p", {}, el("code", {}, `fingertwin replay DEV-02 --to ${location.origin}`))));
-      return;
+      fill(list, empty(el("p", {}, el("strong", {}, "No session yet.")), el("p", {}, "Try a recorded one: "),
+        el("p", {}, el("code", {}, `fingertwin replay DEV-02 --to ${location.origin}`)), el("p", {}, "or choose a session's folder below.")));
+    } else {
+      fill(list, shown.length ? table([
+        { title: "session", cell: (r) => el("a", { href: href(r.id, r.source === "bench" && !r.closed_utc ? "bench" : "compare") }, r.id) },
+        { title: "specimen", cell: (r) => r.specimen },
+        { title: "from", cell: (r) => (r.source === "bench" ? (r.closed_utc ? "a bench" : "a bench, running") : "a document") },
+        { title: "began", cell: (r) => when(r.created_utc) },
+        { title: "streams", n: true, cell: (r) => String(r.streams) },
+        { title: "export", cell: (r) => exports(r.id) },
+      ], shown, { caption: `${shown.length} of ${rows.length} sessions` }) : quiet(`No session or specimen is called anything like “${found.value.trim()}”.`));
     }
-    fill(list, shown.length ? table([
-      { title: "session", cell: (r) => el("a", { href: `#/sessions/${encodeURIComponent(r.id)}/${r.source === "bench" && !r.closed_utc ? "bench" : "compare"}` }, r.id) },
-      { title: "specimen", cell: (r) => r.specimen },
-      { title: "from", cell: (r) => (r.source === "bench" ? (r.closed_utc ? "a bench" : "a bench, running") : "a document") },
-      { title: "began", cell: (r) => when(r.created_utc) },
-      { title: "streams", n: true, cell: (r) => String(r.streams) },
-      { title: "export", cell: (r) => exports(r.id) },
-    ], shown, { caption: `${shown.length} of ${rows.length} sessions` }) : quiet("Nothing matches."));
-    fill(main.querySelector("#specimens"), specimens.length ? panel("Specimens", table([
+    fill(specimens, known.length ? panel("Specimens", table([
       { title: "specimen", cell: (s) => s.id },
-      { title: "model in force", cell: (s) => s.revision },
-      { title: "how it came to be", cell: (s) => s.steps.at(-1).why },
+      { title: "sessions", cell: (s) => rows.filter((r) => r.specimen === s.id).map((r, i) => [i ? ", " : "", el("a", { href: href(r.id, "fall") }, r.id)]) },
+      { title: "model in force", cell: (s) => el("a", { href: `/api/v1/revisions/${encodeURIComponent(s.revision)}/document`, download: `${s.revision}.json` }, s.revision) },
+      { title: "how it came to be", wrap: true, cell: (s) => s.steps.at(-1).why },
       { title: "steps", n: true, cell: (s) => String(s.steps.length) },
-    ], specimens)) : null);
+    ], known, { caption: "Each with the revision of its model that stands for it" })) : null);
   }
 
   function exports(id) {
-    return el("select", { "aria-label": `Export ${id}`, onchange: (e) => {
-      if (e.target.value) location.href = `/api/v1/sessions/${encodeURIComponent(id)}/export?format=${e.target.value}`;
-      e.target.value = "";
-    } }, el("option", { value: "" }, "as …"), ["csv", "parquet", "hdf5", "c3d", "mat", "folder", "supplement"].map((f) => el("option", { value: f }, f)));
-  }
-
-  async function begin() {
-    const [given] = file.files;
-    if (!given) return;
-    try {
-      const document_ = JSON.parse(await given.text());
-      await post("/sessions", { id: document_.id, document: document_ });
-      location.hash = `#/sessions/${encodeURIComponent(document_.id)}/compare`;
-    } catch (error) {
-      notice(error instanceof SyntaxError ? new Error(`${given.name} is no JSON (${error.message}); expected a bench-session/1.`) : error);
-    }
-    file.value = "";
+    const at = (format) => `/api/v1/sessions/${encodeURIComponent(id)}/export?format=${format}`;
+    return el("details", { class: "menu" }, el("summary", { "aria-label": `Export ${id}` }, "as …"),
+      el("ul", {}, FORMATS.map(([f, title]) => el("li", {}, el("a", { href: at(f), download: "" }, title))),
+        el("li", {}, el("a", { href: href(id, "report") }, "report, HTML or PDF"))));
   }
 
   await load();
-  return { hear: (m) => { if (m.kind === "session" || m.kind === "revision") load(); } };
+  return { leave: () => away.abort(), hear: (m) => { if (m.kind === "session" || m.kind === "revision") load(); }, link: (state) => { if (state === "live" && !loaded) load(); } };
 }

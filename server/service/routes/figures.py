@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import threading
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Header, Path, Query, Request, Response
 
 from daq.uplink.wire import API
 from server.service.answers import JsonAnswer
+from server.service.comparison_figures import Only, Plane
 from server.service.figures import COMPARISON, DIAGNOSIS, REVISIONS, Drawn, Figures, Theme
 from server.service.schemas.common import ModelName, documented
 from server.service.schemas.figures import EXAMPLE, FigureList, FigureShown
@@ -25,6 +26,16 @@ Effect = Annotated[
 InSession = Annotated[str, Query(max_length=100, description="Id of the session.", examples=["DEV-01"])]
 Before = Annotated[
     str | None, Query(max_length=200, description="A model that this one is held against; named as `model` is.")
+]
+InPlane = Annotated[
+    Plane | None,
+    Query(description="Force components: sagittal (x, y) or space; by default as the finger is judged."),
+]
+OfRole = Annotated[Literal["identification", "validation"] | None, Query(description="Load cases of this role only.")]
+AtMount = Annotated[Literal["tip", "bone"] | None, Query(description="Load cases with the cell at this place only.")]
+InPosture = Annotated[str | None, Query(max_length=200, description="Load cases in this posture only.")]
+WithMuscles = Annotated[
+    str | None, Query(max_length=200, description="Load cases with these tendons loaded only, such as FDP+FDS.")
 ]
 Posture = Annotated[
     str | None, Query(max_length=200, description="A posture of the session; by default that of the case.")
@@ -46,10 +57,17 @@ _LOCK = threading.Lock()
 _MODEL = ("model", False, "A revision's id, a finger's name, or in_force; by default the session's own finger.")
 _SESSION = ("session", True, "Id of the session.")
 _THEME = ("theme", False, "light (default) or dark.")
+_ONLY = (
+    ("plane", False, "sagittal or space; by default as the finger is judged."),
+    ("role", False, "identification or validation; by default both."),
+    ("location", False, "tip or bone."),
+    ("posture", False, "Of this posture only."),
+    ("muscles", False, "With these tendons loaded only, such as FDP+FDS."),
+)
 _KINDS: dict[str, tuple[str, tuple[tuple[str, bool, str], ...]]] = {
     "comparison": (
         "Measured load cases; while a bench is running, identification cases alone are shown.",
-        (_SESSION, _MODEL, ("before", False, "A model that this one is held against."), _THEME),
+        (_SESSION, _MODEL, ("before", False, "A model that this one is held against."), *_ONLY, _THEME),
     ),
     "diagnosis": (
         "A job of kind diagnose or pooled that is done.",
@@ -122,14 +140,21 @@ def comparison(
     request: Request,
     model: ModelName = None,
     before: Before = None,
+    plane: InPlane = None,
+    role: OfRole = None,
+    location: AtMount = None,
+    posture: InPosture = None,
+    muscles: WithMuscles = None,
     theme: OnPage = "light",
     matched: Matched = None,
 ) -> Response:
     """Draw predicted against measured forces: scatter, vectors at the finger, errors, residuals in uncertainties.
 
-    While a bench is running, validation cases are left out.
+    While a bench is running, validation cases are left out. Vectors and bone are always drawn in the sagittal plane;
+    with `before`, what that model predicted is drawn beside them.
     """
-    return _answer(figures_of(request).comparison(name, session, model, before, theme), matched)
+    only = Only(plane, role, location, posture, muscles)
+    return _answer(figures_of(request).comparison(name, session, model, before, only, theme), matched)
 
 
 @router.get("/diagnosis/{name}", responses=_DRAWN)

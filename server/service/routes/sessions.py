@@ -9,6 +9,8 @@ from sqlalchemy import select
 
 from daq.errors import InputError
 from server.service.answers import JsonAnswer
+from server.service.importing import import_folder
+from server.service.planned import planned_steps
 from server.service.problems import ProblemError
 from server.service.records import steps_of, undone_edits
 from server.service.schema import streams
@@ -21,8 +23,10 @@ from server.service.schemas.sessions import (
     Edited,
     EditList,
     Exclusion,
+    Folder,
     NewCase,
     NewSession,
+    Proposal,
     SessionList,
     SessionShown,
     Windows,
@@ -32,12 +36,14 @@ from server.service.sizes import require_case_id
 from server.service.strict import StrictRoute
 from server.service.watch import case_bodies
 
-router = APIRouter(route_class=StrictRoute, prefix="/sessions", tags=["sessions"])
+kept = APIRouter(route_class=StrictRoute, prefix="/sessions", tags=["sessions"])
+imports = APIRouter(route_class=StrictRoute, prefix="/imports", tags=["sessions"])
 
 EditNumber = Annotated[int, Path(ge=1, le=1 << 53, description="Number of the edit.")]
+ProposedId = Annotated[str, Path(max_length=100, description="Id of the proposed load case.", examples=["next-1"])]
 
 
-@router.post("", status_code=201, responses=documented(SessionShown, status=201) | {200: {"model": SessionShown}})
+@kept.post("", status_code=201, responses=documented(SessionShown, status=201) | {200: {"model": SessionShown}})
 def create(body: NewSession, request: Request) -> JsonAnswer:
     """Begin a session: with its document, or empty where a bench will send its record.
 
@@ -49,7 +55,7 @@ def create(body: NewSession, request: Request) -> JsonAnswer:
     return JsonAnswer(_shown(parts, body.id), 201 if new else 200, headers)
 
 
-@router.get("", responses=documented(SessionList))
+@kept.get("", responses=documented(SessionList))
 def listed(
     request: Request,
     specimen: Annotated[str | None, Query(max_length=200, description="Of this specimen only.")] = None,
@@ -61,13 +67,13 @@ def listed(
     return JsonAnswer({"sessions": [vars(r) for r in rows], "next": rows[-1].id if len(rows) == limit else None})
 
 
-@router.get("/{session}", responses=documented(SessionShown))
+@kept.get("/{session}", responses=documented(SessionShown))
 def read(session: SessionId, request: Request) -> JsonAnswer:
     """Return a session: where it comes from, its streams, and how far its cases are."""
     return JsonAnswer(_shown(of(request), session))
 
 
-@router.get("/{session}/document", responses=documented(Shown))
+@kept.get("/{session}/document", responses=documented(Shown))
 def document(session: SessionId, request: Request) -> JsonAnswer:
     """Return the session as bench-session/1, edits included."""
     record = of(request).sessions.read(session)
@@ -76,14 +82,14 @@ def document(session: SessionId, request: Request) -> JsonAnswer:
     return JsonAnswer(record.document)
 
 
-@router.delete("/{session}", status_code=204, responses=documented(Shown, status=422))
+@kept.delete("/{session}", status_code=204, responses=documented(Shown, status=422))
 def delete(session: SessionId, request: Request) -> Response:
     """Hide a session. What it holds is kept, and its id is not used again."""
     of(request).sessions.delete(session)
     return Response(status_code=204)
 
 
-@router.post("/{session}/close", responses=documented(SessionShown))
+@kept.post("/{session}/close", responses=documented(SessionShown))
 def close(session: SessionId, request: Request) -> JsonAnswer:
     """Close a session: predictions of its validation cases may be seen from here on."""
     parts = of(request)
@@ -91,7 +97,7 @@ def close(session: SessionId, request: Request) -> JsonAnswer:
     return JsonAnswer(_shown(parts, session))
 
 
-@router.get("/{session}/cases", responses=documented(CaseList))
+@kept.get("/{session}/cases", responses=documented(CaseList))
 def cases(session: SessionId, request: Request) -> JsonAnswer:
     """Return the load cases: what hangs, how far each is, its force, and its prediction where that may be seen."""
     parts = of(request)
@@ -100,20 +106,50 @@ def cases(session: SessionId, request: Request) -> JsonAnswer:
     return JsonAnswer({"session": session, "version": measured.record.version, "cases": bodies})
 
 
-@router.get("/{session}/checklist", responses=documented(Checklist))
+@kept.get("/{session}/checklist", responses=documented(Checklist))
 def checklist(session: SessionId, request: Request) -> JsonAnswer:
-    """Return the steps of the protocol that a bench follows, in order; of a document, its cases."""
+    """Return the steps of the protocol that a bench follows; of a document, its cases; and then what is proposed."""
     record = of(request).sessions.read(session)
-    return JsonAnswer({"session": session, "version": record.version, "steps": steps_of(record)})
+    steps = [*steps_of(record), *planned_steps(record)]
+    return JsonAnswer({"session": session, "version": record.version, "steps": steps})
 
 
-@router.get("/{session}/cases/{case}", responses=documented(CaseShown))
+@kept.post("/{session}/planned", status_code=201, responses=documented(Edited, status=201))
+def propose(session: SessionId, body: Proposal, request: Request) -> JsonAnswer:
+    """Propose a load case to be measured next; it stands on the checklist as proposed until it is measured."""
+    parts = of(request)
+    number = parts.sessions.propose(session, body.model_dump(exclude={"author"}), body.author)
+    answer = {"session": session, "version": parts.sessions.version(session), "edit": number, "case": None}
+    return JsonAnswer(answer, 201)
+
+
+@kept.delete("/{session}/planned/{planned}", responses=documented(Edited))
+def withdraw(session: SessionId, planned: ProposedId, request: Request) -> JsonAnswer:
+    """Take a proposed load case back; that can be undone too."""
+    parts = of(request)
+    number = parts.sessions.withdraw(session, planned)
+    answer = {"session": session, "version": parts.sessions.version(session), "edit": number, "case": None}
+    return JsonAnswer(answer)
+
+
+@imports.post("", status_code=201, responses=documented(SessionShown, status=201) | {200: {"model": SessionShown}})
+def import_session(body: Folder, request: Request) -> JsonAnswer:
+    """Take in a session's folder with its readings, as the command line has it; nothing is kept of one that is unsound.
+
+    The very same folder again is a success (200).
+    """
+    parts = of(request)
+    name, new = import_folder(parts, [(f.name, f.base64) for f in body.files], body.id)
+    return JsonAnswer(_shown(parts, name), 201 if new else 200, {"Location": f"/api/v1/sessions/{name}"})
+
+
+@kept.get("/{session}/cases/{case}", responses=documented(CaseShown))
 def one_case(session: SessionId, case: CaseId, request: Request) -> JsonAnswer:
     """Return one load case."""
     return JsonAnswer(_case(of(request), session, case))
 
 
-@router.post("/{session}/cases", status_code=201, responses=documented(Edited, status=201))
+@kept.post("/{session}/cases", status_code=201, responses=documented(Edited, status=201))
 def add_case(session: SessionId, body: NewCase, request: Request) -> JsonAnswer:
     """Add a load case; its force is computed as soon as the readings of its windows are there."""
     name = body.case.get("id")
@@ -121,7 +157,7 @@ def add_case(session: SessionId, body: NewCase, request: Request) -> JsonAnswer:
     return _edited(of(request), session, "case", str(name), body.case, author=body.author, status=201)
 
 
-@router.put("/{session}/cases/{case}/windows", responses=documented(Edited))
+@kept.put("/{session}/cases/{case}/windows", responses=documented(Edited))
 def move_windows(session: SessionId, case: CaseId, body: Windows, request: Request) -> JsonAnswer:
     """Move the windows of a load case; its force is computed anew, and the edit can be undone."""
     given = body.model_dump(exclude_unset=True, exclude={"author"})
@@ -130,19 +166,19 @@ def move_windows(session: SessionId, case: CaseId, body: Windows, request: Reque
     return _edited(of(request), session, "windows", case, given, author=body.author)
 
 
-@router.post("/{session}/cases/{case}/exclude", responses=documented(Edited))
+@kept.post("/{session}/cases/{case}/exclude", responses=documented(Edited))
 def exclude(session: SessionId, case: CaseId, body: Exclusion, request: Request) -> JsonAnswer:
     """Leave a load case out, for a reason; of a bench that is running, that is done at the bench."""
     return _edited(of(request), session, "exclude", case, {"reason": body.reason}, author=body.author)
 
 
-@router.post("/{session}/cases/{case}/include", responses=documented(Edited))
+@kept.post("/{session}/cases/{case}/include", responses=documented(Edited))
 def include(session: SessionId, case: CaseId, body: Author, request: Request) -> JsonAnswer:
     """Take a load case in again."""
     return _edited(of(request), session, "include", case, {}, author=body.author)
 
 
-@router.get("/{session}/edits", responses=documented(EditList))
+@kept.get("/{session}/edits", responses=documented(EditList))
 def edit_list(session: SessionId, request: Request) -> JsonAnswer:
     """Return every change that was made after the bench, with those that are taken back."""
     record = of(request).sessions.read(session)
@@ -151,13 +187,18 @@ def edit_list(session: SessionId, request: Request) -> JsonAnswer:
     return JsonAnswer({"session": session, "version": record.version, "edits": rows})
 
 
-@router.post("/{session}/edits/{edit}/undo", responses=documented(Edited))
+@kept.post("/{session}/edits/{edit}/undo", responses=documented(Edited))
 def undo(session: SessionId, edit: EditNumber, body: Author, request: Request) -> JsonAnswer:
     """Take an edit back; an undo is an edit too, and can be taken back."""
     parts = of(request)
     found = next((e for e in parts.sessions.read(session).edits if e.number == edit), None)
     case = None if found is None else found.case
     return _edited(parts, session, "undo", case, {}, undoes=edit, author=body.author)
+
+
+router = APIRouter()
+router.include_router(kept)
+router.include_router(imports)
 
 
 def _edited(

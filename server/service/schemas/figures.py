@@ -50,6 +50,11 @@ class FigureShown(Shown):
     caption: str | None = Field(description="To stand below it.")
     text: str = Field(description="The figure in words, for who cannot see it; or why there is none.")
     figure: PlotlyFigure | None = Field(description="Null where there is nothing to draw; `text` says why.")
+    cases: list[Any] | None = Field(
+        None,
+        description="Of each trace the load cases that its points stand for: one id for all of it, or for each point "
+        "an id, a list of ids or null (of a map for each row a list of those), or null.",
+    )
     theme: str = Field(description="light or dark.")
     blinded: list[str] = Field([], description="Cases that are left out, or whose prediction is, until it is closed.")
 
@@ -61,6 +66,7 @@ EXAMPLE: dict[str, Any] = {
     "caption": "On the grey line prediction and measurement agree. Each symbol is one load case.",
     "text": "Measured and predicted tip force components. 56 identification cases; axes of the distal phalanx.",
     "figure": {"data": [{"type": "scatter", "x": [0.1], "y": [0.2], "mode": "markers"}], "layout": {"width": 960}},
+    "cases": [["c001"]],
     "session": "DEV-01",
     "session_version": 0,
     "model": "an1979_middle",

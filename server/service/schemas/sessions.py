@@ -121,15 +121,22 @@ class CaseList(Shown):
 
 
 class StepShown(Shown):
-    """A step of a bench's protocol: a load case, or a known weight on the cell itself."""
+    """A step of a protocol: a load case, or a known weight on the cell itself; or a load case that is proposed."""
 
     id: str
     text: str = Field(description="What is hung where.")
-    state: Literal["done", "excluded", "open"]
+    state: Literal["done", "excluded", "open", "proposed"] = Field(
+        description="proposed: somebody would like it measured; it goes as soon as it is, or is taken back."
+    )
+    why: str | None = Field(None, description="Of a proposed case: what it would tell.")
+    edit: int | None = Field(None, description="Of a proposed case: number of the edit that proposed it.")
+    posture: str | None = Field(None, description="Of a proposed case.")
+    location: str | None = Field(None, description="Of a proposed case: tip or bone.")
+    masses_g: dict[str, float] | None = Field(None, description="Of a proposed case: weight hung on each tendon [g].")
 
 
 class Checklist(Shown):
-    """The steps of a session in order; repeats stand at the end."""
+    """The steps of a session in order; repeats stand at the end, and after them what is proposed."""
 
     session: str
     version: int
@@ -141,6 +148,40 @@ class NewCase(Form):
 
     case: Annotated[Plain, Field(examples=[CASE])]
     author: Name | None = None
+
+
+class Proposal(Form):
+    """A load case that is to be measured next."""
+
+    posture: Annotated[Name, Field(description="Of the session or its protocol.", examples=["hook"])]
+    location: Annotated[Literal["tip", "bone"], Field(description="Where the cell is.")]
+    masses_g: Annotated[
+        dict[Annotated[str, Field(max_length=20)], Annotated[float, Field(ge=0.0, le=1e6, strict=False)]],
+        Field(max_length=20, description="Weight to hang on each tendon [g].", examples=[{"FDS": 475.0}]),
+    ]
+    why: Annotated[Reason | None, Field(description="What it would tell.", examples=["parts two explanations"])] = None
+    author: Name | None = None
+
+
+class FolderFile(Form):
+    """A file of a session's folder."""
+
+    name: Annotated[str, Field(min_length=1, max_length=100, description="Without its folder.")]
+    base64: Annotated[str, Field(description="Its bytes; readings may be packed with gzip, whatever their name.")]
+
+
+class Folder(Form):
+    """A session's folder, as the command line has it: `session.yaml`, its readings, its finger where that is a file."""
+
+    files: Annotated[
+        list[FolderFile],
+        Field(
+            min_length=1,
+            max_length=50,
+            examples=[[{"name": "session.yaml", "base64": "Zm9ybWF0OiBiZW5jaC1zZXNzaW9uLzEK"}]],
+        ),
+    ]
+    id: Annotated[str | None, Field(pattern=SESSION_ID, description="Its id; by default as it says.")] = None
 
 
 class Windows(Form):

@@ -106,6 +106,84 @@ def test_an_average_is_drawn_with_the_spread_of_the_specimens_that_are_here(serv
     assert {t["meta"]["meaning"] for t in traces(body, "area")} == {"measured mean ± 1 SD between specimens"}
 
 
+def points(body: dict[str, Any]) -> list[str]:
+    """Every case that a click on the figure can lead to."""
+
+    def flat(found: Any) -> Iterator[str]:
+        if isinstance(found, str):
+            yield found
+        for one in found if isinstance(found, list) else ():
+            yield from flat(one)
+
+    return sorted(set(flat(body["cases"])))
+
+
+@pytest.mark.parametrize("name", COMPARISON)
+def test_every_point_says_which_cases_it_stands_for(service: ServiceReceiver, name: str) -> None:
+    compared = compare_bench(open_bench(RECORDED))
+    body = shown(service, f"/comparison/{name}", session=RECORDED)
+    place = {"scatter": ("identification", "tip"), "scatter_validation": ("validation", "tip")}.get(name, (None, None))
+    known = {c.id: c for c in compared.select(*place).cases}
+    found = points(body)
+    assert len(body["cases"]) == len(body["figure"]["data"])
+    if name in ("vectors", "bone"):
+        assert {known[c].location for c in found} == {"tip" if name == "vectors" else "bone"}
+    else:
+        assert found == sorted(known)
+    for trace, cases in zip(body["figure"]["data"], body["cases"], strict=True):
+        labels = trace.get("hovertext") or trace.get("text")
+        if isinstance(cases, list) and name != "errors":
+            assert all(f"<b>{c}</b>" in text for c, text in zip(cases, labels, strict=True))
+        elif isinstance(cases, list):
+            assert len(cases) == len(trace["y"])
+            assert [f"{len(c)} cases" in text for c, text in zip(cases, labels, strict=True)] == [True] * len(cases)
+
+
+def test_some_cases_are_drawn_in_either_plane(service: ServiceReceiver) -> None:
+    compared = compare_bench(open_bench(RECORDED))
+    bone = shown(service, "/comparison/scatter", session=RECORDED, location="bone", plane="sagittal", muscles="FDP")
+    wanted = compared.select("identification", "bone", "FDP")
+    assert points(bone) == sorted(c.id for c in wanted.cases)
+    assert f"RMSE {wanted.errors('sagittal').rmse_N:.2f} N" in bone["text"]
+    assert "bone force components" in bone["title"]
+    assert "measured Fz" not in bone["text"]
+    assert "measured Fz" in shown(service, "/comparison/scatter", session=PUBLISHED, plane="space")["text"]
+    hook = shown(service, "/comparison/z", session=RECORDED, posture="hook", role="validation")
+    assert points(hook) == sorted(c.id for c in compared.select("validation", posture="hook").cases)
+    nobody = shown(service, "/comparison/z", session=RECORDED, posture="fist")
+    assert (nobody["figure"], nobody["cases"]) == (None, None)
+
+
+def test_what_an_earlier_model_predicted_is_drawn_beside(service: ServiceReceiver) -> None:
+    body = shown(service, "/comparison/vectors", session=PUBLISHED, before="an1979_middle")
+    alone = shown(service, "/comparison/vectors", session=PUBLISHED, model="an1979_middle")
+    here = {t["meta"]["case"]: t["meta"]["force_N"] for t in traces(body, "predicted")}
+    there = {t["meta"]["case"]: t["meta"]["force_N"] for t in traces(alone, "predicted")}
+    before = {t["meta"]["case"]: t for t in traces(body, "before_predicted_head")}
+    assert set(here) == set(before) == set(there)
+    assert here != there
+    scale = traces(body, "predicted")[0]["meta"]["mm_per_N"]
+    starts = {t["meta"]["case"]: (t["x"][0], t["y"][0]) for t in traces(body, "predicted")}
+    for case_id, head in before.items():
+        tip = np.array([head["x"][0] - starts[case_id][0], head["y"][0] - starts[case_id][1]])
+        assert tip == pytest.approx(scale * np.array(there[case_id]), abs=1e-6)
+        assert "predicted before, by an1979_middle" in head["text"]
+
+
+def test_cells_and_bars_of_a_diagnosis_lead_to_cases_of_the_session(service: ServiceReceiver) -> None:
+    cases = compare_bench(open_bench(RECORDED)).select("identification").cases
+    answer = missing_effect()
+    first = cases[0]
+    answer["where"]["cells"] = [{"muscles": first.muscles, "posture": first.posture, "location": first.location,
+                                 "cases": 1, "rmse_N": 0.1, "z_rms": 3.0}]  # fmt: skip
+    kept_job(service, "cells", result=answer)
+    found = points(shown(service, "/diagnosis/residual_map", job="cells"))
+    alike = {
+        c.id for c in cases if (c.muscles, c.posture, c.location) == (first.muscles, first.posture, first.location)
+    }
+    assert set(found) == alike
+
+
 def test_the_words_hold_the_numbers_of_the_comparison(service: ServiceReceiver) -> None:
     summary = compare_bench(open_bench(RECORDED)).select("identification", "tip").errors("space")
     text = shown(service, "/comparison/scatter", session=RECORDED)["text"]
@@ -274,7 +352,7 @@ def test_while_a_bench_runs_no_figure_says_anything_of_its_validation_cases(play
     running = everything()
     assert [p for p, text in running.items() if hidden in text] == []
     assert [p for p, text in running.items() if "c001" in text or "c004" in text] == [
-        p for p in paths if p not in ("/comparison/scatter_validation", "/comparison/errors")
+        p for p in paths if p != "/comparison/scatter_validation"
     ]
     assert "validation, tip" not in running["/comparison/errors"]
     before = shown(service, "/comparison/scatter", session="S1", before="an1979_middle")
@@ -288,7 +366,7 @@ def test_while_a_bench_runs_no_figure_says_anything_of_its_validation_cases(play
     played.send()
     closed = everything()
     assert [p for p, text in closed.items() if hidden in text] == [
-        p for p in paths if p not in ("/comparison/scatter", "/comparison/bone", "/comparison/errors")
+        p for p in paths if p not in ("/comparison/scatter", "/comparison/bone")
     ]
     assert "validation, tip" in closed["/comparison/errors"]
     assert traces(shown(service, "/finger", session="S1", case=hidden), "predicted")

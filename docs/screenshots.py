@@ -1,0 +1,171 @@
+"""Pictures of the pages for the documentation: `python docs/screenshots.py [NAME …]`.
+
+A service of its own is started on a temporary folder, with shipped sessions; the missing effect is searched and added
+in the pages themselves, as a user would, and each page is taken as it then stands.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from PIL import Image
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+from tests.browser.pages import Watched, browsing, served, watched  # noqa: E402
+
+SESSION, OTHERS = "DEV-02", ("DEV-08", "synek2019_H01")
+IMAGES = HERE / "images"
+SIZE = {"width": 1280, "height": 800}
+MOST_BYTES = 200_000
+# A picture is taken once the page has shown nothing new for so long [ms].
+SETTLED_MS = 700
+
+
+def sessions(seen: Watched) -> None:
+    """The list of sessions and specimens."""
+    seen.open("", "Sessions")
+    seen.page.get_by_role("heading", name="Specimens").wait_for()
+
+
+def compare(seen: Watched) -> None:
+    """Predicted against measured."""
+    seen.open(f"sessions/{SESSION}/compare", f"{SESSION}: predicted against measured")
+    figures(seen)
+
+
+def case(seen: Watched) -> None:
+    """One load case with its readings and windows."""
+    seen.open(f"sessions/{SESSION}/compare?case=c010", f"{SESSION}: predicted against measured")
+    figures(seen, 2)
+    seen.page.locator("#case").scroll_into_view_if_needed()
+    seen.page.evaluate("document.getElementById('case').scrollIntoView()")
+
+
+def find(seen: Watched) -> None:
+    """The verdict and what it stands on."""
+    seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
+    figures(seen)
+
+
+def explanations(seen: Watched) -> None:
+    """Explanations, and what was tested and ruled out."""
+    find(seen)
+    seen.page.get_by_role("heading", name="Explanations").evaluate("e => e.closest('section').scrollIntoView()")
+
+
+def effect(seen: Watched) -> None:
+    """What an effect is."""
+    seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
+    seen.page.get_by_role("link", name="What is that?").click()
+    figures(seen, 2)
+
+
+def fall(seen: Watched) -> None:
+    """The fall of the error."""
+    seen.open(f"sessions/{SESSION}/fall", f"{SESSION}: the fall of the error")
+    figures(seen, 2)
+
+
+def before_after(seen: Watched) -> None:
+    """Before and after, on the finger."""
+    fall(seen)
+    seen.page.get_by_role("heading", name="The step", exact=True).evaluate("e => e.closest('section').scrollIntoView()")
+
+
+def report(seen: Watched) -> None:
+    """The report, to be printed or saved."""
+    seen.open(f"sessions/{SESSION}/report", f"{SESSION}: report")
+    seen.page.get_by_text("Ready. The browser's own dialogue").wait_for()
+
+
+def help_page(seen: Watched) -> None:
+    """Help."""
+    seen.open("help", "Help")
+
+
+# Name of the picture, what brings the page there, light or dark.
+PAGES: list[tuple[str, Callable[[Watched], None], str]] = [
+    ("sessions", sessions, "light"),
+    ("compare", compare, "light"),
+    ("compare-dark", compare, "dark"),
+    ("case", case, "light"),
+    ("find", find, "light"),
+    ("explanations", explanations, "light"),
+    ("effect", effect, "light"),
+    ("fall", fall, "light"),
+    ("before-after", before_after, "light"),
+    ("report", report, "light"),
+    ("help", help_page, "light"),
+]
+
+
+def figures(seen: Watched, least: int = 1) -> None:
+    """Wait for so many figures to be drawn, and for none to be still drawn."""
+    seen.page.locator(".js-plotly-plot").nth(least - 1).wait_for()
+    seen.page.wait_for_function(
+        "() => !document.querySelector('[aria-busy]') && ![...document.querySelectorAll('p')]"
+        ".some((p) => p.textContent === 'Drawing …')"
+    )
+
+
+def found_and_added(seen: Watched) -> None:
+    """Search for the missing effect and add it."""
+    seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
+    seen.page.get_by_role("button", name="Find the missing effect").click()
+    seen.page.get_by_role("heading", name="The verdict").wait_for(timeout=600_000)
+    seen.page.get_by_role("button", name=re.compile("^Add .*, and refit$")).first.click()
+    seen.page.get_by_role("heading", name=f"{SESSION}: the fall of the error").wait_for(timeout=600_000)
+
+
+def take(seen: Watched, name: str) -> Path:
+    """Keep the page as it stands as a small picture."""
+    seen.page.wait_for_timeout(SETTLED_MS)
+    whole = Image.open(io.BytesIO(seen.page.screenshot())).convert("RGB")
+    file = IMAGES / f"{name}.png"
+    whole.quantize(colors=96, dither=Image.Dither.NONE).save(file, optimize=True)
+    if file.stat().st_size > MOST_BYTES:
+        raise SystemExit(f"{file.name} has {file.stat().st_size} bytes; expected at most {MOST_BYTES}")
+    return file
+
+
+def main(wanted: list[str]) -> None:
+    """Take the pictures that are named, or all."""
+    from fingertwin.client import Client
+
+    unknown = set(wanted) - {name for name, _, _ in PAGES}
+    if unknown:
+        raise SystemExit(f"no picture {', '.join(sorted(unknown))}; there are {', '.join(n for n, _, _ in PAGES)}")
+    IMAGES.mkdir(exist_ok=True)
+    with TemporaryDirectory(prefix="fingertwin-") as folder, served(Path(folder)) as (url, _), browsing() as browser:
+        with Client(url) as twin:
+            for name in (SESSION, *OTHERS):
+                twin.upload(name)
+        first = opened(browser, url, "light")
+        found_and_added(first)
+        first.page.close()
+        for name, bring, colours in PAGES:
+            if wanted and name not in wanted:
+                continue
+            seen = opened(browser, url, colours)
+            bring(seen)
+            file = take(seen, name)
+            if seen.complaints or seen.elsewhere:
+                raise SystemExit(f"{name}: {seen.complaints + seen.elsewhere}")
+            seen.page.close()
+            print(f"{file.relative_to(HERE.parent)}  {file.stat().st_size / 1000:.0f} kB")
+
+
+def opened(browser: Any, url: str, colours: str) -> Watched:
+    """A new page of the size of the pictures."""
+    return watched(browser, url, viewport=SIZE, color_scheme=colours)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

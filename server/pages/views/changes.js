@@ -1,0 +1,59 @@
+// What was changed of a session, by whom, and each change's undo.
+import { get, post } from "../api.js";
+import { el, fill, notice, problem, quiet, table } from "../dom.js";
+import { when } from "../format.js";
+
+const NAMES = { windows: "window moved", exclude: "left out", include: "taken in again", case: "load case added", plan: "proposed to measure", undo: "undone" };
+
+/** The list of changes; `edit` awaits a change, tells of it with an undo, and calls `done`. */
+export function changes(path, done, signal) {
+  const list = el("div");
+  const told = el("div", { role: "status" });
+  const node = el("div", {}, told, list);
+
+  async function edit(asked, text) {
+    try {
+      const made = await asked;
+      document.querySelectorAll("#case input, #case textarea").forEach((e) => e.blur?.());
+      document.getElementById("told")?.remove();
+      const box = el("div", { id: "told", class: "toast", role: "status" }, "Changed, and computed anew. ", text ? `${text} ` : "",
+        el("button", { onclick: () => undo(made.edit) }, "Undo"), " ", el("button", { onclick: () => box.remove() }, "Close"));
+      document.getElementById("notices").append(box);
+      signal.addEventListener("abort", () => box.remove());
+      await done(true);
+    } catch (error) {
+      if (error.name !== "AbortError") notice(error);
+    }
+  }
+
+  async function undo(number) {
+    try {
+      await post(`${path}/edits/${number}/undo`);
+      document.getElementById("told")?.remove();
+      await done(true);
+    } catch (error) { notice(error); }
+  }
+
+  async function load() {
+    try {
+      const { edits } = await get(`${path}/edits`, {}, signal);
+      const kept = edits.filter((e) => e.kind !== "undo").reverse();
+      fill(list, kept.length ? table([
+        { title: "when", cell: (e) => when(e.created_utc) }, { title: "what", cell: (e) => NAMES[e.kind] || e.kind }, { title: "case", cell: (e) => e.case },
+        { title: "", wrap: true, cell: (e) => said(e) }, { title: "by", cell: (e) => e.author },
+        { title: "", cell: (e) => (e.in_force ? el("button", { class: "small", "aria-label": `Undo: ${e.case} ${NAMES[e.kind]}`, onclick: () => undo(e.number) }, "Undo") : "undone") },
+      ], kept, { caption: "Newest first; nothing is ever overwritten" }) : quiet("Nothing was changed since it was measured."));
+    } catch (error) {
+      if (error.name !== "AbortError") fill(list, problem(error));
+    }
+  }
+
+  return { node, edit, load };
+}
+
+function said(e) {
+  if (e.kind === "exclude") return e.body.reason;
+  if (e.kind === "windows") return Object.entries(e.body).map(([k, v]) => `${k.replace("_s", "").replaceAll("_", " ")}: ${v ? `${v[0]} to ${v[1]} s` : "none"}`).join("; ");
+  if (e.kind === "plan") return e.body.why || "";
+  return "";
+}

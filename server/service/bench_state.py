@@ -1,0 +1,232 @@
+"""How a bench stands, folded from its events: what is done, what comes next, the tare in force, and what is wrong now.
+
+A warning stands as long as its cause does; what is done again, or put right, takes it away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from daq.bench.record import RESUMED, STARTED, BenchSetup
+from daq.bench.standing import Standing
+from daq.bench.status import todo
+from daq.bench.steps import Step
+from daq.journal.rows import Event
+from daq.protocols import PlannedCase
+from daq.windows import Span
+
+# What ends a tare's life, and what ends the search for a plateau.
+_ENDS_TARE = frozenset({"set_posture", "move_cell", "retie", "slip", RESUMED})
+_ENDS_PHASE = _ENDS_TARE | {"tare", "case_taken", "known_weight", "step", "closed"}
+_CHANGES_LOAD = _ENDS_TARE | {"unloaded", "loaded", "tare", "step", "closed"}
+# Title, what to do, and what ends it, by the code of a warning.
+_WARNINGS: Mapping[str, tuple[str, str, frozenset[str]]] = {
+    "doubtful_force": (
+        "The force can hardly be right",
+        "Leave it on and look: right tendon, right weight, nothing touching?",
+        _CHANGES_LOAD | {"plateau_found", "plateau_lost", "excluded"},
+    ),
+    "not_steady": (
+        "It has not come to rest",
+        "Leave it alone and wait. If something slipped, mark it slipped, and tare.",
+        _CHANGES_LOAD | {"plateau_found", "case_taken"},
+    ),
+    "zero_moved": (
+        "The zero has moved",
+        "Take everything off and tare again; if it moves again, look at clamp and cable.",
+        _ENDS_TARE | {"tare", "closed"},
+    ),
+    "known_weight": (
+        "The known weight reads wrong",
+        "Check its mass, direction and mount, and weigh it again.",
+        frozenset({"step", "known_weight_set", "known_weight", "closed"}),
+    ),
+    "no_prediction": (
+        "There is no prediction",
+        "Go on: the force is measured all the same.",
+        _CHANGES_LOAD,
+    ),
+    "disk": ("The bench's disk is nearly full", "Make room on it, or logging stops.", frozenset({"ended"})),
+}
+_UNKNOWN: tuple[str, str, frozenset[str]] = ("The bench warns", "Look before the weight comes off.", _CHANGES_LOAD)
+
+
+@dataclass
+class StreamHealth:
+    """What the load cell's stream has gone through.
+
+    Attributes:
+        state: waiting for readings, streaming, silent, lost (the cable), or ended; why: of a lost one.
+        since_s: when that began, in the stream's time [s].
+        overloaded: whether the load is beyond the cell's range now.
+    """
+
+    state: Literal["waiting", "streaming", "silent", "lost", "ended"] = "waiting"
+    why: str = ""
+    since_s: float | None = None
+    gaps: int = 0
+    lost_samples: int = 0
+    overloads: int = 0
+    damaged: int = 0
+    overloaded: bool = False
+    last_gap_s: float | None = None
+
+    def apply(self, event: Event) -> None:
+        """Take one more event; those that are not of the stream are passed over."""
+        value = event.value
+        if event.kind in ("gap", "overrun"):
+            self.gaps += 1
+            self.lost_samples += int(value.get("lost_samples", 0))
+            self.last_gap_s = event.at_s
+        elif event.kind == "overload":
+            self.overloads, self.overloaded = self.overloads + 1, True
+        elif event.kind == "overload_ended":
+            self.overloaded = False
+        elif event.kind == "damaged":
+            self.damaged += int(value.get("rejected", 0)) or 1
+        elif event.kind in ("started", "reconnected", "stale", "disconnected", "ended"):
+            self._turn(event)
+
+    def _turn(self, event: Event) -> None:
+        if event.kind == "stale":
+            self.state = "streaming" if event.value.get("ended") else "silent"
+        elif event.kind == "disconnected":
+            self.state = "lost"
+        else:
+            self.state = "ended" if event.kind == "ended" else "streaming"
+        self.why = str(event.value.get("why", "")) if event.kind == "disconnected" else ""
+        self.since_s = event.at_s
+
+
+@dataclass(frozen=True)
+class Tare:
+    """A tare: its window [s], and the posture, the cell's place and their settings that it was taken in."""
+
+    window_s: Span
+    place: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Warned:
+    """A warning that stands."""
+
+    code: str
+    text: str
+    at_s: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, with what to do."""
+        title, advice, _ = _WARNINGS.get(self.code, _UNKNOWN)
+        return {**vars(self), "title": title, "to_do": advice}
+
+
+@dataclass
+class BenchState:
+    """The fold of a bench's events.
+
+    Attributes:
+        setup: of the bench.
+        stream: of its readings.
+        standing: where it is in its protocol.
+        health: of its stream.
+        phase: what is looked for: nothing, an unloaded or a loaded plateau; offered: whether one was found.
+        tare: in force; before: the one before it, whether in force or not.
+        warnings: that stand, the oldest first.
+    """
+
+    setup: BenchSetup
+    stream: str | None
+    standing: Standing
+    health: StreamHealth
+    phase: Literal["idle", "unloaded", "loaded"] = "idle"
+    offered: bool = False
+    tare: Tare | None = None
+    before: Tare | None = None
+    closed: bool = False
+    warnings: list[Warned] = field(default_factory=list)
+    _last: Tare | None = None
+    _hanging: PlannedCase | None = None
+
+    @classmethod
+    def of(cls, events: Iterable[Event]) -> BenchState | None:
+        """Fold a bench's events; None where no bench was begun.
+
+        Raises:
+            InputError, KeyError, TypeError, ValueError: they are no events of a bench.
+        """
+        out, health = None, StreamHealth()
+        for event in events:
+            health.apply(event)
+            if event.kind == STARTED:
+                setup = BenchSetup.of_value(event.value)
+                out = cls(setup, event.stream, Standing.of(setup), health)
+            elif out is not None:
+                out.apply(event)
+        return out
+
+    @property
+    def now(self) -> Step | None:
+        """The present step, None after the last."""
+        return self.standing.steps.now
+
+    def apply(self, event: Event) -> None:
+        """Take one more event."""
+        kind = event.kind
+        self.warnings = [w for w in self.warnings if kind not in _WARNINGS.get(w.code, _UNKNOWN)[2]]
+        self._follow(event)
+        left = kind == "step" and "repeat_of" not in event.value
+        # A weight that hung on the cell itself says nothing about the cell at the finger.
+        if kind in _ENDS_TARE or (left and self.now is not None and self.now.case is None):
+            self.tare = None
+        if kind in ("unloaded", "loaded"):
+            self.phase, self.offered = ("unloaded" if kind == "unloaded" else "loaded"), False
+        elif kind in ("plateau_found", "plateau_lost"):
+            self.offered = kind == "plateau_found"
+        elif kind in _ENDS_PHASE:
+            self.phase, self.offered = "idle", False
+        if kind == "tare":
+            start, end = event.value["window_s"]
+            place = {k: v for k, v in event.value.items() if k not in ("window_s", "brackets")}
+            self.before, self._last = self._last, Tare((float(start), float(end)), place)
+            self.tare = self._last
+        elif kind == "warning":
+            self.warnings.append(Warned(str(event.value.get("code")), str(event.value.get("text")), event.at_s))
+        elif kind == "closed":
+            self.closed = True
+        self.standing.apply(event)
+
+    def todo(self) -> str:
+        """Say what to do now."""
+        step, at = self.now, self.standing
+        if self.closed:
+            return "closed"
+        if self.offered:
+            return f"confirm the {self.phase} plateau, or change something"
+        if self.phase != "idle":
+            return f"wait for the {self.phase} plateau"
+        hangs = self._still_hangs(step)
+        return todo(
+            step, at.steps.now_done, at.place, self._wanted(step), self.tare is not None, at.weight is not None, hangs
+        )
+
+    def _follow(self, event: Event) -> None:
+        """Know which case's weights still hang as they were read."""
+        if event.kind == "case_taken":
+            self._hanging = None if self.now is None else self.now.case
+        elif event.kind == "known_weight" or event.kind in _ENDS_TARE | {"unloaded"}:
+            self._hanging = None
+
+    def _still_hangs(self, step: Step | None) -> bool:
+        if self._hanging is None or step is None or step.case is None:
+            return False
+        loads = [(c.masses_g, c.posture, c.location, c.reading.direction) for c in (self._hanging, step.case)]
+        return loads[0] == loads[1]
+
+    def _wanted(self, step: Step | None) -> dict[str, Any]:
+        if step is not None and step.case is not None:
+            return {"posture": step.case.posture, "location": step.case.location}
+        mount = None if step is None or self.standing.weight is None else self.standing.weight.get("mount")
+        place = self.standing.place
+        return {"posture": place["posture"], "location": mount or place["location"]}

@@ -1,0 +1,122 @@
+"""Figures of predicted against measured forces: of all cases as the command line draws them, or of some, in a plane."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from server.service.figure_before import with_before
+from server.workflow import Bench
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+    from fingermodel.compare import Comparison
+    from server.figures.arrows import Spread
+
+Plane = Literal["sagittal", "space"]
+
+
+@dataclass(frozen=True)
+class Only:
+    """Which load cases are drawn, and which components of their forces.
+
+    Attributes:
+        plane: the sagittal one or space; None for that in which the finger is judged.
+        role: identification or validation.
+        location: tip or bone.
+        posture: its name.
+        muscles: that are loaded, such as `FDP+FDS`.
+    """
+
+    plane: Plane | None = None
+    role: str | None = None
+    location: str | None = None
+    posture: str | None = None
+    muscles: str | None = None
+
+    def of(self, comparison: Comparison) -> Comparison:
+        """Return those cases of a comparison."""
+        return comparison.select(self.role, self.location, self.muscles, self.posture)
+
+
+def drawn_comparison(
+    name: str,
+    bench: Bench,
+    comparison: Comparison,
+    only: Only,
+    before: tuple[str, Bench, Comparison] | None,
+    spread: Mapping[str, Spread] | None,
+) -> tuple[go.Figure, str]:
+    """Draw a figure and return it with its caption.
+
+    Args:
+        name: of the figure.
+        bench: that was compared.
+        comparison: of all cases that may be seen.
+        only: of them.
+        before: name, bench and comparison of the model that it is held against.
+        spread: between specimens by case, where the session is their average.
+
+    Raises:
+        NothingToDrawError: no such case.
+    """
+    from server.figures.comparison import comparison_plans
+
+    shown = only.of(comparison)
+    held = None if before is None else only.of(before[2])
+    plans = comparison_plans(
+        bench.model,
+        bench.observations,
+        shown,
+        held,
+        "" if before is None else before[0],
+        spread,
+        theta=bench.theta,
+        model_name=bench.loaded.name,
+    )
+    plan = next(p for p in plans if p.name == name)
+    if name in ("vectors", "bone"):
+        figure = plan.draw()
+        if before is None or held is None:
+            return figure, plan.caption
+        return _beside(name, figure, before, only, shown), plan.caption
+    if only == Only():
+        return plan.draw(), plan.caption
+    return _of_some(name, bench, shown, only, None if before is None or held is None else (before[0], held)), (
+        plan.caption
+    )
+
+
+def _beside(
+    name: str, figure: go.Figure, before: tuple[str, Bench, Comparison], only: Only, shown: Comparison
+) -> go.Figure:
+    """The same vectors as an earlier model predicted them, beside those of this one."""
+    from server.figures.comparison import comparison_plans
+
+    called, bench, comparison = before
+    earlier = comparison_plans(
+        bench.model, bench.observations, only.of(comparison), theta=bench.theta, model_name=called
+    )
+    return with_before(
+        figure, next(p for p in earlier if p.name == name).draw(), {c.id: c for c in shown.cases}, called
+    )
+
+
+def _of_some(
+    name: str, bench: Bench, shown: Comparison, only: Only, before: tuple[str, Comparison] | None
+) -> go.Figure:
+    from server.figures.scatter import scatter_figure
+    from server.figures.summary import errors_figure
+    from server.figures.zscores import z_figure
+
+    plane = only.plane or bench.model.finger.judged_in
+    called, held = before or ("", None)
+    if name == "errors":
+        return errors_figure(shown, before=held, before_name=called, model_name=bench.loaded.name, plane=plane)
+    if name == "z":
+        return z_figure(shown, before=held, before_name=called, plane=plane)
+    both = [*([(called, held)] if held is not None else []), (bench.loaded.name, shown)]
+    role = "validation" if name == "scatter_validation" else "identification"
+    return scatter_figure(both, plane=plane, role=role, location=only.location or "tip")

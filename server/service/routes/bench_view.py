@@ -1,0 +1,53 @@
+"""How a bench stands, and the finger as it is held there: what a page needs beside the live stream."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request
+
+from server.service.answers import JsonAnswer
+from server.service.bench_finger import bench_finger
+from server.service.bench_view import bench_view
+from server.service.routes.readings import readers
+from server.service.schemas.bench_view import FINGER_EXAMPLE, STATE_EXAMPLE, BenchShown, FingerDrawn
+from server.service.schemas.common import ModelName, SessionId, documented
+from server.service.services import of
+from server.service.strict import StrictRoute
+
+router = APIRouter(route_class=StrictRoute, prefix="/sessions/{session}/bench", tags=["bench"])
+
+Posture = Annotated[
+    str | None, Query(max_length=200, description="A posture of the session; by default that of the case.")
+]
+InCase = Annotated[
+    str | None,
+    Query(alias="case", max_length=100, description="A load case, taken or planned; else the finger alone."),
+]
+
+
+@router.get("/state", responses=documented(BenchShown, example=STATE_EXAMPLE))
+def state(session: SessionId, request: Request) -> JsonAnswer:
+    """Return how a bench stands: its steps, what to do now, the tare in force and its drift, and what is wrong now.
+
+    It is put together from the events that the bench has sent; what hangs this very moment comes with the live stream.
+    """
+    parts = of(request)
+    record = parts.sessions.read(session)
+    connected = parts.live.benches.shown(frozenset({session}))
+    out = {"schema": "fingertwin/bench-state/1"} | bench_view(parts.database, record, readers(request).windows.one)
+    return JsonAnswer(out | {"control": connected[0]["body"] if connected else None})
+
+
+@router.get("/finger", responses=documented(FingerDrawn, example=FINGER_EXAMPLE))
+def finger(
+    session: SessionId, request: Request, posture: Posture = None, case: InCase = None, model: ModelName = None
+) -> JsonAnswer:
+    """Return the finger in a posture as lines to be drawn, with what hangs on it and the forces that may be seen.
+
+    Forces that come live are laid into the same drawing with the matrices of `places`. The prediction of a validation
+    case is left out until the bench has closed its session.
+    """
+    parts = of(request)
+    head = {"schema": "fingertwin/bench-finger/1"}
+    return JsonAnswer(head | bench_finger(parts, parts.measuring.of(session), posture, case, model))
