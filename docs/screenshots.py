@@ -18,12 +18,14 @@ from PIL import Image
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
+from tests.browser.bench_story import bench as running_bench  # noqa: E402
 from tests.browser.pages import Watched, browsing, served, watched  # noqa: E402
 
 SESSION, OTHERS = "DEV-02", ("DEV-08", "synek2019_H01")
 IMAGES = HERE / "images"
 SIZE = {"width": 1280, "height": 800}
 MOST_BYTES = 200_000
+BENCH = "bench"
 # A picture is taken once the page has shown nothing new for so long [ms].
 SETTLED_MS = 700
 
@@ -124,6 +126,32 @@ def found_and_added(seen: Watched) -> None:
     seen.page.get_by_role("heading", name=f"{SESSION}: the fall of the error").wait_for(timeout=600_000)
 
 
+def take_bench(browser: Any, url: str, folder: Path) -> Path:
+    """The bench while a weight hangs, with a stand-in for the load cell on a terminal's wire."""
+    with running_bench(folder, url, session="finger-7") as story:
+        story.wait_for("bench started")
+        seen = opened(browser, url, "light")
+        seen.open(f"sessions/{story.session}/bench", f"{story.session}: the bench")
+        key = seen.page.locator
+        key('.keypad [data-command="next"]').click()
+        story.rig("off")
+        seen.page.wait_for_timeout(SETTLED_MS)
+        key('.keypad [data-command="tare"]').click()
+        story.wait_for("  tare;")
+        story.rig("hang c001")
+        seen.page.wait_for_timeout(SETTLED_MS)
+        key('.keypad [data-command="loaded"]').click()
+        key('[data-command="confirm"].suggested').wait_for()
+        seen.page.wait_for_function(
+            "() => !document.querySelector('.now-prediction').textContent.includes('being computed')"
+        )
+        file = take(seen, BENCH)
+        if seen.complaints or seen.elsewhere:
+            raise SystemExit(f"{BENCH}: {seen.complaints + seen.elsewhere}")
+        seen.page.close()
+        return file
+
+
 def take(seen: Watched, name: str) -> Path:
     """Keep the page as it stands as a small picture."""
     seen.page.wait_for_timeout(SETTLED_MS)
@@ -139,11 +167,17 @@ def main(wanted: list[str]) -> None:
     """Take the pictures that are named, or all."""
     from fingertwin.client import Client
 
-    unknown = set(wanted) - {name for name, _, _ in PAGES}
+    names = [BENCH, *(name for name, _, _ in PAGES)]
+    unknown = set(wanted) - set(names)
     if unknown:
-        raise SystemExit(f"no picture {', '.join(sorted(unknown))}; there are {', '.join(n for n, _, _ in PAGES)}")
+        raise SystemExit(f"no picture {', '.join(sorted(unknown))}; there are {', '.join(names)}")
     IMAGES.mkdir(exist_ok=True)
     with TemporaryDirectory(prefix="fingertwin-") as folder, served(Path(folder)) as (url, _), browsing() as browser:
+        if not wanted or BENCH in wanted:
+            with TemporaryDirectory(prefix="fingertwin-") as other:
+                said(take_bench(browser, url, Path(other) / "bench"))
+        if wanted == [BENCH]:
+            return
         with Client(url) as twin:
             for name in (SESSION, *OTHERS):
                 twin.upload(name)
@@ -159,7 +193,12 @@ def main(wanted: list[str]) -> None:
             if seen.complaints or seen.elsewhere:
                 raise SystemExit(f"{name}: {seen.complaints + seen.elsewhere}")
             seen.page.close()
-            print(f"{file.relative_to(HERE.parent)}  {file.stat().st_size / 1000:.0f} kB")
+            said(file)
+
+
+def said(file: Path) -> None:
+    """Say that a picture was taken."""
+    print(f"{file.relative_to(HERE.parent)}  {file.stat().st_size / 1000:.0f} kB")
 
 
 def opened(browser: Any, url: str, colours: str) -> Watched:
