@@ -3,15 +3,18 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test check bench clean
+.PHONY: help demo test test-full check bench clean
 help:  ## List the tasks
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
 
 demo: $(VENV)/.installed  ## Run the main job on shipped data
 	$(BIN)/fingertwin demo
 
 test: $(VENV)/.dev check  ## Check style, types and layers, then run the tests
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+test-full: $(VENV)/.dev check  ## The same with all examples (some minutes more)
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m "full or not full"
 
 check: $(VENV)/.dev  ## Style, types, layers
 	$(BIN)/ruff check .

@@ -66,7 +66,10 @@ def test_from_the_list_of_sessions_to_a_case_and_its_readings(seen: Watched) -> 
     seen.page.get_by_text("independent readings").first.wait_for()
 
 
-@pytest.mark.parametrize("name", ["scatter", "scatter_validation", "z", "vectors", "bone"])
+@pytest.mark.parametrize(
+    "name",
+    ["scatter", "vectors", *(pytest.param(n, marks=pytest.mark.full) for n in ("scatter_validation", "z", "bone"))],
+)
 def test_a_click_on_any_point_opens_its_case(seen: Watched, name: str) -> None:
     seen.open(f"sessions/{SESSION}/compare", TITLE)
     figure(seen, name)

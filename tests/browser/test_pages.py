@@ -175,9 +175,14 @@ def cases(seen: Watched) -> list[dict[str, Any]]:
 
 
 PATHS = [
-    "", "help", BENCH, *(f"sessions/{SESSION}/{v}" for v in ("compare?case=c010", "find", "fall", "report")),
-    f"sessions/{SESSION}/effect?name=worn_pulley.FDP", f"sessions/{EMPTY}/compare", f"sessions/{EMPTY}/find",
-    f"sessions/{EMPTY}/fall",
+    "", BENCH, *(f"sessions/{SESSION}/{v}" for v in ("compare?case=c010", "find", "fall", "report")),
+    *(
+        pytest.param(path, marks=pytest.mark.full)
+        for path in (
+            "help", f"sessions/{SESSION}/effect?name=worn_pulley.FDP", f"sessions/{EMPTY}/compare",
+            f"sessions/{EMPTY}/find", f"sessions/{EMPTY}/fall",
+        )
+    ),
 ]  # fmt: skip
 
 

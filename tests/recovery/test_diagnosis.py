@@ -112,7 +112,7 @@ def test_adding_the_true_effect_is_what_the_diagnosis_promised() -> None:
     assert added.log_evidence_gain > 100.0
 
 
-@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.full)])
 def test_sessions_of_other_physics_are_read_rightly(tmp_path: Path, seed: int) -> None:
     kinds: tuple[Kind, ...] = ("none", "one", "outside")
     for kind in kinds:
