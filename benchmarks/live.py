@@ -175,14 +175,27 @@ def wait(seconds: float, loops_s: list[float]) -> None:
         loops_s.append(time.thread_time() - began)
 
 
+def begun(url: str, client: httpx.Client, held: ExitStack) -> tuple[Events, Player]:
+    """Begin a session whose bench has started, and a load cell that plays until the stack is left."""
+    client.post("/api/v1/sessions", json={"id": SESSION}).raise_for_status()
+    events = Events(client)
+    events.tell("bench_started", time.monotonic(), setup().as_value())
+    player = Player(url)
+    held.callback(player.stop)
+    return events, player
+
+
+def hang(events: Events) -> None:
+    """From now on a weight hangs, after a tare."""
+    now = time.monotonic()
+    events.tell("tare", now, {"window_s": [now - 5.0, now - 1.0], "brackets": []})
+    events.tell("loaded", now, {"step": "c001"})
+
+
 def measured(url: str, pid: int, seconds: float, clients: int) -> dict[str, Any]:
     """Play, listen and measure."""
     with httpx.Client(base_url=url, timeout=10.0) as client, ExitStack() as stack:
-        client.post("/api/v1/sessions", json={"id": SESSION}).raise_for_status()
-        events = Events(client)
-        events.tell("bench_started", time.monotonic(), setup().as_value())
-        player = Player(url)
-        stack.callback(player.stop)
+        events, player = begun(url, client, stack)
         listeners = [Listener(url) for _ in range(clients)]
         for listener in listeners:
             stack.callback(listener.stop)
@@ -191,9 +204,7 @@ def measured(url: str, pid: int, seconds: float, clients: int) -> dict[str, Any]
         marks, late = [usage(pid)], []
         for half in range(2):
             if half:
-                now = time.monotonic()
-                events.tell("tare", now, {"window_s": [now - 5.0, now - 1.0], "brackets": []})
-                events.tell("loaded", now, {"step": "c001"})
+                hang(events)
             for listener in listeners:
                 listener.heard = Heard()
             wait(seconds / 2, loops_s)

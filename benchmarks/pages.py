@@ -21,7 +21,7 @@ from typing import Any
 
 import httpx
 
-from benchmarks.live import RATE_HZ, SESSION, Events, Player, setup
+from benchmarks.live import RATE_HZ, SESSION, begun, hang
 from benchmarks.machine import commit, publish
 from tests.browser.pages import Watched, browsing, served, watched
 
@@ -85,17 +85,11 @@ class Heap:
 def bench_page(browser: Any, url: str, minutes: float) -> list[Row]:
     """Leave the bench page open under full load; return how its memory went."""
     with httpx.Client(base_url=url, timeout=30.0) as client, ExitStack() as held:
-        client.post("/api/v1/sessions", json={"id": SESSION}).raise_for_status()
-        events = Events(client)
-        events.tell("bench_started", time.monotonic(), setup().as_value())
-        player = Player(url)
-        held.callback(player.stop)
+        events, _ = begun(url, client, held)
         seen = watched(browser, url)
         seen.open(f"sessions/{SESSION}/bench", f"{SESSION}: the bench")
         time.sleep(6.0)
-        now_s = time.monotonic()
-        events.tell("tare", now_s, {"window_s": [now_s - 5.0, now_s - 1.0], "brackets": []})
-        events.tell("loaded", now_s, {"step": "c001"})
+        hang(events)
         time.sleep(WARM_S)
         heap = Heap(seen)
         looks = [heap.now()]

@@ -39,13 +39,13 @@ def sessions(seen: Watched) -> None:
 def compare(seen: Watched) -> None:
     """Predicted against measured."""
     seen.open(f"sessions/{SESSION}/compare", f"{SESSION}: predicted against measured")
-    figures(seen)
+    seen.drawn()
 
 
 def case(seen: Watched) -> None:
     """One load case with its readings and windows."""
     seen.open(f"sessions/{SESSION}/compare?case=c010", f"{SESSION}: predicted against measured")
-    figures(seen, 2)
+    seen.drawn(2)
     seen.page.locator("#case").scroll_into_view_if_needed()
     seen.page.evaluate("document.getElementById('case').scrollIntoView()")
 
@@ -53,7 +53,7 @@ def case(seen: Watched) -> None:
 def find(seen: Watched) -> None:
     """The verdict and what it stands on."""
     seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
-    figures(seen)
+    seen.drawn()
 
 
 def explanations(seen: Watched) -> None:
@@ -66,13 +66,13 @@ def effect(seen: Watched) -> None:
     """What an effect is."""
     seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
     seen.page.get_by_role("link", name="What is that?").click()
-    figures(seen, 2)
+    seen.drawn(2)
 
 
 def fall(seen: Watched) -> None:
     """The fall of the error."""
     seen.open(f"sessions/{SESSION}/fall", f"{SESSION}: the fall of the error")
-    figures(seen, 2)
+    seen.drawn(2)
 
 
 def before_after(seen: Watched) -> None:
@@ -106,15 +106,6 @@ PAGES: list[tuple[str, Callable[[Watched], None], str]] = [
     ("report", report, "light"),
     ("help", help_page, "light"),
 ]
-
-
-def figures(seen: Watched, least: int = 1) -> None:
-    """Wait for so many figures to be drawn, and for none to be still drawn."""
-    seen.page.locator(".js-plotly-plot").nth(least - 1).wait_for()
-    seen.page.wait_for_function(
-        "() => !document.querySelector('[aria-busy]') && ![...document.querySelectorAll('p')]"
-        ".some((p) => p.textContent === 'Drawing …')"
-    )
 
 
 def found_and_added(seen: Watched) -> None:

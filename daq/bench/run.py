@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from daq.bench.engine import BenchEngine, Events
 from daq.bench.forces import Result
 from daq.bench.record import RESUMED, STARTED
-from daq.bench.status import BenchStatus, suggested, todo
+from daq.bench.status import BenchStatus, Next, next_of
 from daq.bench.steps import Step
 from daq.errors import SessionError
 from daq.session_models import KnownWeight
@@ -123,13 +123,13 @@ class BenchRun(BenchEngine):
     def posture_set(self) -> Events:
         """The posture of the present step was set, or set anew: the tare's life ends."""
         self._require_open()
-        posture = self._wanted(self._at.steps.now)["posture"]
+        posture = self._at.wanted()["posture"]
         return self._end_tare("set_posture", posture=posture, setting=self._at.settings(posture))
 
     def cell_moved(self) -> Events:
         """The cell or its clamp was moved to where the present step needs it: the tare's life ends."""
         self._require_open()
-        location = self._wanted(self._at.steps.now)["location"]
+        location = self._at.wanted()["location"]
         return self._end_tare("move_cell", location=location, mounting=self._at.mountings(location))
 
     def retied(self, text: str = "") -> Events:
@@ -174,11 +174,11 @@ class BenchRun(BenchEngine):
 
     def status(self) -> BenchStatus:
         """What a view shows."""
-        step, offer = self._at.steps.now, self._finder.offer
+        step, offer, then = self._at.steps.now, self._finder.offer, self._next()
         return BenchStatus(
             self._now_s,
             "all steps are done" if step is None else f"{step.id}: {step.text}",
-            self._todo(),
+            then.text,
             self._phase,
             None if offer is None else offer.window_s,
             self._finder.reason,
@@ -188,54 +188,17 @@ class BenchRun(BenchEngine):
             self._at.steps.checklist(),
             None if self._tare is None else self._now_s - self._tare.window_s[1],
             self.record.closed,
-            self._suggested(),
+            then.command,
         )
 
-    def _suggested(self) -> str:
+    def _next(self) -> Next:
         if self.record.closed:
-            return ""
+            return Next("closed", "")
         if self._finder.offer is not None:
-            return "confirm"
+            return Next(f"confirm the {self._phase} plateau, or change something", "confirm")
         if self._phase != "idle":
-            return ""
-        step = self._at.steps.now
-        place, wanted = self._at.place, self._wanted(step)
-        return suggested(
-            step, self._at.steps.now_done, place, wanted, self._tare is not None, self._at.weight is not None
-        )
-
-    def _todo(self) -> str:
-        if self.record.closed:
-            return "closed"
-        if self._finder.offer is not None:
-            return f"confirm the {self._phase} plateau, or change something"
-        step = self._at.steps.now
-        if self._phase != "idle":
-            return f"wait for the {self._phase} plateau ({self._finder.reason})"
-        return todo(
-            step,
-            self._at.steps.now_done,
-            self._at.place,
-            self._wanted(step),
-            self._tare is not None,
-            self._at.weight is not None,
-            self._still_hangs(step),
-        )
-
-    def _still_hangs(self, step: Step | None) -> bool:
-        """Whether the weights of a step hang since the case before, so that they were moved no further."""
-        before = self._hanging
-        if before is None or step is None or step.case is None:
-            return False
-        loads = [(c.masses_g, c.posture, c.location, c.reading.direction) for c in (before, step.case)]
-        return loads[0] == loads[1]
-
-    def _wanted(self, step: Step | None) -> dict[str, Any]:
-        """Posture and location that a step needs; a known weight's direction is told in one mount's axes."""
-        if step is not None and step.case is not None:
-            return {"posture": step.case.posture, "location": step.case.location}
-        mount = None if step is None or self._at.weight is None else self._at.weight.get("mount")
-        return {"posture": self._at.place["posture"], "location": mount or self._at.place["location"]}
+            return Next(f"wait for the {self._phase} plateau ({self._finder.reason})", "")
+        return next_of(self._at, self._tare is not None, self._hanging)
 
     def _results(self, blind: bool) -> list[Result]:
         cases = [name for name, case in self.record.cases.items() if "excluded" not in case]
@@ -274,7 +237,7 @@ class BenchRun(BenchEngine):
             ("posture", "posture", "Set it, mark it, and tare"),
             ("location", "cell's place", "Move the cell, mark it, and tare"),
         ):
-            wanted = self._wanted(step)[key]
+            wanted = self._at.wanted()[key]
             if self._at.place[key] != wanted:
                 raise SessionError(f"the {what} is {self._at.place[key]}", f"{wanted} for {step.id}", remedy)
 

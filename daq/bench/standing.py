@@ -47,6 +47,14 @@ class Standing:
         """How often the cell was put at a location so far."""
         return self._times_moved[location]
 
+    def wanted(self) -> dict[str, Any]:
+        """Posture and location that the present step needs; a known weight's direction is told in one mount's axes."""
+        step = self.steps.now
+        if step is not None and step.case is not None:
+            return {"posture": step.case.posture, "location": step.case.location}
+        mount = None if step is None or self.weight is None else self.weight.get("mount")
+        return {"posture": self.place["posture"], "location": mount or self.place["location"]}
+
     def apply(self, event: Event) -> None:
         """Take one more event; kinds that change nothing here are passed over."""
         value, steps = event.value, self.steps

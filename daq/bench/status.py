@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 from daq.bench.forces import Result
-from daq.bench.steps import Step, worded
+from daq.bench.standing import Standing
+from daq.bench.steps import worded
 from daq.protocols import PlannedCase
 from daq.windows import Span
 
@@ -45,56 +45,48 @@ class BenchStatus:
     suggests: str
 
 
-def todo(
-    step: Step | None,
-    done: bool,
-    place: Mapping[str, Any],
-    wanted: Mapping[str, Any],
-    has_tare: bool,
-    has_weight: bool,
-    hangs: bool,
-) -> str:
+class Next(NamedTuple):
+    """What comes next.
+
+    Attributes:
+        text: what to do.
+        command: that ends it.
+    """
+
+    text: str
+    command: str
+
+
+def next_of(standing: Standing, has_tare: bool, hanging_now: PlannedCase | None) -> Next:
     """Say what comes next while no plateau is looked for.
 
     Args:
-        step: the present one; None after the last.
-        done: whether it is completed.
-        place: posture and location that the bench is in.
-        wanted: those that the step needs.
+        standing: where the bench is in its protocol.
         has_tare: whether a tare is in force.
-        has_weight: whether the known weight is known.
-        hangs: whether the step's weights hang since the case before it was taken.
+        hanging_now: the case whose weights hang as they were read, so that they were moved no further.
     """
+    step, place, wanted = standing.steps.now, standing.place, standing.wanted()
     if step is None:
-        return "unload and tare once more, then close"
-    if done:
-        return "next, or repeat; or unload and tare"
-    if step.case is None and not has_weight:
-        return "give the known weight's mass and direction, or go on without it"
+        return Next("unload and tare once more, then close", "tare")
+    if standing.steps.now_done:
+        return Next("next, or repeat; or unload and tare", "next")
+    if step.case is None and standing.weight is None:
+        return Next("give the known weight's mass and direction, or go on without it", "known_weight")
     if wanted["posture"] != place["posture"]:
-        return f"set posture {wanted['posture']}, then mark it"
+        return Next(f"set posture {wanted['posture']}, then mark it", "posture_set")
     if wanted["location"] != place["location"]:
-        return f"move the cell to the {wanted['location']}, then mark it"
+        return Next(f"move the cell to the {wanted['location']}, then mark it", "cell_moved")
     if not has_tare:
-        return "take all weights off, then tare"
-    return f"{hanging(step.case, hangs)}, then mark loaded"
+        return Next("take all weights off, then tare", "tare")
+    return Next(f"{hanging(step.case, _alike(hanging_now, step.case))}, then mark loaded", "loaded")
 
 
-def suggested(
-    step: Step | None, done: bool, place: Mapping[str, Any], wanted: Mapping[str, Any], has_tare: bool, has_weight: bool
-) -> str:
-    """Return the command that ends what `todo` says, for the same arguments."""
-    if step is None:
-        return "tare"
-    if done:
-        return "next"
-    if step.case is None and not has_weight:
-        return "known_weight"
-    if wanted["posture"] != place["posture"]:
-        return "posture_set"
-    if wanted["location"] != place["location"]:
-        return "cell_moved"
-    return "loaded" if has_tare else "tare"
+def _alike(before: PlannedCase | None, case: PlannedCase | None) -> bool:
+    """Whether the weights of a case hang since the one before it."""
+    if before is None or case is None:
+        return False
+    loads = [(c.masses_g, c.posture, c.location, c.reading.direction) for c in (before, case)]
+    return loads[0] == loads[1]
 
 
 def hanging(case: PlannedCase | None, hangs: bool) -> str:

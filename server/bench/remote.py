@@ -20,6 +20,15 @@ _MOST_TEXT = 500
 # Elsewhere the two ways to end are two keys.
 _ENDS = (("close", "close the session and see its predictions"), (QUIT, "stop, and leave the session open"))
 
+_SHOWN_KEYS: list[dict[str, str | None]] = [
+    *(
+        {"command": command, "key": key, "title": title, "asks": QUESTIONS.get(command)}
+        for key, command, title in KEYS
+        if command != QUIT
+    ),
+    *({"command": command, "key": "", "title": title, "asks": None} for command, title in _ENDS),
+]
+
 
 class Remote:
     """Shows a bench through its live path, and takes commands from there.
@@ -96,14 +105,5 @@ def shown(status: BenchStatus) -> dict[str, Any]:
         "phase": status.phase,
         "suggested": status.suggests,
         "closed": status.closed,
-        "keys": _keys(),
+        "keys": _SHOWN_KEYS,
     }
-
-
-def _keys() -> list[dict[str, str | None]]:
-    own = [(command, key, title) for key, command, title in KEYS if command != QUIT]
-    listed = [*own, *((command, "", title) for command, title in _ENDS)]
-    return [
-        {"command": command, "key": key, "title": title, "asks": None if command == QUIT else QUESTIONS.get(command)}
-        for command, key, title in listed
-    ]

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from daq.calibration import mount_transform
 from daq.session_models import Mount
-from server.service.finger_drawing import case_in, hung_in, model_of, postures_of
+from server.service.finger_drawing import held_finger
 from server.service.measuring import Measured
-from server.service.problems import ProblemError, not_found
 from server.service.services import Services
 
 if TYPE_CHECKING:
@@ -53,32 +52,18 @@ def bench_finger(
         ProblemError: 404 there is no such posture or case, 409 nothing is known of the session yet, 422 neither is
             given, or they do not belong together.
     """
-    from fingermodel.observations import posture_rad
     from server.figures.poses import finger_pose, reach_mm, stub_mm
 
-    name, document = measured.record.id, measured.record.document
-    if document is None:
-        raise ProblemError(409, f"session {name} has no record yet", "a document, or a bench's events")
-    found = None if case is None else case_in(measured, case)
-    if found is not None and posture not in (None, found.posture):
-        raise ProblemError(422, f"case {found.id} in another posture", f"posture {found.posture}, or none")
-    wanted = posture if found is None else found.posture
-    if wanted is None:
-        raise ProblemError(422, "neither posture nor case", "one of the two")
-    if wanted not in postures_of(measured):
-        raise not_found("posture", wanted, f"/api/v1/sessions/{name}/document")
-    loaded = model_of(parts, measured, model)
-    finger = loaded if not hasattr(loaded, "finger") else loaded.finger
-    angles = posture_rad(finger.topology, postures_of(measured)[wanted], f"posture {wanted}")
-    pose = finger_pose(finger, finger.values, angles)
+    held = held_finger(parts, measured, posture, case, model)
+    finger, found, hung = held.finger, held.case, held.hung
+    pose = finger_pose(finger, finger.values, held.angles)
     masses = {} if found is None else {m: float(g) for m, g in found.masses_g.items() if g}
-    hung = None if found is None else hung_in(parts, measured, found, model, loaded, angles)
-    gravity = float(document.get("gravity_m_s2", 9.81))
+    gravity = float(held.document.get("gravity_m_s2", 9.81))
     return {
-        "session": name,
-        "model": loaded.id,
-        "posture": wanted,
-        "angles_deg": dict(zip(finger.topology.rotations, np.rad2deg(angles).tolist(), strict=True)),
+        "session": measured.record.id,
+        "model": held.loaded.id,
+        "posture": held.posture,
+        "angles_deg": dict(zip(finger.topology.rotations, np.rad2deg(held.angles).tolist(), strict=True)),
         "case": None if found is None else found.id,
         "role": None if found is None else found.role,
         "location": None if found is None else found.location,
@@ -87,7 +72,7 @@ def bench_finger(
         "reach_mm": reach_mm(finger.values),
         "stub_mm": stub_mm(finger.values),
         "views": {k: _view(finger, pose, p, masses) for k, p in _VIEWS.items()},
-        "places": _places(document, finger, pose),
+        "places": _places(held.document, finger, pose),
         "measured_N": None if hung is None or hung.measured_N is None else hung.measured_N.tolist(),
         "measured_sd_N": None if hung is None or hung.measured_sd_N is None else hung.measured_sd_N.tolist(),
         "predicted_N": None if hung is None or hung.predicted_N is None else np.asarray(hung.predicted_N).tolist(),

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from daq.bench.record import RESUMED, STARTED, BenchSetup
 from daq.bench.standing import Standing
-from daq.bench.status import todo
+from daq.bench.status import next_of
 from daq.bench.steps import Step
 from daq.journal.rows import Event
 from daq.protocols import PlannedCase
@@ -199,17 +199,13 @@ class BenchState:
 
     def todo(self) -> str:
         """Say what to do now."""
-        step, at = self.now, self.standing
         if self.closed:
             return "closed"
         if self.offered:
             return f"confirm the {self.phase} plateau, or change something"
         if self.phase != "idle":
             return f"wait for the {self.phase} plateau"
-        hangs = self._still_hangs(step)
-        return todo(
-            step, at.steps.now_done, at.place, self._wanted(step), self.tare is not None, at.weight is not None, hangs
-        )
+        return next_of(self.standing, self.tare is not None, self._hanging).text
 
     def _follow(self, event: Event) -> None:
         """Know which case's weights still hang as they were read."""
@@ -217,16 +213,3 @@ class BenchState:
             self._hanging = None if self.now is None else self.now.case
         elif event.kind == "known_weight" or event.kind in _ENDS_TARE | {"unloaded"}:
             self._hanging = None
-
-    def _still_hangs(self, step: Step | None) -> bool:
-        if self._hanging is None or step is None or step.case is None:
-            return False
-        loads = [(c.masses_g, c.posture, c.location, c.reading.direction) for c in (self._hanging, step.case)]
-        return loads[0] == loads[1]
-
-    def _wanted(self, step: Step | None) -> dict[str, Any]:
-        if step is not None and step.case is not None:
-            return {"posture": step.case.posture, "location": step.case.location}
-        mount = None if step is None or self.standing.weight is None else self.standing.weight.get("mount")
-        place = self.standing.place
-        return {"posture": place["posture"], "location": mount or place["location"]}

@@ -39,6 +39,29 @@ class DrawnCase:
     masses_g: Mapping[str, float]
 
 
+@dataclass(frozen=True, eq=False)
+class HeldFinger:
+    """A finger as it is held.
+
+    Attributes:
+        document: of the session.
+        loaded: the model.
+        finger: of it.
+        posture: its name.
+        angles: (rotations,) of it [rad].
+        case: that is shown; None for the finger alone.
+        hung: what hangs in it.
+    """
+
+    document: Mapping[str, Any]
+    loaded: Finger | Revision
+    finger: Finger
+    posture: str
+    angles: Floats
+    case: DrawnCase | None
+    hung: Hung | None
+
+
 def draw_finger(
     parts: Services, measured: Measured, posture: str | None, case: str | None, model: str | None
 ) -> tuple[go.Figure, dict[str, Any]]:
@@ -58,31 +81,40 @@ def draw_finger(
         InputError: the posture or the model cannot be used.
         ProblemError: 404 there is no such posture or case, 422 neither is given, or they do not belong together.
     """
-    from fingermodel.observations import posture_rad
     from server.figures.bench_finger import Hung, finger_figure
 
-    name = measured.record.id
-    document = measured.record.document
+    held = held_finger(parts, measured, posture, case, model)
+    finger, about = held.finger, {"model": held.loaded.id, "posture": held.posture, "case": held.case and held.case.id}
+    hung = held.hung or Hung({})
+    return finger_figure(finger, finger.values, held.posture, held.angles, hung, held.loaded.id), about
+
+
+def held_finger(
+    parts: Services, measured: Measured, posture: str | None, case: str | None, model: str | None
+) -> HeldFinger:
+    """Put together what a drawing shows; arguments and errors as of `draw_finger`."""
+    from fingermodel.observations import posture_rad
+
+    name, document = measured.record.id, measured.record.document
     if document is None:
         raise ProblemError(409, f"session {name} has no record yet", "a document, or a bench's events")
-    found = None if case is None else case_in(measured, case)
+    found = None if case is None else _case(measured, case)
     if found is not None and posture not in (None, found.posture):
         raise ProblemError(422, f"case {found.id} in another posture", f"posture {found.posture}, or none")
     wanted = posture if found is None else found.posture
     if wanted is None:
         raise ProblemError(422, "neither posture nor case", "one of the two")
-    postures = postures_of(measured)
+    postures = _postures(measured)
     if wanted not in postures:
         raise not_found("posture", wanted, f"/api/v1/sessions/{name}/document")
-    loaded = model_of(parts, measured, model)
+    loaded = _model(parts, measured, model)
     finger = loaded if not hasattr(loaded, "finger") else loaded.finger
     angles = posture_rad(finger.topology, postures[wanted], f"posture {wanted}")
-    hung = Hung({}) if found is None else hung_in(parts, measured, found, model, loaded, angles)
-    figure = finger_figure(finger, finger.values, wanted, angles, hung, loaded.id)
-    return figure, {"model": loaded.id, "posture": wanted, "case": None if found is None else found.id}
+    hung = None if found is None else _hung(parts, measured, found, model, loaded, angles)
+    return HeldFinger(document, loaded, finger, wanted, angles, found, hung)
 
 
-def model_of(parts: Services, measured: Measured, model: str | None) -> Finger | Revision:
+def _model(parts: Services, measured: Measured, model: str | None) -> Finger | Revision:
     """The model that a drawing is asked for with; by default the session's own finger."""
     from fingermodel.finger_files import read_finger
 
@@ -93,14 +125,14 @@ def model_of(parts: Services, measured: Measured, model: str | None) -> Finger |
     return read_finger(found) if isinstance(found, str) else found
 
 
-def postures_of(measured: Measured) -> dict[str, Mapping[str, Any]]:
+def _postures(measured: Measured) -> dict[str, Mapping[str, Any]]:
     """Postures of a session and of the protocol that it follows, by name [deg]."""
     record = measured.record
     planned = {} if record.bench is None else record.bench.setup.protocol.postures_deg
     return {**planned, **(record.document or {}).get("postures_deg", {})}
 
 
-def case_in(measured: Measured, case: str) -> DrawnCase:
+def _case(measured: Measured, case: str) -> DrawnCase:
     """A load case that was taken, or is planned.
 
     Raises:
@@ -117,7 +149,7 @@ def case_in(measured: Measured, case: str) -> DrawnCase:
     raise not_found("case", case, f"/api/v1/sessions/{record.id}/cases")
 
 
-def hung_in(
+def _hung(
     parts: Services, measured: Measured, case: DrawnCase, model: str | None, loaded: Finger | Revision, angles: Floats
 ) -> Hung:
     """What hangs in a case, with its forces as far as they may be seen."""

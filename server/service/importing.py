@@ -12,20 +12,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-
-from daq.blocks import Chunk
+from daq.export import sha256_of
 from daq.protocols import protocol_names
 from daq.readings import ReadingBlock, open_readings
 from daq.session_models import Session
 from daq.sessions import SESSION_FILE, read_session, read_yaml, whole_document
+from daq.uplink.recording import STREAM, chunks_of, description_of, epoch_of
 from server.service.ingest import Sent
 from server.service.problems import ProblemError, shortened
 from server.service.services import Services
 
-# A session that was uploaded has one stream; its name is the same each time, so that nothing is there twice.
-STREAM = "readings"
-_CHUNK = 4096
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._()+-]{0,99}")
 # Of a description: YAML can name one part in many places, and so be far larger than its text.
 _MOST_VALUES, _MOST_LEVELS = 300_000, 32
@@ -121,36 +117,12 @@ def _require_plain(data: Any) -> None:
 
 
 def _store(parts: Services, name: str, session: Session, file: Path, blocks: Iterator[ReadingBlock]) -> None:
-    digest = hashlib.sha256(file.read_bytes()).hexdigest()
-    cell = None if session.load_cell is None else session.load_cell.model
-    description = {
-        "driver": "upload",
-        "settings": {"file": file.name, "sha256": digest},
-        "cell": {"model": cell},
-        "clock": "file",
-    }
+    digest = sha256_of(file)
+    description = description_of(session, file, digest)
     cursor = parts.ingest.describe(name, STREAM, json.dumps(description, sort_keys=True).encode())
     if cursor["ended"] and not cursor["missing"]:
         return
-    for chunk in _chunks(blocks):
+    for chunk in chunks_of(blocks):
         body = chunk.to_bytes()
-        # Readings of another file would be another history.
-        sent = Sent(body, hashlib.sha256(body).hexdigest(), digest[:32])
+        sent = Sent(body, hashlib.sha256(body).hexdigest(), epoch_of(digest))
         parts.ingest.put_chunk(name, STREAM, chunk.first_seq, len(chunk), sent)
-
-
-def _chunks(blocks: Iterator[ReadingBlock]) -> Iterator[Chunk]:
-    """Readings as chunks, and an empty one at the end."""
-
-    def chunk(first: int, t_s: Any, wrench: Any, status: Any) -> Chunk:
-        # There is no wall clock in a file, and the same file must make the same chunks.
-        return Chunk(first, t_s, wrench, status, np.zeros(len(t_s), dtype=np.bool_), b"", [], 0.0)
-
-    first = 0
-    for block in blocks:
-        whole = np.zeros(len(block), dtype=np.int64) if block.status is None else block.status
-        for a in range(0, len(block), _CHUNK):
-            b = min(a + _CHUNK, len(block))
-            yield chunk(first + a, block.t_s[a:b], block.wrench[a:b], whole[a:b])
-        first += len(block)
-    yield chunk(first, np.zeros(0), np.zeros((0, 6)), np.zeros(0, dtype=np.int64))

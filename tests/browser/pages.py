@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from tests.requirements import demanded
 from tests.server.service.processes import Process
 
 BROWSER = next(
@@ -22,7 +22,7 @@ OFFLINE = "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1"
 
 def require_browser() -> None:
     """Skip, with a line, where there is no Chromium and none is required."""
-    if BROWSER is None and "browser" not in os.environ.get("FINGERTWIN_REQUIRE", "").split(","):
+    if BROWSER is None and not demanded("browser"):
         pytest.skip("chromium is not installed: the pages are not opened in a browser", allow_module_level=True)
 
 
@@ -46,6 +46,14 @@ class Watched:
         """Go to a page and wait for its heading."""
         self.page.goto(f"{self.url}/#/{path}")
         self.page.get_by_role("heading", level=1, name=heading).wait_for()
+
+    def drawn(self, least: int = 1) -> None:
+        """Wait until so many figures are drawn, and none is being drawn."""
+        self.page.locator(".js-plotly-plot").nth(least - 1).wait_for()
+        self.page.wait_for_function(
+            "() => !document.querySelector('[aria-busy]') && ![...document.querySelectorAll('p')]"
+            ".some((p) => p.textContent === 'Drawing …')"
+        )
 
     def text(self) -> str:
         """All that can be read."""

@@ -4,26 +4,19 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.browser.bench_story import Story, bench, cases, wrenches
-from tests.browser.pages import Watched, browsing, require_browser, served, violations, watched
+from tests.browser.pages import Watched, require_browser, served, violations, watched
 
 require_browser()
 
 # A machine that has other work to do takes its time.
 PATIENCE_MS = 60_000
 LARGE_PX, KEY_PX = 40, 64
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with browsing() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

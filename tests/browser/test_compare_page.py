@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from daq.sessions import find_session
-from tests.browser.pages import Watched, browsing, click_point, require_browser, served, watched
+from tests.browser.pages import Watched, click_point, require_browser, served, watched
 
 require_browser()
 
@@ -28,21 +28,6 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
             twin.upload(SESSION)
             twin.upload(PUBLISHED)
         yield address
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with browsing() as found:
-        yield found
-
-
-@pytest.fixture
-def seen(browser: Any, url: str) -> Iterator[Watched]:
-    out = watched(browser, url)
-    yield out
-    out.page.close()
-    assert out.complaints == []
-    assert out.elsewhere == []
 
 
 def figure(seen: Watched, name: str) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.browser.pages import Watched, browsing, click_point, require_browser, served, violations, watched
+from tests.browser.pages import Watched, click_point, require_browser, served, violations, watched
 
 require_browser()
 
@@ -31,30 +31,6 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield address
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with browsing() as found:
-        yield found
-
-
-@pytest.fixture
-def seen(browser: Any, url: str) -> Iterator[Watched]:
-    out = watched(browser, url)
-    yield out
-    out.page.close()
-    assert out.complaints == []
-    assert out.elsewhere == []
-
-
-def drawn(seen: Watched) -> None:
-    """Wait until no figure is being drawn."""
-    seen.page.locator(".js-plotly-plot").first.wait_for()
-    seen.page.wait_for_function(
-        "() => !document.querySelector('[aria-busy]') && ![...document.querySelectorAll('p')]"
-        ".some((p) => p.textContent === 'Drawing …')"
-    )
-
-
 def test_a_missing_effect_is_found_and_what_was_ruled_out_is_said(seen: Watched) -> None:
     seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
     seen.page.get_by_text("Nothing was searched for yet.").wait_for()
@@ -65,11 +41,11 @@ def test_a_missing_effect_is_found_and_what_was_ruled_out_is_said(seen: Watched)
     ruled_out = seen.page.locator("section", has=seen.page.get_by_role("heading", name="Tested and ruled out"))
     assert ruled_out.get_by_role("row").count() > 10
     assert "hanger_mass explains the same readings better" in ruled_out.inner_text()
-    drawn(seen)
+    seen.drawn()
     # Every figure of the answer can be drawn, and a cell of the map leads to its load cases.
     for name in ("missing_torque", "ranking", "confounding", "held_out", "residual_map"):
         seen.page.get_by_label("Figure").select_option(name)
-        drawn(seen)
+        seen.drawn()
     click_point(seen.page, 0, [0, 0])
     seen.page.get_by_role("heading", name=f"{SESSION}: predicted against measured").wait_for()
     seen.page.get_by_text(re.compile("cases of that point|c001: ")).first.wait_for()
@@ -96,7 +72,7 @@ def test_an_effect_is_shown_and_added_and_the_error_falls(seen: Watched) -> None
     seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
     seen.page.get_by_role("link", name="What is that?").click()
     seen.page.get_by_role("heading", level=1, name="hanger_mass").wait_for()
-    drawn(seen)
+    seen.drawn()
     text = seen.text()
     assert "T_i += c g m0 wherever a mass hangs" in text
     assert "Source: weight of an unweighed hanger" in text
@@ -105,7 +81,7 @@ def test_an_effect_is_shown_and_added_and_the_error_falls(seen: Watched) -> None
     seen.page.get_by_role("button", name="Add and refit").click()
     seen.page.get_by_role("heading", name=f"{SESSION}: the fall of the error").wait_for(timeout=240_000)
     seen.page.get_by_role("heading", name=re.compile("with hanger_mass")).wait_for()
-    drawn(seen)
+    seen.drawn()
     assert "in force" in seen.text()
     shown = seen.page.locator(".js-plotly-plot").nth(1)
     kinds = shown.evaluate("plot => plot.data.map((t) => t.meta?.kind)")
@@ -129,7 +105,7 @@ def test_steps_go_back_and_forth_by_keys_and_by_buttons(seen: Watched) -> None:
     with_it.wait_for()
     for name in ("bone", "scatter", "scatter_validation", "errors", "z"):
         seen.page.get_by_label("Figure").select_option(name)
-        drawn(seen)
+        seen.drawn()
 
 
 def test_the_report_has_every_section_and_figure_on_paper(seen: Watched, tmp_path: Path) -> None:
@@ -203,7 +179,7 @@ def test_every_page_can_be_used_by_anybody(browser: Any, url: str, path: str) ->
 
     def settle() -> None:
         if SESSION in path and path != BENCH:
-            drawn(seen)
+            seen.drawn()
         seen.page.wait_for_timeout(300)
 
     settle()
@@ -227,7 +203,7 @@ def test_every_page_can_be_used_by_anybody(browser: Any, url: str, path: str) ->
 
 def test_figures_fill_their_place_and_follow_the_window(seen: Watched) -> None:
     seen.open(f"sessions/{SESSION}/compare", f"{SESSION}: predicted against measured")
-    drawn(seen)
+    seen.drawn()
     for width in (1280, 900, 1400):
         seen.page.set_viewport_size({"width": width, "height": 800})
         seen.page.wait_for_function(

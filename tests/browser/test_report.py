@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import subprocess
@@ -13,12 +12,14 @@ from typing import NamedTuple
 
 import pytest
 
+from tests.requirements import demanded
+
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 HEADINGS = ("Summary", "Force components", "Tip forces", "metacarpal", "errors", "Load cases")
 PNG = b"\x89PNG\r\n\x1a\n"
 BROWSER = next((path for name in NAMES if (path := shutil.which(name))), None)
 
-if BROWSER is None and "browser" not in os.environ.get("FINGERTWIN_REQUIRE", "").split(","):
+if BROWSER is None and not demanded("browser"):
     pytest.skip("chromium is not installed: the report is not opened in a browser", allow_module_level=True)
 
 

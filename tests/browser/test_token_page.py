@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from fingertwin.client import Client
-from tests.browser.pages import browsing, require_browser, watched
+from tests.browser.pages import require_browser, watched
 from tests.server.service.processes import Process
 
 require_browser()
@@ -38,12 +38,6 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, str
         client.upload(SESSION)
     yield url, token
     process.close()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with browsing() as found:
-        yield found
 
 
 def test_a_token_is_asked_for_once_and_opens_everything(browser: Any, service: tuple[str, str], tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from daq.blocks import Chunk
 from daq.locations import data_dir
 from daq.readings import open_readings
 from daq.sessions import find_session, read_session
+from daq.uplink.recording import STREAM
 from fingertwin.client import Client, ServiceError, ServiceUnreachableError
 from fingertwin.client import upload as uploading
 from server.workflow import compare_bench, open_bench
@@ -22,7 +23,7 @@ from tests.server.service.running import ServiceReceiver
 
 
 def stored(receiver: ServiceReceiver, session: str) -> tuple[np.ndarray, np.ndarray]:
-    chunks = [Chunk.from_bytes(payload) for payload in receiver.stored(session, uploading.STREAM)]
+    chunks = [Chunk.from_bytes(payload) for payload in receiver.stored(session, STREAM)]
     return np.concatenate([c.t_s for c in chunks]), np.concatenate([c.wrench for c in chunks])
 
 
@@ -63,10 +64,10 @@ def test_the_readings_that_are_kept_are_those_of_the_file(twin: Client, receiver
 def test_nothing_is_sent_twice(twin: Client, line: InProcess, receiver: ServiceReceiver) -> None:
     twin.upload("DEV-04")
     version = twin.session("DEV-04").info().version
-    before, sent = receiver.stored("DEV-04", uploading.STREAM), len(line.chunks)
+    before, sent = receiver.stored("DEV-04", STREAM), len(line.chunks)
     twin.upload("DEV-04")
     assert len(line.chunks) == sent
-    assert receiver.stored("DEV-04", uploading.STREAM) == before
+    assert receiver.stored("DEV-04", STREAM) == before
     assert twin.session("DEV-04").info().version == version
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from dataclasses import replace
 from importlib import import_module
@@ -18,6 +17,7 @@ from fingermodel.finger_files import finger_names, read_finger
 from fingermodel.fingers import Finger
 from fingermodel.model import clamp_forces_batch, jax_values, tip_kinematics_batch
 from tests.fingermodel.fingers import six_axes, straight
+from tests.requirements import demanded
 
 Floats = NDArray[np.float64]
 MM = 1000.0
@@ -27,7 +27,7 @@ WORST_CONDITION = 1e3
 
 def required(name: str) -> Any:
     """Return a module, skip with a line where it is not installed, and fail where it has to be."""
-    if name in os.environ.get("FINGERTWIN_REQUIRE", "").split(","):
+    if demanded(name):
         return import_module(name)
     return pytest.importorskip(name)
 

@@ -19,7 +19,9 @@ from typing import Any
 
 import pytest
 
-REQUIRED = "postgres" in os.environ.get("FINGERTWIN_REQUIRE", "").split(",")
+from tests.requirements import demanded
+
+REQUIRED = demanded("postgres")
 # Who can run it in root's place.
 _USERS = ("postgres", "nobody")
 _NUMBERS = count(1)
