@@ -147,11 +147,11 @@ def effects(
 
 @app.command()
 def reproduce(
-    study: Annotated[str, typer.Argument(help="Published study: synek2019.")],
+    study: Annotated[str, typer.Argument(help="Published study; a name that is none lists them.")],
     figures: Figures = None,
     json: Json = None,
 ) -> None:
-    """Set a published study's numbers beside ours, and our own fit beside the published model."""
+    """Set every number of a published study beside ours."""
     from server.commands.published import reproduce_study
 
     reproduce_study(study, figures, json)

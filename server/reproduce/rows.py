@@ -8,20 +8,20 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Row:
-    """A published quantity, ours, and whether they agree to the published digits.
+    """A published quantity, ours, and whether they agree.
 
     Attributes:
         quantity: what it is.
-        published: as printed.
+        published: as printed; None where a range alone is.
         ours: recomputed; None where it cannot be had.
         unit: of both.
         agrees: None where a comparison would mean nothing; `note` says why.
         note: why, or under which condition.
-        printed: the published number with its printed digits.
+        printed: the published number, or range, with its printed digits.
     """
 
     quantity: str
-    published: float
+    published: float | None
     ours: float | None
     unit: str
     agrees: bool | None
@@ -41,6 +41,17 @@ def row(quantity: str, published: str, ours: float, unit: str, note: str = "") -
     digits = len(published.partition(".")[2])
     agrees = abs(ours - float(published)) <= 0.5 * 10.0**-digits * 1.01
     return Row(quantity, float(published), ours, unit, agrees, note, published)
+
+
+def row_within(quantity: str, low: str, high: str, ours: float, unit: str, note: str = "") -> Row:
+    """Compare ours with a published range, its ends as printed; they agree when ours lies in it."""
+    return Row(quantity, None, ours, unit, float(low) <= ours <= float(high), note, f"{low} to {high}")
+
+
+def row_about(quantity: str, published: str, spread: str, ours: float, unit: str, note: str = "") -> Row:
+    """Compare ours with a published mean and its spread, both as printed; they agree when ours lies within it."""
+    agrees = abs(ours - float(published)) <= float(spread)
+    return Row(quantity, float(published), ours, unit, agrees, note, f"{published} ± {spread}")
 
 
 def not_available(quantity: str, published: str, ours: float | None, unit: str, note: str) -> Row:

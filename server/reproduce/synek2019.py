@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from server.reproduce.rows import Row, not_available, row
+from server.reproduce.study import Progress, Reproduction, Sheet
 from server.workflow import Bench, compare_bench, open_bench, refit_bench
 
 if TYPE_CHECKING:
@@ -20,6 +21,12 @@ if TYPE_CHECKING:
 
 SPECIMENS = ("HMEAN", "H01", "H02", "H03")
 FLEXORS = (("DIP", "FDP"), ("PIP", "FDP"), ("MCP", "FDP"), ("PIP", "FDS"), ("MCP", "FDS"))
+PREDICTORS = {
+    "published_model": "published optimised model",
+    "published_method": "published method, this specimen",
+    "ours": "our fit (map)",
+    "superposition": "superposition limit",
+}
 NO_POINTS = "not available: the bonobo's tendon points are not among the published data; ours are human points scaled"
 
 
@@ -69,22 +76,65 @@ class SpecimenFit:
         return e.rmse_N or 0.0, e.direction_error_deg or 0.0, e.magnitude_error_pct or 0.0
 
 
-def reproduce(progress: Callable[[float], None]) -> tuple[list[Row], list[SpecimenFit]]:
-    """Recompute the study.
-
-    Args:
-        progress: called with the fraction done.
-    """
-    mean = open_bench("synek2019_HMEAN")
-    optimised = open_bench("synek2019_HMEAN", "synek2019_optimised")
-    rows = [*_friction_rows(), *_identification_rows(mean, optimised), *_shift_rows(mean, optimised)]
-    rows += [*_arm_rows(optimised), *_validation_rows(optimised), *_ratio_rows(optimised), *_bonobo_rows()]
+def reproduce(progress: Progress) -> Reproduction:
+    """Recompute the study, and fit each specimen our way."""
+    rows = published_rows()
     progress(0.4)
     fits = []
     for i, name in enumerate(SPECIMENS):
         fits.append(_fit(f"synek2019_{name}", name))
         progress(0.4 + 0.6 * (i + 1) / len(SPECIMENS))
-    return rows, fits
+    return Reproduction(
+        rows=tuple(rows),
+        sheets=(_unseen(fits),),
+        results={"fits": [fit.as_dict() for fit in fits]},
+        draw=_draw,
+    )
+
+
+def published_rows() -> list[Row]:
+    """Every published figure beside ours."""
+    mean = open_bench("synek2019_HMEAN")
+    optimised = open_bench("synek2019_HMEAN", "synek2019_optimised")
+    rows = [*_friction_rows(), *_identification_rows(mean, optimised), *_shift_rows(mean, optimised)]
+    return [*rows, *_arm_rows(optimised), *_validation_rows(optimised), *_ratio_rows(optimised), *_bonobo_rows()]
+
+
+def _draw(folder: Path) -> Path:
+    from server.drawing import draw_comparison
+
+    bench = open_bench("synek2019_HMEAN", "synek2019_optimised")
+    before = compare_bench(open_bench("synek2019_HMEAN"))
+    return draw_comparison(bench, compare_bench(bench), folder, before=before)
+
+
+def _unseen(fits: list[SpecimenFit]) -> Sheet:
+    """Errors on the unseen combined loads, predictor by predictor."""
+    lines: list[tuple[str | float | None, ...]] = []
+    for fit in fits:
+        for key, comparison in fit.comparisons.items():
+            known = comparison.select("identification", "tip").errors("sagittal").rmse_N
+            tip = comparison.select("validation", "tip").errors("sagittal")
+            bone = comparison.select("validation", "bone").errors("sagittal")
+            errors = (tip.rmse_N, tip.direction_error_deg, tip.magnitude_error_pct)
+            at_bone = (bone.direction_error_deg, bone.magnitude_error_pct)
+            lines.append((fit.specimen, PREDICTORS[key], known, *errors, *at_bone))
+    notes = [
+        "Superposition: measured single-tendon forces added up; no linear model fitted to them can promise better.",
+        "Our fit holds where the tip RMSE is at most the published model's, its direction and magnitude at most "
+        "the larger of that model's and the superposition limit's, and the bone within 1 deg and 1.5 points of "
+        "the published model.",
+    ]
+    for fit in fits:
+        short = [name for name, ok in fit.held_to().items() if not ok]
+        held = f"short of: {', '.join(short)}" if short else "our fit holds on the unseen loads"
+        notes.append(f"{fit.specimen}: {held}")
+    return Sheet(
+        "Unseen combined loads, sagittal plane: fitted to single tendons alone",
+        ("specimen", "predictor", "fitted RMSE [N]", "tip RMSE [N]", "tip [deg]", "tip [%]", "bone [deg]", "bone [%]"),
+        tuple(lines),
+        tuple(notes),
+    )
 
 
 def _friction_rows() -> list[Row]:

@@ -1,0 +1,99 @@
+"""What a published study comes to when it is computed again, and which studies there are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from daq.errors import InputError
+from server.reproduce.rows import Row
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A table beside the rows: what the study does not print, or our own answer to its question.
+
+    Attributes:
+        title: what is in it.
+        columns: their headings, with units.
+        lines: one list of cells a line.
+        notes: what it means, a sentence each.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    lines: tuple[tuple[str | float | None, ...], ...]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """A study's figures beside ours.
+
+    Attributes:
+        rows: every published figure.
+        assumptions: what the paper leaves out and what stands in its place, a sentence each.
+        sheets: tables beside the rows.
+        results: further results of this study as plain data, merged into the JSON answer.
+        draw: writes the study's figures into a folder and returns it; None where there are none.
+    """
+
+    rows: tuple[Row, ...]
+    assumptions: tuple[str, ...] = ()
+    sheets: tuple[Sheet, ...] = ()
+    results: dict[str, Any] = field(default_factory=dict)
+    draw: Callable[[Path], Path] | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        sheets = [{"title": s.title, "columns": s.columns, "lines": s.lines, "notes": s.notes} for s in self.sheets]
+        body = {"rows": [r.as_dict() for r in self.rows], "assumptions": self.assumptions, "sheets": sheets}
+        return body | self.results
+
+
+class Study(NamedTuple):
+    """A published study.
+
+    Attributes:
+        name: by which it is asked for; also the module beside this one that computes it.
+        citation: authors, year, journal.
+        about: what the study is of, in a few plain words.
+    """
+
+    name: str
+    citation: str
+    about: str
+
+
+STUDIES = (Study("synek2019", "Synek et al. 2019, PeerJ 7:e7470", "tip and bone forces of clamped cadaver fingers"),)
+
+
+def study_of(name: str) -> Study:
+    """The study of that name.
+
+    Raises:
+        InputError: there is none.
+    """
+    for study in STUDIES:
+        if study.name == name:
+            return study
+    raise InputError(f"no study {name!r}", f"one of {', '.join(s.name for s in STUDIES)}")
+
+
+def reproduce(name: str, progress: Progress) -> Reproduction:
+    """Compute a study again.
+
+    Args:
+        name: of the study.
+        progress: called with the fraction done.
+
+    Raises:
+        InputError: there is no such study.
+    """
+    done: Reproduction = import_module(f"server.reproduce.{study_of(name).name}").reproduce(progress)
+    return done
