@@ -277,6 +277,8 @@ class Acquisition:
         before = decoded.sequence[0] - 1 if self._last_sequence is None else self._last_sequence
         missing = steps_from(before, decoded.sequence) - 1
         self._last_sequence = int(decoded.sequence[-1])
+        if not missing.any():
+            return []
         return [self._event("gap", lost_samples=int(k), counted=True) for k in missing[missing > 0]]
 
     def _say(self, gathered: _Gathered) -> None:

@@ -37,27 +37,31 @@ PAUSE_S = 0.25
 
 @dataclass(eq=False)
 class _Window:
-    """What one stream said in one window."""
+    """What one stream said in one window: blocks as they came, which are put together only when they are sent."""
 
     stream: str
     since_s: float
     from_s: float
     to_s: float
-    count: int
-    latest: Floats
-    least: Floats
-    most: Floats
-    # Of the components that are numbers, and how many are.
-    total: Floats
-    numbers: Floats
+    blocks: list[Floats]
     overload: bool
 
+    @property
+    def latest(self) -> Floats:
+        """The last reading (6,)."""
+        latest: Floats = self.blocks[-1][-1]
+        return latest
+
     def message(self) -> dict[str, Any]:
-        mean = np.divide(self.total, self.numbers, out=np.full(6, np.nan), where=self.numbers > 0.0)
+        readings = np.concatenate(self.blocks)
+        # One component that is no number hides no other reading of it.
+        known = np.isfinite(readings)
+        numbers, total = known.sum(axis=0, dtype=float), np.where(known, readings, 0.0).sum(axis=0)
+        mean = np.divide(total, numbers, out=np.full(6, np.nan), where=numbers > 0.0)
         return {
-            "stream": self.stream, "from_s": self.from_s, "to_s": self.to_s, "count": self.count,
-            "latest": _numbers(self.latest), "least": _numbers(self.least), "most": _numbers(self.most),
-            "mean": _numbers(mean), "overload": self.overload,
+            "stream": self.stream, "from_s": self.from_s, "to_s": self.to_s, "count": len(readings),
+            "latest": _numbers(self.latest), "least": _numbers(np.fmin.reduce(readings, axis=0)),
+            "most": _numbers(np.fmax.reduce(readings, axis=0)), "mean": _numbers(mean), "overload": self.overload,
         }  # fmt: skip
 
 
@@ -121,30 +125,26 @@ class LiveTail:
         Args:
             stream: its id.
             t_s: (n,) time since the stream began [s].
-            wrench: (n, 6) [N, N mm].
+            wrench: (n, 6) [N, N mm]; held for a while, so it is not to be changed.
             overload: (n,) whether the device was beyond its range.
         """
         if len(t_s) == 0:
             return
-        now = self._clock()
-        # One component that is no number hides no other reading of it.
-        least, most = np.fmin.reduce(wrench, axis=0), np.fmax.reduce(wrench, axis=0)
-        known = np.isfinite(wrench)
-        total, numbers = np.where(known, wrench, 0.0).sum(axis=0), known.sum(axis=0, dtype=float)
-        times = (float(t_s[0]), float(t_s[-1]), len(t_s))
-        new = _Window(stream, now, *times, wrench[-1].copy(), least, most, total, numbers, bool(overload.any()))
+        now, over = self._clock(), bool(overload.any())
         with self._some:
             open_one = self._open.get(stream)
             if open_one is not None and now - open_one.since_s >= self._window_s:
                 self._close(open_one)
                 open_one = None
             if open_one is not None:
-                _merge(open_one, new)
+                open_one.to_s = float(t_s[-1])
+                open_one.blocks.append(wrench)
+                open_one.overload |= over
                 return
             if not self._open:
                 # The thread waits for no more than this: it knows when an open one is due.
                 self._some.notify()
-            self._open[stream] = new
+            self._open[stream] = _Window(stream, now, float(t_s[0]), float(t_s[-1]), [wrench], over)
 
     def take(self) -> list[_Window]:
         """Return the envelopes whose time is over, the oldest first; they wait no longer."""
@@ -233,14 +233,6 @@ class LiveTail:
         if self.asked is None:
             return due_s if self._open else None
         return min(due_s, LISTEN_S) if self._open else LISTEN_S
-
-
-def _merge(window: _Window, new: _Window) -> None:
-    window.to_s, window.latest = new.to_s, new.latest
-    window.count += new.count
-    window.least, window.most = np.fmin(window.least, new.least), np.fmax(window.most, new.most)
-    window.total, window.numbers = window.total + new.total, window.numbers + new.numbers
-    window.overload |= new.overload
 
 
 def _numbers(values: Floats) -> list[float | None]:

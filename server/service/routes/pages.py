@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import hashlib
+import re
 from functools import cache
 from importlib.resources import files
 from typing import Annotated
@@ -17,6 +18,8 @@ router = APIRouter(include_in_schema=False)
 
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 PLOTLY = "plotly.min.js"
+START = "index.html"
+STYLES = re.compile(r'<link rel="stylesheet" href="/pages/([a-z_]+\.css)">')
 # Plotly and the pages write styles into the document; scripts come from this very address alone.
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
@@ -31,7 +34,7 @@ Matched = Annotated[str | None, Header(alias="If-None-Match", max_length=200)]
 @router.get("/")
 def start(request: Request, matched: Matched = None) -> Response:
     """Return the page that everything happens on."""
-    return _answer("index.html", request, matched)
+    return _answer(START, request, matched)
 
 
 @router.get("/favicon.ico")
@@ -74,4 +77,11 @@ def content(name: str) -> tuple[bytes, bytes, str]:
     """Bytes of a file as they are, packed, and a tag that changes with them."""
     place = files("plotly") / "package_data" / PLOTLY if name == PLOTLY else files("server.pages").joinpath(name)
     plain = place.read_bytes()
+    if name == START:
+        plain = _with_styles(plain.decode()).encode()
     return plain, gzip.compress(plain, 6), hashlib.sha256(plain).hexdigest()[:24]
+
+
+def _with_styles(page: str) -> str:
+    """Put the styles into the page: a browser shows nothing before it has them, and would have to ask again."""
+    return STYLES.sub(lambda link: f"<style>\n{content(link[1])[0].decode()}</style>", page)
