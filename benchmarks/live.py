@@ -232,7 +232,8 @@ def rows_of(found: dict[str, Any], seconds: float) -> list[tuple[str, str, str]]
         ("envelopes that the bench could not send", f"{found['dropped']}", "0"),
         ("share of one core, traces alone", f"{shares[0]:.1f} %", "5 %, later 3 %"),
         ("share of one core, a weight hanging", f"{shares[1]:.1f} %", "5 %"),
-        ("processor time of a loop meanwhile, median over least", f"{slowed:.2f}", "1, on a quiet machine"),
+        ("processor time of a loop meanwhile, median over least", f"{slowed:.2f}", "1, at the core's full speed"),
+        ("share of a core at full speed (over the row before), traces alone", f"{shares[0] / slowed:.1f} %", "3 %"),
         ("estimates a second", f"{found['heard'][1][0].estimates / half_s:.1f}", "5"),
         ("resident memory: beginning, middle, end", f"{memory} MiB", "flat"),
     ]

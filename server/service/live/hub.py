@@ -56,6 +56,7 @@ class LiveHub:
         self._estimates = Estimates(self.publish, messages, make_predict, tares)
         self._order = InOrder(0)
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._loop_thread = 0
         self._lock = threading.Lock()
         self._inbox: list[Message | tuple[str, str, Rows, bool]] = []
         self._woken = False
@@ -84,7 +85,7 @@ class LiveHub:
         """Hand on from now on; on the thread of the loop."""
         self.messages.listen(self.publish)
         self._order = InOrder(self.messages.latest())
-        self._loop = loop
+        self._loop, self._loop_thread = loop, threading.get_ident()
         self._estimates.start()
         self._beat_timer = loop.call_later(HEARTBEAT_S, self._beat)
         self._tick()
@@ -145,9 +146,12 @@ class LiveHub:
             if self._woken or self._loop is None:
                 return
             self._woken = True
-        # A loop that has ended needs no waking.
+        # A loop that has ended needs no waking; one that runs this very call is awake.
         with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(self._wake)
+            if threading.get_ident() == self._loop_thread:
+                self._loop.call_soon(self._wake)
+            else:
+                self._loop.call_soon_threadsafe(self._wake)
 
     # ----- on the loop's thread
 
