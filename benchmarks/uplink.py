@@ -1,10 +1,10 @@
 """Fast load cells logged and forwarded at once: what arrives at the service, and what it costs the bench's computer.
 
-    python -m benchmarks.uplink [--minutes 10] [--benches 1] [--to URL --sessions A,B] [--out FILE]
+    python -m benchmarks.uplink [--minutes 10] [--benches 1] [--service | --to URL --sessions A,B] [--out FILE]
 
 Every part is a process of its own: stand-ins for Net F/T boxes that send 7000 readings a second of six axes, one
-`fingertwin log --to` each (journal, uplink and live path on), and a receiver, the small one of the tests unless an
-address is given. Processor time and memory are read from /proc (Linux).
+`fingertwin log --to` each (journal, uplink and live path on), and a receiver: the small one of the tests, the whole
+service, or whatever answers at an address. Processor time and memory are read from /proc (Linux).
 """
 
 from __future__ import annotations
@@ -169,19 +169,33 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--benches", type=int, default=1)
+    parser.add_argument("--service", action="store_true", help="the whole service as the receiver, started here")
     parser.add_argument("--to", help="address of a service; by default the tests' small receiver")
     parser.add_argument("--sessions", help="there, one for each bench, separated by commas")
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
+    if given.to and given.service:
+        parser.error("--to and --service exclude each other")
     if given.to and len((given.sessions or "").split(",")) != given.benches:
         parser.error("--to needs --sessions, one for each bench")
     use_all_cores()
     where = surroundings()
-    with tempfile.TemporaryDirectory() as folder:
-        seen = logged(given.minutes, given.benches, given.to, (given.sessions or "").split(","), Path(folder))
+    with ExitStack() as held:
+        folder = Path(held.enter_context(tempfile.TemporaryDirectory()))
+        url, names = given.to, (given.sessions or "").split(",")
+        if given.service:
+            from benchmarks.service import service
+
+            url, _, _ = held.enter_context(service(folder / "service"))
+            names = [f"BENCH-{k + 1}" for k in range(given.benches)]
+        seen = logged(given.minutes, given.benches, url, names, folder)
     rows = rows_of(seen)
     heads = [f"bench {k + 1}" for k in range(given.benches)] if given.benches > 1 else ["value"]
-    options = f"--minutes {given.minutes:g} --benches {given.benches}" + (" --to …" if given.to else "")
+    options = (
+        f"--minutes {given.minutes:g} --benches {given.benches}"
+        + (" --to …" if given.to else "")
+        + (" --service" if given.service else "")
+    )
     shares = [share(c) for c in seen["loggers"]]
     lines = [
         "# Logging and forwarding fast load cells" + (f", {given.benches} at once" if given.benches > 1 else ""),
@@ -198,7 +212,9 @@ def main() -> None:
         "",
         f"Processor time is counted from {WARM_S:g} s on. Mean share of the loggers: {statistics.mean(shares):.1f} %.",
         *(
-            []
+            ["Live envelopes go over the bench's WebSocket, as in a lab; a receiver without one is posted each."]
+            if given.service
+            else []
             if given.to
             else [
                 "The receiver is the small one of the tests, in Python and on one SQLite file: its share says little",
@@ -208,7 +224,8 @@ def main() -> None:
         "",
     ]
     text = "\n".join(lines)
-    out = given.out or HERE / ("uplink.md" if given.benches == 1 else f"uplink_{given.benches}.md")
+    kind = "_service" if given.service else ""
+    out = given.out or HERE / (f"uplink{kind}.md" if given.benches == 1 else f"uplink{kind}_{given.benches}.md")
     out.write_text(text, encoding="utf-8")
     print(text)
 

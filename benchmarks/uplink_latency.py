@@ -79,7 +79,8 @@ def log(end: Connection, address: str, rate_hz: float, seconds: float, url: str,
         def post(self, windows: Any) -> bool:
             taken = super().post(windows)
             now = time.monotonic()
-            shown.extend((now, float(w.least[0]), float(w.latest[0]), w.count) for w in windows if taken)
+            for said in [w.message() for w in windows] if taken else []:
+                shown.append((now, said["least"][0], said["latest"][0], said["count"]))
             return taken
 
     end.send("ready")

@@ -125,8 +125,13 @@ class LiveHub:
         if not self.is_shown(session):
             self._shown_until_s[session] = time.monotonic() + TRUSTED_S
         self._bench_dropped[session] = checked.dropped
-        for stream, rows in rows_of(checked).items():
-            self._put((session, stream, rows, True))
+        found = [(session, stream, rows, True) for stream, rows in rows_of(checked).items()]
+        if self._keep(*found):
+            if threading.get_ident() == self._loop_thread:
+                # On the loop already, and in no tick: what is due goes out without another turn of it.
+                self._look()
+            else:
+                self._call_soon()
 
     def is_shown(self, session: str) -> bool:
         """Whether envelopes of a session were taken seconds ago, so that it need not be looked for again."""
@@ -139,13 +144,22 @@ class LiveHub:
             self._put((session, stream, rows, False))
 
     def _put(self, item: Message | tuple[str, str, Rows, bool]) -> None:
+        if self._keep(item):
+            self._call_soon()
+
+    def _keep(self, *items: Message | tuple[str, str, Rows, bool]) -> bool:
+        """Let something wait for the next tick; return whether the loop is to be woken for it."""
         with self._lock:
-            if self.closed:
-                return
-            self._inbox.append(item)
+            if self.closed or not items:
+                return False
+            self._inbox += items
             if self._woken or self._loop is None:
-                return
+                return False
             self._woken = True
+        return True
+
+    def _call_soon(self) -> None:
+        assert self._loop is not None  # noqa: S101 - something waits for it
         # A loop that has ended needs no waking; one that runs this very call is awake.
         with contextlib.suppress(RuntimeError):
             if threading.get_ident() == self._loop_thread:
@@ -159,6 +173,12 @@ class LiveHub:
         if self._loop is None or self.closed:
             return
         self.counters.wakes += 1
+        self._look()
+
+    def _look(self) -> None:
+        """Hand out what is due now, or see to it that there is a tick when it is."""
+        if self._loop is None or self.closed:
+            return
         at_s = min(self._ticked_s + TICK_S, self._groups.due_s())
         if at_s <= self._loop.time() + SLACK_S:
             self._tick()
