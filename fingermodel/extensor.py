@@ -1,7 +1,7 @@
 """How muscle tensions reach the tendon segments, the extensor hood's slips among them.
 
-Whatever the hood is (fixed fractions here, an elastic network elsewhere), it is one function from muscle tensions to
-segment tensions.
+Whatever the hood is (fixed fractions here, an elastic network in `fingermodel.hood`), it is one function from muscle
+tensions, and for an elastic one the posture, to segment tensions.
 """
 
 from __future__ import annotations
@@ -9,20 +9,50 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jax import Array
 
-from fingermodel.fingers import FingerValues, Topology
+from daq.errors import ModelError
+from fingermodel.fingers import FingerValues, Hood, Topology
+from fingermodel.hood.parts import ElasticHood
+from fingermodel.kinematics import JointPose
 
 
-def segment_tensions(topology: Topology, values: FingerValues, tension: Array) -> Array:
-    """Tension of every segment [N] from the muscles' (muscles,) [N]."""
+def segment_tensions(
+    topology: Topology, values: FingerValues, tension: Array, poses: tuple[JointPose, ...] | None = None
+) -> Array:
+    """Tension of every segment [N] from the muscles' (muscles,) [N].
+
+    Args:
+        topology: of the finger.
+        values: its numbers.
+        tension: (muscles,) [N].
+        poses: of `joint_poses`; fixed fractions do without.
+
+    Raises:
+        ModelError: an elastic hood without a posture.
+    """
     slips = dict(zip(topology.muscles, jnp.asarray(tension), strict=True))
-    if topology.hood is not None:
-        slips |= _winslow_rhombus(topology, values, slips)
+    match topology.hood:
+        case Hood():
+            slips |= _winslow_rhombus(topology.hood, values, slips)
+        case ElasticHood():
+            slips |= _elastic_network(topology, values, slips, poses)
     return jnp.stack([slips[segment.slip] for segment in topology.segments])
 
 
-def _winslow_rhombus(topology: Topology, values: FingerValues, muscle: dict[str, Array]) -> dict[str, Array]:
-    hood = topology.hood
-    assert hood is not None  # noqa: S101 - the caller has looked
+def _elastic_network(
+    topology: Topology, values: FingerValues, muscle: dict[str, Array], poses: tuple[JointPose, ...] | None
+) -> dict[str, Array]:
+    from fingermodel.hood.sharing import hood_state
+
+    if poses is None:
+        raise ModelError(
+            "an elastic hood, whose slips have no fixed shares of the muscles' tensions",
+            "a finger with fixed fractions",
+            "Use a finger with the hood kind winslow_rhombus",
+        )
+    return hood_state(topology, values, muscle, poses).slips
+
+
+def _winslow_rhombus(hood: Hood, values: FingerValues, muscle: dict[str, Array]) -> dict[str, Array]:
     fraction = dict(zip(hood.fractions, jnp.asarray(values.fraction), strict=True))
     enters = {m: muscle[m] * fraction.get(f"{m}_EM", 1.0) for m in hood.members}
     central = {m: enters[m] * fraction[f"{m}_ES"] for m in hood.members}

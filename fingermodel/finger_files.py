@@ -10,12 +10,12 @@ import copy
 import difflib
 import os
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike
-from pydantic import Field
+from pydantic import Field, PositiveFloat
 
 from daq.documents import Document, read_document, validated
 from daq.errors import ModelError
@@ -31,19 +31,16 @@ from fingermodel.fingers import (
     Segment,
     Topology,
 )
+from fingermodel.hood.files import ElasticHoodBlock, elastic_hood, with_network
+from fingermodel.hood.parts import ElasticHood
+from fingermodel.isometric.blocks import HeldPosture, Over, PassiveBlock, SurfaceBlock, check_blocks
+from fingermodel.sourced import Certainty, Sourced
 
 Vector = tuple[float, float, float]
 WANTED = "a finger/1 file"
-Certainty = Literal["high", "medium", "low", "assumed", "fitted"]
 
 
-class _Sourced(Document):
-    source: str
-    certainty: Certainty
-    note: str = ""
-
-
-class _Length(_Sourced):
+class _Length(Sourced):
     value_mm: float = Field(gt=0)
 
 
@@ -53,7 +50,7 @@ class _Rotation(Document):
     flexion: bool = False
 
 
-class _Joint(_Sourced):
+class _Joint(Sourced):
     name: str
     parent: str
     child: str
@@ -64,7 +61,7 @@ class _Joint(_Sourced):
     rotations: list[_Rotation]
 
 
-class _Segment(_Sourced):
+class _Segment(Sourced):
     slip: str
     joint: str
     proximal: Vector
@@ -72,9 +69,10 @@ class _Segment(_Sourced):
     wrap: Literal["straight", "landsmeer1_dorsal", "landsmeer1_palmar"] = "straight"
     proximal_bone: str | None = None
     distal_bone: str | None = None
+    over: Over | None = None
 
 
-class _Fraction(_Sourced):
+class _Fraction(Sourced):
     value: float = Field(ge=0, le=1)
     sd: float | None = Field(default=None, ge=0)
     centre: float | None = Field(default=None, ge=0, le=1)
@@ -93,9 +91,18 @@ class _Hood(Document):
     fractions: dict[str, _Fraction]
 
 
-class _LoadPoint(_Sourced):
+class _LoadPoint(Sourced):
     offset_mm: Vector
     """From the last joint's centre, in mm."""
+
+
+class _Body(Sourced):
+    bone: str
+    mass_kg: float = Field(gt=0)
+    centre_mm: Vector
+    """Centre of mass from the bone's own joint centre."""
+    principal_kg_mm2: tuple[PositiveFloat, PositiveFloat, PositiveFloat]
+    """Moments of inertia about the centre of mass, along the bone's axes."""
 
 
 class FingerFile(Document):
@@ -111,10 +118,15 @@ class FingerFile(Document):
     joints: list[_Joint]
     muscles: list[str]
     segments: list[_Segment]
-    hood: _Hood | None = None
+    hood: Annotated[_Hood | ElasticHoodBlock, Field(discriminator="kind")] | None = None
     reactions: list[Literal["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]]
     load_point: _LoadPoint
     judged_in: Literal["sagittal", "space"] = "space"
+    inertia: list[_Body] | None = None
+    surfaces: list[SurfaceBlock] | None = None
+    passive: list[PassiveBlock] | None = None
+    heads: dict[str, list[str]] | None = None
+    held: HeldPosture | None = None
 
 
 def finger_names() -> list[str]:
@@ -134,11 +146,12 @@ def read_finger(name_or_path: str | os.PathLike[str], folder: Path | None = None
     """
     text = os.fspath(name_or_path)
     path = _find(text, folder)
-    return finger_from_dict(read_document(path, WANTED, ModelError), path.name)
+    return finger_from_dict(with_network(read_document(path, WANTED, ModelError), path.parent), path.name)
 
 
 def finger_from_dict(raw: Any, where: str) -> Finger:
     """Build a finger from the contents of a finger file; `where` names it in errors."""
+    raw = with_network(raw, None)
     document = validated(FingerFile, raw, where, WANTED, ModelError, "See data/README.md")
     _check_names(document, where)
     return _build(document)
@@ -177,8 +190,11 @@ def _check_names(document: FingerFile, where: str) -> None:
     if document.hood:
         hood = document.hood
         hood_slips = {hood.central_slip, hood.radial_band, hood.ulnar_band, hood.terminal_slip}
-        expected = set(_hood(document).fractions)
+        expected = set(_hood(document, where).fractions)
         need(set(hood.fractions) == expected, f"hood.fractions has {sorted(hood.fractions)}", f"{sorted(expected)}")
+        entering = hood.pulls if isinstance(hood, ElasticHoodBlock) else (*hood.radial, *hood.ulnar, *hood.extensors)
+        for muscle in entering:
+            need(muscle in document.muscles, f"{muscle!r} enters the hood", f"one of {', '.join(document.muscles)}")
     for segment in document.segments:
         known = segment.slip in document.muscles or segment.slip in hood_slips
         need(known, f"segment {segment.joint}.{segment.slip} is pulled by nothing", "a muscle or a slip of the hood")
@@ -188,15 +204,24 @@ def _check_names(document: FingerFile, where: str) -> None:
         f"{len(document.reactions)} reactions for {count} rotations",
         "as many different reactions of the tip clamp as there are rotations",
     )
-    blocks = [document.length_unit, document.load_point, *document.joints, *document.segments]
+    moving = document.bones[1:]
+    inertia = document.inertia or []
+    bodies = [body.bone for body in inertia]
+    for bone in bodies:
+        known = bone in moving and bodies.count(bone) == 1
+        need(known, f"inertia of {bone!r}, {bodies.count(bone)} times", f"one of {', '.join(moving)}, once each")
+    blocks = [document.length_unit, document.load_point, *document.joints, *document.segments, *inertia]
     blocks += list(document.hood.fractions.values()) if document.hood else []
+    blocks += check_blocks(document, where)
     for block in blocks:
         need(block.source in document.sources, f"source {block.source!r} is not listed", f"{sorted(document.sources)}")
 
 
-def _hood(document: FingerFile) -> Hood:
+def _hood(document: FingerFile, where: str) -> Hood | ElasticHood:
     hood = document.hood
     assert hood is not None  # noqa: S101 - asked for only where there is one
+    if isinstance(hood, ElasticHoodBlock):
+        return elastic_hood(hood, document.bones, where)
     return Hood(
         radial=tuple(hood.radial),
         ulnar=tuple(hood.ulnar),
@@ -233,7 +258,7 @@ def _build(document: FingerFile) -> Finger:
         )
         for s in document.segments
     )
-    hood = _hood(document) if document.hood else None
+    hood = _hood(document, document.id) if document.hood else None
     topology = Topology(
         bones=tuple(document.bones),
         joints=joints,
@@ -315,7 +340,11 @@ def finger_document(finger: Finger, source: str, cite: str, certainty: Certainty
 
 def write_finger(document: dict[str, Any], path: Path, heading: str = "") -> None:
     """Write a finger document as YAML, under a temporary name that is then renamed."""
-    text = "".join(f"# {line}\n" for line in heading.splitlines())
-    text += yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None)
     with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(finger_text(document, heading), encoding="utf-8")
+
+
+def finger_text(document: dict[str, Any], heading: str = "") -> str:
+    """A finger document as YAML, below a heading of comments."""
+    text = "".join(f"# {line}\n" for line in heading.splitlines())
+    return text + yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None)

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fingermodel.hood.parts import ElasticHood
+
 if TYPE_CHECKING:
     import jax
 
@@ -100,7 +102,7 @@ class Topology:
     joints: tuple[Joint, ...]
     segments: tuple[Segment, ...]
     muscles: tuple[str, ...]
-    hood: Hood | None
+    hood: Hood | ElasticHood | None
     reactions: tuple[int, ...]
 
     @property
@@ -126,7 +128,7 @@ class FingerValues(NamedTuple):
         axis: (rotations, 3) unit vector in the parent's axes at the zero posture.
         proximal_point: (segments, 3) in the segment's proximal bone.
         distal_point: (segments, 3) in the segment's distal bone.
-        fraction: (fractions,) shares of the hood.
+        fraction: (fractions,) shares of the hood, or the parameters of an elastic one.
         load_point: (3,) where the clamp holds the most distal bone.
         suture: (muscles, 3) unit vector along which each tendon leaves the first bone.
     """

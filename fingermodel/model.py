@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from fingermodel.budget import CERTIFICATE, Budget, anatomy_parameters, budget_effects
 from fingermodel.extensor import segment_tensions
 from fingermodel.fingers import Finger, FingerValues, Topology
+from fingermodel.hood.parts import ElasticHood
 from fingermodel.kinematics import TipKinematics, joint_poses, poses_of_turns, tip_kinematics
 from fingermodel.parameters import ParameterTable
 from fingermodel.programs import stored
@@ -200,7 +201,7 @@ def predict_parts(
     state = act("geometry", state)
     poses = joint_poses(topology, state.values, state.posture)
     pulls = joint_pulls(topology, state.values, poses)
-    shared = segment_tensions(topology, state.values, state.tension)
+    shared = segment_tensions(topology, state.values, state.tension, poses)
     state = state._replace(poses=poses, pulls=pulls, segment_tension=shared)
     state = act("sharing", state)
     assert state.segment_tension is not None  # noqa: S101 - filled three lines above
@@ -273,6 +274,8 @@ def tip_kinematics_batch(topology: Topology, values: FingerValues, posture: Arra
 
 # Cases a pass: their intermediate values stay in the cache.
 CHUNK = 2048
+# An elastic hood takes as many steps as the slowest case of its pass.
+ELASTIC_CHUNK = 128
 
 
 @stored(ClampForces)
@@ -293,8 +296,9 @@ def clamp_forces_batch(topology: Topology, values: FingerValues, posture: Array,
         cosine, sine, t = case
         poses = poses_of_turns(topology, values, cosine, sine)
         pulls = joint_pulls(topology, values, poses)
-        torque = joint_torques(poses, pulls, segment_tensions(topology, values, t))
+        torque = joint_torques(poses, pulls, segment_tensions(topology, values, t, poses))
         return clamp_forces(topology, values, poses, t, torque)
 
     # Cosines and sines enter the loop as data: inside it the compiler would compute each of them a dozen times.
-    return jax.lax.map(one, (jnp.cos(posture), jnp.sin(posture), tension), batch_size=CHUNK)
+    chunk = ELASTIC_CHUNK if isinstance(topology.hood, ElasticHood) else CHUNK
+    return jax.lax.map(one, (jnp.cos(posture), jnp.sin(posture), tension), batch_size=chunk)

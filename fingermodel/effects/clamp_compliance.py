@@ -38,5 +38,5 @@ class ClampCompliance(Effect):
         topology = state.topology
         poses = joint_poses(topology, state.values, state.posture)
         pulls = joint_pulls(topology, state.values, poses)
-        torque = joint_torques(poses, pulls, segment_tensions(topology, state.values, state.tension))
+        torque = joint_torques(poses, pulls, segment_tensions(topology, state.values, state.tension, poses))
         return state._replace(posture=state.posture + (p @ flexions(topology)) * torque)

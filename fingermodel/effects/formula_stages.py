@@ -86,7 +86,7 @@ class SharingFormula(FormulaEffect):
             (fraction,) = self.acted((jnp.asarray(values.fraction),), of_hood, names)
             changed = values._replace(fraction=fraction)
             # The difference, so that what earlier effects did to the segments stays.
-            before, after = (segment_tensions(topology, v, state.tension) for v in (values, changed))
+            before, after = (segment_tensions(topology, v, state.tension, state.poses) for v in (values, changed))
             values, shared = changed, shared + (after - before)
         (shared,) = self.acted((shared,), of_segments, names)
         return state._replace(values=values, segment_tension=shared)

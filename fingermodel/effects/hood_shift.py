@@ -36,8 +36,8 @@ class HoodShift(Effect):
     tell = "RI, UI, LU and EDC across PIP angles"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
-        """Change of the fractions per rad of PIP flexion and of MCP flexion."""
-        if topology.hood is None or flexion_of(topology, "PIP") is None:
+        """Change of the fractions per rad of PIP and of MCP flexion; none where the hood has no such fractions."""
+        if not isinstance(topology.hood, Hood) or flexion_of(topology, "PIP") is None:
             return ()
         return (two_sided("hood_shift.PIP", "1/rad", 1.0), two_sided("hood_shift.MCP", "1/rad", 1.0))
 
@@ -50,7 +50,7 @@ class HoodShift(Effect):
         """Share the tensions anew."""
         topology = state.topology
         pip, mcp = flexion_of(topology, "PIP"), flexion_of(topology, "MCP")
-        if topology.hood is None or pip is None or mcp is None:
+        if not isinstance(topology.hood, Hood) or pip is None or mcp is None:
             return state
         sign = np.array([_direction(topology.hood, name) for name in topology.fractions])
         fraction = jnp.asarray(state.values.fraction)
