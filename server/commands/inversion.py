@@ -1,0 +1,73 @@
+"""`fingertwin invert`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from server.commands.twin import provenance
+from server.console import answer, columns_wide, progress, say, table
+from server.inversion import invert_bench
+from server.inverted import Assigned, Inversion, InvertedCase
+from server.workflow import open_bench
+
+
+def invert_session(session: str, closure: str, model: str | None, figures: Path | None, json: str | None) -> None:
+    """Assign muscle and joint forces to a session's tip forces and show them beside what hung.
+
+    Raises:
+        InputError: no case that can be inverted.
+        ModelError: a finger that the closure does not fit.
+    """
+    with progress("Reading and correcting") as tell:
+        bench = open_bench(session, model, tell)
+    with progress("Inverting"):
+        inversion = invert_bench(bench, closure)
+    name, about = bench.measured.session.id, provenance(bench)
+    body = about | inversion.as_dict() | {"figures": None}
+    if figures is not None:
+        from server.figures.inversion import inversion_report
+
+        title = f"Forces behind the tip forces: {name}"
+        body["figures"] = str(inversion_report(figures, inversion, title, bench.loaded.name, about["notes"]))
+    if answer("invert", body, json):
+        return
+    table(
+        f"{name} with {bench.loaded.name}, {inversion.title}: tension ± sd (hung) [N]",
+        *_cases(inversion, columns_wide()),
+        "contact: force between the bones ± sd (what the model makes of the weights that hung) [N]",
+    )
+    table(
+        "Assigned less hung, over all cases",
+        ["muscle", "stands for", "RMS [N]", "within 2 sd", "asked to push", "beyond 2 sd"],
+        [
+            [m.name, "+".join(m.merged), m.rms_error_N, m.within_2sd, m.pushes, m.pushes_beyond_2sd]
+            for m in inversion.muscles
+        ],
+    )
+    for sentence in inversion.verdicts():
+        say(sentence)
+    for note in (*inversion.notes, *about["notes"]):
+        say(f"Note: {note}")
+    if body["figures"]:
+        say(f"Figures: {body['figures']}")
+
+
+def _cases(inversion: Inversion, width: int) -> tuple[list[str], list[list[str]]]:
+    """Columns and rows of the cases; on a narrow terminal without the contact forces."""
+    muscles = [m.name for m in inversion.muscles]
+    joints = list(inversion.cases[0].contacts) if width >= 140 else []
+    columns = ["case", "posture", "hung", *muscles, *(f"{joint} contact" for joint in joints)]
+    rows = []
+    for case in inversion.cases:
+        cells = [*(case.muscles[m] for m in muscles), *(case.contacts[j] for j in joints)]
+        rows.append([case.id, case.posture, _hung(case), *map(_cell, cells)])
+    return columns, rows
+
+
+def _hung(case: InvertedCase) -> str:
+    return " ".join(f"{muscle} {mass:g} g" for muscle, mass in case.masses_g.items() if mass) or "none"
+
+
+def _cell(force: Assigned) -> str:
+    hung = f" ({force.hung_N:.1f})" if force.hung_N else ""
+    return f"{force.force_N:z.1f} ± {force.sd_N:.1f}{hung}"

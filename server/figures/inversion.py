@@ -1,0 +1,318 @@
+"""Forces that an inverse analysis assigns, with two standard deviations, beside the weights that really hung."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from server.figures.report import Picture, Section, Table, write_report
+from server.figures.static import write_static
+from server.figures.style import (
+    BAND,
+    INK,
+    SMALL_PX,
+    WIDTH,
+    axis,
+    domain,
+    figure,
+    heading,
+    in_order,
+    load_styles,
+    load_text,
+    number,
+    plain,
+    posture_name,
+)
+from server.inverted import Assigned, Inversion, InvertedCase
+from server.reproduce.study import Plot
+
+JOINT_COLOR = "#5B2A86"
+_PANEL, _GAP, _TOP, _BOTTOM, _BOTTOM_LEVEL, _LEFT, _RIGHT = 150, 44, 122, 78, 36, 64, 16  # [px]
+# Empty places between the loads.
+_BREAK = 1.0
+_SIDE = 1.0
+# Half the width of a dash, in places.
+_HALF = 0.4
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """One force over all cases: what it is called, its colour, its values as drawn, and whether it can be negative."""
+
+    title: str
+    color: str
+    forces: Sequence[Assigned]
+    signed: bool
+
+
+@dataclass(frozen=True)
+class _Order:
+    """Cases as they stand from left to right: side by side under what hung, then by posture."""
+
+    cases: tuple[InvertedCase, ...]
+    at: tuple[float, ...]
+    loads: tuple[tuple[str, float, float], ...]
+
+
+def inversion_plots(inversion: Inversion) -> list[Plot]:
+    """Draw an inversion: its muscles in one figure, its joints in another."""
+    order = _ordered(inversion.cases)
+    signed = inversion.closure != "least_squares"
+    sign = (
+        "Below zero, hollow: the closure asks the muscle to push, which none can." if signed else "Muscles only pull."
+    )
+    styles = load_styles(m.merged[0] for m in inversion.muscles)
+    muscles = [
+        _Panel(
+            m.name if m.merged == (m.name,) else f"{m.name} (stands for {' and '.join(m.merged)})",
+            styles[m.merged[0]].color,
+            [c.muscles[m.name] for c in order.cases],
+            signed,
+        )
+        for m in inversion.muscles
+    ]
+    joints = [
+        _Panel(f"{name} contact", JOINT_COLOR, [c.contacts[name] for c in order.cases], False)
+        for name in inversion.cases[0].contacts
+    ]
+    closure = f"{inversion.title[:1].upper()}{inversion.title[1:]}"
+    said = f"{closure}. One place for each load case, side by side over what hung."
+    return [
+        Plot(
+            "inversion-muscles",
+            "Muscle forces",
+            _strips(
+                muscles,
+                order,
+                ("assigned ± 2 sd", "really hung"),
+                title="Muscle forces behind the measured tip forces",
+                subtitle=f"{said}<br>{sign}",
+            ),
+            "Where dot and dash part by more than the bar, the closure finds another muscle than the one that pulled. "
+            "A bar that meets the frame goes on beyond it.",
+        ),
+        Plot(
+            "inversion-contacts",
+            "Joint contact forces",
+            _strips(
+                joints,
+                order,
+                ("assigned ± 2 sd", "the model's, of the weights that hung"),
+                title="Contact forces between the bones",
+                subtitle=f"{said}<br>Magnitude of the force of the child bone on its parent.",
+            ),
+            "No load cell reads these: dots follow from the tip force and the closure, dashes from the known weights.",
+        ),
+    ]
+
+
+def inversion_report(folder: Path, inversion: Inversion, title: str, model: str, notes: Sequence[str] = ()) -> Path:
+    """Write `inversion.html`, and every figure as PNG and SVG; return the page.
+
+    Args:
+        folder: made where it is absent.
+        inversion: to draw.
+        title: of the page.
+        model: its name, for the line below.
+        notes: further sentences for the beginning.
+    """
+    plots = inversion_plots(inversion)
+    muscles = Table(
+        ["muscle", "stands for", "RMS of assigned less hung [N]", "within 2 sd", "asked to push", "beyond 2 sd"],
+        [
+            [
+                m.name,
+                "+".join(m.merged),
+                number(m.rms_error_N),
+                f"{m.within_2sd} of {len(inversion.cases)}",
+                str(m.pushes),
+                str(m.pushes_beyond_2sd),
+            ]
+            for m in inversion.muscles
+        ],
+    )
+    sections = [
+        Section("Summary", [*inversion.verdicts(), muscles, *inversion.notes, *notes]),
+        *(Section(p.heading, [Picture(p.figure, p.caption)]) for p in plots),
+        Section("Load cases", [_case_table(inversion)]),
+    ]
+    page = write_report(folder / "inversion.html", sections, title, f"Model: {model}. Closure: {inversion.title}.")
+    write_static(folder, {p.name: p.figure for p in plots})
+    return page
+
+
+def _case_table(inversion: Inversion) -> Table:
+    muscles, joints = [m.name for m in inversion.muscles], list(inversion.cases[0].contacts)
+    rows = []
+    for case in inversion.cases:
+        forces = [*(case.muscles[m] for m in muscles), *(case.contacts[j] for j in joints)]
+        cells = [f"{number(a.force_N)} ± {number(a.sd_N)} ({number(a.hung_N)})" for a in forces]
+        rows.append([case.id, posture_name(case.posture), load_text(case.masses_g), *cells])
+    return Table(
+        ["case", "posture", "hung", *muscles, *(f"{j} contact" for j in joints)],
+        rows,
+        "Force ± sd (what hung; for contacts the model's, of the weights that hung) [N]",
+    )
+
+
+def _ordered(cases: Sequence[InvertedCase]) -> _Order:
+    def load(case: InvertedCase) -> str:
+        return "+".join(in_order(m for m, g in case.masses_g.items() if g)) or "none"
+
+    names, postures = in_order(map(load, cases)), list(dict.fromkeys(c.posture for c in cases))
+    # Single tendons first; sorted() keeps the session's order where all else is equal.
+    ordered = sorted(cases, key=lambda c: (names.index(load(c)), postures.index(c.posture), sum(c.masses_g.values())))
+    at: list[float] = []
+    loads: list[tuple[str, float, float]] = []
+    place = 0.0
+    for name in names:
+        mine = sum(load(c) == name for c in ordered)
+        loads.append((name, place - 0.5, place + mine - 0.5))
+        at += [place + i for i in range(mine)]
+        place += mine + _BREAK
+    return _Order(tuple(ordered), tuple(at), tuple(loads))
+
+
+def _strips(panels: Sequence[_Panel], order: _Order, names: tuple[str, str], *, title: str, subtitle: str) -> go.Figure:
+    """One panel below the other, cases from left to right, with common bands for the loads."""
+    crowded = _crowded(order)
+    bottom = _BOTTOM if crowded else _BOTTOM_LEVEL
+    up = len(panels) * _PANEL + (len(panels) - 1) * _GAP
+    data: list[go.Scatter] = []
+    shapes: list[dict[str, Any]] = []
+    layout: dict[str, Any] = {"annotations": [], "shapes": shapes, "showlegend": True}
+    reach = [order.loads[0][1] - _SIDE, order.loads[-1][2] + _SIDE]
+    for k, panel in enumerate(panels):
+        suffix = str(k + 1) if k else ""
+        top = 1.0 - k * (_PANEL + _GAP) / up
+        span = _span(panel)
+        data += _traces(panel, order, names, suffix, first=k == 0)
+        shapes += [
+            {
+                "type": "rect",
+                "xref": f"x{suffix}",
+                "yref": f"y{suffix}",
+                "x0": begin,
+                "x1": end,
+                "y0": span[0],
+                "y1": span[1],
+                "fillcolor": BAND,
+                "line": {"width": 0},
+                "layer": "below",
+            }
+            for _, begin, end in order.loads
+        ]
+        lowest = k == len(panels) - 1
+        layout[f"xaxis{suffix}"] = axis(
+            range=reach,
+            anchor=f"y{suffix}",
+            showgrid=False,
+            ticks="",
+            tickvals=[0.5 * (begin + end) for _, begin, end in order.loads],
+            ticktext=[plain(name) for name, _, _ in order.loads],
+            tickangle=-40 if crowded else 0,
+            showticklabels=lowest,
+        )
+        layout[f"yaxis{suffix}"] = axis(
+            "force [N]",
+            domain=domain(top - _PANEL / up, top),
+            anchor=f"x{suffix}",
+            range=span,
+            nticks=5,
+            zeroline=True,
+            zerolinecolor=INK,
+            zerolinewidth=1,
+        )
+        layout["annotations"].append(heading(panel.title, top, 4))
+    layout["legend"] = {
+        "orientation": "h",
+        "x": 0.0,
+        "xanchor": "left",
+        "y": 1.0 + 26 / up,
+        "yanchor": "bottom",
+        "font": {"size": SMALL_PX + 1},
+    }
+    return figure(
+        data,
+        layout,
+        title=title,
+        subtitle=subtitle,
+        height=up + _TOP + bottom,
+        margin={"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": bottom},
+    )
+
+
+def _crowded(order: _Order) -> bool:
+    """Whether the loads' names would touch if they stood level."""
+    places = order.loads[-1][2] - order.loads[0][1] + 2.0 * _SIDE
+    per_place = (WIDTH - _LEFT - _RIGHT) / places
+    return any(len(name) * 0.62 * SMALL_PX > (end - begin + _BREAK) * per_place for name, begin, end in order.loads)
+
+
+def _span(panel: _Panel) -> list[float]:
+    """Vertical range: every force, what hung and the bars, but no bar beyond half as far again as the forces."""
+    force = np.array([a.force_N for a in panel.forces])
+    hung = np.array([a.hung_N or 0.0 for a in panel.forces])
+    below, above = (np.array(bar) for bar in _bars(panel))
+    low, high = min(0.0, force.min(), hung.min()), max(0.0, force.max(), hung.max())
+    room = 0.5 * (high - low) or 1.0
+    low, high = max(low - room, min(low, (force - below).min())), min(high + room, max(high, (force + above).max()))
+    edge = 0.05 * (high - low)
+    return [float(low - edge), float(high + edge)]
+
+
+def _bars(panel: _Panel) -> tuple[list[float], list[float]]:
+    """How far each bar reaches down and up; a force that cannot be negative has none below zero."""
+    above = [2.0 * a.sd_N for a in panel.forces]
+    if panel.signed:
+        return above, above
+    return [min(bar, max(a.force_N, 0.0)) for bar, a in zip(above, panel.forces, strict=True)], above
+
+
+def _traces(panel: _Panel, order: _Order, names: tuple[str, str], suffix: str, *, first: bool) -> list[go.Scatter]:
+    words = [
+        f"<b>{plain(c.id)}</b> {plain(load_text(c.masses_g))}, {posture_name(c.posture)}"
+        f"<br>{number(a.force_N)} ± {number(2.0 * a.sd_N)} N; {names[1]}: {number(a.hung_N)} N"
+        for c, a in zip(order.cases, panel.forces, strict=True)
+    ]
+    own: dict[str, Any] = {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}", "showlegend": first}
+    pushed = [a.force_N < -1e-9 for a in panel.forces]
+    below, above = _bars(panel)
+    return [
+        go.Scatter(
+            x=[x for at in order.at for x in (at - _HALF, at + _HALF, None)],
+            y=[y for a in panel.forces for y in (a.hung_N, a.hung_N, None)],
+            mode="lines",
+            name=names[1],
+            legendgroup="hung",
+            line={"color": INK, "width": 2},
+            hoverinfo="skip",
+            **own,
+        ),
+        go.Scatter(
+            x=list(order.at),
+            y=[a.force_N for a in panel.forces],
+            mode="markers",
+            name=names[0],
+            legendgroup="assigned",
+            marker={"color": panel.color, "size": 6, "symbol": ["circle-open" if p else "circle" for p in pushed]},
+            error_y={
+                "type": "data",
+                "symmetric": False,
+                "array": above,
+                "arrayminus": below,
+                "color": panel.color,
+                "thickness": 1.2,
+                "width": 0,
+                "visible": True,
+            },
+            hoverinfo="text",
+            hovertext=words,
+            **own,
+        ),
+    ]

@@ -1,0 +1,222 @@
+"""Inverse analysis of a session: what it finds of a load that is known, its uncertainty, and the command."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fingermodel.inverse.closures import NAMES
+from server.figures.inversion import inversion_plots
+from server.inversion import invert_bench
+from server.inverted import Inversion
+from server.workflow import Bench, open_bench
+from tests.server.test_cli import Document, altered, refused, run
+
+SESSION = "DEV-01"  # nothing is missing from its model
+PUBLISHED = "synek2019_H01"  # forces alone, as published
+Invert = Callable[[str], Inversion]
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    return open_bench(SESSION)
+
+
+@pytest.fixture(scope="module")
+def inverted(bench: Bench) -> Invert:
+    done: dict[str, Inversion] = {}
+
+    def ask(closure: str) -> Inversion:
+        if closure not in done:
+            done[closure] = invert_bench(bench, closure)
+        return done[closure]
+
+    return ask
+
+
+def test_every_case_at_the_tip_is_inverted(bench: Bench, inverted: Invert) -> None:
+    at_tip = [
+        i for i, place, role in zip(
+            bench.observations.ids, bench.observations.locations, bench.observations.roles, strict=True
+        ) if place == "tip" and role != "check"
+    ]  # fmt: skip
+    for closure in ("minimal", "chao"):
+        inversion = inverted(closure)
+        assert [c.id for c in inversion.cases] == at_tip
+        assert inversion.left_out == ()
+
+
+def test_what_hung_is_found_where_the_closure_can_hold_it(inverted: Invert) -> None:
+    """FDP alone meets every law of both closures; its load is then the answer, within its uncertainty."""
+    for closure, flexor in (("minimal", "PF"), ("chao", "FDP")):
+        alone = [c for c in inverted(closure).cases if {m for m, g in c.masses_g.items() if g} == {"FDP"}]
+        assert len(alone) > 5
+        z = [(c.muscles[flexor].force_N - (c.muscles[flexor].hung_N or 0.0)) / c.muscles[flexor].sd_N for c in alone]
+        assert np.abs(z).max() < 3.0
+
+
+def test_a_load_on_fds_alone_is_not_found_by_closures_that_merge_it(inverted: Invert) -> None:
+    """An inverse analysis that fits every force exactly may still assign the wrong muscles."""
+    alone = [c for c in inverted("chao").cases if {m for m, g in c.masses_g.items() if g} == {"FDS"}]
+    assert alone
+    assert any(abs(c.muscles["RI"].force_N) > 3.0 * c.muscles["RI"].sd_N for c in alone)
+    assert any("RI" in c.pushes for c in alone)
+
+
+def test_least_stress_never_pushes_and_says_what_it_cannot_hold(inverted: Invert) -> None:
+    inversion = inverted("least_squares")
+    assert all(not c.pushes for c in inversion.cases)
+    assert all(a.force_N >= 0.0 for c in inversion.cases for a in c.muscles.values())
+    short = [c for c in inversion.cases if c.unbalanced_Nmm > 0.0]
+    assert any(f"In {len(short)} of {len(inversion.cases)} cases no tensions that pull" in n for n in inversion.notes)
+    assert any(n.startswith("PCSA: Chao") for n in inversion.notes)
+
+
+@pytest.mark.parametrize("closure", ["minimal", "chao"])
+def test_a_push_is_reported_and_never_clipped(closure: str, inverted: Invert) -> None:
+    inversion = inverted(closure)
+    for case in inversion.cases:
+        assert set(case.pushes) == {m for m, a in case.muscles.items() if a.force_N < -1e-9}
+    for summary in inversion.muscles:
+        assert summary.pushes == sum(summary.name in c.pushes for c in inversion.cases)
+        assert summary.pushes_beyond_2sd <= summary.pushes
+    assert any(c.pushes for c in inversion.cases)
+
+
+def test_contact_forces_of_the_hung_load_are_the_models(bench: Bench, inverted: Invert) -> None:
+    inputs = bench.observations.inputs
+    joint = np.asarray(bench.model.predict(inputs, bench.theta).joint)
+    topology = bench.model.finger.topology
+    for case in inverted("chao").cases[:8]:
+        row = bench.observations.ids.index(case.id)
+        for k, name in enumerate(j.name for j in topology.joints):
+            assert case.contacts[name].hung_N == pytest.approx(float(np.linalg.norm(joint[row, k])), rel=1e-9)
+            assert case.contacts[name].force_N == pytest.approx(float(np.linalg.norm(case.contacts_N[name])))
+
+
+def test_the_json_answer_holds_forces_their_sd_and_what_hung() -> None:
+    body: Document = run("invert", SESSION, "--json", "-").body("invert")
+    assert (body["session"], body["closure"]) == (SESSION, "chao")
+    assert body["closure_title"] == NAMES["chao"]
+    case = body["cases"][0]
+    assert set(case) == {
+        "id", "role", "posture", "masses_g", "muscles", "slips", "contacts", "contacts_N", "pushes", "unbalanced_Nmm",
+        "unread",
+    }  # fmt: skip
+    assert set(case["muscles"]) == {"FDP", "EDC", "RI", "LU", "UI"}
+    assert set(case["contacts"]) == {"MCP", "PIP", "DIP"}
+    assert all(a["sd_N"] > 0.0 for a in case["muscles"].values())
+    assert body["found"] == sum(
+        all(
+            abs(a["force_N"] - a["hung_N"]) <= 2.0 * np.hypot(a["sd_N"], 0.012 * a["hung_N"])
+            for a in c["muscles"].values()
+        )
+        for c in body["cases"]
+    )
+
+
+def test_the_table_says_what_hung_and_who_would_push() -> None:
+    answer = run("invert", SESSION, "--closure", "minimal")
+    assert (answer.code, answer.err) == (0, "")
+    assert "four muscles, no hood" in answer.out
+    assert "FDP 950 g" in answer.out
+    assert "the load that really hung is found" in answer.out
+    assert "The closure asks PF to push" in answer.out
+
+
+def test_a_session_without_moments_is_refused_in_one_line() -> None:
+    refused(
+        "invert",
+        PUBLISHED,
+        saying="no case at the tip of which force and moment were both read",
+        instead="Closure least_squares leaves a moment that was not read free",
+    )
+
+
+def test_published_forces_without_moments_are_inverted_by_least_stress() -> None:
+    """32 measured tip forces: the moment that nobody read is free, and every one of them is balanced."""
+    inversion = invert_bench(open_bench(PUBLISHED, "an1979_middle"), "least_squares")
+    assert len(inversion.cases) == 32
+    assert all(c.unread == ("Tz",) for c in inversion.cases)
+    assert inversion.notes[0].startswith("Tz was not read in 32 of 32 cases")
+    assert all(a.force_N >= 0.0 for c in inversion.cases for a in c.muscles.values())
+    assert inversion.found > 10
+
+
+def test_what_lacks_a_moment_is_left_out_and_named(bench: Bench) -> None:
+    observations = bench.observations
+    wrench = observations.wrench.copy()
+    wrench[2:, 5] = np.nan  # Tz, of all but the first two
+    some = replace(bench, observations=replace(observations, wrench=wrench))
+    chao, least = invert_bench(some, "chao"), invert_bench(some, "least_squares")
+    assert [c.id for c in chao.cases] == list(observations.ids[:2])
+    assert {c.id for c in least.cases} == {*observations.ids[:2], *chao.left_out}
+    assert any(chao.left_out[0] in note for note in chao.notes)
+    assert [c.unread for c in least.cases] == [(), (), *[("Tz",)] * (len(least.cases) - 2)]
+    assert least.left_out == ()
+
+
+def test_a_session_without_tip_cases_is_refused(tmp_path: Path) -> None:
+    def only_bone(document: Document) -> None:
+        document["cases"] = [c for c in document["cases"] if c["location"] == "bone"]
+
+    refused("invert", altered(tmp_path, only_bone), saying="no case at the tip")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "saying", "instead"),
+    [
+        pytest.param((SESSION, "--closure", "winslow"), "winslow", "chao", id="closure"),
+        pytest.param(("nowhere",), "nowhere", "expected", id="session"),
+        pytest.param((SESSION, "--model", "an1979_thumb"), "an1979_thumb", "expected", id="model"),
+        pytest.param((PUBLISHED, "--model", "wu2008_index"), "EC", "expected", id="finger"),
+    ],
+)
+def test_bad_arguments_are_refused_in_one_line(arguments: tuple[str, ...], saying: str, instead: str) -> None:
+    refused("invert", *arguments, saying=saying, instead=instead)
+
+
+@pytest.mark.parametrize("closure", ["minimal", "chao"])
+def test_figures_show_every_case_of_every_muscle_and_joint(closure: str, inverted: Invert) -> None:
+    inversion = inverted(closure)
+    muscles, contacts = inversion_plots(inversion)
+    assert (muscles.name, contacts.name) == ("inversion-muscles", "inversion-contacts")
+    for plot, count in ((muscles, len(inversion.muscles)), (contacts, 3)):
+        dots = [t for t in plot.figure.data if t.mode == "markers"]
+        assert len(dots) == count
+        assert all(len(t.y) == len(inversion.cases) for t in dots)
+    first = next(t for t in muscles.figure.data if t.mode == "markers")
+    name = inversion.muscles[0].name
+    assert sorted(first.y) == sorted(c.muscles[name].force_N for c in inversion.cases)
+    hollow = sum(s == "circle-open" for s in first.marker.symbol)
+    assert hollow == inversion.muscles[0].pushes
+    assert sorted(first.error_y.array) == pytest.approx(sorted(2.0 * c.muscles[name].sd_N for c in inversion.cases))
+    for t in contacts.figure.data:
+        if t.mode == "markers":
+            assert all(y - low >= 0.0 for y, low in zip(t.y, t.error_y.arrayminus, strict=True))
+
+
+def test_the_command_writes_its_figures(tmp_path: Path) -> None:
+    answer = run("invert", SESSION, "--figures", tmp_path / "out")
+    assert answer.code == 0
+    page = tmp_path / "out" / "inversion.html"
+    assert f"Figures: {page}" in answer.out
+    assert page.read_text(encoding="utf-8").count("<figure>") == 2
+    assert {f.name for f in page.parent.iterdir()} == {
+        "inversion.html",
+        *(f"inversion-{name}.{kind}" for name in ("muscles", "contacts") for kind in ("png", "svg")),
+    }
+
+
+@pytest.mark.full  # another finger, for which all is compiled anew
+def test_a_simulated_index_finger_is_inverted(tmp_path: Path) -> None:
+    session = tmp_path / "index"
+    assert run("simulate", "synek2019", "--model", "an1979_index", "--noise-N", "0", "--out", session).code == 0
+    alone = [c for c in invert_bench(open_bench(str(session))).cases if set(c.masses_g) == {"FDP"}]
+    assert alone
+    for case in alone:
+        assert case.muscles["FDP"].force_N == pytest.approx(case.muscles["FDP"].hung_N, rel=0.02)
