@@ -9,16 +9,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ModelError
-from fingermodel.fingers import Finger
+from fingermodel.fingers import Finger, Topology
 from fingermodel.model import posture_moment_arms
 
 Floats = NDArray[np.float64]
 
+# The last phalanx over the distance of mid pulp from its joint: 0.804786 and 0.487393 O2O3 (Synek et al. 2019).
+TIP_OVER_PULP = 0.804786 / 0.487393
+
+
+def phalanx_lengths(finger: Finger) -> dict[str, float]:
+    """Length of every phalanx [mm]: between joint centres, of the last one to its tip.
+
+    A finger's file says where the clamp holds the last phalanx, not how long it is. Mid pulp is taken, in the
+    proportions of Synek et al. 2019; where that makes the last phalanx longer than the one before, it is left out.
+    """
+    out = finger.phalanx_lengths_mm()
+    last = TIP_OVER_PULP * float(np.linalg.norm(finger.values.load_point))
+    before = list(out.values())[-1:]
+    return out | ({finger.topology.bones[-1]: last} if not before or last <= before[0] else {})
+
 
 def scale_to_bones(finger: Finger, lengths_mm: Mapping[str, float], reference_mm: Mapping[str, float]) -> Finger:
     """Scale every phalanx, its joint centre and the tendon points on it by its length.
-
-    Points on the metacarpal scale with the proximal phalanx, since its own length does not enter the model.
 
     Args:
         finger: to start from.
@@ -28,14 +41,25 @@ def scale_to_bones(finger: Finger, lengths_mm: Mapping[str, float], reference_mm
     Raises:
         ModelError: a bone that is missing or has no positive length.
     """
-    topology, values = finger.topology, finger.values
     ratio: dict[str, float] = {}
-    for bone in topology.bones[1:]:
+    for bone in finger.topology.bones[1:]:
         if not lengths_mm.get(bone, 0.0) > 0.0 or not reference_mm.get(bone, 0.0) > 0.0:
-            raise ModelError(f"no length for {bone}", f"lengths in mm of {', '.join(topology.bones[1:])}")
+            raise ModelError(f"no length for {bone}", f"lengths in mm of {', '.join(finger.topology.bones[1:])}")
         ratio[bone] = lengths_mm[bone] / reference_mm[bone]
-    ratio[topology.bones[0]] = ratio[topology.bones[1]]
-    of_bone = np.array([ratio[bone] for bone in topology.bones])
+    return scale_by(finger, ratio)
+
+
+def scale_by(finger: Finger, ratio: Mapping[str, float]) -> Finger:
+    """Scale every bone with what lies on it by a factor of its own, the same in all directions.
+
+    Points on the first bone, the metacarpal, scale with the second, since its own length does not enter the model.
+
+    Args:
+        finger: to start from.
+        ratio: by bone, of every bone but the first.
+    """
+    topology, values = finger.topology, finger.values
+    of_bone = np.array([ratio[bone] for bone in (topology.bones[1], *topology.bones[1:])])
     proximal = values.proximal_point * of_bone[[s.proximal_bone for s in topology.segments]][:, None]
     distal = values.distal_point * of_bone[[s.distal_bone for s in topology.segments]][:, None]
     centre = values.centre * of_bone[[j.parent for j in topology.joints]][:, None]
@@ -43,13 +67,28 @@ def scale_to_bones(finger: Finger, lengths_mm: Mapping[str, float], reference_mm
     return finger.replace_values(proximal_point=proximal, distal_point=distal, centre=centre, load_point=load_point)
 
 
+def flexion_arms(finger: Finger, posture_rad: Floats) -> Floats:
+    """Flexion moment arm of every segment about its own joint in a posture (rotations,) [mm]: (segments,)."""
+    rows = _flexion_rows(finger.topology)
+    arms = np.asarray(posture_moment_arms(finger.topology, finger.values, posture_rad))
+    out: Floats = arms[rows, range(len(rows))]
+    return out
+
+
 def mean_moment_arms(finger: Finger, postures_rad: Sequence[Floats]) -> Floats:
     """Mean flexion moment arm of every segment about its own joint over postures [mm]: (segments,)."""
-    topology = finger.topology
-    rows = [topology.rotations.index(s.joint) for s in topology.segments]
-    arms = [np.asarray(posture_moment_arms(topology, finger.values, q))[rows, range(len(rows))] for q in postures_rad]
-    mean: Floats = np.mean(arms, axis=0)
+    mean: Floats = np.mean([flexion_arms(finger, q) for q in postures_rad], axis=0)
     return mean
+
+
+def _flexion_rows(topology: Topology) -> list[int]:
+    """For every segment, the rotation that is its joint's flexion."""
+    first = np.cumsum([0, *(len(j.rotations) for j in topology.joints)])
+    rows = {}
+    for at, joint in zip(first, topology.joints, strict=False):
+        # A joint without a flexion of its own wraps nothing; its first rotation is what a tendon over it turns.
+        rows[joint.name] = int(at) + max(joint.flexion, 0)
+    return [rows[s.joint] for s in topology.segments]
 
 
 def match_moment_arms(finger: Finger, wanted_mm: Mapping[str, float], postures_rad: Sequence[Floats]) -> Finger:

@@ -1,0 +1,71 @@
+"""Commands on fingers themselves: `scale`, `species`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from server.cli_options import Figures, Json, app
+
+
+@app.command()
+def scale(
+    finger: Annotated[str, typer.Argument(help="A shipped finger, or a finger file.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write the scaled finger (finger/1, .yaml).")],
+    bone: Annotated[
+        list[str] | None,
+        typer.Option(metavar="BONE=MM", help="Length of the specimen's bone, joint to joint [mm]; repeatable."),
+    ] = None,
+    moment_arm: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="TENDON@JOINT=MM",
+            help="Mean moment arm over the postures [mm], flexion positive, such as FDP@MCP=10.2; repeatable.",
+        ),
+    ] = None,
+    reference: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="BONE=MM", help="Length of the FINGER's own bone, if measured between other points; repeatable."
+        ),
+    ] = None,
+    postures: Annotated[
+        str, typer.Option(metavar="SESSION", help="A session over whose postures moment arms are averaged.")
+    ] = "synek2019_HMEAN",
+    json: Json = None,
+) -> None:
+    """Scale a finger to a specimen's bone lengths, and its tendons to measured moment arms."""
+    from server.commands.scaling import scale_specimen
+
+    scale_specimen(finger, bone or [], moment_arm or [], reference or [], postures, out, json)
+
+
+@app.command()
+def species(
+    of: Annotated[
+        str | None,
+        typer.Option(
+            "--of",
+            metavar="FINGER",
+            help="Hold against this finger, file or revision; by default the published human, or the session's own.",
+        ),
+    ] = None,
+    other: Annotated[
+        str | None,
+        typer.Option("--with", metavar="FINGER", help="Compare this one; by default the bonobo, or the session's own."),
+    ] = None,
+    of_session: Annotated[
+        str | None, typer.Option(metavar="SESSION", help="Forces measured on the first, and its loads and postures.")
+    ] = None,
+    with_session: Annotated[
+        str | None, typer.Option(metavar="SESSION", help="Forces measured on the second, and its loads and postures.")
+    ] = None,
+    figures: Figures = None,
+    json: Json = None,
+) -> None:
+    """Set two fingers side by side, human and bonobo or any: bones, moment arms, forces per tendon tension."""
+    from server.commands.species import compare_fingers
+
+    compare_fingers(of, other, of_session, with_session, figures, json)

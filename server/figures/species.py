@@ -1,0 +1,398 @@
+"""Two fingers to one scale with their tip forces, and their bones, moment arms and force ratios as bars."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from fingermodel.compare import CaseComparison
+from server.figures.arrows import arrow_traces
+from server.figures.panels import Panel, key, panel_axes
+from server.figures.poses import finger_pose, reach_mm
+from server.figures.report import Picture, Section, Table, write_report
+from server.figures.scales import scale_bars
+from server.figures.skeleton import finger_traces
+from server.figures.static import write_static
+from server.figures.style import INK, MUTED, SMALL_PX, TEXT_PX, WIDTH, axis, domain, figure, mix, number, plain
+from server.figures.style import posture_name as named
+from server.reproduce.report import ours, verdict
+from server.reproduce.study import Plot
+from server.species import SpeciesResult
+from server.species_sides import Load, Side, Spread, same_angles, shared
+
+Floats = NDArray[np.float64]
+COLORS = ("#0072B2", "#D55E00")
+MEASURED_PX, PREDICTED_PX = 3.2, 1.6
+_SIDE, _TOP, _BOTTOM, _GAP_X = 14, 140, 46, 70  # [px]
+_BARS, _BETWEEN = 230, 72  # [px] height of the bars, and between them and the fingers
+_WIDE = 0.36
+_THIN = {"color": INK, "width": 1.0}
+_PRINTED = {"symbol": "diamond", "size": 8, "color": "#ffffff", "line": _THIN}
+_ARROW_SHARE = 0.5  # of the shorter finger's reach, for the largest arrow
+
+
+@dataclass(frozen=True)
+class Bars:
+    """One panel of bars: names, and for each of the two sides its bar, printed number, and measured spread."""
+
+    heading: str
+    unit: str
+    names: tuple[str, ...]
+    model: tuple[tuple[float | None, ...], tuple[float | None, ...]]
+    reach: tuple[tuple[Spread | None, ...], tuple[Spread | None, ...]] | None = None
+    measured: tuple[tuple[Spread | None, ...], tuple[Spread | None, ...]] | None = None
+    printed: tuple[tuple[float | None, ...], tuple[float | None, ...]] | None = None
+
+
+def species_plots(result: SpeciesResult) -> list[Plot]:
+    """The comparison's figure, for whoever shows it."""
+    caption = (
+        "Arrows: tip force of one newton of tension, shared among the tendons as the weights were; seen from the "
+        "radial side. The ratios below are of norms in space, their whiskers from least to most over postures and "
+        "loads. Outlines of bones are schematic."
+    )
+    return [Plot("species", "Two fingers", species_figure(result), caption)]
+
+
+def species_report(result: SpeciesResult, folder: Path, *, static: bool = True) -> Path:
+    """Write `species.html`, and its figure as PNG and SVG, into a folder; return the page."""
+    plots = species_plots(result)
+    parts: list[str | Table | Picture] = [Picture(p.figure, p.caption) for p in plots]
+    sections = [Section("Side by side", [*parts, *result.assumptions])]
+    if result.steps:
+        rows = [[s.what, number(s.tension_to_tip), number(s.bone_to_tip)] for s in result.steps]
+        sections.append(Section("Step by step", [Table(["finger", "tension / tip", "bone / tip"], rows)]))
+    if result.rows:
+        lines = [[r.quantity, r.printed, ours(r), r.unit, verdict(r)] for r in result.rows]
+        notes = list(dict.fromkeys(f"{r.note[:1].upper()}{r.note[1:]}." for r in result.rows if r.note))
+        header = ["quantity", "published", "ours", "unit", ""]
+        sections.append(Section("Published and ours", [Table(header, lines), *notes]))
+    subtitle = f"{result.of.label} and {result.other.label}"
+    page = write_report(folder / "species.html", sections, "Two fingers side by side", subtitle)
+    if static:
+        write_static(folder, {p.name: p.figure for p in plots})
+    return page
+
+
+def species_figure(result: SpeciesResult) -> go.Figure:
+    """Draw both fingers in one posture to one scale with their tip forces per unit tension, and bars below."""
+    sides = (result.of, result.other)
+    posture, same = _posture(result)
+    panels, mm_per_unit = _fingers(result, posture)
+    extents = np.array([panel.extent() for panel in panels])
+    wide, high = (1.04 * (extents[:, 1] - extents[:, 0]).max(axis=0)).tolist()
+    strip = 0.1 * wide  # the scale bars stand in a strip of their own
+    high += strip
+    across = (WIDTH - 2 * _SIDE - _GAP_X) / 2
+    px_per_mm = min(across / wide, 350.0 / high)
+    tall = px_per_mm * high
+    bars = _bars(result)
+    height = _TOP + tall + _BETWEEN + _BARS + _BOTTOM
+    plot = (WIDTH - 2 * _SIDE, height - _TOP - _BOTTOM)
+    data = [trace for panel in panels for trace in panel.traces]
+    layout: dict[str, Any] = {"annotations": [], "barmode": "overlay", "showlegend": True}
+    for i, panel in enumerate(panels):
+        names = panel_axes(i)
+        left = i * (across + _GAP_X)
+        size = np.array([across / px_per_mm, high])
+        low = extents[i].mean(axis=0) - size / 2 - [0.0, strip / 2]
+        hidden = {"showgrid": False, "zeroline": False, "showline": False, "showticklabels": False, "ticks": ""}
+        layout[names["xaxis"].replace("x", "xaxis")] = hidden | {
+            "domain": domain(left / plot[0], (left + across) / plot[0]),
+            "range": [float(low[0]), float(low[0] + size[0])],
+            "anchor": names["yaxis"],
+        }
+        layout[names["yaxis"].replace("y", "yaxis")] = hidden | {
+            "domain": domain(1.0 - tall / plot[1], 1.0),
+            "range": [float(low[1]), float(low[1] + size[1])],
+            "anchor": names["xaxis"],
+        }
+        layout["annotations"].append(_words(panel.heading, left / plot[0], 1.0, 6))
+        rulers, words = scale_bars(low, size, mm_per_unit, names, first=i == 0)
+        data += rulers
+        layout["annotations"] += [w | {"text": f"{w['text']} per N"} if w["text"].endswith(" N") else w for w in words]
+    data += _bar_traces(bars, layout, plot, len(panels))
+    data += _keys(sides, result)
+    layout["legend"] = {
+        "orientation": "h",
+        "x": 0.0,
+        "xanchor": "left",
+        "y": 1.0 + 50 / plot[1],
+        "yanchor": "bottom",
+        "font": {"size": SMALL_PX + 1},
+    }
+    angles = "the same angles" if same else "each with its own angles"
+    return figure(
+        data,
+        layout,
+        title=f"{_capital(plain(result.of.label))} and {plain(result.other.label)}",
+        subtitle=f"{named(posture)}, {angles}, to one scale. {plain(result.main)}: tip force per tension, "
+        "sagittal plane.",
+        height=round(height),
+        margin={"l": _SIDE, "r": _SIDE, "t": _TOP, "b": _BOTTOM},
+    )
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _posture(result: SpeciesResult) -> tuple[str, bool]:
+    """Posture to draw: one that both have with the same angles, else one that both have, else the first's."""
+    a, b = result.of, result.other
+    loaded = [load.posture for load in a.of_tendons(result.main)]
+    common = [p for p in dict.fromkeys(loaded) if any(load.posture == p for load in b.of_tendons(result.main))]
+    for name in common:
+        if same_angles(a, b, name):
+            return name, True
+    return (common or loaded)[0], False
+
+
+def _fingers(result: SpeciesResult, posture: str) -> tuple[list[Panel], float]:
+    """A panel for each side: finger and its heaviest main load's tip force per unit tension; and mm per N per N."""
+    sides = (result.of, result.other)
+    chosen = [_heaviest(side, result.main, posture) for side in sides]
+    largest = max(
+        float(np.linalg.norm(f)) / load.tension_N
+        for load in chosen
+        for f in (load.tip_N, load.measured_tip_N)
+        if f is not None
+    )
+    reach = min(reach_mm(side.finger.values) for side in sides)
+    mm_per_unit = _ARROW_SHARE * reach / largest
+    panels = []
+    for index, (side, load, color) in enumerate(zip(sides, chosen, COLORS, strict=True)):
+        pose = finger_pose(side.finger, side.finger.values, side.postures_rad[load.posture])
+        axes = panel_axes(index)
+        panel = Panel(load.posture, pose, [], finger_traces(side.finger, side.finger.values, pose, axes))
+        case = _case(load)
+        scale = mm_per_unit / load.tension_N
+        turned = [(f, k) for f, k in ((load.measured_tip_N, "measured"), (load.tip_N, "predicted")) if f is not None]
+        for force, kind in turned:
+            panel.traces += arrow_traces(
+                (pose.tip_rotation @ force)[:2],
+                pose.load_point,
+                scale,
+                axes,
+                kind=kind,
+                case=case,
+                line=_line(color, kind),
+                head_mm=0.06 * reach,
+                hollow=kind == "predicted",
+            )
+        ratio, read = (load.ratios(measured=m, plane="sagittal")["tip_per_tension"] for m in (False, True))
+        words = f"predicted {number(ratio)}" + (f", measured {number(read)}" if read is not None else "")
+        panel.heading = f"<b>{plain(result.names[index])}</b><br>tip force per tension: {words}"
+        panels.append(panel)
+    return panels, mm_per_unit
+
+
+def _heaviest(side: Side, tendons: str, posture: str) -> Load:
+    own = side.of_tendons(tendons)
+    here = [load for load in own if load.posture == posture] or own
+    return max(here, key=lambda load: load.tension_N)
+
+
+def _case(load: Load) -> CaseComparison:
+    """The load as the arrows' words want it."""
+    nothing = np.full(3, np.nan)
+    measured = nothing if load.measured_tip_N is None else load.measured_tip_N
+    return CaseComparison(
+        id=load.tendons,
+        role="tip force",
+        posture=load.posture,
+        location="tip",
+        masses_g=load.masses_g,
+        measured_N=measured,
+        measured_sd_N=nothing,
+        predicted_N=load.tip_N,
+        measured_Nmm=None,
+        predicted_Nmm=None,
+        z=None,
+    )
+
+
+def _line(color: str, kind: str) -> dict[str, Any]:
+    if kind == "measured":
+        return {"color": mix(color, "#ffffff", 0.45), "width": MEASURED_PX}
+    return {"color": mix(color, "#000000", 0.3), "width": PREDICTED_PX, "dash": "6px,3px"}
+
+
+def _bars(result: SpeciesResult) -> list[Bars]:
+    a, b = result.of, result.other
+    rows = {r.quantity: r.published for r in result.rows}
+
+    def printed(*quantities: str) -> tuple[tuple[float | None, ...], tuple[float | None, ...]] | None:
+        both = [tuple(rows.get(f"{who} {q}") for q in quantities) for who in ("human", "bonobo")]
+        return (both[0], both[1]) if any(x is not None for x in (*both[0], *both[1])) else None
+
+    bones = [name for name, _, _ in shared(a.lengths_mm, b.lengths_mm)]
+    arms = [n for n, _, _ in shared(a.arms_mm, b.arms_mm) if n.rpartition(".")[2] in result.main.split("+")]
+    keys = ("tension_to_tip", "bone_to_tip")
+    words = ("tension to tip force", "bone to tip force")
+    predicted = [tuple(side.spread(result.main, k) for k in keys) for side in (a, b)]
+    measured = [tuple(side.spread(result.main, k, measured=True) for k in keys) for side in (a, b)]
+    means = [tuple(None if s is None else s.mean for s in row) for row in predicted]
+    return [
+        Bars(
+            "Bone lengths",
+            "mm",
+            tuple(bones),
+            (tuple(a.lengths_mm.get(n) for n in bones), tuple(b.lengths_mm.get(n) for n in bones)),
+            printed=printed(*(f"{n} length" for n in bones)),
+        ),
+        Bars(
+            "Mean flexion moment arms",
+            "mm",
+            tuple(n.replace(".", "<br>") for n in arms),
+            (tuple(a.arms_mm.get(n) for n in arms), tuple(b.arms_mm.get(n) for n in arms)),
+            printed=printed(*(f"{n} mean moment arm" for n in arms)),
+        ),
+        Bars(
+            f"{result.main}: force ratios",
+            "1",
+            ("tension<br>/ tip force", "bone force<br>/ tip force"),
+            (means[0], means[1]),
+            reach=(predicted[0], predicted[1]),
+            measured=(measured[0], measured[1]),
+            printed=printed(*(f"{w}, mean" for w in words)),
+        ),
+    ]
+
+
+def _bar_traces(
+    bars: Sequence[Bars], layout: dict[str, Any], plot: tuple[float, float], first: int
+) -> list[go.Bar | go.Scatter]:
+    """Add the panels of bars to the layout; return their traces."""
+    counts = [len(panel.names) for panel in bars]
+    # A panel with whiskers and marks of its own needs more room for each bar.
+    shares = [(n + 0.4) * (1.6 if panel.measured else 1.0) for n, panel in zip(counts, bars, strict=True)]
+    gap = 58.0
+    unit = (plot[0] - 44 - gap * (len(bars) - 1)) / sum(shares)
+    left, traces = 44.0, []
+    for i, panel in enumerate(bars):
+        suffix = str(first + i + 1)
+        wide = unit * shares[i]
+        layout[f"xaxis{suffix}"] = axis(
+            range=[-0.7, counts[i] - 0.3],
+            tickvals=list(range(counts[i])),
+            ticktext=list(panel.names),
+            showgrid=False,
+            ticks="",
+            domain=domain(left / plot[0], (left + wide) / plot[0]),
+            anchor=f"y{suffix}",
+        )
+        layout[f"yaxis{suffix}"] = axis(
+            "" if panel.unit == "1" else panel.unit,
+            domain=domain(0.0, _BARS / plot[1]),
+            anchor=f"x{suffix}",
+            rangemode="tozero",
+            nticks=6,
+        )
+        layout["annotations"].append(
+            _words(f"<b>{plain(panel.heading)}</b>", (left - 34) / plot[0], _BARS / plot[1], 8)
+        )
+        traces += _panel_traces(panel, {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"})
+        left += wide + gap
+    return traces
+
+
+def _panel_traces(panel: Bars, axes: dict[str, str]) -> list[go.Bar | go.Scatter]:
+    traces: list[go.Bar | go.Scatter] = []
+    shared_keys: dict[str, Any] = {"showlegend": False, "hoverinfo": "text", **axes}
+    for k, (color, shift) in enumerate(zip(COLORS, (-0.2, 0.2), strict=True)):
+        there = [(i, n, v) for i, (n, v) in enumerate(zip(panel.names, panel.model[k], strict=True)) if v is not None]
+        bar = go.Bar(
+            x=[i + shift for i, _, _ in there],
+            y=[v for _, _, v in there],
+            width=_WIDE,
+            marker={"color": mix(color, "#ffffff", 0.25)},
+            hovertext=[f"{n.replace('<br>', ' ')}: {number(v)}" for _, n, v in there],
+            **shared_keys,
+        )
+        if panel.reach is not None:
+            reaches = [r for r in panel.reach[k] if r is not None]
+            bar.error_y = _whiskers(reaches, mix(color, "#000000", 0.45))
+        traces.append(bar)
+        if panel.measured is not None and any(panel.measured[k]):
+            found = [(i + shift + 0.08, m) for i, m in enumerate(panel.measured[k]) if m is not None]
+            marker = {"symbol": "circle", "size": 8, "color": mix(color, "#ffffff", 0.72), "line": _THIN}
+            traces.append(
+                go.Scatter(
+                    x=[x for x, _ in found],
+                    y=[m.mean for _, m in found],
+                    mode="markers",
+                    marker=marker,
+                    error_y=_whiskers([m for _, m in found], INK),
+                    hovertext=[f"measured {number(m.mean)}" for _, m in found],
+                    **shared_keys,
+                )
+            )
+        if panel.printed is not None:
+            known = [(i + shift - 0.08 * bool(panel.measured), v) for i, v in enumerate(panel.printed[k])]
+            known = [(x, v) for x, v in known if v is not None]
+            traces.append(
+                go.Scatter(
+                    x=[x for x, _ in known],
+                    y=[v for _, v in known],
+                    mode="markers",
+                    marker=_PRINTED,
+                    hovertext=[f"printed {number(v)}" for _, v in known],
+                    **shared_keys,
+                )
+            )
+    return traces
+
+
+def _whiskers(spreads: Sequence[Spread], color: str) -> dict[str, Any]:
+    """From least to most about the mean."""
+    return {
+        "type": "data",
+        "symmetric": False,
+        "array": [s.most - s.mean for s in spreads],
+        "arrayminus": [s.mean - s.least for s in spreads],
+        "color": color,
+        "thickness": 1.2,
+        "width": 3,
+        "visible": True,
+    }
+
+
+def _keys(sides: tuple[Side, Side], result: SpeciesResult) -> list[go.Scatter]:
+    grey = "#8a8a8a"
+    out = [
+        key(plain(name), line={"color": mix(color, "#ffffff", 0.25), "width": 8})
+        for name, color in zip(result.names, COLORS, strict=True)
+    ]
+    out.append(key("predicted", line=_line(grey, "predicted") | {"color": INK}))
+    if any(side.session for side in sides):
+        out.append(key("measured", line=_line(grey, "measured") | {"color": grey}))
+        out.append(_mark("measured mean", {"symbol": "circle", "size": 8, "color": "#ffffff", "line": _THIN}))
+    if result.rows:
+        out.append(_mark("printed (Synek et al. 2019)", _PRINTED))
+    return out
+
+
+def _mark(name: str, marker: dict[str, Any]) -> go.Scatter:
+    return go.Scatter(x=[None], y=[None], name=name, mode="markers", marker=marker, hoverinfo="skip")
+
+
+def _words(text: str, x: float, y: float, above_px: int, *, small: bool = False) -> dict[str, Any]:
+    return {
+        "text": text,
+        "x": x,
+        "y": y,
+        "xref": "paper",
+        "yref": "paper",
+        "xanchor": "left",
+        "yanchor": "bottom",
+        "yshift": above_px,
+        "showarrow": False,
+        "font": {"size": SMALL_PX + 1 if small else TEXT_PX, "color": MUTED if small else INK},
+    }
