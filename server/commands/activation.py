@@ -1,0 +1,110 @@
+"""`fingertwin activate`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from daq.errors import InputError
+from server.activation import activate
+from server.activation_result import ActivationResult, write_table
+from server.console import answer, progress, say, table
+from server.exporting import writing
+
+
+def activate_finger(
+    finger: str,
+    muscles: str | None,
+    posture: Sequence[str],
+    activation: Sequence[str],
+    force: Sequence[str],
+    deficit: Sequence[str],
+    out: Path | None,
+    figures: Path | None,
+    json: str | None,
+) -> None:
+    """Hold a finger with its muscles active; print what each does at the tip, and its deficits.
+
+    Raises:
+        InputError: a file that cannot be used, a name that is not known, or a number out of range.
+    """
+    with progress("Activating"):
+        result = activate(
+            finger,
+            muscles,
+            posture_deg=_pairs(posture, "--posture MCP=45"),
+            activation=_shares(activation, "--activation FDP=50"),
+            force_N=_pairs(force, "--force palmar=8"),
+            lost=_shares(deficit, "--deficit FDI=25"),
+        )
+    body = result.as_dict() | {"file": None, "figures": None}
+    if out is not None:
+        with writing(out):
+            write_table(result, out)
+        body["file"] = str(out)
+    if figures is not None:
+        from server.figures.activation import activation_report
+
+        body["figures"] = str(activation_report(result, figures))
+    if answer("activate", body, json):
+        return
+    _show(result)
+    for label, text in (("file", "Deficits"), ("figures", "Figures")):
+        if body[label]:
+            say(f"{text}: {body[label]}")
+
+
+def _show(result: ActivationResult) -> None:
+    angles = ", ".join(f"{n} {a:g}" for n, a in zip(result.rotations, result.posture_deg, strict=True))
+    table(
+        f"{result.finger} with muscles {result.muscle_set} at {angles} deg: each muscle alone, fully active",
+        ["muscle", "tension [N]", "proximal [N]", "dorsal [N]", "radial [N]", "sagittal [N]", "at [deg]",
+         "coronal [N]", "at [deg] "],
+        [
+            [m.muscle, m.tension_N, *m.force_N, *(m.as_dict()[plane][key] for plane in ("sagittal", "coronal")
+             for key in ("magnitude_N", "direction_deg"))]
+            for m in result.alone
+        ],
+        "angles from proximal towards dorsal and towards radial",
+    )  # fmt: skip
+    levels = ", ".join(
+        f"{m} {100.0 * a:.0f}" for m, a in zip(result.muscles, result.activation, strict=True) if a > 0.0
+    )
+    force = " ".join(
+        f"{word} {x:z.2f}" for word, x in zip(("proximal", "dorsal", "radial"), result.force_N, strict=True)
+    )
+    say(f"Baseline, activation in %: {levels or 'none'}. Tip force {force} N.")
+    percents = [f"{x:g} %" for x in result.deficits[0].levels_pct]
+    table(
+        "Tip force while one muscle loses activation: magnitude [N] (turned by [deg])",
+        ["muscle", *percents],
+        [[d.muscle, *map(_cell, d.magnitudes, d.change_deg())] for d in result.deficits],
+    )
+    if result.lost_force_N is not None:
+        together = result.as_dict()["together"]
+        lost = ", ".join(f"{name} {100.0 * share:g} %" for name, share in result.lost.items())
+        say(f"With deficits {lost}: {_cell(together['magnitude_N'], together['direction_change_deg'])}.")
+    for note in result.notes:
+        say(f"Note: {note}")
+
+
+def _cell(magnitude: float, turned: float | None) -> str:
+    return f"{magnitude:.2f}" + ("" if turned is None else f" ({turned:.1f})")
+
+
+def _pairs(texts: Sequence[str], example: str) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for text in texts:
+        name, sign, value = text.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            sign = ""
+        if not (name and sign):
+            raise InputError(f"{text!r}", f"NAME=NUMBER, such as {example}")
+        found[name] = number
+    return found
+
+
+def _shares(texts: Sequence[str], example: str) -> dict[str, float]:
+    return {name: value / 100.0 for name, value in _pairs(texts, example).items()}

@@ -1,0 +1,259 @@
+"""Tip force of each muscle in the sagittal and the coronal plane, and what deficits do to size and direction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from server.activation_result import PLANES, ActivationResult
+from server.figures.report import Picture, Section, Table, write_report
+from server.figures.static import write_static
+from server.figures.style import (
+    INK,
+    MUTED,
+    SMALL_PX,
+    TEXT_PX,
+    WIDTH,
+    axis,
+    domain,
+    figure,
+    number,
+    plain,
+)
+
+if TYPE_CHECKING:
+    from server.reproduce.study import Plot
+
+Floats = NDArray[np.float64]
+_LEFT, _RIGHT, _TOP, _GAP = 62, 16, 108, 70  # [px]
+# Okabe and Ito's, and three more; a symbol says the same again.
+_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#5B2A86", "#7A6A00", "#444444")
+_SYMBOLS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "x", "star", "hexagon")
+# A muscle that changes the force by less is named, not drawn [N].
+_UNSEEN_N = 1e-3
+_ENDS = {"sagittal": ("proximal", "dorsal", "palmar"), "coronal": ("proximal", "radial", "ulnar")}
+
+
+def activation_plots(result: ActivationResult) -> list[Plot]:
+    """The figures of a result: each muscle alone, and the deficits of each."""
+    from server.reproduce.study import Plot
+
+    baseline = ", ".join(
+        f"{m} {100.0 * a:.0f} %" for m, a in zip(result.muscles, result.activation, strict=True) if a > 0.0
+    )
+    return [
+        Plot("alone", "Each muscle alone", alone_figure(result), "Force of the finger on the clamp."),
+        Plot("deficits", "Deficits", deficits_figure(result), f"Baseline: {baseline or 'all muscles at rest'}."),
+    ]
+
+
+def alone_figure(result: ActivationResult) -> go.Figure:
+    """Draw the tip force of every muscle per newton of its tension (as Figs 2 and 3 of Barry et al. 2018)."""
+    across = WIDTH - _LEFT - _RIGHT
+    wide = (across - _GAP) / 2.0
+    names = [m.muscle for m in result.alone]
+    colors = [_COLORS[i % len(_COLORS)] for i in range(len(names))]
+    data: list[go.Scatter] = []
+    layout: dict[str, Any] = {"annotations": [], "showlegend": False}
+    # One scale for both, so that lengths can be compared.
+    parts = {plane: np.array([m.per_newton[list(axes)] for m in result.alone]) for plane, axes in PLANES.items()}
+    every = np.concatenate([*parts.values(), np.zeros((1, 2))])
+    low, high = every.min(axis=0), every.max(axis=0)
+    room = 0.14 * float((high - low).max())
+    low, high = low - room * np.array([1.6, 1.0]), high + room * np.array([1.6, 1.0])
+    tall = wide * (high[1] - low[1]) / (high[0] - low[0])
+    height = round(_TOP + tall + 56)
+    for k, (plane, forces) in enumerate(parts.items()):
+        suffix = "" if k == 0 else "2"
+        axes = {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
+        along, up, down = _ENDS[plane]
+        first = k * (wide + _GAP) / across
+        layout[f"xaxis{suffix}"] = axis(
+            f"{along} [N/N]", domain=domain(first, first + wide / across), anchor=f"y{suffix}",
+            range=[low[0], high[0]], nticks=6, zeroline=True, zerolinecolor=MUTED, zerolinewidth=1,
+        )  # fmt: skip
+        layout[f"yaxis{suffix}"] = axis(
+            f"{up} [N/N]", domain=[0.0, 1.0], anchor=f"x{suffix}",
+            range=[low[1], high[1]], nticks=6, zeroline=True, zerolinecolor=MUTED, zerolinewidth=1,
+        )  # fmt: skip
+        layout["annotations"].append(_panel_heading(f"{plane.capitalize()} plane ({up} up, {down} down)", first))
+        head = 0.035 * float((high - low).max())
+        for name, force, color in zip(names, forces, colors, strict=True):
+            data += _arrow(name, force, head, color, axes)
+        layout["annotations"] += _labels(names, forces, colors, low, high, axes)
+    angles = ", ".join(f"{n} {a:g}" for n, a in zip(result.rotations, result.posture_deg, strict=True))
+    return figure(
+        data,
+        layout,
+        title=f"Tip force of each muscle alone, per newton of tension: {plain(result.finger)}",
+        subtitle=f"Force of the finger on the clamp, axes of the distal phalanx. Posture: {plain(angles)} deg.",
+        height=height,
+        margin={"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": 56},
+    )
+
+
+def deficits_figure(result: ActivationResult) -> go.Figure:
+    """Draw size and direction of the tip force while each muscle loses activation."""
+    across, tall = WIDTH - _LEFT - _RIGHT, 300
+    wide = (across - _GAP) / 2.0
+    moving = [np.abs(d.force_N - d.force_N[0]).max() > _UNSEEN_N for d in result.deficits]
+    data: list[go.Scatter] = []
+    layout: dict[str, Any] = {"annotations": [], "showlegend": True}
+    panels = (("Size", "tip force [N]"), ("Direction", "turned by [deg]"))
+    for k, (name, unit) in enumerate(panels):
+        suffix = "" if k == 0 else "2"
+        first = k * (wide + _GAP) / across
+        tops: list[float] = []
+        for i, d in enumerate(result.deficits):
+            if not moving[i]:
+                continue
+            color = _COLORS[i % len(_COLORS)]
+            values = d.magnitudes.tolist() if k == 0 else d.change_deg()
+            tops += [v for v in values if v is not None]
+            data.append(
+                go.Scatter(
+                    x=d.levels_pct.tolist(),
+                    y=[None if v is None else float(f"{v:.6g}") for v in values],
+                    name=plain(d.muscle),
+                    legendgroup=d.muscle,
+                    showlegend=k == 0,
+                    mode="lines+markers",
+                    line={"color": color, "width": 1.8},
+                    marker={"color": color, "symbol": _SYMBOLS[i % len(_SYMBOLS)], "size": 7},
+                    xaxis=f"x{suffix}",
+                    yaxis=f"y{suffix}",
+                )
+            )
+        layout[f"xaxis{suffix}"] = axis(
+            "activation left to the muscle [%]", domain=domain(first, first + wide / across), anchor=f"y{suffix}",
+            range=[103.0, -3.0], tickvals=result.deficits[0].levels_pct.tolist(),
+        )  # fmt: skip
+        top = 1.06 * max([*tops, 1e-3])
+        layout[f"yaxis{suffix}"] = axis(
+            unit, domain=[0.0, 1.0], anchor=f"x{suffix}", range=[-0.02 * top, top], nticks=7
+        )
+        layout["annotations"].append(_panel_heading(name, first))
+    layout["legend"] = {
+        "orientation": "h", "x": 0.0, "xanchor": "left", "y": -58 / tall, "yanchor": "top",
+        "font": {"size": SMALL_PX + 1},
+    }  # fmt: skip
+    size = number(float(np.linalg.norm(result.force_N)))
+    still = [plain(d.muscle) for d, moves in zip(result.deficits, moving, strict=True) if not moves]
+    nothing = f" Without them nothing changes: {', '.join(still)}." if still else ""
+    return figure(
+        data,
+        layout,
+        title=f"One muscle loses activation: {plain(result.finger)}",
+        subtitle=f"The others keep theirs; {size} N at full activation.{nothing}",
+        height=_TOP + tall + 104,
+        margin={"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": 104},
+    )
+
+
+def activation_report(result: ActivationResult, folder: Path, *, static: bool = True) -> Path:
+    """Write `activation.html` and, as PNG and SVG, its figures into a folder; return the page."""
+    plots = activation_plots(result)
+    rows = [[m.muscle, number(m.tension_N, 1), *(number(float(x)) for x in m.force_N)] for m in result.alone]
+    levels = result.deficits[0].levels_pct
+    deficits = [
+        [d.muscle, *(f"{number(float(x))} ({number(t, 1)})" for x, t in zip(d.magnitudes, d.change_deg(), strict=True))]
+        for d in result.deficits
+    ]
+    tables = {
+        "alone": Table(["muscle", "tension [N]", "proximal [N]", "dorsal [N]", "radial [N]"], rows, "Fully active."),
+        "deficits": Table(["muscle", *(f"{x:g} %" for x in levels)], deficits, "Tip force [N] (turned by [deg])."),
+    }
+    sections = [Section(p.heading, [Picture(p.figure, p.caption), tables[p.name]]) for p in plots]
+    if result.notes:
+        sections.append(Section("Notes", list(result.notes)))
+    subtitle = f"{result.finger} with muscles {result.muscle_set}"
+    page = write_report(folder / "activation.html", sections, "Active muscles and the tip force", subtitle)
+    if static:
+        write_static(folder, {p.name: p.figure for p in plots})
+    return page
+
+
+def _arrow(name: str, force: Floats, head: float, color: str, axes: dict[str, str]) -> list[go.Scatter]:
+    size = float(np.hypot(*force))
+    shared: dict[str, Any] = {"mode": "lines", "showlegend": False, **axes}
+    text = f"{plain(name)}: {number(float(force[0]), 3)}, {number(float(force[1]), 3)} N/N"
+    if size == 0.0:
+        return []
+    along = force / size
+    length = min(head, 0.45 * size)
+    neck, side = force - along * 0.9 * length, np.array([-along[1], along[0]]) * 0.36 * length
+    back = force - along * length
+    outline = np.stack([force, back + side, back - side, force])
+    return [
+        go.Scatter(
+            x=[0.0, float(neck[0])], y=[0.0, float(neck[1])],
+            line={"color": color, "width": 2.2}, hoverinfo="text", text=text, **shared,
+        ),
+        go.Scatter(
+            x=outline[:, 0].tolist(), y=outline[:, 1].tolist(), fill="toself", fillcolor=color,
+            line={"color": color, "width": 1.0}, hoverinfo="text", text=text, **shared,
+        ),
+    ]  # fmt: skip
+
+
+def _labels(
+    names: Sequence[str], forces: Floats, colors: Sequence[str], low: Floats, high: Floats, axes: dict[str, str]
+) -> list[dict[str, Any]]:
+    """Names beyond the arrows' heads, moved apart upwards and downwards where they would cover each other."""
+    span = float(high[0] - low[0])
+    right = forces[:, 0] > 0.0
+    middle = forces[:, 0] + np.where(right, 1.0, -1.0) * 0.07 * span
+    heights = _apart(middle, forces[:, 1], 0.13 * span, 0.055 * span)
+    return [
+        {
+            "text": f"<b>{plain(name)}</b>",
+            "x": float(force[0]),
+            "y": float(y),
+            "xref": axes["xaxis"],
+            "yref": axes["yaxis"],
+            "xanchor": "left" if side else "right",
+            "yanchor": "middle",
+            "xshift": 7 if side else -7,
+            "showarrow": False,
+            "font": {"size": SMALL_PX + 1, "color": color},
+        }
+        for name, force, color, side, y in zip(names, forces, colors, right, heights, strict=True)
+    ]
+
+
+def _apart(across: Floats, up: Floats, wide: float, tall: float) -> Floats:
+    """Heights moved until no two labels of that size cover each other."""
+    out = np.array(up, dtype=float)
+    order = np.argsort(out, kind="stable")
+    for _ in range(100):
+        moved = False
+        for k, i in enumerate(order):
+            for j in order[k + 1 :]:
+                short = tall - (out[j] - out[i])
+                if abs(across[i] - across[j]) < wide and short > 1e-6 * tall:
+                    out[i] -= 0.5 * short
+                    out[j] += 0.5 * short
+                    moved = True
+        if not moved:
+            break
+    return out
+
+
+def _panel_heading(text: str, x: float) -> dict[str, Any]:
+    return {
+        "text": f"<b>{plain(text)}</b>",
+        "x": x,
+        "y": 1.0,
+        "xref": "paper",
+        "yref": "paper",
+        "xanchor": "left",
+        "yanchor": "bottom",
+        "yshift": 6,
+        "showarrow": False,
+        "font": {"size": TEXT_PX, "color": INK},
+    }

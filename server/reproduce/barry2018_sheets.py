@@ -1,0 +1,210 @@
+"""Tables beside the rows of Barry et al. 2018: each muscle, the baselines and their deficits, and what was assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from daq.locations import data_dir
+from server.activation import DIRECTIONS, work_out
+from server.activation_result import ActivationResult, angle_between
+from server.reproduce.study import Sheet
+
+if TYPE_CHECKING:
+    from fingermodel.isometric.forces import IsometricFinger
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A baseline of the study: finger, direction and size of its tip force, and what came of it."""
+
+    finger: str
+    direction: str
+    size_N: float
+    result: ActivationResult
+    held: IsometricFinger
+
+    @property
+    def name(self) -> str:
+        """For the reader."""
+        return f"{self.finger.removeprefix('barry2018_')}, {self.size_N:.3g} N {self.direction}"
+
+
+def alone(result: ActivationResult) -> Sheet:
+    """Tension and tip force of every muscle, fully active."""
+    lines = []
+    for m in result.alone:
+        data = m.as_dict()
+        lines.append(
+            (
+                m.muscle, m.tension_N, *map(float, m.per_newton), data["sagittal"]["direction_deg"],
+                data["coronal"]["direction_deg"], data["sagittal"]["magnitude_N"], data["coronal"]["magnitude_N"],
+            )
+        )  # fmt: skip
+    return Sheet(
+        f"Tip force of each muscle alone, {result.finger}",
+        (
+            "muscle", "tension, fully active [N]", "proximal [N/N]", "dorsal [N/N]", "radial [N/N]",
+            "sagittal direction [deg]", "coronal direction [deg]", "sagittal [N]", "coronal [N]",
+        ),
+        tuple(lines),
+        ("On the clamp, in the distal phalanx's axes; directions from proximal towards dorsal and towards radial.",),
+    )  # fmt: skip
+
+
+def levels(cases: Sequence[Case]) -> Sheet:
+    """Which muscles make the baselines' forces."""
+    lines: list[tuple[str | float | None, ...]] = []
+    for case in cases:
+        r = case.result
+        lines += [
+            (case.name, m, 100.0 * float(a), float(t))
+            for m, a, t in zip(r.muscles, r.activation, r.tension_N, strict=True)
+            if a > 0.0 or t > 0.1
+        ]
+    return Sheet(
+        "Activities of the baselines",
+        ("baseline", "muscle", "activation [%]", "tension [N]"),
+        tuple(lines),
+        tuple(f"{c.name}: {note}" for c in cases for note in c.result.notes if "torque:" in note),
+    )
+
+
+def deficits(case: Case) -> Sheet:
+    """Size and turn of one baseline's force while each muscle loses activation."""
+    lines: list[tuple[str | float | None, ...]] = []
+    for d in case.result.deficits:
+        sizes, turned, percent = d.magnitudes, d.change_deg(), d.change_pct
+        lines.append((d.muscle, *map(float, sizes), *turned[1:], percent[-1]))
+    levels = case.result.deficits[0].levels_pct
+    return Sheet(
+        f"Deficits: {case.name}",
+        (
+            "muscle",
+            *(f"{x:g} % [N]" for x in levels),
+            *(f"{x:g} % turned [deg]" for x in levels[1:]),
+            "0 %, change of size [%]",
+        ),
+        tuple(lines),
+    )
+
+
+def reach(cases: Sequence[Case]) -> Sheet:
+    """How far a lost muscle can turn and weaken the force, whatever activities make it."""
+    palmar, dorsal, thumb_palmar, thumb_dorsal = cases
+    published = (
+        (palmar, "FDP", "60 deg, 1.9 N"), (dorsal, "FDI", "83 deg"), (thumb_dorsal, "EPL", "73.1 deg, 4.4 N"),
+        (thumb_palmar, "FPL", "40.5 N less at 50 %"), (thumb_palmar, "ADP", "32 N less"),
+    )  # fmt: skip
+    lines: list[tuple[str | float | None, ...]] = []
+    for case, muscle, printed in published:
+        ends = [_lost(case, muscle, sign) for sign in (1.0, -1.0)]
+        start = case.size_N * np.array(DIRECTIONS[case.direction])
+        cells: list[float | None] = []
+        for tension, force in ends:
+            cells += [tension, angle_between(start, force), float(np.linalg.norm(force))]
+        lines.append((case.name, muscle, printed, *cells))
+    return Sheet(
+        "Total loss of a muscle, over all activities that put the baseline's force on the clamp",
+        (
+            "baseline", "muscle", "published", "least tension [N]", "turned [deg]", "force left [N]",
+            "most tension [N]", "turned [deg] ", "force left [N] ",
+        ),
+        tuple(lines),
+        (
+            "With or without a torque on the clamp. A force changes by what the lost tension did: the published turns "
+            "need the tensions that EMG gave the paper's muscles.",
+        ),
+    )  # fmt: skip
+
+
+def _lost(case: Case, muscle: str, sign: float) -> tuple[float, Floats]:
+    """Least (sign 1) or greatest (-1) tension that a muscle loses [N], and the force that is left (3,)."""
+    from scipy.optimize import linprog
+
+    held = case.held
+    names = held.finger.topology.muscles
+    placed = held.place(np.deg2rad(case.result.posture_deg))
+    rest, full = np.asarray(held.hold(placed, np.stack([np.zeros(len(names)), np.ones(len(names))])).tension)
+    unit = np.asarray(placed.wrench)[:3] @ np.asarray(placed.arms)
+    start = case.size_N * np.array(DIRECTIONS[case.direction])
+    heads: dict[str, list[str]] = held.finger.document.get("heads", {})
+    chosen = np.isin(names, heads.get(muscle, [muscle]))
+    bounds = list(zip(rest, np.maximum(full, rest), strict=True))
+    found = linprog(np.where(chosen, sign, 0.0), A_eq=unit, b_eq=start, bounds=bounds, method="highs")
+    tension = np.where(chosen, found.x - rest, 0.0)
+    return float(tension.sum()), start - unit @ tension
+
+
+def postures(cases: Sequence[Case]) -> Sheet:
+    """Tip force per newton of tension where the finger is held otherwise."""
+    lines: list[tuple[str | float | None, ...]] = []
+    choices: tuple[tuple[Case, dict[str, float], tuple[str, ...]], ...] = (
+        (cases[0], {}, ("FDP", "FDS", "FDI")),
+        (cases[0], {"MCP": 30.0, "PIP": 30.0}, ("FDP", "FDS", "FDI")),
+        (cases[0], {"MCP": 60.0, "PIP": 60.0}, ("FDP", "FDS", "FDI")),
+        (cases[2], {}, ("FPL", "EPL", "ADP")),
+        (cases[2], {"MP": 20.0, "IP": 20.0}, ("FPL", "EPL", "ADP")),
+        (cases[2], {"MP": 45.0, "IP": 45.0}, ("FPL", "EPL", "ADP")),
+    )
+    for case, posture, muscles in choices:
+        r = work_out(case.held, posture_deg=posture)
+        angles = ", ".join(f"{n} {a:g}" for n, a in zip(r.rotations, r.posture_deg, strict=True))
+        for m in r.alone:
+            if m.muscle in muscles:
+                sagittal = m.as_dict()["sagittal"]["direction_deg"]
+                lines.append((r.finger, angles, m.muscle, *map(float, m.per_newton), sagittal, r.condition))
+    return Sheet(
+        "Tip force per newton of tension in other postures",
+        (
+            "finger", "posture [deg]", "muscle", "proximal [N/N]", "dorsal [N/N]", "radial [N/N]",
+            "sagittal direction [deg]", "condition",
+        ),
+        tuple(lines),
+    )  # fmt: skip
+
+
+def passive(cases: Sequence[Case]) -> Sheet:
+    """What passive torques would do."""
+    lines: list[tuple[str | float | None, ...]] = []
+    for case in (cases[0], cases[2]):
+        placed = case.held.place(np.deg2rad(case.result.posture_deg))
+        for name, force in zip(case.result.rotations, -10.0 * np.asarray(placed.wrench)[:3].T, strict=True):
+            lines.append((case.finger, name, *map(float, force), float(np.linalg.norm(force))))
+    return Sheet(
+        "What a passive torque of 10 N mm against each angle adds to the tip force",
+        ("finger", "angle", "proximal [N]", "dorsal [N]", "radial [N]", "size [N]"),
+        tuple(lines),
+    )
+
+
+def arms(cases: Sequence[Case]) -> Sheet:
+    """Moment arms at 0 beside quoted ones."""
+    quoted: dict[str, Any] = yaml.safe_load((data_dir() / "reference" / "barry2018.yaml").read_text(encoding="utf-8"))
+    lines: list[tuple[str | float | None, ...]] = []
+    for case, name in ((cases[0], "index"), (cases[2], "thumb")):
+        topology = case.held.finger.topology
+        ours = np.asarray(case.held.place(np.zeros(len(topology.rotations))).arms)
+        for muscle, numbers in quoted[name]["muscles"].items():
+            column = topology.muscles.index(muscle)
+            lines += [
+                (case.finger, muscle, angle, theirs, float(ours[topology.rotations.index(angle), column]))
+                for angle, theirs in zip(quoted[name]["columns"], numbers, strict=True)
+                if theirs is not None
+            ]
+    return Sheet(
+        "Moment arms at 0 deg beside quoted ones, flexion positive",
+        ("finger", "muscle", "angle", "quoted [mm]", "ours [mm]"),
+        tuple(lines),
+        (
+            f"Thumb: {quoted['thumb']['source']}; index: {quoted['index']['source']}.",
+            "The lines of FPB, APB, ADPo and ADPt were laid by these numbers; the others are MyoHand's.",
+        ),
+    )

@@ -1,0 +1,119 @@
+"""`fingertwin activate`: forces and deficits as data, as a table and as figures, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from server.activation import LEVELS_PCT, activate
+from server.activation_result import ActivationResult, angle_between
+from server.figures.activation import activation_plots, activation_report
+from tests.server.test_cli import refused, run
+
+THUMB = "barry2018_thumb"
+
+
+@pytest.fixture(scope="module")
+def pinch() -> ActivationResult:
+    return activate(THUMB, force_N={"palmar": 20.0, "radial": 2.0}, lost={"ADP": 1.0})
+
+
+def test_the_baseline_is_the_force_asked_for(pinch: ActivationResult) -> None:
+    assert pinch.force_N == pytest.approx([0.0, -20.0, 2.0], abs=1e-6)
+    assert pinch.torque_Nmm == pytest.approx(0.0, abs=1e-5)
+
+
+def test_heads_lose_activation_together(pinch: ActivationResult) -> None:
+    assert [d.muscle for d in pinch.deficits] == ["FPL", "FPB", "EPL", "EPB", "APL", "APB", "OPP", "ADP"]
+    assert pinch.muscles[-2:] == ("ADPo", "ADPt")
+    assert pinch.lost_force_N == pytest.approx(pinch.deficit("ADP").force_N[-1])
+
+
+def test_every_muscle_starts_from_the_same_force_in_steps_of_a_quarter(pinch: ActivationResult) -> None:
+    for d in pinch.deficits:
+        assert tuple(d.levels_pct) == LEVELS_PCT
+        assert d.force_N[0] == pytest.approx(pinch.force_N)
+        assert d.change_deg()[0] == pytest.approx(0.0, abs=1e-6)
+        assert d.change_pct[0] == pytest.approx(0.0)
+
+
+def test_forces_of_single_muscles_add_up_to_that_of_all() -> None:
+    everything = activate(THUMB)
+    total = sum(m.force_N for m in everything.alone)
+    assert everything.force_N == pytest.approx(total, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "angle"),
+    [
+        pytest.param([1, 0, 0], [0, 2, 0], 90.0, id="square"),
+        pytest.param([1, 0, 0], [3, 0, 0], 0.0, id="along"),
+        pytest.param([0, 1, 0], [0, -1, 0], 180.0, id="against"),
+        pytest.param([1, 0, 0], [0, 0, 0], None, id="none"),
+    ],
+)
+def test_angles_between_forces(one: list[float], other: list[float], angle: float | None) -> None:
+    assert angle_between(np.array(one, float), np.array(other, float)) == (
+        None if angle is None else pytest.approx(angle)
+    )
+
+
+def test_the_figures_show_both_planes_and_both_measures(pinch: ActivationResult, tmp_path: Path) -> None:
+    alone, deficits = (p.figure for p in activation_plots(pinch))
+    headings = [a["text"] for a in alone.layout.annotations if a["text"].endswith(")</b>")]
+    assert headings == [
+        "<b>Sagittal plane (dorsal up, palmar down)</b>",
+        "<b>Coronal plane (radial up, ulnar down)</b>",
+    ]
+    assert {t.xaxis for t in deficits.data} == {"x", "x2"}
+    page = activation_report(pinch, tmp_path / "figures", static=False)
+    assert "Each muscle alone" in page.read_text(encoding="utf-8")
+
+
+def test_the_command_answers_with_numbers_and_a_table(tmp_path: Path) -> None:
+    table = tmp_path / "deficits.csv"
+    levels = ["--activation", "FPL=50", "--activation", "ADP=20"]
+    body: dict[str, Any] = run("activate", THUMB, *levels, "--deficit", "FPL=25", "--out", table, "--json", "-").body(
+        "activate"
+    )
+    assert body["activation"]["FPL"] == 0.5
+    assert body["activation"]["ADPt"] == 0.2
+    assert body["together"]["lost_pct"] == {"FPL": 25.0}
+    fpl = next(d for d in body["deficits"] if d["muscle"] == "FPL")
+    assert body["together"]["force_N"] == pytest.approx(fpl["force_N"][1])
+    with table.open(encoding="utf-8", newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert len(lines) == 8 * 5
+    assert float(lines[1]["magnitude_N"]) == pytest.approx(fpl["magnitude_N"][1])
+
+
+def test_the_command_prints_what_each_muscle_does() -> None:
+    code, out, err = run("activate", THUMB, "--force", "palmar=20")
+    assert (code, err) == (0, "")
+    assert "Baseline, activation in %: FPL" in out
+    assert "turned by [deg]" in out
+    assert "no passive joint torques" in out
+
+
+REFUSED = {
+    "no finger": (["activate", "toe"], "no finger 'toe'"),
+    "no muscles": (["activate", "an1979_middle"], "no muscles for an1979_middle"),
+    "other muscles": (["activate", THUMB, "--muscles", "wu2008"], "has no FPL"),
+    "no angle": (["activate", THUMB, "--posture", "PIP=3"], "no angle 'PIP'"),
+    "no number": (["activate", THUMB, "--posture", "IP=bent"], "'IP=bent'"),
+    "no muscle": (["activate", THUMB, "--deficit", "FDI=25"], "no muscle 'FDI'"),
+    "too much": (["activate", THUMB, "--deficit", "FPL=125"], "FPL at 125 %"),
+    "no direction": (["activate", THUMB, "--force", "up=3"], "no direction 'up'"),
+    "too strong": (["activate", THUMB, "--force", "palmar=9000"], "beyond the muscles' strength"),
+    "both": (["activate", THUMB, "--force", "palmar=3", "--activation", "FPL=3"], "activations and a force"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_computed_is_refused_in_one_line(case: str) -> None:
+    arguments, message = REFUSED[case]
+    assert message in refused(*arguments, instead="")
