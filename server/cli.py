@@ -11,11 +11,11 @@ import typer
 from typer.exceptions import TyperException
 
 from daq.errors import InputError
-from server import cli_bench, cli_service
+from server import cli_bench, cli_fingers, cli_service
 from server.cli_options import EffectFiles, Figures, Json, ModelOption, Session, app
 
 # Its commands are there once it is imported.
-__all__ = ["app", "cli_bench", "cli_service", "main"]
+__all__ = ["app", "cli_bench", "cli_fingers", "cli_service", "main"]
 
 
 @app.command()
@@ -42,6 +42,25 @@ def compare(
     from server.commands.twin import compare_session
 
     compare_session(session, model, effect or [], figures, json)
+
+
+@app.command()
+def invert(
+    session: Session,
+    closure: Annotated[
+        Literal["minimal", "chao", "least_squares"],
+        typer.Option(
+            help="What settles which tendon pulls: four muscles without a hood; the hood's sharing laws; least stress."
+        ),
+    ] = "chao",
+    model: ModelOption = None,
+    figures: Figures = None,
+    json: Json = None,
+) -> None:
+    """Find the muscle and joint forces behind the measured tip forces, beside the weights that really hung."""
+    from server.commands.inversion import invert_session
+
+    invert_session(session, closure, model, figures, json)
 
 
 @app.command()
@@ -155,6 +174,65 @@ def reproduce(
     from server.commands.published import reproduce_study
 
     reproduce_study(study, figures, json)
+
+
+@app.command()
+def move(
+    motion: Annotated[str, typer.Argument(help="A movement file (motion/1), or a shipped one.")] = "wu2008_tap",
+    finger: Annotated[
+        str, typer.Option(metavar="FINGER", help="A finger file or a shipped finger, with the inertia of its bones.")
+    ] = "wu2008_index",
+    muscles: Annotated[
+        str, typer.Option(metavar="MUSCLES", help="A muscle file (muscles/1), or a shipped set.")
+    ] = "wu2008",
+    steps: Annotated[int, typer.Option(help="Instants over the movement.")] = 200,
+    out: Annotated[Path | None, typer.Option(metavar="CSV", help="Write the time courses there.")] = None,
+    figures: Figures = None,
+    json: Json = None,
+) -> None:
+    """Find the joint torques and muscle forces of a recorded movement."""
+    from server.commands.movement import move_finger
+
+    move_finger(motion, finger, muscles, steps, out, figures, json)
+
+
+@app.command("activate")
+def activate_muscles(
+    finger: Annotated[str, typer.Argument(help="A finger file or a shipped finger.")] = "barry2018_index",
+    muscles: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MUSCLES", help="A muscle file (muscles/1) or a shipped set; by default the finger's own."
+        ),
+    ] = None,
+    posture: Annotated[
+        list[str] | None, typer.Option(metavar="ANGLE=DEG", help="An angle of the posture; repeatable.")
+    ] = None,
+    activation: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="MUSCLE=PERCENT", help="Of the baseline; the others rest. By default all are fully active."
+        ),
+    ] = None,
+    force: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="DIRECTION=N",
+            help="Baseline by tip force: palmar, dorsal, radial, ulnar, proximal, distal; repeatable.",
+        ),
+    ] = None,
+    deficit: Annotated[
+        list[str] | None,
+        typer.Option(metavar="MUSCLE=PERCENT", help="What it loses of its activation; several act together."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="CSV", help="Write every muscle's deficits there.")] = None,
+    figures: Figures = None,
+    json: Json = None,
+) -> None:
+    """Find the tip force of each muscle of a held finger, and what a loss of its activation changes."""
+    from server.commands.activation import activate_finger
+
+    activate_finger(finger, muscles, posture or [], activation or [], force or [], deficit or [], out, figures, json)
 
 
 @app.command()

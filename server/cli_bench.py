@@ -206,7 +206,7 @@ def import_recording(
     json: Json = None,
 ) -> None:
     """Make a readings file of a lab's TDMS or LVM recording (asks which channel is which), or a finger file."""
-    from server.commands.exchange import READABLE
+    from server.exchange import READABLE
 
     if recording.suffix.lower() in READABLE:
         from server.commands.exchange import import_finger

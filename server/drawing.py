@@ -46,7 +46,7 @@ def draw_comparison(
         comparison,
         before,
         bench.loaded.name,
-        _spread(bench, comparison),
+        spread_of(bench, comparison),
         session=bench.measured.session.id,
         theta=bench.theta if theta is None else theta,
         model_name=model_name or bench.loaded.name,
@@ -63,7 +63,7 @@ def comparison_notes(bench: Bench) -> list[str]:
     return [factor, *measured.notes, *bench.loaded.notes]
 
 
-def _spread(bench: Bench, comparison: Comparison) -> Mapping[str, Spread] | None:
+def spread_of(bench: Bench, comparison: Comparison) -> Mapping[str, Spread] | None:
     """Standard deviation between the specimens that a session is the mean of, where it says which."""
     provenance = bench.measured.session.provenance
     members = provenance.get("mean_of") if isinstance(provenance, Mapping) else None

@@ -139,7 +139,9 @@ def scale_finger(
     prepare_jax()
     finger = read_finger(base)
     if not lengths_mm:
-        raise InputError("no bone length", f"--bone BONE=MM for at least one of {_moving(finger)}")
+        raise InputError(
+            "no bone length", f"the length of at least one of {_moving(finger)}", "At the command line: --bone BONE=MM"
+        )
     own = _own_lengths(finger, lengths_mm, reference_mm)
     factors = _factors(finger, lengths_mm, own)
     postures = postures_of_session(finger, postures_of)
@@ -185,7 +187,7 @@ def _own_lengths(
     from fingermodel.scaling import phalanx_lengths
 
     moving, known = finger.topology.bones[1:], phalanx_lengths(finger)
-    for option, given in (("--bone", lengths_mm), ("--reference", reference_mm)):
+    for option, given in (("bone", lengths_mm), ("reference", reference_mm)):
         for bone, length in given.items():
             if bone == finger.topology.bones[0]:
                 raise InputError(
@@ -198,16 +200,16 @@ def _own_lengths(
             if not length > 0.0:
                 raise InputError(f"{option} {bone}={length:g}", "a length above 0 mm")
     for bone, length in reference_mm.items():
-        _require_alike(finger, f"--reference {bone}", length, known.get(bone, length))
+        _require_alike(finger, f"reference {bone}", length, known.get(bone, length))
     own = known | dict(reference_mm)
     for bone, length in lengths_mm.items():
         if bone not in own:
             raise InputError(
-                f"--bone {bone}, whose length {finger.id} does not state",
+                f"bone {bone}, whose length {finger.id} does not state",
                 f"the length of {finger.id}'s own beside it",
-                f"Add --reference {bone}=MM",
+                f"Give it as a reference (--reference {bone}=MM)",
             )
-        _require_alike(finger, f"--bone {bone}", length, own[bone])
+        _require_alike(finger, f"bone {bone}", length, own[bone])
     return {bone: own[bone] for bone in moving if bone in own}
 
 
@@ -240,17 +242,17 @@ def _wanted(scaled: Finger, arms_mm: Mapping[str, float], postures: Sequence[Flo
     out: dict[str, float] = {}
     for name, arm in arms_mm.items():
         if name not in names:
-            raise InputError(f"--moment-arm {name}", f"TENDON@JOINT, one of {', '.join(names)}")
+            raise InputError(f"moment arm {name}", f"TENDON@JOINT, one of {', '.join(names)}")
         plain = before[name]
         if arm == 0.0 or abs(arm) > LARGEST_ARM_MM:
             raise InputError(
-                f"--moment-arm {name}={arm:g}", f"mm, flexion positive; scaling the bones alone gives {plain:.1f}"
+                f"moment arm {name}={arm:g}", f"mm, flexion positive; scaling the bones alone gives {plain:.1f}"
             )
         # An arm near zero may change its sign; a large one that does has been written without it.
         if abs(plain) >= 2.0 and not LEAST <= arm / plain <= MOST:
             sign = f"Write {name}={-arm:g}" if arm < 0.0 < plain or plain < 0.0 < arm else "Arms are in mm"
             raise InputError(
-                f"--moment-arm {name}={arm:g} where scaling the bones alone gives {plain:.1f} mm",
+                f"moment arm {name}={arm:g} where scaling the bones alone gives {plain:.1f} mm",
                 f"the same sign (flexion positive), {LEAST} to {MOST:g} times as large",
                 sign,
             )

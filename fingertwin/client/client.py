@@ -12,6 +12,7 @@ import httpx
 
 from fingertwin.client.exchange import Body, Exchange, path_of, reading
 from fingertwin.client.figures import figure, figure_names
+from fingertwin.client.files import fetched
 from fingertwin.client.jobs import Job, Progress, job_of, plain
 from fingertwin.client.live import Message, messages
 from fingertwin.client.predictions import Columns, Prediction, predict
@@ -223,6 +224,76 @@ class Client:
             InputError: there is nothing to draw.
         """
         return figure(self._exchange, name, **about)
+
+    def fingers(self) -> list[Body]:
+        """Return the fingers that come with the software: name, title, bones, joints, tendons."""
+        with reading("fingers"):
+            return list(self._exchange.get(path_of("fingers"))["fingers"])
+
+    def export_finger(self, name: str, path: str | Path, file_format: str = "osim") -> Path:
+        """Write a finger for OpenSim (osim), MuJoCo (mjcf) or as it is here (finger), and return the file."""
+        return fetched(self._exchange, path_of("fingers", name, "export"), Path(path), {"format": file_format})
+
+    def import_finger(self, path: str | Path) -> Body:
+        """Read a finger out of an OpenSim or MJCF file; `file` of the answer is its finger/1 YAML.
+
+        Raises:
+            OSError: the file cannot be read.
+            ServiceError: it holds no finger chain.
+        """
+        given = {"name": Path(path).name, "text": Path(path).read_text(encoding="utf-8")}
+        return self._exchange.post(path_of("fingers", "imports"), given, again=True)
+
+    def scale_finger(
+        self, name: str, bones_mm: Mapping[str, float], moment_arms_mm: Mapping[str, float] | None = None
+    ) -> Body:
+        """Scale a finger to a specimen's bone lengths [mm]; `file` of the answer is its finger/1 YAML."""
+        asked = {"bones_mm": dict(bones_mm), "moment_arms_mm": dict(moment_arms_mm or {})}
+        return self._exchange.post(path_of("fingers", name, "scalings"), asked, again=True)
+
+    def compare_fingers(self, one: str, other: str) -> Body:
+        """Set two fingers side by side: bone lengths, moment arms, force ratios."""
+        return self._exchange.get(path_of("fingers", one, "comparison"), {"other": other})
+
+    def move(
+        self,
+        motion: str | Mapping[str, Any] = "wu2008_tap",
+        finger: str = "wu2008_index",
+        muscles: str = "wu2008",
+        steps: int = 200,
+    ) -> Body:
+        """Work out a movement: joint torques and muscle forces over time.
+
+        Args:
+            motion: a shipped one, or a motion/1 document.
+            finger: with the inertia of its bones.
+            muscles: a shipped set.
+            steps: instants over the movement.
+        """
+        named = {"motion": motion} if isinstance(motion, str) else {"document": dict(motion)}
+        asked = named | {"finger": finger, "muscles": muscles, "steps": steps}
+        return self._exchange.post(path_of("movements"), asked, again=True)
+
+    def activate(self, finger: str, lost: Mapping[str, float] | None = None, **asked: Any) -> Body:
+        """Hold a finger with its muscles active: the tip force of each, and what deficits change.
+
+        Args:
+            finger: with a muscle set of its name.
+            lost: share of its activation (0 to 1) that each muscle loses.
+            asked: muscles, posture_deg, activation or force_N.
+        """
+        body = {"finger": finger, "lost": dict(lost or {}), **asked}
+        return self._exchange.post(path_of("activations"), body, again=True)
+
+    def studies(self) -> list[Body]:
+        """Return the published studies that can be computed again."""
+        with reading("studies"):
+            return list(self._exchange.get(path_of("studies"))["studies"])
+
+    def reproduce(self, study: str) -> Job[Body]:
+        """Compute a study again: every published figure beside ours."""
+        asked = self._exchange.post(path_of("studies", study, "reproductions"), {})
+        return Job(self._exchange, asked, plain)
 
     def jobs(self, session: str | Session | None = None, state: str | None = None) -> list[Job[Any]]:
         """Return jobs, newest first.

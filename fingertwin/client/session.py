@@ -64,6 +64,19 @@ class Session:
         query = {} if asked is None else {"model": asked}
         return Comparison.of(self._exchange, self._exchange.get(self._path("comparison"), query), asked)
 
+    def invert(self, closure: str = "chao", model: Model = None) -> Body:
+        """Find the muscle and joint forces behind the tip forces, beside the weights that really hung.
+
+        Args:
+            closure: what settles which tendon pulls: minimal, chao or least_squares.
+            model: whose finger; by default the session's own.
+
+        Raises:
+            ServiceError: 409, its bench is still running.
+        """
+        query = {"closure": closure, "model": model_name(model)}
+        return self._exchange.get(self._path("inversion"), {k: v for k, v in query.items() if v is not None})
+
     def refit(
         self,
         method: Literal["map", "slsqp"] = "map",

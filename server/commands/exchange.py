@@ -7,14 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
 from server.console import answer, say
+from server.exchange import ENDINGS, UNSOURCED, imported_body, read_foreign, revision_notes, written_finger
 from server.exporting import writing
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger
-
-# Endings that each format may have, the first one by default.
-ENDINGS = {"osim": (".osim",), "mjcf": (".xml", ".mjcf")}
-READABLE = (".osim", ".xml", ".mjcf")
 
 
 def export_finger(source: str, file_format: str, out: Path | None, model: str | None, json: str | None) -> None:
@@ -23,11 +20,6 @@ def export_finger(source: str, file_format: str, out: Path | None, model: str | 
     Raises:
         InputError: no such finger, one that the format cannot hold, or a file that cannot be written.
     """
-    from importlib.metadata import version
-
-    from fingermodel.exchange.mjcf import write_mjcf
-    from fingermodel.exchange.osim import write_osim
-
     if model is not None:
         raise InputError(f"--model {model} with --format {file_format}", "the finger alone", "Give it as the source")
     if out is not None and out.suffix.lower() not in ENDINGS[file_format]:
@@ -37,8 +29,7 @@ def export_finger(source: str, file_format: str, out: Path | None, model: str | 
             "Let name and format agree",
         )
     finger, name, notes = _finger(source)
-    made = f"{finger.title} ({name}), written by fingertwin {version('fingertwin')}"
-    written = write_osim(finger, made) if file_format == "osim" else write_mjcf(finger, made)
+    written = written_finger(finger, name, file_format)
     path = out or Path(f"{name}{ENDINGS[file_format][0]}")
     with writing(path):
         _write(path, written.text)
@@ -62,9 +53,7 @@ def _finger(source: str) -> tuple[Finger, str, tuple[str, ...]]:
     if not path.is_file():
         raise InputError(f"no model file {source}", "a revision written by `fingertwin refit --out`")
     revision = read_revision(path)
-    held = [str(effect["name"]) for effect in revision.document.get("effects") or []]
-    note = f"The file holds the fitted finger without the revision's effects: {', '.join(held)}"
-    return revision.finger, revision.id, (note,) if held else ()
+    return revision.finger, revision.id, revision_notes(revision)
 
 
 def _write(path: Path, text: str) -> None:
@@ -80,9 +69,6 @@ def import_finger(source: Path, load_point: str | None, out: Path | None, json: 
     Raises:
         InputError: no such file, no chain that a finger file can hold, or a finger file that is there already.
     """
-    from daq.export import sha256_of
-    from fingermodel.exchange.read_mjcf import read_mjcf
-    from fingermodel.exchange.read_osim import read_osim
     from fingermodel.exchange.reading import vector
     from fingermodel.finger_files import write_finger
 
@@ -91,27 +77,12 @@ def import_finger(source: Path, load_point: str | None, out: Path | None, json: 
         raise InputError(f"--out {target.name}", "a name that ends in .yaml", "A finger file is YAML")
     if target.exists():
         raise InputError(f"{target} exists", "a new file", "Choose another --out")
-    point = None if load_point is None else vector(load_point, 3, "--load-point")
-    cite = f"{source.name}" + (f", SHA-256 {sha256_of(source)}" if source.is_file() else "")
-    read = read_osim if source.suffix.lower() == ".osim" else read_mjcf
-    imported = read(source, cite, point)
-    heading = f"Made of {source.name}. The sources and certainty of its numbers are not in that file: fill them in."
+    imported = read_foreign(source, None if load_point is None else vector(load_point, 3, "--load-point"))
     with writing(target):
-        write_finger(imported.document, target, heading)
-    finger = imported.finger
-    body: dict[str, Any] = {
-        "source": str(source),
-        "finger": str(target),
-        "id": finger.id,
-        "bones": list(finger.topology.bones),
-        "rotations": list(finger.topology.rotations),
-        "segments": [segment.name for segment in finger.topology.segments],
-        "reactions": imported.document["reactions"],
-        "notes": list(imported.notes),
-    }
+        write_finger(imported.document, target, f"Made of {source.name}. {UNSOURCED}")
+    body: dict[str, Any] = {"source": str(source), "finger": str(target)} | imported_body(imported)
     if not answer("import", body, json):
         for note in imported.notes:
             say(f"  {note}")
-        rotations = ", ".join(finger.topology.rotations)
-        say(f"  angles: {rotations}; the clamp carries {', '.join(imported.document['reactions'])}")
+        say(f"  angles: {', '.join(body['rotations'])}; the clamp carries {', '.join(body['reactions'])}")
         say(f"{source.name}: {target}")

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
-from server.commands.exchange import ENDINGS as FINGER_FORMATS
 from server.commands.exchange import export_finger
 from server.console import answer, progress, say
+from server.exchange import ENDINGS as FINGER_FORMATS
 from server.exporting import (
     ENDINGS,
     OF_MODELS,

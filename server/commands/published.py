@@ -5,27 +5,27 @@ from __future__ import annotations
 from pathlib import Path
 
 from server.console import answer, progress, say, table
-from server.reproduce.rows import Row
 from server.reproduce.study import reproduce, study_of
-
-VERDICTS = {True: "agrees", False: "DIFFERS"}
 
 
 def reproduce_study(name: str, figures: Path | None, json: str | None) -> None:
     """Recompute a published study and set it beside ours.
 
     Raises:
-        InputError: no such study, or figures asked of one that has none.
+        InputError: there is no such study.
     """
+    from server.reproduce.report import ours, verdict, write_study
+
     study = study_of(name)
     with progress("Reproducing") as tell:
         done = reproduce(name, tell)
     body = {"study": name, "citation": study.citation} | done.as_dict()
-    if figures is not None and done.draw is not None:
-        body["figures"] = str(done.draw(figures))
+    if figures is not None:
+        body["figures"] = str(write_study(figures, study, done))
     if answer("reproduce", body, json):
         return
-    table(study.citation, ["quantity", "published", "ours", "unit", ""], [_line(r) for r in done.rows])
+    rows = [[r.quantity, r.printed, ours(r), r.unit, verdict(r)] for r in done.rows]
+    table(study.citation, ["quantity", "published", "ours", "unit", ""], rows)
     checked = [r for r in done.rows if r.agrees is not None]
     for note in dict.fromkeys(r.note for r in done.rows if r.note):
         say(f"{note[:1].upper()}{note[1:]}.")
@@ -38,10 +38,4 @@ def reproduce_study(name: str, figures: Path | None, json: str | None) -> None:
         for note in sheet.notes:
             say(note)
     if figures is not None:
-        say(f"Figures: {body['figures']}" if "figures" in body else f"{name} has no figures to draw.")
-
-
-def _line(r: Row) -> list[str]:
-    ours = "–" if r.ours is None else f"{r.ours:.4g}"
-    verdict = r.note.partition(":")[0] if r.agrees is None else VERDICTS[r.agrees]
-    return [r.quantity, r.printed, ours, r.unit, verdict]
+        say(f"Figures: {body['figures']}")

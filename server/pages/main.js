@@ -6,6 +6,7 @@ import { el, fill, problem } from "./dom.js";
 const VIEWS = {
   bench: ["Bench", () => import("./views/bench.js")],
   compare: ["Compare", () => import("./views/compare.js")],
+  forces: ["Forces", () => import("./views/forces.js")],
   find: ["Find the missing effect", () => import("./views/find.js")],
   fall: ["The fall of the error", () => import("./views/fall.js")],
 };
@@ -14,7 +15,12 @@ const INNER = {
   effect: ["An effect", () => import("./views/effect.js"), "find"],
   report: ["Report", () => import("./views/report.js"), "fall"],
 };
-const OTHERS = { "": ["Sessions", () => import("./views/sessions.js")], help: ["Help", () => import("./views/help.js")] };
+const OTHERS = {
+  "": ["Sessions", () => import("./views/sessions.js")],
+  fingers: ["Fingers", () => import("./views/fingers.js")],
+  studies: ["Published studies", () => import("./views/studies.js")],
+  help: ["Help", () => import("./views/help.js")],
+};
 
 let shown = null;
 let live = null;
@@ -34,6 +40,8 @@ function navigation({ session, view }) {
     link("#/", "Sessions", !session && view === ""),
     session ? Object.entries(VIEWS).map(([name, [title]]) =>
       link(`#/sessions/${encodeURIComponent(session)}/${name}`, title, name === (INNER[view]?.[2] || view))) : null,
+    link("#/fingers", "Fingers", !session && view === "fingers"),
+    link("#/studies", "Studies", !session && view === "studies"),
     link("#/help", "Help", !session && view === "help"));
 }
 

@@ -40,7 +40,7 @@ dark.addEventListener("change", () => {
 /**
  * Ask for a figure and show it.
  *
- * `picked` is called with the ids of the load cases that a point stands for; `width` fixes the width in px; `still`
+ * `path` is its address below /figures, or a function that gets it for a theme (light or dark). `picked` is called with the ids of the load cases that a point stands for; `width` fixes the width in px; `still`
  * draws without tools; `colours` is light or dark where it is not to be the page's.
  */
 export async function figure(place, path, query = {}, { picked, signal, width, still, colours } = {}) {
@@ -51,7 +51,8 @@ export async function figure(place, path, query = {}, { picked, signal, width, s
   else fill(place, quiet("Drawing …"));
   const again = () => figure(place, path, query, { picked, signal, width, still, colours });
   try {
-    const drawn = await get(`/figures/${path}`, { ...query, theme: colours || theme() }, signal);
+    const now = colours || theme();
+    const drawn = typeof path === "string" ? await get(`/figures/${path}`, { ...query, theme: now }, signal) : await path(now);
     if (late()) return null;
     if (!drawn.figure) {
       fill(place, quiet(drawn.text));
@@ -66,16 +67,16 @@ export async function figure(place, path, query = {}, { picked, signal, width, s
     for (const old of place.querySelectorAll(".js-plotly-plot")) { shown.delete(old); lib.purge(old); }
     fill(place, box);
     const wide = () => width || Math.round(place.clientWidth);
-    const least = LEAST[path.split("/")[1]] || 0;
+    const least = LEAST[drawn.name] || 0;
     const layout = () => {
-      now = wide();
-      const out = sized(drawn.figure, Math.max(now, least));
-      const scale = Math.min(1, now / least || 1);
+      width_px = wide();
+      const out = sized(drawn.figure, Math.max(width_px, least));
+      const scale = Math.min(1, width_px / least || 1);
       plot.style.transform = scale < 1 ? `scale(${scale})` : "";
       plot.style.height = `${out.height * scale}px`;
       return out;
     };
-    let now = 0;
+    let width_px = 0;
     const data = picked ? clickable(drawn) : drawn.figure.data;
     await lib.newPlot(plot, data, layout(), { ...CONFIG, staticPlot: Boolean(still) });
     for (const svg of plot.querySelectorAll("svg.main-svg")) svg.setAttribute("aria-hidden", "true");
@@ -86,7 +87,7 @@ export async function figure(place, path, query = {}, { picked, signal, width, s
         if (!plot.isConnected) return watch.disconnect();
         clearTimeout(waiting);
         waiting = setTimeout(() => {
-          if (!plot.isConnected || !wide() || Math.abs(wide() - now) < 4) return;
+          if (!plot.isConnected || !wide() || Math.abs(wide() - width_px) < 4) return;
           lib.react(plot, data, layout(), CONFIG);
         }, 120);
       });
@@ -118,4 +119,21 @@ function casesOf(cases, point) {
   const at = point.pointNumber ?? point.pointIndex;
   if (Array.isArray(found)) found = Array.isArray(at) ? found[at[0]]?.[at[1]] : found[at];
   return [found].flat().filter(Boolean);
+}
+
+/**
+ * Show the figures that come along with an answer: `ask` gets the answer for a theme, and is asked again where the page
+ * turns dark or light. Returns a node, filled as they are drawn.
+ */
+export function figuresOf(answer, ask, signal) {
+  const kept = new Map([[answer.figures[0]?.theme, Promise.resolve(answer)]]);
+  const of = (colours) => {
+    if (!kept.has(colours)) kept.set(colours, ask(colours));
+    return kept.get(colours);
+  };
+  return answer.figures.map((f, i) => {
+    const place = el("div", { class: "drawn" });
+    queueMicrotask(() => figure(place, async (colours) => (await of(colours)).figures[i], {}, { signal }));
+    return el("section", { class: "panel" }, f.heading ? el("h2", {}, f.heading) : null, place);
+  });
 }

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from daq.errors import InputError
 from server.reproduce.rows import Row
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
 
 Progress = Callable[[float], None]
 
@@ -32,6 +34,23 @@ class Sheet:
 
 
 @dataclass(frozen=True)
+class Plot:
+    """A figure of a study.
+
+    Attributes:
+        name: for files and addresses.
+        heading: above it.
+        figure: drawn.
+        caption: a sentence below it.
+    """
+
+    name: str
+    heading: str
+    figure: go.Figure
+    caption: str = ""
+
+
+@dataclass(frozen=True)
 class Reproduction:
     """A study's figures beside ours.
 
@@ -40,14 +59,14 @@ class Reproduction:
         assumptions: what the paper leaves out and what stands in its place, a sentence each.
         sheets: tables beside the rows.
         results: further results of this study as plain data, merged into the JSON answer.
-        draw: writes the study's figures into a folder and returns it; None where there are none.
+        plots: draws the study's figures.
     """
 
     rows: tuple[Row, ...]
     assumptions: tuple[str, ...] = ()
     sheets: tuple[Sheet, ...] = ()
     results: dict[str, Any] = field(default_factory=dict)
-    draw: Callable[[Path], Path] | None = None
+    plots: Callable[[], Sequence[Plot]] | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data."""
@@ -70,7 +89,23 @@ class Study(NamedTuple):
     about: str
 
 
-STUDIES = (Study("synek2019", "Synek et al. 2019, PeerJ 7:e7470", "tip and bone forces of clamped cadaver fingers"),)
+STUDIES = (
+    Study("synek2019", "Synek et al. 2019, PeerJ 7:e7470", "tip and bone forces of clamped cadaver fingers"),
+    Study(
+        "hu2014a", "Hu et al. 2014, PLoS ONE 9:e94533", "forces in a pressing index finger without and with its hood"
+    ),
+    Study(
+        "hu2014b",
+        "Hu et al. 2014, BioMed Res Int 2014:743460",
+        "the extensor hood of a pressing index finger as a network of springs",
+    ),
+    Study("wu2008", "Wu et al. 2008, J Biomech 41:668-676", "muscle forces in an index finger that taps on a key"),
+    Study(
+        "barry2018",
+        "Barry et al. 2018, J Biomech, doi 10.1016/j.jbiomech.2018.06.017",
+        "tip forces of index finger and thumb, and activation deficits",
+    ),
+)
 
 
 def study_of(name: str) -> Study:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from server.reproduce.rows import Row, not_available, row
-from server.reproduce.study import Progress, Reproduction, Sheet
+from server.reproduce.study import Plot, Progress, Reproduction, Sheet
 from server.workflow import Bench, compare_bench, open_bench, refit_bench
 
 if TYPE_CHECKING:
@@ -88,7 +87,7 @@ def reproduce(progress: Progress) -> Reproduction:
         rows=tuple(rows),
         sheets=(_unseen(fits),),
         results={"fits": [fit.as_dict() for fit in fits]},
-        draw=_draw,
+        plots=_plots,
     )
 
 
@@ -100,12 +99,24 @@ def published_rows() -> list[Row]:
     return [*rows, *_arm_rows(optimised), *_validation_rows(optimised), *_ratio_rows(optimised), *_bonobo_rows()]
 
 
-def _draw(folder: Path) -> Path:
-    from server.drawing import draw_comparison
+def _plots() -> list[Plot]:
+    """The mean human finger under the published model, beside the model before its optimisation."""
+    from server.drawing import spread_of
+    from server.figures.comparison import comparison_plans
 
     bench = open_bench("synek2019_HMEAN", "synek2019_optimised")
-    before = compare_bench(open_bench("synek2019_HMEAN"))
-    return draw_comparison(bench, compare_bench(bench), folder, before=before)
+    before, comparison = compare_bench(open_bench("synek2019_HMEAN")), compare_bench(bench)
+    plans = comparison_plans(
+        bench.model,
+        bench.observations,
+        comparison,
+        before,
+        "initial model",
+        spread_of(bench, comparison),
+        theta=bench.theta,
+        model_name="published optimised model",
+    )
+    return [Plot(p.name, p.heading, p.draw(), p.caption) for p in plans]
 
 
 def _unseen(fits: list[SpecimenFit]) -> Sheet:

@@ -101,6 +101,8 @@ def _add_routes(app: FastAPI) -> None:
         catalogue,
         exports,
         figures,
+        fingers,
+        forces,
         health,
         ingest,
         jobs,
@@ -109,6 +111,7 @@ def _add_routes(app: FastAPI) -> None:
         predictions,
         readings,
         sessions,
+        studies,
         twins,
     )
 
@@ -124,8 +127,11 @@ def _add_routes(app: FastAPI) -> None:
         twins,
         jobs,
         figures,
+        fingers,
+        forces,
         exports,
         catalogue,
+        studies,
     )
     for part in parts:
         api.include_router(part.router)

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
+from server.exchange import ENDINGS as FINGER_ENDINGS
+from server.exchange import written_finger
 from server.exporting import (
     ENDINGS,
     about_bench,
@@ -49,6 +51,8 @@ REVISION_FORMATS: Mapping[str, str] = {
     "csv": "text/csv",
     "columns": "application/json",
     "parquet": "application/vnd.apache.parquet",
+    "osim": "application/xml",
+    "mjcf": "application/xml",
 }
 
 Write = Callable[[Path], Path]
@@ -92,7 +96,7 @@ def session_export(parts: Services, session: str, file_format: str, model: str |
 
 
 def revision_export(parts: Services, revision: str, file_format: str) -> Write:
-    """Return what writes a revision's document, or its parameters as a table, and returns the file.
+    """Return what writes a revision's document, its parameters as a table or its finger, and returns the file.
 
     Raises:
         ProblemError: 404 there is no such revision.
@@ -104,6 +108,10 @@ def revision_export(parts: Services, revision: str, file_format: str) -> Write:
         if loaded is None:
             file = folder / f"{revision}.json"
             file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+            return file
+        if file_format in FINGER_ENDINGS:
+            file = folder / f"{revision}{FINGER_ENDINGS[file_format][0]}"
+            file.write_text(written_finger(loaded.finger, loaded.id, file_format).text, encoding="utf-8")
             return file
         sources = {f"{revision}.json": _digest(document)}
         return _table(parameter_columns(loaded), about_revision(loaded, sources), file_format, folder / revision)

@@ -7,30 +7,29 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
-
-import orjson
+from typing import TYPE_CHECKING, Any
 
 from server.service.answers import dumps
 from server.service.blinding import blinded, require_closed, seen
 from server.service.comparison_figures import Only, drawn_comparison
-from server.service.figure_cases import Told, cases_of, told_of
+from server.service.figure_answer import Theme, on_page, shown, shown_data
+from server.service.figure_cases import Told, told_of
 from server.service.figure_parts import resolved, spread_members, spread_of
 from server.service.figure_parts import settings_of as effect_settings
 from server.service.finger_drawing import draw_finger
 from server.service.measuring import Measured
 from server.service.problems import ProblemError, not_found
 from server.service.services import Services
+from server.service.studies import last_of, study_named
 from server.workflow import Bench, compare_bench
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-Theme = Literal["light", "dark"]
 Drawing = tuple["go.Figure | None", str]
 
-SCHEMA = "fingertwin/figure/1"
 COMPARISON = ("scatter", "scatter_validation", "vectors", "bone", "errors", "z")
 DIAGNOSIS = ("residual_map", "missing_torque", "ranking", "confounding", "revisions", "held_out")
 REVISIONS = ("waterfall",)
@@ -102,8 +101,8 @@ class Figures:
                     name, bench, comparison, only, held, spread_of(parts, others, comparison)
                 )
             except NothingToDrawError as nothing:
-                return _shown(name, None, _nothing(nothing), about)
-            return _shown(name, figure, caption, about, _told(measured))
+                return shown(name, None, _nothing(nothing), about)
+            return shown(name, figure, caption, about, _told(measured))
 
         return self._kept(key, theme, draw)
 
@@ -142,9 +141,9 @@ class Figures:
             try:
                 drawn = effect_figure(title, before, after, settings, plane=bench.model.finger.judged_in)
             except NothingToDrawError as nothing:
-                return _shown(effect, None, _nothing(nothing), about)
+                return shown(effect, None, _nothing(nothing), about)
             caption = "An effect whose bars follow the circles would take up what the model misses."
-            return _shown(effect, drawn, caption, about, _told(measured))
+            return shown(effect, drawn, caption, about, _told(measured))
 
         return self._kept(("effect", effect, measured.key, named), theme, draw)
 
@@ -169,7 +168,7 @@ class Figures:
             figure, about = draw_finger(self.parts, measured, posture, case, named)
             caption = "Joint centres and tendon points are the model's; outlines, clamp and pulleys are schematic."
             head = {"session": session, "session_version": measured.record.version, "blinded": _hidden(measured)}
-            return _shown("finger", figure, caption, head | about, _told(measured))
+            return shown("finger", figure, caption, head | about, _told(measured))
 
         return self._kept(("finger", measured.key, posture, case, named), theme, draw)
 
@@ -191,7 +190,7 @@ class Figures:
         def draw() -> dict[str, Any]:
             figure, caption = _diagnosis_drawings(answer, history)[name]
             about = {"session": session, "model": answer.get("model"), "job": job}
-            return _shown(name, figure, caption, about, _told(self.parts.measuring.of(session)))
+            return shown(name, figure, caption, about, _told(self.parts.measuring.of(session)))
 
         return self._kept(("diagnosis", name, job, session), theme, draw)
 
@@ -224,10 +223,30 @@ class Figures:
             try:
                 figure = revisions_figure({}, found["history"])
             except NothingToDrawError as nothing:
-                return _shown(name, None, _nothing(nothing), about)
-            return _shown(name, figure, "Identification cases are fitted, validation cases never.", about)
+                return shown(name, None, _nothing(nothing), about)
+            return shown(name, figure, "Identification cases are fitted, validation cases never.", about)
 
         return self._kept(("revisions", name, revision), theme, draw)
+
+    def study(self, study: str, name: str, theme: Theme) -> Drawn:
+        """Draw a figure of a published study as it was computed last.
+
+        Raises:
+            ProblemError: 404 there is no such study or figure, 409 the study was not computed yet.
+        """
+        found = study_named(study)
+        done = last_of(self.parts.jobs, found.name, done=True)
+        if done is None or done.result is None:
+            raise ProblemError(
+                409, f"{study} was not computed yet", "a study that was", f"POST /api/v1/studies/{study}/reproductions"
+            )
+        figures = {f["name"]: f for f in done.result["figures"]}
+        _require(name, list(figures))
+
+        def draw() -> dict[str, Any]:
+            return shown_data(name, deepcopy(figures[name]["figure"]), figures[name]["caption"], {"study": study})
+
+        return self._kept(("study", name, done.id), theme, draw)
 
     def _kept(self, key: Hashable, theme: Theme, draw: Callable[[], dict[str, Any]]) -> Drawn:
         """A figure that is kept already, or is drawn now and kept."""
@@ -236,7 +255,7 @@ class Figures:
             if key in self._drawn:
                 self._drawn.move_to_end(key)
                 return self._drawn[key]
-        body = dumps(_on_page(draw(), theme) | {"theme": theme})
+        body = dumps(on_page(draw(), theme) | {"theme": theme})
         drawn = Drawn(body, hashlib.sha256(body).hexdigest()[:32])
         with self._lock:
             self._drawn[key] = drawn
@@ -316,32 +335,3 @@ def _told(measured: Measured) -> list[Told]:
     """The cases that a figure may lead to: while a bench is running, none of validation."""
     hidden = blinded(measured)
     return [c for c in told_of(measured.record.cases) if c.id not in hidden]
-
-
-def _shown(
-    name: str, figure: go.Figure | None, caption: str, about: dict[str, Any], known: Sequence[Told] = ()
-) -> dict[str, Any]:
-    """The answer's plain data, in the colours of paper."""
-    from server.figures.alternative import plain_text, text_of
-
-    head: dict[str, Any] = {"schema": SCHEMA, "name": name}
-    if figure is None:
-        return head | {"title": None, "caption": None, "text": caption, "figure": None, "cases": None} | about
-    data = orjson.loads(figure.to_json())
-    title = plain_text(str(((data["layout"].get("title")) or {}).get("text") or name))
-    cases = cases_of(data, known) if known else None
-    words = text_of(data, caption)
-    return head | {"title": title, "caption": caption, "text": words, "figure": data, "cases": cases} | about
-
-
-def _on_page(shown: dict[str, Any], theme: Theme) -> dict[str, Any]:
-    """Let the page show through, and turn the colours over where it is dark."""
-    from server.figures.dark import for_dark
-
-    figure = shown["figure"]
-    if figure is None:
-        return shown
-    figure["layout"] |= {"paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)"}
-    if theme == "light":
-        return shown
-    return shown | {"figure": for_dark(figure)}

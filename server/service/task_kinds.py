@@ -17,7 +17,7 @@ from server.service.jobs.bench_input import BenchInput
 from server.service.jobs.executors import ExecutorSettings
 from server.service.jobs.kinds import Job, TaskKind
 from server.service.jobs.population import PopulationInput
-from server.service.jobs.tasks import AddInput, DiagnoseInput, NextInput, PooledInput, RefitInput
+from server.service.jobs.tasks import AddInput, DiagnoseInput, NextInput, PooledInput, RefitInput, ReproduceInput
 from server.service.measuring import Measured, Measuring
 from server.service.messages import Telling
 from server.service.revisions import Revisions
@@ -54,6 +54,7 @@ def task_kinds(
         TaskKind("pooled", inputs.pooled, f"{_TASKS}.pooled", lambda _, __, result: _body(result)),
         TaskKind("next", inputs.next_cases, f"{_TASKS}.next_cases", _kept_frozen),
         TaskKind("population", inputs.population, "server.service.jobs.population.run"),
+        TaskKind("reproduce", _study, f"{_TASKS}.reproduce", lambda _, __, result: plain(result["body"])),
     ]
 
 
@@ -130,6 +131,10 @@ class Inputs:
             readings_sha256=None if readings is None else readings["sha256_of_chunks"],
             provenance=provenance | {"specimen": "" if whole is None else whole.specimen.id},
         )
+
+
+def _study(request: Request) -> ReproduceInput:
+    return ReproduceInput(request["study"])
 
 
 def _document(measured: Measured) -> dict[str, Any]:

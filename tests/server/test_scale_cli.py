@@ -110,7 +110,7 @@ def test_elastic_hoods_inertia_and_scaled_fingers_scale_too(base: str, tmp_path:
         pytest.param(["--bone", "PP=0.0401"], "Is it in m?", id="metres"),
         pytest.param(["--bone", "PP=4.01"], "Is it in cm?", id="centimetres"),
         pytest.param(["--bone", "PP=200"], "0.3 to 3 times", id="too-long"),
-        pytest.param(["--bone", "PP=40", "--reference", "DP=0.019"], "--reference DP=0.019", id="reference-in-m"),
+        pytest.param(["--bone", "PP=40", "--reference", "DP=0.019"], "reference DP=0.019", id="reference-in-m"),
         pytest.param(["--bone", "PP=40", "--moment-arm", "FDP=10"], "TENDON@JOINT", id="arm-without-joint"),
         pytest.param(["--bone", "PP=40", "--moment-arm", "FDS@DIP=4"], "TENDON@JOINT", id="arm-not-there"),
         pytest.param(["--bone", "PP=40", "--moment-arm", "EDC@MCP=9"], "Write EDC@MCP=-9", id="arm-sign"),

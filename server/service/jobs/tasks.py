@@ -108,6 +108,17 @@ class NextInput:
     freeze: bool = False
 
 
+@dataclass(frozen=True, eq=False)
+class ReproduceInput:
+    """`fingertwin reproduce`.
+
+    Attributes:
+        study: its name.
+    """
+
+    study: str
+
+
 def refit(payload: RefitInput, tell: Tell) -> Answer:
     """Refit the model, and return `body` and `revision`."""
     from server.commands.twin import fit_body, provenance, refit_compared
@@ -181,6 +192,27 @@ def next_cases(payload: NextInput, tell: Tell) -> Answer:
     frozen = frozen_plan(bench, plan, payload.bench.readings_sha256) if payload.freeze else None
     body = plan_body(bench, diagnosis, plan) | {"frozen": frozen["sha256"] if frozen else None}
     return _answer("next", body, payload.bench, frozen=frozen)
+
+
+def reproduce(payload: ReproduceInput, tell: Tell) -> Answer:
+    """Compute a published study again, and return `body`, its figures among it."""
+    from importlib.metadata import version
+
+    import orjson
+
+    from server.reproduce.study import reproduce, study_of
+
+    study = study_of(payload.study)
+    tell(0.0, "computing")
+    done = reproduce(study.name, lambda share: tell(0.9 * share, "computing"))
+    tell(0.9, "drawing")
+    figures = [
+        {"name": p.name, "heading": p.heading, "caption": p.caption, "figure": orjson.loads(p.figure.to_json())}
+        for p in (done.plots() if done.plots is not None else ())
+    ]
+    body = {"study": study.name, "citation": study.citation, "about": study.about} | done.as_dict()
+    body |= {"figures": figures, "version": version("fingertwin")}
+    return {"body": clean({"schema": "fingertwin/reproduce/1"} | body)}
 
 
 def warm() -> None:

@@ -1,4 +1,4 @@
-"""What the service knows beforehand: effects, fingers, protocols; and users' own effects."""
+"""What the service knows beforehand: effects and protocols; and users' own effects."""
 
 from __future__ import annotations
 
@@ -77,15 +77,9 @@ class NewEffect(Form):
 
 
 class Named(Shown):
-    """A finger or a protocol."""
+    """A protocol."""
 
     name: str
-
-
-class FingerList(Shown):
-    """Fingers that come with the software."""
-
-    fingers: list[Named]
 
 
 class ProtocolList(Shown):
@@ -119,27 +113,6 @@ def check_effect(body: NewEffect, request: Request) -> JsonAnswer:
     return JsonAnswer(of(request).effects.check(body.given()))
 
 
-@router.get("/fingers", responses=documented(FingerList))
-def fingers() -> JsonAnswer:
-    """List the fingers: joints, tendons, what they are judged in."""
-    from fingermodel.finger_files import finger_names, read_finger
-
-    rows = [_finger(read_finger(n), n) for n in finger_names()]
-    return JsonAnswer({"fingers": [{k: r[k] for k in r if k != "document"} for r in rows]})
-
-
-@router.get("/fingers/{name}", responses=documented(Named))
-def finger(name: Name) -> JsonAnswer:
-    """Return a finger with every number and its source."""
-    from daq.sessions import read_yaml
-    from fingermodel.finger_files import finger_names, read_finger
-
-    if name not in finger_names():
-        raise not_found("finger", name, "/api/v1/fingers")
-    document = read_yaml(data_dir() / "fingers" / f"{name}.yaml")
-    return JsonAnswer(_finger(read_finger(name), name) | {"document": document})
-
-
 @router.get("/protocols", responses=documented(ProtocolList))
 def protocols() -> JsonAnswer:
     """List the bench protocols."""
@@ -165,14 +138,3 @@ def protocol(name: Name) -> JsonAnswer:
     found = read_protocol(name)
     cases = [asdict(c) for c in plan(found)[0]]
     return JsonAnswer({"name": name, "document": found.model_dump(mode="json"), "cases": cases})
-
-
-def _finger(found: Any, name: str) -> dict[str, Any]:
-    return {
-        "name": name,
-        "id": found.id,
-        "title": getattr(found, "title", ""),
-        "joints": list(found.topology.rotations),
-        "tendons": list(found.topology.muscles),
-        "judged_in": found.judged_in,
-    }

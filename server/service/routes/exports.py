@@ -30,8 +30,12 @@ SessionFormat = Annotated[
     ),
 ]
 RevisionFormat = Annotated[
-    Literal["json", "csv", "columns", "parquet"],
-    Query(alias="format", description="json: the document; csv, parquet: its parameters; columns: of the csv."),
+    Literal["json", "csv", "columns", "parquet", "osim", "mjcf"],
+    Query(
+        alias="format",
+        description="json: the document; csv, parquet: its parameters; columns: of the csv; osim, mjcf: its finger "
+        "without its effects, for OpenSim or MuJoCo.",
+    ),
 ]
 Job = Annotated[str | None, Query(max_length=200, description="A diagnosis of the session that is done.")]
 # The page's own script may run; it can reach nothing, neither the network nor the service.
@@ -59,7 +63,13 @@ class Checked(Shown):
     findings: list[FindingShown]
 
 
-def _files(formats: Mapping[str, str], description: str) -> dict[int | str, dict[str, Any]]:
+def files(formats: Mapping[str, str], description: str) -> dict[int | str, dict[str, Any]]:
+    """The documentation of an answer that is a file.
+
+    Args:
+        formats: by name, with their media types.
+        description: of the file.
+    """
     binary, plain = {"type": "string", "format": "binary"}, {"type": "object"}
     content = {k: {"schema": plain if k == "application/json" else binary} for k in dict.fromkeys(formats.values())}
     disposition = {"description": "attachment, with a file name", "schema": {"type": "string"}}
@@ -70,7 +80,7 @@ def _files(formats: Mapping[str, str], description: str) -> dict[int | str, dict
 @router.get(
     "/sessions/{session}/export",
     response_class=Response,
-    responses=_files(SESSION_FORMATS, "The file."),
+    responses=files(SESSION_FORMATS, "The file."),
 )
 async def export_session(
     session: SessionId, request: Request, file_format: SessionFormat, model: ModelName = None
@@ -87,10 +97,10 @@ async def export_session(
 @router.get(
     "/revisions/{revision}/export",
     response_class=Response,
-    responses=_files(REVISION_FORMATS, "The file."),
+    responses=files(REVISION_FORMATS, "The file."),
 )
 async def export_revision(revision: RevisionId, request: Request, file_format: RevisionFormat = "json") -> FileAnswer:
-    """Write a revision's document, or its parameters as a table."""
+    """Write a revision's document, its parameters as a table, or its finger."""
     write = await run_in_threadpool(revision_export, of(request), revision, file_format)
     return await download(request, write, REVISION_FORMATS[file_format])
 
@@ -107,7 +117,7 @@ async def check(session: SessionId, request: Request) -> JsonAnswer:
 @router.get(
     "/sessions/{session}/report",
     response_class=Response,
-    responses=_files({"html": "text/html"}, "A page that loads nothing from anywhere."),
+    responses=files({"html": "text/html"}, "A page that loads nothing from anywhere."),
 )
 async def report(session: SessionId, request: Request, model: ModelName = None, job: Job = None) -> Response:
     """Return the report of a session as one page to be saved: the comparison, and a diagnosis where a job is named.

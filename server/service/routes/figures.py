@@ -10,7 +10,8 @@ from fastapi import APIRouter, Header, Path, Query, Request, Response
 from daq.uplink.wire import API
 from server.service.answers import JsonAnswer
 from server.service.comparison_figures import Only, Plane
-from server.service.figures import COMPARISON, DIAGNOSIS, REVISIONS, Drawn, Figures, Theme
+from server.service.figure_answer import Theme
+from server.service.figures import COMPARISON, DIAGNOSIS, REVISIONS, Drawn, Figures
 from server.service.schemas.common import ModelName, documented
 from server.service.schemas.figures import EXAMPLE, FigureList, FigureShown
 from server.service.services import of
@@ -95,6 +96,7 @@ _KINDS: dict[str, tuple[str, tuple[tuple[str, bool, str], ...]]] = {
         "Measured load cases, and an effect of GET /api/v1/effects; while a bench is running, identification alone.",
         (_SESSION, _MODEL, _THEME),
     ),
+    "study": ("A study of GET /api/v1/studies that was computed.", (_THEME,)),
 }
 _TITLES = {
     "scatter": "Measured and predicted force components, identification cases",
@@ -129,7 +131,8 @@ def listed() -> JsonAnswer:
     rows = [_listed(k, n) for k, names in _names().items() for n in names]
     finger = _listed("finger", "finger") | {"title": "The finger in a posture, with weights and forces"}
     effect = _listed("effect", "{effect}") | {"title": "What an effect would change in a session's cases"}
-    rows += [finger | {"path": f"{API}/figures/finger"}, effect]
+    study = _listed("study", "{study}/{name}") | {"title": "A figure of a published study"}
+    rows += [finger | {"path": f"{API}/figures/finger"}, effect, study]
     return JsonAnswer({"figures": rows})
 
 
@@ -181,6 +184,18 @@ def revisions(
 ) -> Response:
     """Draw how the error fell with every step up to a revision, or to the one in force for a specimen."""
     return _answer(figures_of(request).revisions(name, revision, specimen, theme), matched)
+
+
+@router.get("/study/{study}/{name}", responses=_DRAWN)
+def study(
+    study: Annotated[str, Path(max_length=100, description="Of the study.", examples=["synek2019"])],
+    name: Name,
+    request: Request,
+    theme: OnPage = "light",
+    matched: Matched = None,
+) -> Response:
+    """Draw a figure of a published study as it was computed last."""
+    return _answer(figures_of(request).study(study, name, theme), matched)
 
 
 @router.get("/finger", responses=_DRAWN)

@@ -37,7 +37,7 @@ class JobShown(Shown):
 
     schema_: Literal["fingertwin/job/1"] = Field(alias="schema")
     id: str
-    kind: str = Field(description="Such as refit, add, diagnose, next, pooled or population.")
+    kind: str = Field(description="Such as refit, add, diagnose, next, pooled, population or reproduce.")
     session: str | None = Field(description="That it is about; null for what concerns several or none.")
     request: Plain = Field(description="What it was asked for with.")
     state: State

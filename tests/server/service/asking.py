@@ -91,6 +91,8 @@ def prepared(client: httpx.Client, *, refit: bool = True) -> Ids:
         "specimen": [revision["specimen"]],
         "model": ["an1979_middle", "in_force", revision["id"]],
         "effect": ["worn_pulley.FDP", "hanger_mass"],
+        "study": ["synek2019", "wu2008"],
+        "finger": ["an1979_middle", "wu2008_index"],
         "name": ["worn_pulley", "an1979_middle", "friction", "scatter", "map", "evidence"],
     }
 
