@@ -79,8 +79,8 @@ def log(end: Connection, address: str, rate_hz: float, seconds: float, url: str,
         def post(self, windows: Any) -> bool:
             taken = super().post(windows)
             now = time.monotonic()
-            for said in [w.message() for w in windows] if taken else []:
-                shown.append((now, said["least"][0], said["latest"][0], said["count"]))
+            told = [w.message() for w in windows] if taken else []
+            shown.extend((now, m["least"][0], m["latest"][0], m["count"]) for m in told)
             return taken
 
     end.send("ready")
