@@ -28,6 +28,7 @@ MOST_BYTES = 200_000
 BENCH = "bench"
 # A picture is taken once the page has shown nothing new for so long [ms].
 SETTLED_MS = 700
+TO_SECTION = "e => e.closest('section').scrollIntoView()"
 
 
 def sessions(seen: Watched) -> None:
@@ -87,6 +88,30 @@ def report(seen: Watched) -> None:
     seen.page.get_by_text("Ready. The browser's own dialogue").wait_for()
 
 
+def forces(seen: Watched) -> None:
+    """Forces inside the finger, beside what really hung."""
+    seen.open(f"sessions/{SESSION}/forces?closure=least_squares", f"{SESSION}: forces inside the finger")
+    seen.drawn(2)
+    seen.page.get_by_role("heading", name="Muscle forces", exact=True).evaluate(TO_SECTION)
+
+
+def fingers(seen: Watched) -> None:
+    """A finger, and what drives it in a movement."""
+    seen.open("fingers?finger=wu2008_index", "Fingers")
+    seen.page.get_by_role("button", name="Work it out").click()
+    seen.drawn(2)
+    seen.page.get_by_role("heading", name="Forces in a movement").evaluate(TO_SECTION)
+
+
+def studies(seen: Watched) -> None:
+    """A published study, every figure beside ours."""
+    seen.open("studies?study=wu2008", "Published studies")
+    seen.page.get_by_role("button", name=re.compile("Compute")).click()
+    seen.page.get_by_text(re.compile("figures that can be recomputed agree")).wait_for(timeout=600_000)
+    seen.drawn()
+    seen.page.get_by_role("heading", name="Published and ours").evaluate(TO_SECTION)
+
+
 def help_page(seen: Watched) -> None:
     """Help."""
     seen.open("help", "Help")
@@ -104,6 +129,9 @@ PAGES: list[tuple[str, Callable[[Watched], None], str]] = [
     ("fall", fall, "light"),
     ("before-after", before_after, "light"),
     ("report", report, "light"),
+    ("forces", forces, "light"),
+    ("fingers", fingers, "light"),
+    ("studies", studies, "light"),
     ("help", help_page, "light"),
 ]
 

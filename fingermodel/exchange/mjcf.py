@@ -13,7 +13,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from fingermodel.exchange.joint_heads import TendonLine, tendon_lines
-from fingermodel.exchange.sharing import segment_shares
+from fingermodel.exchange.sharing import UNSHARED, segment_shares
 from fingermodel.exchange.writing import (
     INERTIA_KGM2,
     LOAD_POINT,
@@ -58,29 +58,34 @@ def write_mjcf(finger: Finger, made: str) -> Written:
     child(bones[-1], "site", name=LOAD_POINT, pos=_metres(finger.values.load_point), size=number(2 * _THICK_M))
     _points(finger, names, lines, bones, carriers)
     tendons, actuators = child(root, "tendon"), child(root, "actuator")
+    limits = {"gear": "-1", "ctrllimited": "true", "ctrlrange": numbers((0.0, GREATEST_N))}
     shares = segment_shares(finger)
-    for muscle, share in zip(finger.topology.muscles, shares.T, strict=True):
+    for muscle, share in zip(finger.topology.muscles, () if shares is None else shares.T, strict=shares is not None):
         if not share.any():
             continue
         tendon = child(tendons, "spatial", name=muscle, width=number(_THICK_M), rgba="0.8 0.2 0.2 1")
         _muscle(tendon, names, lines, share, [s.proximal_bone for s in finger.topology.segments])
-        limits = {"ctrllimited": "true", "ctrlrange": numbers((0.0, GREATEST_N))}
-        child(actuators, "motor", name=muscle, tendon=muscle, gear="-1", **limits)
+        child(actuators, "motor", name=muscle, tendon=muscle, **limits)
     for name, line in zip(names, lines, strict=True):
         tendon = child(tendons, "spatial", name=name, width=number(_THICK_M / 2), rgba="0.3 0.3 0.8 1", group="4")
         _piece(tendon, name, line)
-    note = inexact(finger, names, lines, "MJCF")
-    return Written(xml(root, [made, *_comment(finger, names, shares), note]), (note,) if note else ())
+        if shares is None:
+            child(actuators, "motor", name=name, tendon=name, **limits)
+    notes = [n for n in (inexact(finger, names, lines, "MJCF"), UNSHARED if shares is None else "") if n]
+    return Written(xml(root, [made, *_comment(finger, names, shares), *notes]), tuple(notes))
 
 
-def _comment(finger: Finger, names: Sequence[str], shares: Floats) -> list[str]:
+def _comment(finger: Finger, names: Sequence[str], shares: Floats | None) -> list[str]:
     topology = finger.topology
     clamp = ", ".join(COMPONENTS[i] for i in topology.reactions)
+    driven = (
+        "The control of an actuator is the tension of its muscle [N]; a pulley of divisor 1/share leads to each slip.",
+        f"Tendons without an actuator ({names[0]}, ...) are the segments, to read their moment arms.",
+    )
     return [
         "MJCF has no units: here lengths are metres, forces newtons, angles radians.",
         "Axes of every bone at zero angles: x proximal, y dorsal, z radial (right hand). Positive flexion bends.",
-        "The control of an actuator is the tension of its muscle [N]; a pulley of divisor 1/share leads to each slip.",
-        f"Tendons without an actuator ({names[0]}, ...) are the segments, to read their moment arms.",
+        *(driven if shares is not None else ()),
         f"The tip clamp holds the site {LOAD_POINT} and carries {clamp} in the last bone's axes: solve J' w = torque",
         "with these rows of its Jacobian (mj_jacSite, turned into the site's axes) for the tip force w.",
         f"Masses and inertia are placeholders ({MASS_KG} kg, {INERTIA_KGM2} kg m2): the finger's are not known.",

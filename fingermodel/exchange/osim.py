@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from daq.errors import ModelError
 from fingermodel.exchange.arm_formulas import path_formulas
 from fingermodel.exchange.joint_heads import JointHead, TendonLine, tendon_lines
-from fingermodel.exchange.sharing import segment_shares
+from fingermodel.exchange.sharing import UNSHARED, segment_shares
 from fingermodel.exchange.writing import (
     INERTIA_KGM2,
     LOAD_POINT,
@@ -84,7 +84,8 @@ def write_osim(finger: Finger, made: str) -> Written:
         else:
             _formulas(actuator, markers, finger, index, name)
         child(actuator, "optimal_force", "1")
-    return Written(xml(root, [made, *_comment(finger, names), note]), (note,) if note else ())
+    notes = [n for n in (note, UNSHARED if segment_shares(finger) is None else "") if n]
+    return Written(xml(root, [made, *_comment(finger, names), note]), tuple(notes))
 
 
 def _check_joints(finger: Finger) -> None:
@@ -101,19 +102,25 @@ def _check_joints(finger: Finger) -> None:
 
 
 def _comment(finger: Finger, names: Sequence[str]) -> list[str]:
-    topology = finger.topology
+    topology, shares = finger.topology, segment_shares(finger)
     clamp = ", ".join(COMPONENTS[i] for i in topology.reactions)
     return [
         "Lengths are metres, forces newtons, angles radians.",
         "Axes of every bone at zero angles: x proximal, y dorsal, z radial (right hand). Positive flexion bends.",
-        "Each path actuator is a piece of tendon; its control is its tension [N]. Multiply the muscles' tensions by",
-        "the shares below to have each actuator's: OpenSim has no element that shares a tendon's tension out.",
+        "Each path actuator is a piece of tendon; its control is its tension [N].",
+        *([] if shares is None else _SHARED),
         f"The tip clamp holds the marker {LOAD_POINT} and carries {clamp} in the last bone's axes: solve J' w = torque",
         "with these rows of the Jacobian of that point in that bone for the tip force w.",
         f"Masses and inertia are placeholders ({MASS_KG} kg, {INERTIA_KGM2} kg m2): the finger's are not known.",
         *cited(finger),
-        *share_table(finger, names, segment_shares(finger)),
+        *share_table(finger, names, shares),
     ]
+
+
+_SHARED = (
+    "Multiply the muscles' tensions by the shares below to have each actuator's: OpenSim has no element that shares a",
+    "tendon's tension out.",
+)
 
 
 def _objects(model: ET.Element, tag: str, name: str) -> ET.Element:

@@ -84,7 +84,8 @@ def read_mjcf(path: Path, source: str, load_point_mm: Floats | None = None) -> I
 def _chosen(stretches: list[_Stretch], driven: set[str | None], ours: bool, where: str) -> list[_Stretch]:
     """One stretch for each segment: in our own files the tendons without an actuator, else those with one."""
     if ours:
-        return [s for s in stretches if s.tendon not in driven]
+        # Of an elastic hood every segment is driven by itself.
+        return [s for s in stretches if s.tendon not in driven] or stretches
     if shared := [s for s in stretches if s.share != 1.0]:
         raise ModelError(
             f"{where}: tendon {shared[0].tendon} divides its tension at a pulley",
@@ -98,6 +99,8 @@ def _check_shares(finger: Finger, stretches: list[_Stretch], chosen: list[_Stret
     """Refuse pulleys that say something else than the text beside them."""
     of_segment = {s.sites: i for i, s in enumerate(chosen)}
     shares = segment_shares(finger)
+    if shares is None:
+        return
     muscles = finger.topology.muscles
     found = np.zeros_like(shares)
     own = {s.tendon for s in chosen}

@@ -8,13 +8,22 @@ from numpy.typing import NDArray
 
 from fingermodel.extensor import segment_tensions
 from fingermodel.fingers import Finger
+from fingermodel.hood.parts import ElasticHood
 from fingermodel.model import jax_values
 
 Floats = NDArray[np.float64]
 
 
-def segment_shares(finger: Finger) -> Floats:
-    """Tension of every segment per tension of every muscle: (segments, muscles)."""
+UNSHARED = (
+    "The shares of an elastic hood hang on load and posture, which no such file can say: every segment is driven by "
+    "its own tension, which `fingermodel.extensor.segment_tensions` gives"
+)
+
+
+def segment_shares(finger: Finger) -> Floats | None:
+    """Tension of every segment per tension of every muscle: (segments, muscles); None where it is no fixed share."""
+    if isinstance(finger.topology.hood, ElasticHood):
+        return None
     values = jax_values(finger.values)
     columns = [
         segment_tensions(finger.topology, values, jnp.asarray(row)) for row in np.eye(len(finger.topology.muscles))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from daq.errors import ModelError
 from fingermodel.exchange.joint_heads import FLEXION_RANGE, OTHER_RANGE, TendonLine
+from fingermodel.exchange.sharing import UNSHARED
 from fingermodel.fingers import COMPONENTS, Finger
 
 Floats = NDArray[np.float64]
@@ -133,8 +134,10 @@ def about_text(finger: Finger) -> str:
     return json.dumps(about(finger), ensure_ascii=False)
 
 
-def share_table(finger: Finger, names: Sequence[str], shares: Floats) -> list[str]:
-    """Lines that say which share of each muscle's tension every segment carries."""
+def share_table(finger: Finger, names: Sequence[str], shares: Floats | None) -> list[str]:
+    """Lines that say which share of each muscle's tension every segment carries; None where shares are not fixed."""
+    if shares is None:
+        return [f"{UNSHARED}."]
     lines = [f"Shares of the muscles {', '.join(finger.topology.muscles)} in the tension of each segment:"]
     return [*lines, *(f"  {name}: {numbers(row)}" for name, row in zip(names, shares, strict=True))]
 

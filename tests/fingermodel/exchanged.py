@@ -114,7 +114,9 @@ class InOpensim:
         place = self.model.getMarkerSet().get("load_point").get_location()
         self.place = opensim.Vec3(place[0], place[1], place[2])
         rows = dict(re.findall(r"^ +([\w.#]+): ((?:[\d.e-]+ ?)+)$", path.read_text(encoding="utf-8"), re.MULTILINE))
-        self.shares = np.array([[float(x) for x in rows[name].split()] for name in segments])
+        # Without a table every segment is driven by its own tension.
+        own = np.eye(len(segments))
+        self.shares = np.array([[float(x) for x in rows[name].split()] for name in segments]) if rows else own
 
     def ask(self, posture: Floats, tension: Floats) -> Answer:
         opensim, model, state = self.opensim, self.model, self.state
@@ -139,7 +141,7 @@ class InOpensim:
 
 
 def shared_fingers() -> list[str]:
-    """Shipped fingers that other software can hold: all but those with an elastic hood, which has no fixed shares."""
+    """Shipped fingers whose muscles other software can drive: all but those with an elastic hood."""
     return [n for n in finger_names() if not isinstance(read_finger(n).topology.hood, ElasticHood)]
 
 

@@ -5,16 +5,20 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
+from jax import Array
 from numpy.testing import assert_allclose
 
 from fingermodel.exchange.joint_heads import tendon_lines
 from fingermodel.exchange.mjcf import write_mjcf
 from fingermodel.exchange.osim import write_osim
 from fingermodel.exchange.writing import segment_names
+from fingermodel.extensor import segment_tensions
 from fingermodel.fingers import Finger
-from fingermodel.model import posture_moment_arms
+from fingermodel.kinematics import joint_poses
+from fingermodel.model import jax_values, posture_moment_arms
 from tests.fingermodel.exchanged import (
     Floats,
     InMujoco,
@@ -57,6 +61,42 @@ def ours(finger: Finger, posture: Floats) -> Floats:
 
 def tensions(finger: Finger, seed: int, count: int = 200) -> Floats:
     return np.random.default_rng(seed).uniform(0.0, 9.0, (count, len(finger.topology.muscles)))
+
+
+# An elastic hood: its segments are driven by the tensions that it gives them
+
+
+def segment_pulls(finger: Finger, posture: Floats, tension: Floats) -> Floats:
+    """(n, segments) [N]."""
+    topology, values = finger.topology, jax_values(finger.values)
+
+    def one(q: Array, t: Array) -> Array:
+        return segment_tensions(topology, values, t, joint_poses(topology, values, q))
+
+    return np.asarray(jax.jit(jax.vmap(one))(posture, tension))
+
+
+@pytest.mark.parametrize("software", ["opensim", pytest.param("mujoco", marks=pytest.mark.full)])
+def test_an_elastic_hood_goes_out_segment_by_segment(software: str, tmp_path: Path) -> None:
+    finger = finger_called("synek2019_network")
+    names = list(segment_names(finger))
+    required(software)
+    if software == "opensim":
+        theirs: InOpensim | InMujoco = in_opensim(finger, tmp_path)
+    else:
+        theirs = InMujoco(write_mjcf(finger, "test").text, finger.topology.rotations, tuple(names), names)
+    # Bent so far that no tendon rests that MuJoCo's path cannot hold.
+    bent = {"abduction": (-0.01, 0.01), "MCP": (-0.3, -0.1), "PIP": (0.5, 1.2), "DIP": (0.3, 0.9)}
+    between = bent if software == "mujoco" else {}
+    posture, tension = postures(finger, 1, 40, **between), tensions(finger, 2, 40)
+    pulls = segment_pulls(finger, posture, tension)
+    answers = [theirs.ask(q, p) for q, p in zip(posture, pulls, strict=True)]
+    exact = [line.exact for line in tendon_lines(finger)] if software == "mujoco" else [True] * len(names)
+    for q, answer in zip(posture, answers, strict=True):
+        assert_allclose(answer.moment_arms[:, exact], ours(finger, q)[:, exact], rtol=0, atol=1e-6)
+    if software == "opensim":
+        tips = np.array([answer.tip(finger.topology.reactions) for answer in answers])
+        assert_allclose(tips, tip_forces(finger, posture, tension), rtol=0, atol=1e-6)
 
 
 # OpenSim: everything is exact, resting tendons too

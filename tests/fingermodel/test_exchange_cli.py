@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from fingermodel.finger_files import read_finger
+from fingermodel.finger_files import finger_names, read_finger
 from fingermodel.model_files import read_revision
 from server import cli
-from tests.fingermodel.exchanged import shared_fingers
 
 ENDING = {"osim": ".osim", "mjcf": ".xml"}
 
@@ -47,7 +46,7 @@ def refused(*arguments: object) -> str:
 
 
 @pytest.mark.parametrize("kind", ENDING)
-@pytest.mark.parametrize("name", shared_fingers())
+@pytest.mark.parametrize("name", finger_names())
 def test_every_shipped_finger_goes_out_and_comes_back(name: str, kind: str, tmp_path: Path) -> None:
     file = tmp_path / f"out{ENDING[kind]}"
     body = answered("export", name, "--format", kind, "--out", file)
@@ -57,10 +56,6 @@ def test_every_shipped_finger_goes_out_and_comes_back(name: str, kind: str, tmp_
     back = answered("import", file, "--out", tmp_path / "back.yaml")
     assert (back["schema"], back["id"], back["notes"]) == ("fingertwin/import/1", name, [])
     assert read_finger(tmp_path / "back.yaml").topology == read_finger(name).topology
-
-
-def test_an_elastic_hood_is_refused_in_one_line() -> None:
-    assert "no fixed shares" in refused("export", "synek2019_network", "--format", "mjcf")
 
 
 def test_an_export_without_a_name_stays_in_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

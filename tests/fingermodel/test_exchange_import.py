@@ -16,7 +16,7 @@ from fingermodel.exchange.mjcf import write_mjcf
 from fingermodel.exchange.osim import write_osim
 from fingermodel.exchange.read_mjcf import read_mjcf
 from fingermodel.exchange.read_osim import read_osim
-from fingermodel.finger_files import read_finger, write_finger
+from fingermodel.finger_files import finger_names, read_finger, write_finger
 from fingermodel.fingers import Finger
 from fingermodel.model import posture_moment_arms
 from tests.fingermodel.exchanged import (
@@ -26,7 +26,6 @@ from tests.fingermodel.exchanged import (
     finger_called,
     postures,
     required,
-    shared_fingers,
     tip_forces,
 )
 
@@ -53,7 +52,7 @@ def read(path: Path, load_point_mm: Floats | None = None) -> Imported:
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-@pytest.mark.parametrize("name", [*shared_fingers(), "fitted", "skew axes"])
+@pytest.mark.parametrize("name", [*finger_names(), "fitted", "skew axes"])
 def test_a_finger_comes_back(name: str, kind: str, tmp_path: Path) -> None:
     finger = finger_called(name)
     imported = read(exported(finger, kind, tmp_path))
