@@ -15,6 +15,7 @@ BENCHMARKS = ("predictions", "refits", "diagnosis", "startup", "corrections")
 BENCH = (
     "acquisition",
     "uplink",
+    "uplink_service",
     "uplink_4",
     "uplink_latency",
     "uplink_kills",
@@ -24,6 +25,7 @@ BENCH = (
     "plateaus",
     "driver_fuzz",
 )
+SYSTEMS = ("tapping", "hood_network")
 PACKAGES = ("fingertwin", "numpy", "scipy", "jax", "jaxlib", "mujoco", "pyarrow")
 HERE = Path(__file__).parent
 
@@ -50,9 +52,14 @@ def _heading() -> str:
         f"- Commit: {commit()}",
         f"- Machine: {describe_machine()}",
         f"- Versions: Python {platform.python_version()}, {versions}",
-        f"- The bench's figures, each with its command: {', '.join(f'[{name}]({name}.md)' for name in BENCH)}",
+        f"- The bench's figures, each with its command: {_linked(BENCH)}",
+        f"- Those of movement and of the elastic hood: {_linked(SYSTEMS)}",
     ]
     return "\n".join(lines)
+
+
+def _linked(names: tuple[str, ...]) -> str:
+    return ", ".join(f"[{name}]({name}.md)" for name in names)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -36,6 +37,19 @@ def read_document(path: Path, wanted: str, error: type[InputError] = InputError)
         raise error(f"{path.name} is not YAML ({' '.join(str(fault).split())})", wanted) from fault
 
 
+def _path(place: Sequence[int | str], raw: Any) -> Iterator[str]:
+    """Names of a place in the file, without what tells which of several forms was meant."""
+    here = raw
+    for i, part in enumerate(place):
+        if isinstance(here, Mapping):
+            if part not in here and i + 1 < len(place):
+                continue
+            here = here.get(part)
+        elif isinstance(here, list) and isinstance(part, int) and part < len(here):
+            here = here[part]
+        yield str(part)
+
+
 def validated(
     schema: type[Schema],
     raw: Any,
@@ -58,5 +72,5 @@ def validated(
         return schema.model_validate(raw)
     except ValidationError as fault:
         first = fault.errors()[0]
-        place = ".".join(str(p) for p in first["loc"]) or "the file"
+        place = ".".join(_path(first["loc"], raw)) or "the file"
         raise error(f"{where}: {place}: {first['msg']}", wanted, remedy) from fault

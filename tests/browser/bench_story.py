@@ -3,7 +3,9 @@
 The rig is a simulated finger with a secret: every hanger weighs something that nobody told the software. What hangs is
 chosen while it runs, so that no test has to keep time with a recording. As a program it is the load cell's process:
 
-    python -m tests.browser.bench_story CELL.json      lines on standard input: hang NAME, off, pull, plug, end
+    python -m tests.browser.bench_story CELL.json
+
+with lines on standard input: hang NAME, off, pull, plug, mute, speak, end.
 """
 
 from __future__ import annotations
@@ -102,7 +104,7 @@ def play(cell: Path) -> None:
     player = Player(device, wire, blocks(), rate_hz=RATE_HZ)
     sys.stdout.write("ready\n")
     sys.stdout.flush()
-    out = False
+    out = mute = False
     while True:
         if select.select([sys.stdin], [], [], 0.0)[0]:
             word, _, name = sys.stdin.readline().strip().partition(" ")
@@ -119,7 +121,9 @@ def play(cell: Path) -> None:
             elif word == "plug":
                 wire.plug_in()
                 out = False
-        if not out:
+            elif word in ("mute", "speak"):
+                mute = word == "mute"
+        if not (out or mute):
             player.turn()
         time.sleep(TICK_S)
 
@@ -140,7 +144,7 @@ class Story:
     _cell: subprocess.Popen[str]
 
     def rig(self, line: str) -> None:
-        """Do something with the rig: hang NAME, off, pull, plug."""
+        """Do something with the rig: hang NAME, off, pull, plug, mute, speak."""
         assert self._cell.stdin is not None
         self._cell.stdin.write(line + "\n")
         self._cell.stdin.flush()

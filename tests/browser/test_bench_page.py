@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 import time
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,14 @@ def now(seen: Watched) -> str:
 
 def until(seen: Watched, met: str, given: Any = None) -> None:
     seen.page.wait_for_function(met, arg=given, timeout=PATIENCE_MS)
+
+
+def aged(route: Any) -> None:
+    """The bench's state as the service has it, but a tare is old after a second instead of a quarter of an hour."""
+    answer = route.fetch()
+    state = answer.json()
+    state["tare"] |= {"stale_after_s": 1.0}
+    route.fulfill(response=answer, json=state)
 
 
 def tared(seen: Watched, story: Story, count: int) -> None:
@@ -163,6 +172,17 @@ def test_what_goes_wrong_is_said_while_the_weight_hangs_and_leaves_with_its_caus
         story.rig("plug")
         until(seen, "() => !document.querySelector('[aria-label=\"Look now\"]').childElementCount")
         seen.page.get_by_text("readings/s").wait_for()
+        # The cell falls silent with its cable in, and speaks again.
+        story.rig("mute")
+        alert.get_by_text("The load cell is silent").wait_for()
+        assert "Look at its cable and its power." in alert.inner_text()
+        story.rig("speak")
+        until(seen, "() => !document.querySelector('[aria-label=\"Look now\"]').childElementCount")
+        # The log hangs: nothing comes, not even that the cell is silent.
+        story.log.send_signal(signal.SIGSTOP)
+        alert.get_by_text("Nothing comes from the bench").wait_for()
+        story.log.send_signal(signal.SIGCONT)
+        until(seen, "() => !document.querySelector('[aria-label=\"Look now\"]').childElementCount")
         # The service is away, and comes back without the page being loaded anew or the note lost.
         key(seen, "note").click()
         field = seen.page.get_by_label("Note:")
@@ -288,6 +308,14 @@ def test_it_can_be_read_from_two_metres_pressed_with_gloves_and_looked_back_in(
             seen.page.set_viewport_size(size)
             wide = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
             assert seen.page.evaluate(wide) <= 0
+        # A tare that is older than it should be is asked for again.
+        alert = seen.page.get_by_role("alert", name="Look now")
+        assert "The tare is old" not in alert.inner_text()
+        seen.page.route("**/bench/state", aged)
+        seen.page.reload()
+        seen.page.get_by_text("The tare is old").wait_for()
+        assert "With the next weight off, tare again." in seen.page.locator("main").inner_text()
+        seen.page.unroute("**/bench/state")
         # A case that is picked is drawn, and what hangs now when it is let go.
         seen.page.locator('[data-step="c007"]').click()
         seen.page.locator(".finger-title").get_by_text("relaxed").wait_for()

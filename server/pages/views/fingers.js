@@ -126,9 +126,9 @@ function moved(finger, signal) {
   get("/movements", {}, signal).then((known) => {
     const motion = choice("motion", "Movement", known.motions);
     const muscles = choice("muscles", "Muscles", known.muscles, finger.name.replace("_index", ""));
-    const own = el("input", { id: "own-motion", type: "file", accept: ".json", "aria-describedby": "own-motion-said" });
+    const own = el("input", { id: "own-motion", type: "file", accept: ".json" });
     const work = asked("Work it out", "Inverse dynamics and recruitment …", async () => {
-      const document = own.files[0] ? JSON.parse(await own.files[0].text()) : null;
+      const document = own.files[0] ? await parsed(own.files[0]) : null;
       const body = { motion: chosenIn(motion), document, finger: finger.name, muscles: chosenIn(muscles) };
       const ask = (figures) => post(`/movements?figures=${figures}`, body);
       const found = await ask(theme());
@@ -141,6 +141,14 @@ function moved(finger, signal) {
     fill(place, work.place);
   }).catch((error) => { if (error.name !== "AbortError") fill(place, problem(error)); });
   return panel("Forces in a movement", row, place);
+}
+
+async function parsed(file) {
+  try {
+    return JSON.parse(await file.text());
+  } catch {
+    throw new Error(`${file.name} is not JSON. A movement in YAML is worked out at the command line: fingertwin move ${file.name}`);
+  }
 }
 
 function scaled(finger) {

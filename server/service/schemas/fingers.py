@@ -45,6 +45,8 @@ class FingerShown(Shown):
 class FingerRead(FingerShown):
     """A finger with every number and its source."""
 
+    model_config = ConfigDict(json_schema_extra={"example": FINGER | {"document": {"format": "finger/1"}}})
+
     document: Plain = Field(description="finger/1.")
 
 

@@ -24,6 +24,13 @@ _ROW: dict[str, Any] = {
     "note": "",
     "printed": "0.835",
 }
+_COMPUTED: dict[str, Any] = {
+    "rows": [_ROW],
+    "assumptions": ["The tip load acts at mid pulp."],
+    "sheets": [],
+    "figures": [{"name": "scatter", "heading": "Force components"}],
+    "version": "0.1.0",
+}
 
 
 class StudyShown(Shown):
@@ -50,8 +57,8 @@ class StudyRow(Shown):
     model_config = ConfigDict(json_schema_extra={"example": _ROW})
 
     quantity: str
-    published: float | None = Field(description="Null where a range was published.")
-    ours: float | None = Field(description="Null where it cannot be had.")
+    published: float | None = Field(description="In `unit`; null where a range was published.")
+    ours: float | None = Field(description="In `unit`; null where it cannot be had.")
     unit: str
     agrees: bool | None = Field(description="Null where a comparison would mean nothing; `note` says why.")
     note: str
@@ -76,6 +83,8 @@ class StudyFigure(Shown):
 
 class StudyComputed(StudyShown):
     """A study with every published figure beside ours."""
+
+    model_config = ConfigDict(json_schema_extra={"example": STUDY | _COMPUTED})
 
     rows: list[StudyRow]
     assumptions: list[str] = Field(description="What the paper leaves out and what stands in its place.")

@@ -67,7 +67,8 @@ class Running:
         self.here = Here()
         view, pressed = joined(Remote(self.tail, self.bench.run), self.here, list[Pressed])
         meter = StreamMeter(self.bench.run.full_scale)
-        cell = cast("Acquisition", SilentCell())
+        self._cell = SilentCell()
+        cell = cast("Acquisition", self._cell)
         self._loop = BenchLoop(cell, self.bench.journal, self.bench.stream, self.bench.run, meter, view, pressed)
         self._thread = threading.Thread(target=self._loop.go_on, daemon=True)
         self.tail.start()
@@ -78,6 +79,9 @@ class Running:
         return not self._thread.is_alive()
 
     def close(self) -> None:
+        # The loop ends with its cell, before the journal is closed under it.
+        self._cell.stop()
+        assert self.ended()
         self.tail.stop()
         if self.bench.journal is not None:
             self.bench.journal.close()
