@@ -74,5 +74,12 @@ export function oneCase({ session, path, model, changed, signal }) {
     }
   }
 
-  return { node, show, again, settled: () => { typed = false; }, none: (text) => { if (!typed) { shown = null; fill(node, el("h2", {}, "The load case"), empty(text)); } } };
+  /** What was typed is on its way to the service; the answer takes that back, for what was refused. */
+  function settle() {
+    const was = typed;
+    typed = false;
+    return () => { typed ||= was; };
+  }
+
+  return { node, show, again, settle, none: (text) => { if (!typed) { shown = null; fill(node, el("h2", {}, "The load case"), empty(text)); } } };
 }

@@ -5,13 +5,19 @@ import { when } from "../format.js";
 
 const NAMES = { windows: "window moved", exclude: "left out", include: "taken in again", case: "load case added", plan: "proposed to measure", undo: "undone" };
 
-/** The list of changes; `edit` awaits a change, tells of it with an undo, and calls `done`. */
-export function changes(path, done, signal) {
+/**
+ * The list of changes; `edit` awaits a change, tells of it with an undo, and calls `done`.
+ *
+ * One's own change is shown at once, whatever was typed for it; what is typed while it is under way stays.
+ * `begun` says that one begins, and gives what takes that back.
+ */
+export function changes(path, { begun, done }, signal) {
   const list = el("div");
   const told = el("div", { role: "status" });
   const node = el("div", {}, told, list);
 
   async function edit(asked, text) {
+    const back = begun();
     try {
       const made = await asked;
       document.querySelectorAll("#case input, #case textarea").forEach((e) => e.blur?.());
@@ -20,18 +26,23 @@ export function changes(path, done, signal) {
         el("button", { onclick: () => undo(made.edit) }, "Undo"), " ", el("button", { onclick: () => box.remove() }, "Close"));
       document.getElementById("notices").append(box);
       signal.addEventListener("abort", () => box.remove());
-      await done(true);
+      await done();
     } catch (error) {
+      back();
       if (error.name !== "AbortError") notice(error);
     }
   }
 
   async function undo(number) {
+    const back = begun();
     try {
       await post(`${path}/edits/${number}/undo`);
       document.getElementById("told")?.remove();
-      await done(true);
-    } catch (error) { notice(error); }
+      await done();
+    } catch (error) {
+      back();
+      notice(error);
+    }
   }
 
   async function load() {

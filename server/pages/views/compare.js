@@ -38,8 +38,7 @@ export async function view(main, { session, asked }) {
   const by = choice("by", "by", SUMMARIES, () => tell());
   const value = (node) => node.querySelector("select").value;
   const chosen = await models(session, model, (name) => { model = name; load(); }, away.signal);
-  // One's own change is shown at once, whatever was typed for it.
-  const log = changes(path, (own) => { if (own) one.settled(); return load(); }, away.signal);
+  const log = changes(path, { begun: () => one.settle(), done: load }, away.signal);
   const one = oneCase({ session, path, model: () => model, changed: log.edit, signal: away.signal });
 
   fill(main, el("h1", {}, `${session}: predicted against measured`), head,
