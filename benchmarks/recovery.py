@@ -153,6 +153,11 @@ def report(rows: Sequence[dict[str, Any]], command: str) -> str:
         _rate("outside declared so", "85 %", (r["verdict"] == "none_of_catalogue" for r in of["outside"])),
         _rate("outside: not named as something else", "", (not r["effects"] for r in of["outside"])),
         _rate("both of two found", "80 %", (r["effects"] == r["truth"] for r in pairs)),
+        _rate(
+            "both of two found, where each gains more than 10 beside the other",
+            "80 %",
+            (r["effects"] == r["truth"] for r in pairs if r["truth_gain"] > 10.0),
+        ),
         _rate("both of two lead", "", (set(r["truth"]) <= set(r["leader"]) for r in pairs)),
         _rate("held-out error within 10 % of knowing the truth", "", held),
         "",

@@ -73,6 +73,7 @@ class ParameterTable:
         self.sd = np.array([p.sd for p in parameters], dtype=float)
         self.lower = np.array([p.lower for p in parameters], dtype=float)
         self.upper = np.array([p.upper for p in parameters], dtype=float)
+        self.one_sided = np.array([p.one_sided for p in parameters], dtype=bool)
 
     def __len__(self) -> int:
         return len(self.parameters)

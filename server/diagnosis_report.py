@@ -169,7 +169,10 @@ def diagnosis_sections(
         ),
         Section(
             "Hints at a formula",
-            or_else(tables.hints_table(answer), "None: no simple formula takes up what is left.", "hints"),
+            [
+                *tables.ready_made_table(answer),
+                *or_else(tables.hints_table(answer), "None: no simple formula takes up what is left.", "hints"),
+            ],
         ),
         Section(
             "Load cases to run next",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,12 @@ from fingermodel.diagnosis.evidence import Weighed
 from fingermodel.diagnosis.fitted import Fitted
 from fingermodel.diagnosis.verdict import inclusion, out_of_range
 from fingermodel.diagnosis.where import where
+from fingermodel.effects.user import load_effect
 
 Floats = NDArray[np.float64]
+
+# What is known beyond the catalogue is offered from this probability on.
+SHOWN = 0.05
 
 
 def answer(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -50,6 +55,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "inclusion": {name: min(p, 1.0) for name, p in inclusion(evidence).items() if p >= 1e-4},
         "where": where(d.problem, nothing.fitted.theta),
         "hints": [h.as_dict() for h in d.hints],
+        "ready_made": ready_made(d),
         "before": before.summary(),
         "after": after.summary(),
         "chi_square": {
@@ -84,6 +90,35 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
+def ready_made(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """What rigs are known to do beyond the catalogue and these readings show, most probable first.
+
+    Each is an effect that comes ready-made, to be added by its name.
+    """
+    d, evidence = diagnosis, diagnosis.evidence
+    if d.verdict.kind not in ("none_of_catalogue", "undecided"):
+        return []
+    out = []
+    for known, share in evidence.other.known:
+        probability = share * evidence.probability[None]
+        if probability >= SHOWN:
+            title = load_effect(Path(known.name)).title
+            out.append(
+                {
+                    "effect": known.name,
+                    "title": title,
+                    "where": known.words,
+                    "probability": min(probability, 1.0),
+                    "log_evidence_gain": known.log_evidence - evidence.nothing.log_evidence,
+                    "size_N": known.size_N,
+                    "misfit": known.misfit,
+                    "text": f"Known to happen in rigs: {title} ({known.words}); it would leave a misfit of "
+                    f"{known.misfit:.0f} for {len(d.problem.rows)} readings",
+                }
+            )
+    return out
+
+
 def ranking(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Every explanation that was fitted, best first, with nothing missing and something else in their places."""
     d, evidence = diagnosis, diagnosis.evidence
@@ -98,11 +133,11 @@ def ranking(diagnosis: Diagnosis) -> list[dict[str, Any]]:
             "effects": ["none_of_catalogue"],
             "candidates": [],
             "probability": evidence.probability[None],
-            "log_evidence_gain": evidence.other_log_evidence - evidence.nothing.log_evidence,
+            "log_evidence_gain": evidence.other.log_evidence - evidence.nothing.log_evidence,
             "validation_rmse_N": {"before": d.validation_rmse(evidence.nothing), "after": None},
             "parameters": [],
             "indistinguishable_from": [],
-            "size_N": evidence.other_amplitude_N,
+            "size_N": evidence.other.amplitude_N,
         }
     )
     rows.sort(key=lambda r: -r["probability"])
@@ -199,6 +234,10 @@ def sentence(d: Diagnosis) -> str:
         return f"One of these, which the load cases do not tell apart: {'; '.join(named)}."
     if verdict.kind == "none_of_catalogue":
         offered = " and the formulas offered" if d.hints else ""
+        known = ready_made(d)[:1]
+        if known and d.evidence.other.likely:
+            like = f"{known[0]['title']} ({known[0]['effect']}, {known[0]['where']})"
+            return f"Something is missing that no effect of the catalogue describes; it looks like this: {like}."
         return f"Something is missing that no effect here describes; see where it lies{offered}."
     if verdict.kind == "nothing_missing":
         return "Nothing is missing: noise and the small errors that every rig has explain the readings."

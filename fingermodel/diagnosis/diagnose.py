@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.compare import Comparison, compare
+from fingermodel.diagnosis.beyond import known_beyond
 from fingermodel.diagnosis.candidates import Candidate, candidates_of
 from fingermodel.diagnosis.confounding import Confounding, confounding
 from fingermodel.diagnosis.evidence import Evidence, Weighed, weigh
@@ -106,7 +107,7 @@ def diagnose(
     candidates = tuple(c for c in every if c.effect not in had)
     search = Searcher(problem, progress).run(candidates, start, thorough)
     wildcard = Wildcard.of(anything(problem), AMPLITUDES_N)
-    evidence = weigh(problem, search, candidates, wildcard)
+    evidence = weigh(problem, search, candidates, wildcard, known_beyond(search.nothing, candidates, had))
     alike = confounding(search.nothing.everything, candidates)
     comparisons = {
         w.explanation.names: compare(model, observations, w.fitted.theta) for w in reversed(evidence.weighed)

@@ -38,6 +38,8 @@ LEFT_OVER_PLAIN = 0.45
 CLEAR = 10.0
 # Smallest amplitude [N] that would be something of its own.
 LEAST_ELSE_N = 0.02
+# Things that rigs are known to do beyond the catalogue, and from which probability one of them is named.
+KNOWN_THINGS, KNOWN_SURE = 5, 0.9
 # How many explanations are weighed with all this.
 WEIGHED = 10
 
@@ -100,20 +102,57 @@ class Weighed:
         )
 
 
+@dataclass(frozen=True)
+class Known:
+    """A known thing outside the catalogue, as it was weighed.
+
+    Attributes:
+        name: of the ready-made effect.
+        words: where or when.
+        log_evidence: on the footing of other explanations, the share of its form in its prior included.
+        size_N: RMS change that it makes.
+        misfit: χ² that is left, an error of its form allowed for.
+    """
+
+    name: str
+    words: str
+    log_evidence: float
+    size_N: float
+    misfit: float
+
+
+@dataclass(frozen=True, eq=False)
+class Other:
+    """Something that the catalogue does not hold: anything smooth, or what rigs are known to do.
+
+    Attributes:
+        log_evidence: of both together.
+        amplitude_N: most probable size of what is smooth.
+        known: what rigs are known to do and these readings may show, each with its probability if it is something else.
+    """
+
+    log_evidence: float
+    amplitude_N: float
+    known: tuple[tuple[Known, float], ...] = ()
+
+    @property
+    def likely(self) -> Known | None:
+        """The known thing that it more probably is than anything smooth."""
+        return next((known for known, probability in self.known if probability >= KNOWN_SURE), None)
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """All explanations weighed, best first, and the competitor that the catalogue does not hold.
 
     Attributes:
         weighed: best first; nothing is among them.
-        other_log_evidence: of something that the catalogue does not hold.
-        other_amplitude_N: its most probable size.
+        other: what the catalogue does not hold.
         probability: by explanation's names; `()` is nothing missing, None is something else.
     """
 
     weighed: tuple[Weighed, ...]
-    other_log_evidence: float
-    other_amplitude_N: float
+    other: Other
     probability: dict[tuple[str, ...] | None, float]
 
     @property
@@ -122,7 +161,13 @@ class Evidence:
         return next(w for w in self.weighed if w.explanation.size == 0)
 
 
-def weigh(problem: Problem, search: Search, candidates: tuple[Candidate, ...], wildcard: Wildcard) -> Evidence:
+def weigh(
+    problem: Problem,
+    search: Search,
+    candidates: tuple[Candidate, ...],
+    wildcard: Wildcard,
+    known: tuple[Known, ...] = (),
+) -> Evidence:
     """Weigh the explanations that are in question.
 
     Args:
@@ -130,6 +175,7 @@ def weigh(problem: Problem, search: Search, candidates: tuple[Candidate, ...], w
         search: its outcome.
         candidates: that were searched.
         wildcard: of the problem.
+        known: what rigs are known to do beyond the catalogue.
     """
     ranked = sorted(search.fitted, key=lambda f: -(f.log_evidence + log_prior(f.explanation, candidates)))
     chosen = _in_question(ranked)
@@ -137,7 +183,7 @@ def weigh(problem: Problem, search: Search, candidates: tuple[Candidate, ...], w
         chosen.append(search.nothing)
     weighed = [weigh_one(problem, fitted, candidates) for fitted in chosen]
     nothing = next(w for w in weighed if w.explanation.size == 0)
-    return assemble(weighed, other_evidence(nothing.fitted, wildcard))
+    return assemble(weighed, other_evidence(nothing.fitted, wildcard, known))
 
 
 def _in_question(ranked: Sequence[Fitted]) -> list[Fitted]:
@@ -181,7 +227,8 @@ def _form_columns(problem: Problem, fitted: Fitted, candidates: tuple[Candidate,
     return np.concatenate(columns, axis=1) if columns else np.zeros((len(problem.rows), 1))
 
 
-def _scales(fitted: Fitted, factor: float) -> tuple[NDArray[np.intp], Floats]:
+def scales(fitted: Fitted, factor: float) -> tuple[NDArray[np.intp], Floats]:
+    """Indices of what is free, and factors on the priors' widths with the budget so many times as large."""
     free = fitted.inner
     own = np.isin(free, list(fitted.explanation.parameters))
     return free, np.where(own, 1.0, factor)
@@ -189,13 +236,13 @@ def _scales(fitted: Fitted, factor: float) -> tuple[NDArray[np.intp], Floats]:
 
 def at_budget(fitted: Fitted, form: Wildcard, factor: float) -> tuple[float, float]:
     """Log evidence with the budget so many times as large, and the most probable error of the effect's form."""
-    free, scale = _scales(fitted, factor)
+    free, scale = scales(fitted, factor)
     return form.log_marginal(form.profile(fitted.linear, free, scale), FORM_ERROR)
 
 
 def misfit_at(fitted: Fitted, form: Wildcard, factor: float, form_error: float) -> float:
     """χ² of the readings with the budget so many times as large, and an error of the effect's form allowed for."""
-    free, scale = _scales(fitted, factor)
+    free, scale = scales(fitted, factor)
     h = np.concatenate([fitted.linear.h[:, free] * scale, form.root * form_error], axis=1)
     y = fitted.linear.y
     right = h.T @ y
@@ -208,7 +255,7 @@ def estimates_at(fitted: Fitted, form: Wildcard, factor: float, form_error: floa
 
     Without it the base is bent until it makes up for the form, and values look better known than they are.
     """
-    free, scale = _scales(fitted, factor)
+    free, scale = scales(fitted, factor)
     h = np.concatenate([fitted.linear.h[:, free] * scale, form.root * form_error], axis=1)
     covariance = np.linalg.inv(np.eye(h.shape[1]) + h.T @ h)
     x, sd = fitted.x.copy(), np.zeros_like(fitted.x)
@@ -226,21 +273,28 @@ def budget_log_weight() -> Floats:
 
 def other_at_budget(nothing: Fitted, wildcard: Wildcard, factor: float) -> tuple[float, float]:
     """Log evidence of something else with the budget so many times as large, and its most probable amplitude [N]."""
-    free, scale = _scales(nothing, factor)
+    free, scale = scales(nothing, factor)
     return wildcard.log_marginal_any(wildcard.profile(nothing.linear, free, scale), LEAST_ELSE_N)
 
 
-def other_evidence(nothing: Fitted, wildcard: Wildcard) -> tuple[float, float]:
-    """Log evidence of something smooth that is none of the catalogue, and its most probable amplitude [N]."""
+def other_evidence(nothing: Fitted, wildcard: Wildcard, known: tuple[Known, ...] = ()) -> Other:
+    """Evidence for something that is none of the catalogue: half of its prior is on what rigs are known to do."""
     each = [other_at_budget(nothing, wildcard, b) for b in BUDGET_FACTORS]
     total = np.array([value for value, _ in each]) + budget_log_weight()
-    return float(logsumexp(total)), each[int(np.argmax(total))][1]
+    parts = np.array([logsumexp(total), *(k.log_evidence - np.log(KNOWN_THINGS) for k in known)]) + np.log(0.5)
+    whole = float(logsumexp(parts))
+    shares = np.exp(parts[1:] - whole)
+    return Other(
+        whole,
+        each[int(np.argmax(total))][1],
+        tuple(sorted(((k, float(p)) for k, p in zip(known, shares, strict=True)), key=lambda pair: -pair[1])),
+    )
 
 
-def assemble(weighed: Sequence[Weighed], other: tuple[float, float], nothing: float = 0.5) -> Evidence:
+def assemble(weighed: Sequence[Weighed], other: Other, nothing: float = 0.5) -> Evidence:
     """Turn evidences into probabilities: explanations of the same names add up, what does not fit counts for none."""
     none = next(w for w in weighed if w.explanation.size == 0)
-    total: dict[tuple[str, ...] | None, list[float]] = {None: [other[0] + log_prior_else(nothing)]}
+    total: dict[tuple[str, ...] | None, list[float]] = {None: [other.log_evidence + log_prior_else(nothing)]}
     for w in weighed:
         if w.explanation.size and none.implausible and w.leaves_too_much(none):
             total.setdefault(w.explanation.names, [-np.inf])
@@ -249,7 +303,7 @@ def assemble(weighed: Sequence[Weighed], other: tuple[float, float], nothing: fl
     values = {names: float(logsumexp(v)) for names, v in total.items()}
     norm = float(logsumexp(list(values.values())))
     ranked = sorted(weighed, key=lambda w: (-values[w.explanation.names], -(w.log_evidence + w.log_prior)))
-    return Evidence(tuple(ranked), other[0], other[1], {n: float(np.exp(v - norm)) for n, v in values.items()})
+    return Evidence(tuple(ranked), other, {n: float(np.exp(v - norm)) for n, v in values.items()})
 
 
 def change_of(problem: Problem, fitted: Fitted, parameters: Sequence[int]) -> Floats:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 from scipy.special import chdtrc
 
 from fingermodel.diagnosis.candidates import Explanation, mask
@@ -60,7 +61,7 @@ class Fitted:
         """The same, and the explanation's own one-sided parameters even at their null."""
         at_null = self.theta <= self.problem.lower + 1e-6 * self.problem.scale
         own = mask(self.problem.model, self.explanation)
-        return np.flatnonzero(self._inside | (own & _one_sided(self.problem) & at_null))
+        return np.flatnonzero(self._inside | (own & self.problem.model.parameters.one_sided & at_null))
 
     @cached_property
     def log_evidence(self) -> float:
@@ -82,22 +83,29 @@ class Fitted:
 
     def _laplace(self, *, trust_step: bool) -> float:
         free, h = self.moving, -self.jacobian[:, self.moving]
-        hessian = np.eye(len(free)) + h.T @ h
         if not np.isfinite(self.objective):
             return -np.inf
-        factor = np.linalg.cholesky(hessian)
+        factor = self._factor
         gradient = self.x[free] - h.T @ self.residual
-        step = np.linalg.solve(factor, gradient)
+        step = solve_triangular(factor, gradient, lower=True)
         objective = self.objective - (float(step @ step) if trust_step else 0.0)
         value = -0.5 * objective - float(np.log(np.diag(factor)).sum())
-        one_sided = _one_sided(self.problem)
+        one_sided = self.problem.model.parameters.one_sided
         own = np.array([i for i in self.explanation.parameters if i in set(free)], dtype=int)
         if not one_sided[own].any():
             return value
-        mean = self.x[free] - np.linalg.solve(factor.T, step)
+        mean = self.x[free] - solve_triangular(factor, step, lower=True, trans="T")
         at = np.searchsorted(free, own)
-        covariance = np.linalg.inv(hessian)[np.ix_(at, at)]
-        return value + log_mass(mean[at], np.linalg.inv(covariance), one_sided[own])
+        columns = solve_triangular(factor, np.eye(len(free))[:, at], lower=True)
+        return value + log_mass(
+            mean[at], np.asarray(np.linalg.inv(columns.T @ columns), dtype=np.float64), one_sided[own]
+        )
+
+    @cached_property
+    def _factor(self) -> Floats:
+        """Cholesky factor of 1 + HᵀH over what moves."""
+        h = self.jacobian[:, self.moving]
+        return np.asarray(np.linalg.cholesky(np.eye(h.shape[1]) + h.T @ h), dtype=np.float64)
 
     @cached_property
     def linear(self) -> Linear:
@@ -112,7 +120,7 @@ class Fitted:
 
     def _straight(self, free: NDArray[np.intp], base: NDArray[np.intp]) -> Linear:
         y = self.residual - self.jacobian[:, free] @ self.x[free]
-        return Linear(y, -self.jacobian, base, _one_sided(self.problem))
+        return Linear(y, -self.jacobian, base, self.problem.model.parameters.one_sided)
 
     @cached_property
     def covariance(self) -> Floats:
@@ -141,10 +149,6 @@ class Fitted:
         """Standard deviation of a parameter in its unit; None where it is held."""
         at = np.flatnonzero(self.moving == index)
         return float(np.sqrt(self.covariance[at[0], at[0]]) * self.problem.scale[index]) if len(at) else None
-
-
-def _one_sided(problem: Problem) -> NDArray[np.bool_]:
-    return np.array([p.one_sided for p in problem.model.parameters])
 
 
 def doubtful(fitted: Fitted) -> bool:

@@ -16,9 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from fingermodel.diagnosis.beyond import torque_answer
 from fingermodel.diagnosis.fitted import Fitted
 from fingermodel.diagnosis.linear import Linear
-from fingermodel.model import jax_values, tip_kinematics_batch
 from fingermodel.problems import Problem
 
 Floats = NDArray[np.float64]
@@ -107,7 +107,7 @@ def _library(problem: Problem, fitted: Fitted) -> Iterator[Term]:
     model, observations = problem.model, problem.observations
     topology, inputs = model.finger.topology, observations.inputs
     tension, posture = np.asarray(inputs.tension), np.asarray(inputs.posture)
-    answer = _torque_answer(problem)
+    answer = torque_answer(problem)
     angles = {r: posture[:, k] for k, r in enumerate(topology.rotations)}
     joints = [j for j in topology.joints if j.flexion >= 0]
     total = " + ".join(f"t_{m}" for m in topology.muscles)
@@ -151,23 +151,6 @@ def _shapes(joints: list[Any], angles: dict[str, Floats]) -> Iterator[tuple[str,
         rotation = joint.rotations[joint.flexion]
         yield f" * sin(q_{rotation})", np.sin(angles[rotation])
         yield f" * q_{rotation}", angles[rotation]
-
-
-def _torque_answer(problem: Problem) -> Floats:
-    """(n, rotations, 6) change of every reading per N mm of torque about a rotation."""
-    model, inputs = problem.model, problem.observations.inputs
-    topology = model.finger.topology
-    tip = tip_kinematics_batch(topology, jax_values(model.finger.values), jnp.asarray(inputs.posture))
-    jacobian, to_base = np.asarray(tip.jacobian), np.asarray(tip.to_base)
-    rows = list(topology.reactions)
-    inverse = np.linalg.inv(np.swapaxes(jacobian[:, rows], 1, 2))
-    wrench = np.zeros((len(jacobian), len(topology.rotations), 6))
-    wrench[:, :, rows] = np.swapaxes(inverse, 1, 2)
-    bone = np.zeros_like(wrench)
-    bone[:, :, :3] = -np.einsum("nij,nrj->nri", to_base, wrench[:, :, :3])
-    at_bone, check = np.asarray(inputs.at_bone), np.asarray(inputs.is_check)
-    out: Floats = np.where(at_bone[:, None, None], bone, wrench) * ~check[:, None, None]
-    return out
 
 
 def _losses(problem: Problem, fitted: Fitted) -> dict[str, Floats]:

@@ -123,7 +123,7 @@ def diagnose_pooled(
         )
         for e in effects
     ]
-    other = sum(d.evidence.other_log_evidence - d.evidence.nothing.log_evidence for d in diagnoses)
+    other = sum(d.evidence.other.log_evidence - d.evidence.nothing.log_evidence for d in diagnoses)
     values = np.array([np.log(0.5), other + log_prior_else(), *total])
     probability = np.exp(values - logsumexp(values))
     ranked = sorted(

@@ -105,7 +105,7 @@ def robustness(
             flips.append(f"the prior on nothing missing is {nothing:g}")
     for factor, words in ((0.5, "half"), (2.0, "twice")):
         values = _values(asked, effect=factor)
-        values[None] = evidence.other_log_evidence + log_prior_else()
+        values[None] = evidence.other.log_evidence + log_prior_else()
         if not same(favours(values)):
             flips.append(f"effects are expected {words} as large")
     if verdict.kind != "nothing_missing" and not same(favours(_values_at(evidence, asked, wildcard, 2.0))):

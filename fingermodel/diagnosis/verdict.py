@@ -93,11 +93,15 @@ def judge(
 def _other(problem: Problem, evidence: Evidence, p_other: float) -> Verdict:
     named = [w for w in evidence.weighed if w.explanation.size]
     best = max(named, key=lambda w: w.log_evidence, default=evidence.nothing)
-    left = best.misfit
+    left, known = best.misfit, evidence.other.likely
     reason = (
         f"Even the best of the catalogue ({_words(best.explanation.names)}) leaves a misfit of {left:.0f} where "
-        f"noise and priors leave about {len(problem.rows)}; something smooth of {evidence.other_amplitude_N:.2f} N "
-        "that no effect here makes explains the rest."
+        f"noise and priors leave about {len(problem.rows)}; "
+    ) + (
+        f"something smooth of {evidence.other.amplitude_N:.2f} N that no effect here makes explains the rest."
+        if known is None
+        else f"{known.name}, which is known to happen in rigs and is none of the catalogue's, leaves "
+        f"{known.misfit:.0f} ({known.words}; it changes the forces by {known.size_N:.3f} N, RMS)."
     )
     if p_other >= SURE:
         return Verdict("none_of_catalogue", (), (), p_other, (reason,))

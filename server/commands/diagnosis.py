@@ -146,8 +146,10 @@ def print_diagnosis(body: dict[str, Any]) -> None:
     for null in body["nulls"]:
         if null["verdict"] != "not_tested":
             say(f"{'ok  ' if null['verdict'] == 'holds' else 'FAIL'} {null['text']}")
-    for hint in body["hints"]:
-        say(f"Hint: {hint['text']}; fingertwin add '{hint['effect']['formula']}' {body['session']}")
+    offers = [(known["text"], known["effect"]) for known in body["ready_made"]]
+    offers += [(f"Hint: {hint['text']}", f"'{hint['effect']['formula']}'") for hint in body["hints"]]
+    for text, effect in offers:
+        say(f"{text}; fingertwin add {effect} {body['session']}")
     if body["verdict"] != "nothing_missing":
         say(body["next_sentence"])
     _print_fall(body)

@@ -210,6 +210,20 @@ def hints_table(answer: Answer) -> list[Table]:
     return [Table(["formula", "acts on", "log evidence gain", "in words"], lines)] if lines else []
 
 
+def ready_made_table(answer: Answer) -> list[Table]:
+    """Tabulate what rigs are known to do beyond the catalogue, where these readings show it."""
+    lines = [
+        [
+            str(k.get("effect") or "–"),
+            number(value(k.get("probability")), 2),
+            signed(k.get("log_evidence_gain")),
+            str(k.get("text") or ""),
+        ]
+        for k in rows(answer, "ready_made")
+    ]
+    return [Table(["ready-made effect", "probability", "log evidence gain", "in words"], lines)] if lines else []
+
+
 def next_cases_table(answer: Answer) -> list[Table]:
     """Tabulate the load cases that would tell most."""
     lines = []

@@ -16,7 +16,7 @@ from scipy.stats import multivariate_normal, norm
 from fingermodel.diagnosis.calibration import calibrate
 from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else, pairs_of, single
 from fingermodel.diagnosis.confounding import confounding
-from fingermodel.diagnosis.evidence import Weighed, estimates_at
+from fingermodel.diagnosis.evidence import Other, Weighed, estimates_at
 from fingermodel.diagnosis.linear import Linear, log_mass
 from fingermodel.diagnosis.verdict import inclusion, judge
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard
@@ -158,7 +158,7 @@ def verdict_of(
             )
     nothing = next(r for r in rows if r.explanation.size == 0)
     evidence = SimpleNamespace(
-        probability=probability, weighed=tuple(rows), nothing=nothing, other_amplitude_N=0.1, other_log_evidence=0.0
+        probability=probability, weighed=tuple(rows), nothing=nothing, other=Other(log_evidence=0.0, amplitude_N=0.1)
     )
     linear = straight(1, effects=4)
     return judge(

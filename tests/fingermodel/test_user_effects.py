@@ -429,11 +429,11 @@ def test_ranges_become_priors(topology: Topology) -> None:
 def test_what_cannot_act_in_a_session_stays_fixed(topology: Topology) -> None:
     shunt = load_effect(Path("force_shunt"))
     at_tip = Layout(ANY_LAYOUT.settings, (("tip", 0),))
-    assert {p.name: p.sd > 0 for p in shunt.parameters(topology, at_tip)} == {
-        "force_shunt.tip": True,
-        "force_shunt.bone": False,
-    }
-    assert shunt.variants(topology, at_tip) == {"force_shunt": (("force_shunt.tip",),)}
+    expected = {f"force_shunt.{mount}": mount == "tip" for mount in ("tip", "bone")}
+    expected |= {f"force_shunt.{mount}_{axis}": mount == "tip" for mount in ("tip", "bone") for axis in "xyz"}
+    assert {p.name: p.sd > 0 for p in shunt.parameters(topology, at_tip)} == expected
+    directed = tuple(f"force_shunt.tip_{axis}" for axis in "xyz")
+    assert shunt.variants(topology, at_tip) == {"force_shunt": (("force_shunt.tip",), directed)}
     bone_only = made("force.bone[x] *= 1 - k", parameters={"k": SHARE})
     assert bone_only.parameters(topology, at_tip) == ()
     assert bone_only.variants(topology, at_tip) == {}

@@ -42,6 +42,8 @@ export function answer(job, { session, model, add, keep, planned, signal }) {
     panel("Tests that need no tendon points", body.nulls.filter((n) => n.verdict !== "not_tested").map((n) =>
       el("p", {}, el("strong", { class: n.verdict === "holds" ? "good" : "bad" }, n.verdict === "holds" ? "holds: " : "fails: "), n.text)),
     body.nulls.every((n) => n.verdict === "not_tested") ? quiet("This session's load cases allow none.") : null),
+    body.ready_made?.length ? panel("Known to happen in rigs, outside the catalogue", body.ready_made.map((k) => el("p", {}, k.text, `; probability ${percent(k.probability)}. `,
+      el("button", { class: "small", onclick: () => add([k.effect]) }, `Add ${k.effect}, and refit`)))) : null,
     body.hints.length ? panel("Hints: a place and a formula", body.hints.map((h) => el("p", {}, h.text, " ", el("code", {}, h.effect.formula), " ",
       el("button", { class: "small", onclick: () => keep({ formula: h.effect.formula }) }, "Take it in as an effect")))) : null,
     panel("What to measure next", quiet(body.next_sentence), body.next_cases.length ? next(body, planned) : null,
