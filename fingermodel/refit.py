@@ -99,7 +99,11 @@ def solve(
         np.int64(evaluations),
     )
     count = len(problem.rows)
-    return solution._replace(jacobian=solution.jacobian[:count], residual=solution.residual[:count])
+    # As plain arrays: each slice of a compiled program's result would be a program of its own.
+    return solution._replace(
+        jacobian=np.asarray(solution.jacobian)[:count],  # type: ignore[arg-type]
+        residual=np.asarray(solution.residual)[:count],  # type: ignore[arg-type]
+    )
 
 
 def _active(problem: Problem) -> NDArray[np.bool_]:

@@ -119,7 +119,7 @@ def diagnose(
         alike,
         lambda w: validation_rmse(problem, comparisons[w.explanation.names]),
     )
-    verdict = _enough(problem, verdict)
+    verdict = enough(problem, verdict)
     questioned = robustness(problem, evidence, verdict, wildcard, candidates if thorough else ())
     if verdict.kind == "nothing_missing":
         unseen = held_out(evidence.nothing.fitted, evidence.nothing.budget_factor)
@@ -166,7 +166,7 @@ def validation_rmse(problem: Problem, comparison: Comparison) -> float | None:
     return comparison.select(role="validation").errors(problem.model.finger.judged_in).rmse_N
 
 
-def _enough(problem: Problem, verdict: Verdict) -> Verdict:
+def enough(problem: Problem, verdict: Verdict) -> Verdict:
     """A few cases, or one posture, carry no verdict that names anything."""
     observations = problem.observations
     cases = [i for i in np.unique(problem.rows // 6) if observations.roles[i] == "identification"]

@@ -16,9 +16,10 @@ from scipy.stats import multivariate_normal, norm
 from fingermodel.diagnosis.calibration import calibrate
 from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else, pairs_of, single
 from fingermodel.diagnosis.confounding import confounding
+from fingermodel.diagnosis.diagnose import enough
 from fingermodel.diagnosis.evidence import Other, Weighed, estimates_at
 from fingermodel.diagnosis.linear import Linear, log_mass
-from fingermodel.diagnosis.verdict import inclusion, judge
+from fingermodel.diagnosis.verdict import LEAST_CASES, Verdict, inclusion, judge
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard
 from tests.settings import load_profile
 
@@ -168,6 +169,23 @@ def verdict_of(
         confounding(linear, candidates(4)),
         lambda _: None,
     )
+
+
+@pytest.mark.parametrize(
+    ("cases", "postures", "short"),
+    [(LEAST_CASES - 1, 3, "too few"), (LEAST_CASES, 1, "one posture"), (LEAST_CASES, 2, None)],
+)
+def test_a_few_cases_or_one_posture_name_nothing(cases: int, postures: int, short: str | None) -> None:
+    held = SimpleNamespace(
+        roles=("identification",) * cases + ("validation",) * 40,
+        postures=tuple(f"p{i % postures}" for i in range(cases)) + ("q",) * 40,
+    )
+    problem = cast("Any", SimpleNamespace(rows=np.arange(6 * cases), observations=held))
+    found = enough(problem, Verdict("found", ("e0",), ("e0",), 0.97))
+    assert found.kind == ("found" if short is None else "undecided")
+    assert found.effects == (("e0",) if short is None else ())
+    assert bool(found.short) == (short is not None)
+    assert all(short in s for s in found.short if short)
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -62,23 +64,32 @@ def test_a_straightened_form_is_the_slope_of_the_ready_made_effect(
     name: str, form: int, parameters: dict[str, float]
 ) -> None:
     bench = open_bench("DEV-02", catalogue=True, effects=[name])
-    table, inputs = bench.model.parameters, bench.observations.inputs
+    # Every second case as if weight had been taken off, so that something can lag.
+    turned = np.arange(len(bench.observations.ids)) % 2 == 1
+    inputs = bench.observations.inputs._replace(unloading=jnp.asarray(turned))
+    bench = replace(bench, observations=replace(bench.observations, inputs=inputs))
+    table = bench.model.parameters
     moved = table.centre.copy()
     for parameter, width in parameters.items():
         moved[table.index[f"{name}.{parameter}"]] = 1e-3 * width
     now = np.asarray(bench.model.predict(inputs, table.centre).reading)
     change = (np.asarray(bench.model.predict(inputs, moved).reading) - now) / 1e-3
-    found = forms_of(bench, name)
-    if not found:
-        # No case was reached by taking weight off, so nothing lags.
-        assert not np.asarray(inputs.unloading).any()
-        return
-    np.testing.assert_allclose(found[form].columns[:, :, 0], change, atol=2e-3 * np.abs(change).max())
+    found = forms_of(bench, name)[form].columns[:, :, 0]
+    assert np.abs(change).max() > 0.01
+    if name == "hysteresis":
+        # The straightened form also has the torque of abduction lag, for fingers that have one.
+        found, change = found[:, [0, 1, 5]], change[:, [0, 1, 5]]
+    np.testing.assert_allclose(found, change, atol=2e-3 * np.abs(change).max())
 
 
 @pytest.mark.parametrize(
     ("seed", "outside"),
-    [(1018, "force_shunt"), (1012, "edc_subluxation"), (1003, "seating"), (1011, "tissue_relaxation")],
+    [
+        (1018, "force_shunt"),
+        (1012, "edc_subluxation"),
+        pytest.param(1003, "seating", marks=pytest.mark.full),
+        pytest.param(1011, "tissue_relaxation", marks=pytest.mark.full),
+    ],
 )
 def test_a_known_thing_is_recognised_in_other_physics(tmp_path: Path, seed: int, outside: str) -> None:
     draw_session(tmp_path, seed, outside=outside, protocol="three_levels" if seed % 4 == 3 else "dev")
@@ -87,14 +98,20 @@ def test_a_known_thing_is_recognised_in_other_physics(tmp_path: Path, seed: int,
     assert found[0].name == outside
 
 
-@pytest.mark.parametrize("session", ["DEV-01", "DEV-04"])
-def test_it_is_not_seen_where_the_catalogue_has_it_or_nothing_is_missing(session: str) -> None:
-    bench = open_bench(session, catalogue=True)
+def test_it_is_not_seen_where_nothing_is_missing() -> None:
+    bench = open_bench("DEV-01", catalogue=True)
     nothing = base_of(bench)
-    known = known_beyond(nothing, candidates_of(bench.model))
     # Half the prior is on nothing: a gain that cannot overturn it names nothing.
-    assert all(k.log_evidence - nothing.log_evidence < 3.0 for k in known) or session == "DEV-04"
-    assert known_beyond(nothing, candidates_of(bench.model), had=shipped_effects()) == ()
+    found = known_beyond(nothing, candidates_of(bench.model))
+    assert all(k.log_evidence - nothing.log_evidence < 3.0 for k in found)
+
+
+def test_it_is_not_offered_where_the_model_has_it(tmp_path: Path) -> None:
+    draw_session(tmp_path, 1018, outside="force_shunt")
+    bench = open_bench(tmp_path, catalogue=True)
+    nothing = base_of(bench)
+    names = {k.name for k in known_beyond(nothing, candidates_of(bench.model), had=["force_shunt"])}
+    assert "force_shunt" not in names
 
 
 def test_it_is_told_and_can_be_added(tmp_path: Path) -> None:

@@ -196,6 +196,7 @@ def test_a_fault_of_the_rig_shows_in_all_its_specimens(tmp_path: Path) -> None:
     assert best.value == pytest.approx([0.3, 0.2, -0.2], abs=0.08)
 
 
+@pytest.mark.full
 def test_a_few_cases_decide_nothing(tmp_path: Path) -> None:
     session = read_session("synek2019_H01")
     few = [c for c in session.cases if c.role == "identification"][:4]
