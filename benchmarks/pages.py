@@ -15,11 +15,13 @@ import os
 import statistics
 import tempfile
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 
 from benchmarks.live import RATE_HZ, SESSION, begun, hang
 from benchmarks.machine import commit, publish
@@ -44,6 +46,8 @@ WARM_S = 15.0
 PAINTED = "() => performance.getEntriesByName('first-contentful-paint')[0]?.startTime"
 HEADED = """() => document.querySelector('main h1')?.checkVisibility() && (window.headedMs ??= performance.now())"""
 FRAMES = "Number(document.querySelector('.bench').dataset.frames)"
+# Looks from which a trend is worth telling.
+MANY = 10
 Row = tuple[str, str, str]
 
 
@@ -107,18 +111,37 @@ def bench_page(browser: Any, url: str, minutes: float) -> list[Row]:
     took_s = looks[-1]["at_s"] - looks[0]["at_s"]
     drawn = (looks[-1]["frames"] - looks[0]["frames"]) / took_s
     worked = 100.0 * (looks[-1]["TaskDuration"] - looks[0]["TaskDuration"]) / took_s
-    sizes = ", ".join(f"{look['JSHeapUsedSize'] / 2**20:.2f}" for look in looks)
-    nodes = ", ".join(f"{look['Nodes']:.0f}" for look in looks)
-    grown = (looks[-1]["JSHeapUsedSize"] - looks[0]["JSHeapUsedSize"]) / 2**10 / (took_s / 60.0)
+    said = f"Bench at {RATE_HZ:g} readings/s, looked at every {every_s:.0f} s"
     return [
-        (f"Bench at {RATE_HZ:g} readings/s: JS heap, every {every_s:.0f} s", f"{sizes} MiB", "flat"),
-        ("the same, growth from the first to the last", f"{grown:+.1f} KiB/min", "0"),
-        ("elements of the document", nodes, "flat"),
+        *memory_rows(said, [look["JSHeapUsedSize"] for look in looks], took_s / 60.0),
+        ("elements of the document", course([look["Nodes"] for look in looks], 0), "flat"),
         ("frames drawn a second", f"{drawn:.1f}", "at most 30"),
         ("share of one core, the page's main thread", f"{worked:.1f} %", ""),
         ("complaints of the browser", f"{len(seen.complaints)}", "0"),
         ("requests elsewhere than to the service", f"{len(seen.elsewhere)}", "0"),
     ]
+
+
+def course(values: Sequence[float], digits: int) -> str:
+    """Values in order; of many, the medians of twelve parts."""
+    parts = np.array_split(np.asarray(values), min(12, len(values)))
+    return ", ".join(f"{np.median(part):.{digits}f}" for part in parts)
+
+
+def memory_rows(what: str, sizes: Sequence[float], minutes: float) -> list[Row]:
+    """How a page's memory went: `sizes` [bytes] at even times over some minutes."""
+    held = [size / 2**20 for size in sizes]
+    rows = [
+        (f"{what}: JS heap, in order", f"{course(held, 2)} MiB", "flat"),
+        ("the same, least and most", f"{min(held):.2f} and {max(held):.2f} MiB", ""),
+        ("the same, from the first to the last", f"{held[-1] - held[0]:+.2f} MiB in {minutes:.0f} minutes", "0"),
+    ]
+    later = [1024.0 * size for size in held[len(held) // 2 :]]
+    if len(later) > MANY:
+        trend, covariance = np.polyfit(np.arange(len(later)) * minutes / (len(held) - 1), later, 1, cov=True)
+        said = f"{trend[0]:+.1f} ± {2.0 * covariance[0, 0] ** 0.5:.1f} KiB/min"
+        rows.append(("the same, trend of the second half with two standard errors", said, "0"))
+    return rows
 
 
 def main() -> None:
