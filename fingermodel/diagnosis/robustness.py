@@ -42,7 +42,8 @@ class Robustness:
 
     Attributes:
         flips_when: assumptions, in words, under which something else would be favoured.
-        rests_on: parts of the data without which the verdict loses its ground (but nothing else is favoured).
+        rests_on: parts of the data without which the verdict loses its ground (but nothing else is favoured,
+            unless they are all that a mount reads).
         budget_multiple_at_which_it_fails: smallest multiple of the budget tried at which it no longer holds; None if it
             holds at all of them.
         sagittal_alone: what is favoured when only the sagittal plane counts.
@@ -111,14 +112,15 @@ def robustness(
     if verdict.kind != "nothing_missing" and not same(favours(_values_at(evidence, asked, wildcard, 2.0))):
         flips.append("the budget is twice as large")
     rests = []
-    for words, rows in left_out(problem):
+    for words, rows, whole_mount in left_out(problem):
         winner = favours(
             _refitted(problem, covariance, asked, rows, refitted) if refitted else _values(asked, gone=rows)
         )
         if same(winner):
             continue
-        # Fewer names, or none, is ground lost; other names are a contradiction.
-        if winner is None or set(winner) < names or not winner:
+        # Fewer names, or none, is ground lost; other names are a contradiction. Not so without a whole mount: it may be
+        # all that tells what the tendons pull with from what the finger makes of it.
+        if winner is None or set(winner) < names or not winner or whole_mount:
             rests.append(words)
         else:
             flips.append(f"{words} is left out: then {' and '.join(winner)}")
@@ -239,23 +241,23 @@ def _values_at(
     return {None: other + log_prior_else(), **_values(asked, budget=multiple)}
 
 
-def left_out(problem: Problem) -> list[tuple[str, NDArray[np.bool_]]]:
-    """Parts of the data to leave out, in words, and which readings go with them."""
+def left_out(problem: Problem) -> list[tuple[str, NDArray[np.bool_], bool]]:
+    """Parts of the data to leave out: in words, which readings go with them, and whether that is all of a mount's."""
     observations = problem.observations
     cases = problem.rows // 6
     out = []
     postures = dict.fromkeys(observations.postures[i] for i in cases if observations.postures[i])
     if len(postures) > 1:
-        out += [(f"posture {p}", np.array([observations.postures[i] == p for i in cases])) for p in postures]
+        out += [(f"posture {p}", np.array([observations.postures[i] == p for i in cases]), False) for p in postures]
     muscles = dict.fromkeys(m for i in cases for m in observations.masses_g[i])
     if len(muscles) > 1:
         for muscle in muscles:
             loaded = np.array([muscle in muscles_of(observations.masses_g[i]).split("+") for i in cases])
-            out.append((f"tendon {muscle}", loaded))
+            out.append((f"tendon {muscle}", loaded, False))
     places = dict.fromkeys(observations.locations[i] for i in cases)
     if len(places) > 1:
-        out += [(f"the {p} readings", np.array([observations.locations[i] == p for i in cases])) for p in places]
-    return [(words, rows) for words, rows in out if rows.sum() < 0.8 * len(rows)]
+        out += [(f"the {p} readings", np.array([observations.locations[i] == p for i in cases]), True) for p in places]
+    return [(words, rows, mount) for words, rows, mount in out if rows.sum() < 0.8 * len(rows)]
 
 
 def _spoken(winner: tuple[str, ...] | None) -> str:

@@ -19,6 +19,7 @@ from fingermodel.diagnosis.confounding import confounding
 from fingermodel.diagnosis.diagnose import enough
 from fingermodel.diagnosis.evidence import Other, Weighed, estimates_at
 from fingermodel.diagnosis.linear import Linear, log_mass
+from fingermodel.diagnosis.robustness import left_out
 from fingermodel.diagnosis.verdict import LEAST_CASES, Verdict, inclusion, judge
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard
 from tests.settings import load_profile
@@ -169,6 +170,19 @@ def verdict_of(
         confounding(linear, candidates(4)),
         lambda _: None,
     )
+
+
+def test_only_a_mounts_readings_are_a_whole_mount() -> None:
+    held = SimpleNamespace(
+        postures=("hook", "hook", "straight", "straight"),
+        masses_g=({"FDS": 500.0}, {"FDP": 500.0}) * 2,
+        locations=("tip", "bone") * 2,
+    )
+    problem = cast("Any", SimpleNamespace(rows=np.arange(24), observations=held))
+    parts = {words: (rows.sum(), mount) for words, rows, mount in left_out(problem)}
+    assert {words for words, (_, mount) in parts.items() if mount} == {"the tip readings", "the bone readings"}
+    assert {"posture hook", "posture straight", "tendon FDS", "tendon FDP"} < set(parts)
+    assert all(count == 12 for count, _ in parts.values())
 
 
 @pytest.mark.parametrize(

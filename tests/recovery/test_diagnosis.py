@@ -127,6 +127,16 @@ def test_sessions_of_other_physics_are_read_rightly(tmp_path: Path, seed: int) -
         assert set(verdict.effects) <= true, (kind, seed, effects, outside, verdict)
 
 
+@pytest.mark.full
+def test_what_only_both_mounts_tell_apart_is_named(tmp_path: Path) -> None:
+    effects, _ = draw_truth("two", 1048)
+    draw_session(tmp_path, 1048, effects)
+    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    assert found.verdict.kind == "found"
+    assert set(found.verdict.effects) == {"rig_friction", "cell_crosstalk"}
+    assert "the bone readings" in found.robustness.rests_on
+
+
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, Diagnosis, Path]:
     folder = tmp_path_factory.mktemp("hanger")
