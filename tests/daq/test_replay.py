@@ -68,7 +68,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     wire, over, cell = TcpWire(), threading.Event(), Robotiq()
     t_s = np.arange(0.0, 20.0, 0.01)
     block = ReadingBlock(t_s, np.outer(np.sin(t_s), np.arange(1.0, 7.0)))
-    faults = Faults(pulled_every_s=1.5, pulled_for_s=0.3, flipped_per_s=2.0, burst_s=0.016)
+    faults = Faults(pulled_every_s=1.5, pulled_for_s=0.3, flipped_per_s=6.0, burst_s=0.016)
     player = threading.Thread(target=Player(RobotiqStandIn(), wire, [block], faults).run, args=(over.is_set,))
     player.start()
     run = Acquisition(cell, lambda: connect(cell, wire.address))
