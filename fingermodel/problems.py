@@ -11,10 +11,11 @@ from jax import Array
 from numpy.typing import NDArray
 
 from daq.errors import SessionError
-from fingermodel.fingers import Plane
-from fingermodel.model import Model
+from fingermodel.fingers import FingerValues, Plane
+from fingermodel.model import Model, jax_values
 from fingermodel.observations import Observations
 from fingermodel.stages import LoadCaseInput
+from fingermodel.tiles import Tiles
 
 Floats = NDArray[np.float64]
 
@@ -33,20 +34,22 @@ class FittedReadings:
     Cases and rows are filled up to round numbers; what fills them counts for nothing.
 
     Attributes:
-        of: rows and whitener that these are made of.
+        of: rows, whitener and finger that these are made of.
         inputs: of the cases, with a leading axis (used cases).
         components: (used components, 6) rows of the unit matrix.
-        at: (residuals,) where each stands in the flattened (used cases, used components).
-        wrench: (residuals,) measured [N, N mm].
-        whitener: (residuals, residuals), with zeros where the rows are filled up.
+        at: (rows filled up,) where each stands in the flattened (used cases, used components).
+        measured: (rows,) without what they are filled up with [N, N mm].
+        whitener: (rows, rows), in tiles.
+        values: the finger's numbers.
     """
 
-    of: tuple[NDArray[np.intp], Floats]
+    of: tuple[object, ...]
     inputs: LoadCaseInput
     components: Array
     at: Array
-    wrench: Array
-    whitener: Array
+    measured: Floats
+    whitener: Tiles
+    values: FingerValues
 
     @classmethod
     def of_problem(cls, problem: Problem) -> FittedReadings:
@@ -57,12 +60,13 @@ class FittedReadings:
         filled = np.concatenate([used, np.repeat(used[:1], -len(used) % CASES_STEP)])
         more = -len(rows) % ROWS_STEP
         return cls(
-            (rows, problem.whitener),
+            problem.source,
             LoadCaseInput(*(jnp.asarray(np.asarray(column)[filled]) for column in observations.inputs)),
             jnp.eye(6)[components],
             jnp.asarray(np.pad(case * len(components) + component, (0, more))),
-            jnp.asarray(np.pad(np.nan_to_num(observations.wrench).reshape(-1)[rows], (0, more))),
-            jnp.asarray(np.pad(problem.whitener, (0, more))),
+            np.nan_to_num(observations.wrench).reshape(-1)[rows],
+            Tiles.of(problem.whitener),
+            jax_values(problem.model.finger.values),
         )
 
 
@@ -99,11 +103,15 @@ class Problem:
 
     @property
     def fitted_readings(self) -> FittedReadings:
-        """What the compiled solver takes; made once for all problems that differ in what is free."""
-        known = self._fitted[0].of if self._fitted else (None, None)
-        if known[0] is not self.rows or known[1] is not self.whitener:
+        """What the solver takes; made once for all problems that differ in what is free."""
+        if not self._fitted or any(a is not b for a, b in zip(self._fitted[0].of, self.source, strict=True)):
             self._fitted[:] = [FittedReadings.of_problem(self)]
         return self._fitted[0]
+
+    @property
+    def source(self) -> tuple[object, ...]:
+        """What the fitted readings follow from."""
+        return self.rows, self.whitener, self.observations, self.model.finger
 
     @property
     def scale(self) -> Floats:

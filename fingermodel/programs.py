@@ -50,7 +50,7 @@ def _stored(function: Callable[..., Result], returned: tuple[type, ...]) -> Call
         if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
             out: Result = jitted(structure, *arguments)
             return out
-        key = (structure, tree, _shapes(leaves))
+        key = (structure, tree, tuple(_shape(leaf) for leaf in leaves))
         program = programs.get(key)
         if program is None:
             program = programs[key] = _program(function.__name__, jitted, structure, arguments, returned)
@@ -89,6 +89,14 @@ def _file(name: str, structure: Any, arguments: tuple[Any, ...]) -> Path | None:
     versions = (jax.__version__, jaxlib.version.__version__, jax.default_backend(), settings["jax_enable_x64"])
     said = repr((name, text, str(tree), _shapes(leaves), versions, _sources()))
     return Path(folder) / "traced" / f"{name.strip('_')}-{hashlib.sha256(said.encode()).hexdigest()}"
+
+
+def _shape(leaf: Any) -> tuple[Any, Any]:
+    """Shape and type of a leaf: asked for at every call, so without making text of it."""
+    try:
+        return leaf.shape, leaf.dtype
+    except AttributeError:
+        return np.shape(leaf), np.result_type(leaf)
 
 
 def _shapes(leaves: Sequence[Any]) -> tuple[tuple[tuple[int, ...], str], ...]:

@@ -68,7 +68,7 @@ EVALUATIONS = 400
 def solve(
     problem: Problem, start: Floats, floor: float = FLOOR, evaluations: int = EVALUATIONS, whole: bool = False
 ) -> Solution:
-    """Run the compiled solver; the answer is in coordinates scaled about the priors' centre.
+    """Minimise a problem; the answer is in coordinates scaled about the priors' centre.
 
     Args:
         problem: to solve.
@@ -77,32 +77,33 @@ def solve(
         evaluations: at most so many.
         whole: also give the slopes of effects that are neither free nor off their null; without it they are zero.
     """
-    scale = problem.scale
-    fitted = problem.fitted_readings
-    solution = _solve(
-        problem.model.structure,
-        problem.model.finger.values,
-        fitted.inputs,
-        fitted.components,
-        fitted.at,
-        fitted.wrench,
-        fitted.whitener,
-        problem.centre,
-        scale,
-        (start - problem.centre) / scale,
-        problem.weight,
-        (problem.lower - problem.centre) / scale,
-        (problem.upper - problem.centre) / scale,
-        problem.free,
-        np.ones(len(problem.model.structure.effects), dtype=bool) if whole else _active(problem),
-        np.float64(floor if problem.weighted else 1e-18),
-        np.int64(evaluations),
-    )
+    scale, centre, fitted, structure = problem.scale, problem.centre, problem.fitted_readings, problem.model.structure
+    active = np.ones(len(structure.effects), dtype=bool) if whole else _active(problem)
     count = len(problem.rows)
-    # As plain arrays: each slice of a compiled program's result would be a program of its own.
-    return solution._replace(
-        jacobian=np.asarray(solution.jacobian)[:count],  # type: ignore[arg-type]
-        residual=np.asarray(solution.residual)[:count],  # type: ignore[arg-type]
+
+    def residuals(x: Floats) -> Floats:
+        predicted = _predicted(
+            structure, fitted.values, fitted.inputs, fitted.components, fitted.at, active, centre + scale * x
+        )
+        return fitted.whitener @ (fitted.measured - np.asarray(predicted)[:count])
+
+    def slopes(x: Floats) -> Floats:
+        jacobian = _slopes(
+            structure, fitted.values, fitted.inputs, fitted.components, fitted.at, scale, active, centre + scale * x
+        )
+        return fitted.whitener @ np.asarray(jacobian)[:count]
+
+    return minimise(
+        residuals,
+        slopes,
+        (start - centre) / scale,
+        np.zeros_like(start),
+        problem.weight,
+        (problem.lower - centre) / scale,
+        (problem.upper - centre) / scale,
+        problem.free,
+        floor=floor if problem.weighted else 1e-18,
+        max_evaluations=evaluations,
     )
 
 
@@ -112,51 +113,41 @@ def _active(problem: Problem) -> NDArray[np.bool_]:
     return np.array([moved[a:b].any() for a, b in problem.model.structure.slices])
 
 
-@stored(Solution)
-def _solve(
+@stored()
+def _predicted(
     structure: Structure,
     values: FingerValues,
     cases: LoadCaseInput,
     components: Array,
     rows: Array,
-    wrench: Array,
-    whitener: Array,
-    centre: Array,
-    scale: Array,
-    start: Array,
-    weight: Array,
-    lower: Array,
-    upper: Array,
-    free: Array,
     active: Array,
-    floor: Array,
-    evaluations: Array,
-) -> Solution:
+    theta: Array,
+) -> Array:
+    """Predicted readings (rows,) [N, N mm]."""
+    parts = parts_of(structure, theta)
+    reading: Array = jax.vmap(lambda case: predict_parts(structure, values, parts, case, active).reading)(cases)
+    return (reading @ components.T).reshape(-1)[rows]
+
+
+@stored()
+def _slopes(
+    structure: Structure,
+    values: FingerValues,
+    cases: LoadCaseInput,
+    components: Array,
+    rows: Array,
+    scale: Array,
+    active: Array,
+    theta: Array,
+) -> Array:
+    """Slopes of what is measured less what is predicted (rows, parameters), in scaled coordinates."""
     count = cases.setting.shape[0]
 
     def readings(parts: tuple[Array, ...]) -> Array:
         return jax.vmap(lambda own, case: predict_parts(structure, values, own, case, active).reading)(parts, cases)
 
-    def linearise(x: Array) -> tuple[Array, Array]:
-        theta = centre + scale * x
-        # Every case with parameters of its own: one reverse pass a component then differentiates all cases.
-        reading, pull_back = jax.vjp(readings, parts_of(structure, jnp.broadcast_to(theta, (count, theta.shape[0]))))
-        back = jax.vmap(lambda component: pull_back(jnp.broadcast_to(component, reading.shape))[0])(components)
-        slopes = jnp.concatenate(back, axis=-1)
-        jacobian = jnp.swapaxes(slopes, 0, 1).reshape(-1, theta.shape[0])[rows]
-        predicted = (reading @ components.T).reshape(-1)[rows]
-        return whitener @ (wrench - predicted), -(whitener @ (jacobian * scale))
-
-    zero = jnp.zeros_like(start)
-    return minimise(
-        linearise,
-        start,
-        zero,
-        weight,
-        lower,
-        upper,
-        free,
-        residuals=rows.shape[0],
-        floor=floor,
-        max_evaluations=evaluations,
-    )
+    # Every case with parameters of its own: one reverse pass a component then differentiates all cases.
+    reading, pull_back = jax.vjp(readings, parts_of(structure, jnp.broadcast_to(theta, (count, theta.shape[0]))))
+    back = jax.vmap(lambda component: pull_back(jnp.broadcast_to(component, reading.shape))[0])(components)
+    slopes = jnp.concatenate(back, axis=-1)
+    return -jnp.swapaxes(slopes, 0, 1).reshape(-1, theta.shape[0])[rows] * scale

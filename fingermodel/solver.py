@@ -1,7 +1,8 @@
-"""Bounded Levenberg–Marquardt for residuals with Gaussian priors, compiled once and batched over starts or candidates.
+"""Bounded Levenberg–Marquardt for residuals with Gaussian priors.
 
-SciPy's `least_squares` keeps iterates strictly inside the bounds and calls back into Python at every step; a fit of the
-catalogue needs optima *at* bounds (one-sided effects) and hundreds of fits a second. See docs/decisions.
+SciPy's `least_squares` keeps iterates strictly inside the bounds; a fit of the catalogue needs optima *at* bounds
+(one-sided effects), and damping in prior widths. Only residuals and Jacobian are a compiled program: the linear algebra
+of a step is faster in LAPACK than in what XLA makes of it. See docs/decisions.
 """
 
 from __future__ import annotations
@@ -9,14 +10,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
-from jax import Array
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dposv
+
+Floats = NDArray[np.float64]
 
 # Evaluations in which something must be gained.
 PATIENCE = 8
 # Of the first step, per unit of mean squared residual.
 DAMPING = 0.1
+# Damping from which there is nowhere left to go, and below which it is none.
+MOST_DAMPING, LEAST_DAMPING = 1e12, 1e-15
+# Keeps directions solvable that neither data nor prior determine.
+TINY = 1e-12
 CONVERGED, STALLED, TOO_MANY, NOT_FINITE = 0, 1, 2, 3
 
 
@@ -33,127 +40,165 @@ class Solution(NamedTuple):
         decrement: twice the decrease that a further Gauss–Newton step promises.
     """
 
-    x: Array
-    objective: Array
-    jacobian: Array
-    residual: Array
-    status: Array
-    evaluations: Array
-    decrement: Array
+    x: Floats
+    objective: float
+    jacobian: Floats
+    residual: Floats
+    status: int
+    evaluations: int
+    decrement: float
 
 
-class _Loop(NamedTuple):
-    x: Array
-    residual: Array
-    jacobian: Array
-    objective: Array
-    trial: Array
-    promised: Array
-    damping: Array
-    growth: Array
-    evaluations: Array
-    decrement: Array
-    status: Array
-    milestone: Array
+class _Box(NamedTuple):
+    """The free parameters' priors and bounds, each (free,)."""
+
+    centre: Floats
+    weight: Floats
+    lower: Floats
+    upper: Floats
+
+
+class _Normal(NamedTuple):
+    """The problem straightened about a point, in the free parameters.
+
+    Attributes:
+        x: (free,) the point.
+        gradient: (free,) half the objective's.
+        hessian: (free, free) half the objective's, of Gauss and Newton.
+        level: mean squared residual.
+    """
+
+    x: Floats
+    gradient: Floats
+    hessian: Floats
+    level: float
+
+    @classmethod
+    def about(cls, x: Floats, residual: Floats, jacobian: Floats, box: _Box) -> _Normal:
+        """Make the normal equations; `jacobian` is (residuals, free)."""
+        hessian = jacobian.T @ jacobian
+        hessian[np.diag_indices(len(x))] += box.weight + TINY
+        gradient = residual @ jacobian + box.weight * (x - box.centre)
+        return cls(x, gradient, hessian, max(float(residual @ residual) / len(residual), TINY))
+
+    def step(self, damping: float, box: _Box) -> tuple[Floats, float] | None:
+        """Next trial (free,) within the bounds, and the decrease promised for it; None if there is no step.
+
+        The step is damped in the parameters' natural units, and the more the larger the misfit: directions that the
+        data hardly know would else be thrown far off by residuals that another parameter is to explain. Damping in
+        proportion to the misfit keeps the last steps quadratic (Yamashita & Fukushima 2001; Fan & Yuan 2005).
+        """
+        down, up = self.gradient > 0.0, self.gradient < 0.0
+        kept = np.flatnonzero(~((down & (self.x <= box.lower)) | (up & (self.x >= box.upper))))
+        if not len(kept):
+            return self.x, 0.0
+        whole = len(kept) == len(self.x)
+        hessian = self.hessian if whole else self.hessian[np.ix_(kept, kept)]
+        gradient = self.gradient[kept]
+        damped = hessian.copy()
+        damped[np.diag_indices(len(kept))] += damping * self.level
+        _, step, failed = dposv(damped, gradient, lower=True, overwrite_a=True)
+        if failed:
+            return None
+        trial = self.x.copy()
+        trial[kept] = np.clip(self.x[kept] - step, box.lower[kept], box.upper[kept])
+        move = trial[kept] - self.x[kept]
+        return trial, -float(2.0 * gradient @ move + move @ hessian @ move)
 
 
 def minimise(
-    linearise: Callable[[Array], tuple[Array, Array]],
-    start: Array,
-    centre: Array,
-    weight: Array,
-    lower: Array,
-    upper: Array,
-    free: Array,
+    residuals: Callable[[Floats], Floats],
+    slopes: Callable[[Floats], Floats],
+    start: Floats,
+    centre: Floats,
+    weight: Floats,
+    lower: Floats,
+    upper: Floats,
+    free: NDArray[np.bool_],
     *,
-    residuals: int | None = None,
-    floor: Array | float = 1e-18,
-    max_evaluations: Array | int = 400,
+    floor: float = 1e-18,
+    max_evaluations: int = 400,
     tolerance: float = 1e-9,
 ) -> Solution:
     """Minimise |r(x)|² + Σ weight (x − centre)² within bounds, over the free parameters.
 
     Args:
-        linearise: x to residuals (residuals,) and their Jacobian (residuals, parameters).
+        residuals: x to residuals (residuals,).
+        slopes: x to their Jacobian (residuals, parameters); asked for only where a step has led to something better,
+            since it takes ten times as long.
         start: (parameters,) first guess; scaled so that a step of one is a natural step.
         centre: (parameters,) of the prior.
         weight: (parameters,) prior precision, 0 for a flat prior.
         lower: (parameters,) bound.
         upper: (parameters,) bound.
         free: (parameters,) bool.
-        residuals: how many there are; given, `linearise` is traced once instead of twice.
         floor: converged once a further step promises less than this …
         tolerance: … or less than this fraction of the objective.
         max_evaluations: of the residuals.
     """
-    tiny = 1e-12  # keeps directions solvable that neither data nor prior determine
+    # What is not finite is said by the status; it is not worth a warning at each operation.
+    with np.errstate(invalid="ignore", over="ignore"):
+        ends = floor, tolerance, max_evaluations
+        return _minimise(residuals, slopes, start, centre, weight, (lower, upper), free, ends)
 
-    def step(x: Array, residual: Array, jacobian: Array, damping: Array) -> tuple[Array, Array]:
-        """Next trial within the bounds, and the decrease that the linearised problem promises for it."""
-        gradient = residual @ jacobian + weight * (x - centre)
-        held = ~free | ((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0))
-        keep = (~held).astype(gradient.dtype)
-        gradient = gradient * keep
-        hessian = (jacobian.T @ jacobian + jnp.diag(weight + tiny)) * jnp.outer(keep, keep) + jnp.diag(1.0 - keep)
-        # The step is damped in the parameters' natural units, and the more the larger the misfit: directions that the
-        # data hardly know would else be thrown far off by residuals that another parameter is to explain. Damping in
-        # proportion to the misfit keeps the last steps quadratic (Yamashita & Fukushima 2001; Fan & Yuan 2005).
-        level = damping * jnp.maximum(residual @ residual / residual.shape[0], tiny)
-        factor = jnp.linalg.cholesky(hessian + level * jnp.diag(keep))
-        trial = jnp.clip(x - jax.scipy.linalg.cho_solve((factor, True), gradient), lower, upper)
-        move = trial - x
-        return trial, -(2.0 * gradient @ move + move @ hessian @ move)
 
-    def turn(loop: _Loop) -> _Loop:
-        # One evaluation a turn gives residuals and Jacobian together, so that the model is compiled once.
-        residual, jacobian = linearise(loop.trial)
-        objective = residual @ residual + jnp.sum(weight * (loop.trial - centre) ** 2)
-        gained = loop.objective - objective
-        first = loop.evaluations == 0
-        better = jnp.isfinite(objective) & (gained > 0.0)
-        x = jnp.where(better, loop.trial, loop.x)
-        residual = jnp.where(better, residual, loop.residual)
-        jacobian = jnp.where(better, jacobian, loop.jacobian)
-        # Nielsen's rule: damping falls smoothly with the quality of the step, and rises ever faster on failures.
-        ratio = gained / jnp.where(loop.promised > 0.0, loop.promised, 1.0)
-        eased = loop.damping * jnp.maximum(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
-        damping = jnp.where(better, jnp.maximum(eased, 1e-15), loop.damping * loop.growth)
-        damping = jnp.where(first, loop.damping, damping)
-        growth = jnp.where(better, 2.0, loop.growth * 2.0)
-        best = jnp.where(better, objective, loop.objective)
-        trial, promised = step(x, residual, jacobian, damping)
-        decrement = jnp.abs(promised)
-        evaluations = loop.evaluations + 1
+def _minimise(
+    residuals: Callable[[Floats], Floats],
+    slopes: Callable[[Floats], Floats],
+    start: Floats,
+    centre: Floats,
+    weight: Floats,
+    bounds: tuple[Floats, Floats],
+    free: NDArray[np.bool_],
+    ends: tuple[float, float, int],
+) -> Solution:
+    (lower, upper), (floor, tolerance, max_evaluations) = bounds, ends
+    at = np.flatnonzero(free)
+    box = _Box(centre[at], weight[at], lower[at], upper[at])
+    x = np.clip(start, lower, upper)
+    residual = residuals(x)
+    jacobian = slopes(x)
+    best = _objective(residual, x, centre, weight)
+    if not np.isfinite(best):
+        return Solution(x, np.inf, np.zeros_like(jacobian), np.zeros_like(residual), NOT_FINITE, 1, np.inf)
+    normal = _Normal.about(x[at], residual, jacobian[:, at], box)
+    damping, growth, evaluations, milestone = DAMPING, 2.0, 1, np.inf
+    while True:
+        # A point without finite slopes offers no step however much it is damped.
+        step = normal.step(damping, box) if np.isfinite(normal.gradient).all() else None
+        decrement = np.inf if step is None else abs(step[1])
         # At a kink of the model (a tendon coming to rest on a bone) steps go on to promise what they cannot keep.
         counted = evaluations % PATIENCE == 0
-        crawling = counted & (loop.milestone - best < 10.0 * floor)
-        milestone = jnp.where(counted, best, loop.milestone)
-        status = jnp.where(
-            decrement <= tolerance * best + floor,
-            CONVERGED,
-            jnp.where((damping > 1e12) | crawling, STALLED, jnp.where(evaluations >= max_evaluations, TOO_MANY, -1)),
-        )
-        status = jnp.where(first & ~jnp.isfinite(objective), NOT_FINITE, status)
-        return _Loop(
-            x, residual, jacobian, best, trial, promised, damping, growth, evaluations, decrement, status, milestone
-        )
+        crawling = counted and milestone - best < 10.0 * floor
+        milestone = best if counted else milestone
+        status = -1
+        if decrement <= tolerance * best + floor:
+            status = CONVERGED
+        elif damping > MOST_DAMPING or crawling:
+            status = STALLED
+        elif evaluations >= max_evaluations:
+            status = TOO_MANY
+        if status >= 0:
+            return Solution(x, best, jacobian, residual, status, evaluations, decrement)
+        evaluations += 1
+        gained = -np.inf
+        if step is not None:
+            trial = x.copy()
+            trial[at], promised = step
+            tried = residuals(trial)
+            objective = _objective(tried, trial, centre, weight)
+            gained = best - objective if np.isfinite(objective) else -np.inf
+        if gained > 0.0:
+            x, residual, jacobian, best = trial, tried, slopes(trial), objective
+            normal = _Normal.about(x[at], residual, jacobian[:, at], box)
+            # Nielsen's rule: damping falls smoothly with the quality of the step, and rises ever faster on failures.
+            ratio = min(gained / promised if promised > 0.0 else gained, 2.0)
+            damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3), LEAST_DAMPING)
+            growth = 2.0
+        else:
+            damping *= growth
+            growth *= 2.0
 
-    count = jax.eval_shape(linearise, start)[0].shape[0] if residuals is None else residuals
-    start = jnp.clip(start, lower, upper)
-    infinite = jnp.array(jnp.inf)
-    begin = _Loop(
-        x=start,
-        residual=jnp.zeros(count),
-        jacobian=jnp.zeros((count, start.shape[0])),
-        objective=infinite,
-        trial=start,
-        promised=infinite,
-        damping=jnp.array(DAMPING),
-        growth=jnp.array(2.0),
-        evaluations=jnp.array(0),
-        decrement=infinite,
-        status=jnp.array(-1),
-        milestone=infinite,
-    )
-    end = jax.lax.while_loop(lambda loop: loop.status < 0, turn, begin)
-    return Solution(end.x, end.objective, end.jacobian, end.residual, end.status, end.evaluations, end.decrement)
+
+def _objective(residual: Floats, x: Floats, centre: Floats, weight: Floats) -> float:
+    return float(residual @ residual) + float(np.sum(weight * (x - centre) ** 2))

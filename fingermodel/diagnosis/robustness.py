@@ -25,6 +25,7 @@ from fingermodel.diagnosis.search import Searcher
 from fingermodel.diagnosis.verdict import Verdict
 from fingermodel.diagnosis.wildcard import Wildcard
 from fingermodel.problems import Problem
+from fingermodel.tiles import Tiles
 
 Floats = NDArray[np.float64]
 
@@ -77,7 +78,8 @@ def robustness(
     named = [w for w in evidence.weighed if w.explanation.size][:ASKED]
     root = np.asarray(np.linalg.inv(problem.whitener), dtype=np.float64)
     covariance = root @ root.T
-    asked = [_Asked.of(w, root, covariance) for w in (*named, evidence.nothing)]
+    noise = _Noise.of(covariance)
+    asked = [_Asked.of(w, root, noise) for w in (*named, evidence.nothing)]
     names = set(verdict.names)
     flips: list[str] = []
 
@@ -86,6 +88,9 @@ def robustness(
         # Another verdict would need nine times the odds; less than that is doubt, not a contradiction.
         kept = [k for k in values if same(k) and values[k] > values[winner] - CLEAR_ODDS]
         return max(kept, key=lambda k: values[k]) if kept else winner
+
+    def without(gone: NDArray[np.bool_]) -> dict[tuple[str, ...] | None, float]:
+        return _values(asked, _Noise.of(covariance, gone))
 
     def same(winner: tuple[str, ...] | None) -> bool:
         if verdict.kind == "nothing_missing":
@@ -97,7 +102,7 @@ def robustness(
         return names <= set(winner)
 
     if verdict.kind == "none_of_catalogue":
-        return Robustness((), (), None, _spoken(favours(_values(asked, gone=problem.rows % 6 == 2))))
+        return Robustness((), (), None, _spoken(favours(without(problem.rows % 6 == 2))))
     for nothing in (0.25, 0.75):
         values = {
             names_: np.log(max(p, 1e-300)) + _reweight(names_, nothing) for names_, p in evidence.probability.items()
@@ -105,17 +110,15 @@ def robustness(
         if not same(favours(values)):
             flips.append(f"the prior on nothing missing is {nothing:g}")
     for factor, words in ((0.5, "half"), (2.0, "twice")):
-        values = _values(asked, effect=factor)
+        values = _values(asked, noise, effect=factor)
         values[None] = evidence.other.log_evidence + log_prior_else()
         if not same(favours(values)):
             flips.append(f"effects are expected {words} as large")
-    if verdict.kind != "nothing_missing" and not same(favours(_values_at(evidence, asked, wildcard, 2.0))):
+    if verdict.kind != "nothing_missing" and not same(favours(_values_at(evidence, asked, noise, wildcard, 2.0))):
         flips.append("the budget is twice as large")
     rests = []
     for words, rows, whole_mount in left_out(problem):
-        winner = favours(
-            _refitted(problem, covariance, asked, rows, refitted) if refitted else _values(asked, gone=rows)
-        )
+        winner = favours(_refitted(problem, covariance, asked, rows, refitted) if refitted else without(rows))
         if same(winner):
             continue
         # Fewer names, or none, is ground lost; other names are a contradiction. Not so without a whole mount: it may be
@@ -126,10 +129,10 @@ def robustness(
             flips.append(f"{words} is left out: then {' and '.join(winner)}")
     fails = None
     if verdict.kind in ("found", "one_of"):
-        fails = next((m for m in MULTIPLES if not same(favours(_values_at(evidence, asked, wildcard, m)))), None)
-    planar = favours(_values(asked, gone=problem.rows % 6 == 2))
+        fails = next((m for m in MULTIPLES if not same(favours(_values_at(evidence, asked, noise, wildcard, m)))), None)
+    planar = favours(without(problem.rows % 6 == 2))
     moments = problem.rows % 6 >= 3
-    forces = favours(_values(asked, gone=moments)) if moments.any() else None
+    forces = favours(without(moments)) if moments.any() else None
     on_moments = bool(moments.any()) and verdict.kind in ("found", "one_of") and not same(forces)
     return Robustness(tuple(flips), tuple(rests), fails, _spoken(planar), on_moments)
 
@@ -139,72 +142,101 @@ def _reweight(names: tuple[str, ...] | None, nothing: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
+class _Noise:
+    """Noise of the readings that are kept.
+
+    Attributes:
+        kept: (n,) bool.
+        covariance: (kept, kept) of them.
+        whitener: (kept, kept) of them.
+        log_size: what it adds to a log evidence.
+    """
+
+    kept: NDArray[np.bool_]
+    covariance: Floats
+    whitener: Tiles
+    log_size: float
+
+    @classmethod
+    def of(cls, covariance: Floats, gone: NDArray[np.bool_] | None = None) -> _Noise:
+        """Of some readings' covariance (n, n) less those that are gone."""
+        kept = np.ones(len(covariance), dtype=bool) if gone is None else ~gone
+        own = covariance[np.ix_(kept, kept)]
+        factor = np.linalg.cholesky(own)
+        return cls(kept, own, Tiles.of(np.linalg.inv(factor)), -float(np.log(np.diag(factor)).sum()))
+
+
+@dataclass(frozen=True, eq=False)
 class _Asked:
-    """An explanation straightened out about its optimum, the error of its form allowed for, in the readings' units.
+    """An explanation straightened out about its optimum, the error of its form allowed for.
 
     Attributes:
         weighed: the explanation.
-        y: (n,) readings, the constant part of the model taken off.
-        noise: (n, n) covariance of noise and of the error of its form.
-        base: (n, n) covariance that the base's priors make.
-        own: (n, k) slopes of its own parameters, in prior widths.
-        one_sided: (k,).
+        columns: (n, 1 + parameters) in the readings' units, side by side: the readings, the constant part of the model
+            taken off; slopes of its own parameters, then of the base, in prior widths.
+        error: (n, n) covariance that the error of its form makes; None if there is none.
+        own: how many parameters are its own.
+        one_sided: (own,).
         rest: what the straightened model leaves out of the log evidence.
     """
 
     weighed: Weighed
-    y: Floats
-    noise: Floats
-    base: Floats
-    own: Floats
+    columns: Floats
+    error: Floats | None
+    own: int
     one_sided: NDArray[np.bool_]
     rest: float = 0.0
 
     @classmethod
-    def of(cls, weighed: Weighed, root: Floats, covariance: Floats) -> _Asked:
-        """Straighten out; `root` (n, n) takes whitened readings back to their units, `covariance` (n, n) is theirs."""
+    def of(cls, weighed: Weighed, root: Floats, noise: _Noise) -> _Asked:
+        """Straighten out; `root` (n, n) takes whitened readings back to their units."""
         fitted, linear = weighed.fitted, weighed.fitted.linear
         own = [i for i in weighed.explanation.parameters if i in set(fitted.moving)]
-        base = root @ linear.h[:, np.setdiff1d(fitted.inner, own)]
-        error = root @ (weighed.form.root * (weighed.form_error if weighed.explanation.size else 0.0))
-        straight = cls(
-            weighed,
-            root @ linear.y,
-            covariance + error @ error.T,
-            base @ base.T,
-            root @ linear.h[:, own],
-            linear.one_sided[own],
-        )
-        return replace(straight, rest=weighed.log_evidence - straight.value())
+        base = np.setdiff1d(fitted.inner, own)
+        columns = root @ np.concatenate([linear.y[:, None], linear.h[:, own], linear.h[:, base]], axis=1)
+        error = None
+        if weighed.explanation.size and weighed.form_error:
+            of_form = root @ (weighed.form.root * weighed.form_error)
+            error = of_form @ of_form.T
+        straight = cls(weighed, columns, error, len(own), linear.one_sided[own])
+        return replace(straight, rest=weighed.log_evidence - straight.value(noise))
 
-    def value(self, gone: NDArray[np.bool_] | None = None, budget: float | None = None, effect: float = 1.0) -> float:
-        """Log evidence without some readings, with another budget, or with the effect expected larger or smaller.
+    def value(self, noise: _Noise, budget: float | None = None, effect: float = 1.0) -> float:
+        """Log evidence from what is read with some noise, with another budget, or an effect expected larger or smaller.
 
         Unless it is given, the budget's size is left open.
         """
-        kept = np.ones(len(self.y), dtype=bool) if gone is None else ~gone
+        kept = self.columns[noise.kept]
+        if self.error is None:
+            white, log_size = noise.whitener @ kept, noise.log_size
+        else:
+            factor = np.linalg.cholesky(noise.covariance + self.error[np.ix_(noise.kept, noise.kept)])
+            white, log_size = solve_triangular(factor, kept, lower=True), -float(np.log(np.diag(factor)).sum())
+        gram = white.T @ white
         if budget is None:
-            each = [self._at(kept, float(b), effect) for b in BUDGET_FACTORS]
-            return float(logsumexp(np.array(each) + budget_log_weight())) + self.rest
-        return self._at(kept, budget, effect) + self.rest
+            each = [self._at(gram, float(b), effect) for b in BUDGET_FACTORS]
+            return float(logsumexp(np.array(each) + budget_log_weight())) + log_size + self.rest
+        return self._at(gram, budget, effect) + log_size + self.rest
 
-    def _at(self, kept: NDArray[np.bool_], budget: float, effect: float) -> float:
-        own = effect * self.own
-        covariance = self.noise + budget**2 * self.base + own @ own.T
-        factor = np.linalg.cholesky(covariance[np.ix_(kept, kept)])
-        z = solve_triangular(factor, np.column_stack([self.y, own])[kept], lower=True)
-        value = float(-0.5 * z[:, 0] @ z[:, 0] - np.log(np.diag(factor)).sum())
+    def _at(self, gram: Floats, budget: float, effect: float) -> float:
+        """Ln N(y; 0, 1 + A Aᵀ) without its constant, from [y, A]ᵀ [y, A] before the priors are widened."""
+        width = np.full(len(gram) - 1, budget)
+        width[: self.own] = effect
+        right = gram[1:, 0] * width
+        factor = np.linalg.cholesky(np.eye(len(width)) + gram[1:, 1:] * np.outer(width, width))
+        explained = solve_triangular(factor, np.column_stack([right, np.eye(len(width), self.own)]), lower=True)
+        value = float(-0.5 * (gram[0, 0] - explained[:, 0] @ explained[:, 0]) - np.log(np.diag(factor)).sum())
         if not self.one_sided.any():
             return value
-        spread = np.eye(own.shape[1]) - z[:, 1:].T @ z[:, 1:] + 1e-12 * np.eye(own.shape[1])
-        return value + log_mass(z[:, 1:].T @ z[:, 0], np.linalg.inv(spread), self.one_sided)
+        spread = explained[:, 1:].T @ explained[:, 1:]
+        return value + log_mass(explained[:, 1:].T @ explained[:, 0], np.linalg.inv(spread), self.one_sided)
 
 
 def _values(
-    asked: Iterable[_Asked], gone: NDArray[np.bool_] | None = None, budget: float | None = None, effect: float = 1.0
+    asked: Iterable[_Asked], noise: _Noise, budget: float | None = None, effect: float = 1.0
 ) -> dict[tuple[str, ...] | None, float]:
     """Log posteriors under another assumption; explanations of the same names add up."""
-    return _by_names((one.weighed, one.value(gone, budget, effect)) for one in asked)
+    return _by_names((one.weighed, one.value(noise, budget, effect)) for one in asked)
 
 
 def _by_names(evidences: Iterable[tuple[Weighed, float]]) -> dict[tuple[str, ...] | None, float]:
@@ -234,11 +266,11 @@ def _refitted(
 
 
 def _values_at(
-    evidence: Evidence, asked: Iterable[_Asked], wildcard: Wildcard, multiple: float
+    evidence: Evidence, asked: Iterable[_Asked], noise: _Noise, wildcard: Wildcard, multiple: float
 ) -> dict[tuple[str, ...] | None, float]:
     """Log posteriors with the budget so many times as large."""
     other = other_at_budget(evidence.nothing.fitted, wildcard, multiple)[0]
-    return {None: other + log_prior_else(), **_values(asked, budget=multiple)}
+    return {None: other + log_prior_else(), **_values(asked, noise, budget=multiple)}
 
 
 def left_out(problem: Problem) -> list[tuple[str, NDArray[np.bool_], bool]]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dormqr, dptsv, dsytrd
 from scipy.special import erf, logsumexp
 
 from fingermodel.diagnosis.linear import Linear
@@ -120,8 +121,7 @@ def form_of(problem: Problem, change: Floats) -> Floats:
 
 
 def _whitened(problem: Problem, columns: Floats) -> Floats:
-    out: Floats = problem.whitener @ columns[:, np.abs(columns).sum(axis=0) > 0]
-    return out
+    return problem.fitted_readings.whitener @ columns[:, np.abs(columns).sum(axis=0) > 0]
 
 
 def _posture_root(angles: Floats) -> Floats:
@@ -168,14 +168,8 @@ class Wildcard:
         quiet = linear.y @ linear.y - y_part @ y_part
         cross = self.root.T @ linear.y - root_part.T @ y_part
         gram = self.root.T @ self.root - root_part.T @ root_part
-        values, vectors = np.linalg.eigh(gram)
-        values = np.maximum(values, 0.0)
-        seen = (vectors.T @ cross) ** 2
-        tau2 = self.amplitudes[:, None] ** 2
-        explained = (tau2 * seen / (1.0 + tau2 * values)).sum(axis=1)
-        return np.asarray(
-            -0.5 * (quiet - explained) - 0.5 * np.log1p(tau2 * values).sum(axis=1) - np.log(np.diag(factor)).sum()
-        )
+        explained, log_size = _at_amplitudes(gram, cross, self.amplitudes)
+        return np.asarray(-0.5 * (quiet - explained) - 0.5 * log_size - np.log(np.diag(factor)).sum())
 
     def log_marginal(self, profile: Floats, scale: float) -> tuple[float, float]:
         """Log evidence over a half-normal amplitude of a given size, and the most probable amplitude."""
@@ -190,6 +184,30 @@ class Wildcard:
         chosen = self.amplitudes >= least
         total = np.where(chosen, profile, -np.inf) - np.log(chosen.sum())
         return float(logsumexp(total)), float(self.amplitudes[int(np.argmax(total))])
+
+
+def _at_amplitudes(gram: Floats, cross: Floats, amplitudes: Floats) -> tuple[Floats, Floats]:
+    """For every amplitude τ: τ² cᵀ (1 + τ² G)⁻¹ c, and ln det(1 + τ² G), each (amplitudes,).
+
+    Made tridiagonal once, which takes a third of the time of eigenvalues with their vectors; then each is a line.
+
+    Args:
+        gram: (k, k) G.
+        cross: (k,) c.
+        amplitudes: τ.
+    """
+    if len(cross) == 1:
+        tau2 = amplitudes**2
+        return tau2 * cross[0] ** 2 / (1.0 + tau2 * gram[0, 0]), np.log1p(tau2 * gram[0, 0])
+    reflectors, diagonal, beside, factors, _ = dsytrd(gram, lower=1)
+    turned = cross.copy()
+    turned[1:] = dormqr("L", "T", reflectors[1:, :-1], factors, cross[1:, None], lwork=len(cross))[0][:, 0]
+    explained, log_size = np.zeros(len(amplitudes)), np.zeros(len(amplitudes))
+    for i, tau2 in enumerate(amplitudes**2):
+        pivots, _, solved, _ = dptsv(1.0 + tau2 * diagonal, tau2 * beside, turned)
+        explained[i] = tau2 * turned @ solved
+        log_size[i] = np.log(pivots).sum()
+    return explained, log_size
 
 
 def rms_of(observations: Observations, rows: NDArray[np.intp], change: Floats) -> float:
