@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 
 # Evaluations in which something must be gained.
 PATIENCE = 8
+# What must be gained in them where the mean squared residual is so far beyond noise: a share of what is beyond it.
+FAR, CRAWL = 4.0, 3e-3
 # Of the first step, per unit of mean squared residual.
 DAMPING = 0.1
 # Damping from which there is nowhere left to go, and below which it is none.
@@ -169,7 +171,9 @@ def _minimise(
         decrement = np.inf if step is None else abs(step[1])
         # At a kink of the model (a tendon coming to rest on a bone) steps go on to promise what they cannot keep.
         counted = evaluations % PATIENCE == 0
-        crawling = counted and milestone - best < 10.0 * floor
+        # And what is far from fitting need not be known to the last digit.
+        beyond = max(best - FAR * len(residual), 0.0)
+        crawling = counted and milestone - best < 10.0 * floor + CRAWL * beyond
         milestone = best if counted else milestone
         status = -1
         if decrement <= tolerance * best + floor:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from fingermodel.tiles import Tiles
+from fingermodel.tiles import Floats, Tiles
 
 
 @given(
@@ -18,12 +18,12 @@ from fingermodel.tiles import Tiles
 )
 def test_the_product_is_that_of_the_whole_matrix(size: int, band: int, columns: int | None, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    matrix = np.asarray(np.tril(np.triu(rng.normal(size=(size, size)), -band), band // 2), dtype=np.float64)
+    matrix: Floats = np.asarray(np.tril(np.triu(rng.normal(size=(size, size)), -band), band // 2), dtype=np.float64)
     matrix[rng.random(size) < 0.2] = 0.0
-    other = rng.normal(size=size if columns is None else (size, columns))
+    other: Floats = rng.normal(size=size if columns is None else (size, columns))
     assert_allclose(Tiles.of(matrix) @ other, matrix @ other, atol=1e-12)
 
 
 def test_only_what_is_not_zero_is_kept() -> None:
-    tiles = Tiles.of(np.kron(np.eye(20), np.ones((4, 4)))).tiles
-    assert sum(block.size for *_, block in tiles) < 0.25 * 80 * 80
+    blocks: Floats = np.asarray(np.kron(np.eye(20), np.ones((4, 4))), dtype=np.float64)
+    assert sum(block.size for *_, block in Tiles.of(blocks).tiles) < 0.25 * 80 * 80
