@@ -120,7 +120,9 @@ class Model:
     def predict(self, cases: LoadCaseInput, theta: NDArray[np.float64] | None = None) -> Prediction:
         """Predict a batch of load cases, given with a leading axis on every field."""
         vector = self.parameters.initial if theta is None else theta
-        return predict_batch(self.structure, jax_values(self.finger.values), jnp.asarray(vector), cases)
+        structure = self.structure
+        everything = np.ones(len(structure.effects), dtype=bool)
+        return predict_batch(structure, jax_values(self.finger.values), jnp.asarray(vector), cases, everything)
 
     def jacobian(self, cases: LoadCaseInput, theta: NDArray[np.float64] | None = None) -> Array:
         """Derivative of every reading with respect to every parameter: (cases, 6, parameters)."""
@@ -247,9 +249,12 @@ def _acted(
 
 
 @stored(Prediction, ClampForces)
-def predict_batch(structure: Structure, values: FingerValues, theta: Array, cases: LoadCaseInput) -> Prediction:
-    """Predict many load cases: `predict_case` over the leading axis of `cases`."""
-    return jax.vmap(lambda case: predict_case(structure, values, theta, case))(cases)
+def predict_batch(
+    structure: Structure, values: FingerValues, theta: Array, cases: LoadCaseInput, active: Array | NDArray[np.bool_]
+) -> Prediction:
+    """Predict many load cases: `predict_parts` over the leading axis of `cases`."""
+    parts = parts_of(structure, theta)
+    return jax.vmap(lambda case: predict_parts(structure, values, parts, case, jnp.asarray(active)))(cases)
 
 
 @partial(jax.jit, static_argnums=0)

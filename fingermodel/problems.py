@@ -35,7 +35,8 @@ class FittedReadings:
 
     Attributes:
         of: rows, whitener and finger that these are made of.
-        inputs: of the cases, with a leading axis (used cases).
+        every_case: inputs of all cases, with a leading axis (cases).
+        inputs: of those that are used, with a leading axis (used cases).
         components: (used components, 6) rows of the unit matrix.
         at: (rows filled up,) where each stands in the flattened (used cases, used components).
         measured: (rows,) without what they are filled up with [N, N mm].
@@ -44,6 +45,7 @@ class FittedReadings:
     """
 
     of: tuple[object, ...]
+    every_case: LoadCaseInput
     inputs: LoadCaseInput
     components: Array
     at: Array
@@ -61,6 +63,7 @@ class FittedReadings:
         more = -len(rows) % ROWS_STEP
         return cls(
             problem.source,
+            LoadCaseInput(*(jnp.asarray(column) for column in observations.inputs)),
             LoadCaseInput(*(jnp.asarray(np.asarray(column)[filled]) for column in observations.inputs)),
             jnp.eye(6)[components],
             jnp.asarray(np.pad(case * len(components) + component, (0, more))),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fingermodel.fingers import FingerValues
 from fingermodel.fit_report import Fit, Optimum, Outcome, describe
-from fingermodel.model import Structure, parts_of, predict_parts
+from fingermodel.model import Structure, parts_of, predict_batch, predict_parts
 from fingermodel.problems import Problem, objective_at
 from fingermodel.programs import stored
 from fingermodel.solver import CONVERGED, NOT_FINITE, STALLED, Solution, minimise
@@ -82,10 +82,9 @@ def solve(
     count = len(problem.rows)
 
     def residuals(x: Floats) -> Floats:
-        predicted = _predicted(
-            structure, fitted.values, fitted.inputs, fitted.components, fitted.at, active, centre + scale * x
-        )
-        return fitted.whitener @ (fitted.measured - np.asarray(predicted)[:count])
+        # Of all cases, fitted or not: the program that predicts them is there anyway.
+        reading = predict_batch(structure, fitted.values, centre + scale * x, fitted.every_case, active).reading
+        return fitted.whitener @ (fitted.measured - np.asarray(reading).reshape(-1)[problem.rows])
 
     def slopes(x: Floats) -> Floats:
         jacobian = _slopes(
@@ -111,22 +110,6 @@ def _active(problem: Problem) -> NDArray[np.bool_]:
     """(effects,) which of them can change anything: those with a free parameter, or one held off its null."""
     moved = problem.free | (problem.centre != problem.model.parameters.initial)
     return np.array([moved[a:b].any() for a, b in problem.model.structure.slices])
-
-
-@stored()
-def _predicted(
-    structure: Structure,
-    values: FingerValues,
-    cases: LoadCaseInput,
-    components: Array,
-    rows: Array,
-    active: Array,
-    theta: Array,
-) -> Array:
-    """Predicted readings (rows,) [N, N mm]."""
-    parts = parts_of(structure, theta)
-    reading: Array = jax.vmap(lambda case: predict_parts(structure, values, parts, case, active).reading)(cases)
-    return (reading @ components.T).reshape(-1)[rows]
 
 
 @stored()

@@ -25,6 +25,7 @@ from fingermodel.diagnosis.evidence import (
     LEFT_OVER,
     Known,
     budget_log_weight,
+    misfit_of,
     scales,
 )
 from fingermodel.diagnosis.fitted import Fitted
@@ -261,10 +262,7 @@ def _weigh(nothing: Fitted, found: list[Form], index: int, candidates: tuple[Can
         free, scale = scales(now, factor)
         free, scale = np.concatenate([free, added]), np.concatenate([scale, np.ones(len(added))])
         value, error = form.log_marginal(form.profile(linear, free, scale), FORM_ERROR)
-        h = np.concatenate([linear.h[:, free] * scale, form.root * error], axis=1)
-        right = h.T @ linear.y
-        left = linear.y @ linear.y - right @ np.linalg.solve(np.eye(h.shape[1]) + h.T @ h, right)
-        each.append((value, float(left)))
+        each.append((value, misfit_of(linear, free, scale, form, error)))
     # The straightened model knows nothing of bounds: what the cut priors change comes from the fit itself.
     correction = now.log_evidence - now.gaussian_log_evidence
     total = np.array([value for value, _ in each]) + budget_log_weight() + correction

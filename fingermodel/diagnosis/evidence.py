@@ -17,6 +17,7 @@ from scipy.special import chdtrc, logsumexp
 
 from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else, members
 from fingermodel.diagnosis.fitted import Fitted
+from fingermodel.diagnosis.linear import Linear
 from fingermodel.diagnosis.search import Search
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard, form_of, rms_of
 from fingermodel.problems import Problem
@@ -243,11 +244,15 @@ def at_budget(fitted: Fitted, form: Wildcard, factor: float) -> tuple[float, flo
 def misfit_at(fitted: Fitted, form: Wildcard, factor: float, form_error: float) -> float:
     """χ² of the readings with the budget so many times as large, and an error of the effect's form allowed for."""
     free, scale = scales(fitted, factor)
-    h = np.concatenate([fitted.linear.h[:, free] * scale, form.root * form_error], axis=1)
-    y = fitted.linear.y
+    return min(misfit_of(fitted.linear, free, scale, form, form_error), fitted.objective)
+
+
+def misfit_of(linear: Linear, free: NDArray[np.intp], scale: Floats, form: Wildcard, form_error: float) -> float:
+    """χ² of a straightened model with some parameters free, their priors so many times as wide, and a form in error."""
+    white = form.allowed_for(form_error, np.column_stack([linear.y, linear.h[:, free] * scale]))
+    y, h = white[:, 0], white[:, 1:]
     right = h.T @ y
-    straight = float(y @ y - right @ np.linalg.solve(np.eye(h.shape[1]) + h.T @ h, right))
-    return min(straight, fitted.objective)
+    return float(y @ y - right @ np.linalg.solve(np.eye(h.shape[1]) + h.T @ h, right))
 
 
 def estimates_at(fitted: Fitted, form: Wildcard, factor: float, form_error: float) -> tuple[Floats, Floats]:
@@ -256,11 +261,12 @@ def estimates_at(fitted: Fitted, form: Wildcard, factor: float, form_error: floa
     Without it the base is bent until it makes up for the form, and values look better known than they are.
     """
     free, scale = scales(fitted, factor)
-    h = np.concatenate([fitted.linear.h[:, free] * scale, form.root * form_error], axis=1)
+    white = form.allowed_for(form_error, np.column_stack([fitted.linear.y, fitted.linear.h[:, free] * scale]))
+    y, h = white[:, 0], white[:, 1:]
     covariance = np.linalg.inv(np.eye(h.shape[1]) + h.T @ h)
     x, sd = fitted.x.copy(), np.zeros_like(fitted.x)
-    x[free] = (covariance @ (h.T @ fitted.linear.y))[: len(free)] * scale
-    sd[free] = np.sqrt(np.diag(covariance)[: len(free)]) * scale
+    x[free] = (covariance @ (h.T @ y)) * scale
+    sd[free] = np.sqrt(np.diag(covariance)) * scale
     return x, sd
 
 

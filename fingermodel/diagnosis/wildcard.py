@@ -171,6 +171,14 @@ class Wildcard:
         explained, log_size = _at_amplitudes(gram, cross, self.amplitudes)
         return np.asarray(-0.5 * (quiet - explained) - 0.5 * log_size - np.log(np.diag(factor)).sum())
 
+    def allowed_for(self, amplitude: float, columns: Floats) -> Floats:
+        """Whitened columns (n, k) in the metric of noise and of this process with an amplitude together."""
+        if amplitude == 0.0:
+            return columns
+        factor = np.linalg.cholesky(np.eye(len(self.root)) + amplitude**2 * (self.root @ self.root.T))
+        out: Floats = solve_triangular(factor, columns, lower=True)
+        return out
+
     def log_marginal(self, profile: Floats, scale: float) -> tuple[float, float]:
         """Log evidence over a half-normal amplitude of a given size, and the most probable amplitude."""
         a = self.amplitudes
