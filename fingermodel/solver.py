@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 # Evaluations in which something must be gained.
 PATIENCE = 8
 # What must be gained in them where the mean squared residual is so far beyond noise: a share of what is beyond it.
-FAR, CRAWL = 4.0, 3e-3
+FAR, CRAWL = 30.0, 3e-3
 # Of the first step, per unit of mean squared residual.
 DAMPING = 0.1
 # Damping from which there is nowhere left to go, and below which it is none.
