@@ -21,7 +21,7 @@ from server.workflow import open_bench, prepare_jax
 
 Floats = NDArray[np.float64]
 
-SESSIONS = ("DEV-01", "DEV-02", "DEV-04", "DEV-05", "DEV-08", "DEV-11")
+SESSIONS = ("DEV-01", "DEV-02", "DEV-04", "DEV-05", "DEV-08", "DEV-11", "DEV-12")
 TARGET_S, LIMIT_S, COLD_S = 1.0, 3.0, 6.0
 # Refitted by the rival: a tension effect, a reading effect and a geometry effect; the others take as long.
 REFITTED = ("hanger_mass", "zero_offset.bone", "bowstringing")

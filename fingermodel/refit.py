@@ -66,7 +66,13 @@ EVALUATIONS = 400
 
 
 def solve(
-    problem: Problem, start: Floats, floor: float = FLOOR, evaluations: int = EVALUATIONS, whole: bool = False
+    problem: Problem,
+    start: Floats,
+    floor: float = FLOOR,
+    evaluations: int = EVALUATIONS,
+    *,
+    whole: bool = False,
+    crawl: float = 0.0,
 ) -> Solution:
     """Minimise a problem; the answer is in coordinates scaled about the priors' centre.
 
@@ -75,6 +81,7 @@ def solve(
         start: (parameters,).
         floor: units of chi-square that a further step must promise; Eq 5 has no such unit and goes on to rounding.
         evaluations: at most so many.
+        crawl: of `minimise`, for fits that only have to show that they are not in question.
         whole: also give the slopes of effects that are neither free nor off their null; without it they are zero.
     """
     scale, centre, fitted, structure = problem.scale, problem.centre, problem.fitted_readings, problem.model.structure
@@ -103,6 +110,7 @@ def solve(
         problem.free,
         floor=floor if problem.weighted else 1e-18,
         max_evaluations=evaluations,
+        crawl=crawl,
     )
 
 

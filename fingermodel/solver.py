@@ -18,8 +18,8 @@ Floats = NDArray[np.float64]
 
 # Evaluations in which something must be gained.
 PATIENCE = 8
-# What must be gained in them where the mean squared residual is so far beyond noise: a share of what is beyond it.
-FAR, CRAWL = 30.0, 3e-3
+# Mean squared residual from which a fit is far off.
+FAR = 30.0
 # Of the first step, per unit of mean squared residual.
 DAMPING = 0.1
 # Damping from which there is nowhere left to go, and below which it is none.
@@ -121,6 +121,7 @@ def minimise(
     floor: float = 1e-18,
     max_evaluations: int = 400,
     tolerance: float = 1e-9,
+    crawl: float = 0.0,
 ) -> Solution:
     """Minimise |r(x)|² + Σ weight (x − centre)² within bounds, over the free parameters.
 
@@ -137,10 +138,11 @@ def minimise(
         floor: converged once a further step promises less than this …
         tolerance: … or less than this fraction of the objective.
         max_evaluations: of the residuals.
+        crawl: stalled if a few evaluations gain less than this share of what a fit that is far off has beyond that.
     """
     # What is not finite is said by the status; it is not worth a warning at each operation.
     with np.errstate(invalid="ignore", over="ignore"):
-        ends = floor, tolerance, max_evaluations
+        ends = floor, tolerance, max_evaluations, crawl
         return _minimise(residuals, slopes, start, centre, weight, (lower, upper), free, ends)
 
 
@@ -152,9 +154,9 @@ def _minimise(
     weight: Floats,
     bounds: tuple[Floats, Floats],
     free: NDArray[np.bool_],
-    ends: tuple[float, float, int],
+    ends: tuple[float, float, int, float],
 ) -> Solution:
-    (lower, upper), (floor, tolerance, max_evaluations) = bounds, ends
+    (lower, upper), (floor, tolerance, max_evaluations, crawl) = bounds, ends
     at = np.flatnonzero(free)
     box = _Box(centre[at], weight[at], lower[at], upper[at])
     x = np.clip(start, lower, upper)
@@ -171,9 +173,8 @@ def _minimise(
         decrement = np.inf if step is None else abs(step[1])
         # At a kink of the model (a tendon coming to rest on a bone) steps go on to promise what they cannot keep.
         counted = evaluations % PATIENCE == 0
-        # And what is far from fitting need not be known to the last digit.
         beyond = max(best - FAR * len(residual), 0.0)
-        crawling = counted and milestone - best < 10.0 * floor + CRAWL * beyond
+        crawling = counted and milestone - best < 10.0 * floor + crawl * beyond
         milestone = best if counted else milestone
         status = -1
         if decrement <= tolerance * best + floor:

@@ -34,6 +34,8 @@ HOSTS = 4
 # Most fits only have to show that they are not in question; those that are get finished.
 FLOOR = 0.03
 FIRST, SECOND, LAST = 3, 15, 60
+# What is far from fitting need not be known to the last digit: see `minimise`.
+CRAWL = 3e-3
 # Log evidence within which singles are taken further, and explanations are finished.
 RACE, CONTENDERS = 30.0, 8.0
 # Further evaluations of each heat, and how many singles run in it for each that is wanted.
@@ -87,7 +89,8 @@ class Searcher:
         problem = replace(self.problem, free=self.problem.free | mask(self.problem.model, explanation))
         for start in starts:
             guess = np.where(problem.free, np.clip(start, problem.lower, problem.upper), problem.centre)
-            solution = solve(problem, guess, FLOOR if evaluations < LAST else FLOOR / 10.0, evaluations)
+            floor = FLOOR if evaluations < LAST else FLOOR / 10.0
+            solution = solve(problem, guess, floor, evaluations, crawl=CRAWL)
             x, jacobian = np.asarray(solution.x), np.asarray(solution.jacobian)
             x = np.where(np.abs(x) < ROUNDING, 0.0, x)
             # In a posture that transmits no force slopes have no bound: whatever the misfit, that is no optimum.

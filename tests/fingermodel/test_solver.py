@@ -128,3 +128,33 @@ def test_slopes_are_asked_for_only_where_a_step_led_to_something_better() -> Non
     sizes = np.abs(np.arctan(5.0 * np.array(at)))
     assert np.all(np.diff(sizes) < 0.0)
     assert len(at) < len(tried)
+
+
+def test_a_fit_that_is_far_off_and_crawls_is_left_only_if_that_is_asked_for() -> None:
+    """A valley whose floor goes down ever more slowly, far above anything that noise would leave."""
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        return np.array([100.0 + np.exp(-x[0])])
+
+    def slopes(x: np.ndarray) -> np.ndarray:
+        return np.array([[-np.exp(-x[0])]])
+
+    none = np.zeros(1)
+    whole, left = (
+        minimise(
+            residual,
+            slopes,
+            np.array([-2.0]),
+            none,
+            none,
+            np.array([-99.0]),
+            np.array([99.0]),
+            np.ones(1, bool),
+            tolerance=0.0,
+            crawl=crawl,
+        )
+        for crawl in (0.0, 3e-3)
+    )
+    assert left.status == STALLED
+    assert whole.evaluations > left.evaluations
+    assert whole.objective < left.objective < whole.objective * 1.01
