@@ -250,11 +250,11 @@ def _acted(
 
 @stored(Prediction, ClampForces)
 def predict_batch(
-    structure: Structure, values: FingerValues, theta: Array, cases: LoadCaseInput, active: Array | NDArray[np.bool_]
+    structure: Structure, values: FingerValues, theta: Array, cases: LoadCaseInput, active: Array
 ) -> Prediction:
     """Predict many load cases: `predict_parts` over the leading axis of `cases`."""
     parts = parts_of(structure, theta)
-    return jax.vmap(lambda case: predict_parts(structure, values, parts, case, jnp.asarray(active)))(cases)
+    return jax.vmap(lambda case: predict_parts(structure, values, parts, case, active))(cases)
 
 
 @partial(jax.jit, static_argnums=0)

@@ -34,7 +34,7 @@ class FittedReadings:
     Cases and rows are filled up to round numbers; what fills them counts for nothing.
 
     Attributes:
-        of: rows, whitener and finger that these are made of.
+        of: rows, whitener, observations and finger that these are made of.
         every_case: inputs of all cases, with a leading axis (cases).
         inputs: of those that are used, with a leading axis (used cases).
         components: (used components, 6) rows of the unit matrix.

@@ -50,7 +50,7 @@ def _stored(function: Callable[..., Result], returned: tuple[type, ...]) -> Call
         if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
             out: Result = jitted(structure, *arguments)
             return out
-        key = (structure, tree, tuple(_shape(leaf) for leaf in leaves))
+        key = (structure, tree, tuple(map(_shape, leaves)))
         program = programs.get(key)
         if program is None:
             program = programs[key] = _program(function.__name__, jitted, structure, arguments, returned)
@@ -100,7 +100,8 @@ def _shape(leaf: Any) -> tuple[Any, Any]:
 
 
 def _shapes(leaves: Sequence[Any]) -> tuple[tuple[tuple[int, ...], str], ...]:
-    return tuple((np.shape(x), str(x.dtype if hasattr(x, "dtype") else np.result_type(x))) for x in leaves)
+    """The same of all, as text that can be kept."""
+    return tuple((shape, str(kind)) for shape, kind in map(_shape, leaves))
 
 
 @cache

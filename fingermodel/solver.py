@@ -108,6 +108,8 @@ class _Normal(NamedTuple):
         return trial, -float(2.0 * gradient @ move + move @ hessian @ move)
 
 
+# What is not finite is said by the status; it is not worth a warning at each operation.
+@np.errstate(invalid="ignore", over="ignore")
 def minimise(
     residuals: Callable[[Floats], Floats],
     slopes: Callable[[Floats], Floats],
@@ -140,31 +142,15 @@ def minimise(
         max_evaluations: of the residuals.
         crawl: stalled if a few evaluations gain less than this share of what a fit that is far off has beyond that.
     """
-    # What is not finite is said by the status; it is not worth a warning at each operation.
-    with np.errstate(invalid="ignore", over="ignore"):
-        ends = floor, tolerance, max_evaluations, crawl
-        return _minimise(residuals, slopes, start, centre, weight, (lower, upper), free, ends)
-
-
-def _minimise(
-    residuals: Callable[[Floats], Floats],
-    slopes: Callable[[Floats], Floats],
-    start: Floats,
-    centre: Floats,
-    weight: Floats,
-    bounds: tuple[Floats, Floats],
-    free: NDArray[np.bool_],
-    ends: tuple[float, float, int, float],
-) -> Solution:
-    (lower, upper), (floor, tolerance, max_evaluations, crawl) = bounds, ends
     at = np.flatnonzero(free)
     box = _Box(centre[at], weight[at], lower[at], upper[at])
     x = np.clip(start, lower, upper)
     residual = residuals(x)
-    jacobian = slopes(x)
     best = _objective(residual, x, centre, weight)
     if not np.isfinite(best):
-        return Solution(x, np.inf, np.zeros_like(jacobian), np.zeros_like(residual), NOT_FINITE, 1, np.inf)
+        none = np.zeros_like(residual)
+        return Solution(x, np.inf, np.zeros((len(none), len(x))), none, NOT_FINITE, 1, np.inf)
+    jacobian = slopes(x)
     normal = _Normal.about(x[at], residual, jacobian[:, at], box)
     damping, growth, evaluations, milestone = DAMPING, 2.0, 1, np.inf
     while True:

@@ -249,8 +249,7 @@ def misfit_at(fitted: Fitted, form: Wildcard, factor: float, form_error: float) 
 
 def misfit_of(linear: Linear, free: NDArray[np.intp], scale: Floats, form: Wildcard, form_error: float) -> float:
     """χ² of a straightened model with some parameters free, their priors so many times as wide, and a form in error."""
-    white = form.allowed_for(form_error, np.column_stack([linear.y, linear.h[:, free] * scale]))
-    y, h = white[:, 0], white[:, 1:]
+    y, h = _allowing(linear, free, scale, form, form_error)
     right = h.T @ y
     return float(y @ y - right @ np.linalg.solve(np.eye(h.shape[1]) + h.T @ h, right))
 
@@ -261,13 +260,20 @@ def estimates_at(fitted: Fitted, form: Wildcard, factor: float, form_error: floa
     Without it the base is bent until it makes up for the form, and values look better known than they are.
     """
     free, scale = scales(fitted, factor)
-    white = form.allowed_for(form_error, np.column_stack([fitted.linear.y, fitted.linear.h[:, free] * scale]))
-    y, h = white[:, 0], white[:, 1:]
+    y, h = _allowing(fitted.linear, free, scale, form, form_error)
     covariance = np.linalg.inv(np.eye(h.shape[1]) + h.T @ h)
     x, sd = fitted.x.copy(), np.zeros_like(fitted.x)
     x[free] = (covariance @ (h.T @ y)) * scale
     sd[free] = np.sqrt(np.diag(covariance)) * scale
     return x, sd
+
+
+def _allowing(
+    linear: Linear, free: NDArray[np.intp], scale: Floats, form: Wildcard, form_error: float
+) -> tuple[Floats, Floats]:
+    """Readings (n,) and slopes (n, free) in their priors' widths, whitened by noise and an error of form together."""
+    white = form.allowed_for(form_error, np.column_stack([linear.y, linear.h[:, free] * scale]))
+    return white[:, 0], white[:, 1:]
 
 
 def budget_log_weight() -> Floats:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -74,34 +76,22 @@ def test_fixed_parameters_stay_and_undetermined_ones_do_not_wander() -> None:
     assert_allclose(answer.x, [2.0, 0.5, 0.25], atol=1e-6)
 
 
+def _in_unit_box(residual: Callable[[np.ndarray], np.ndarray], slopes: np.ndarray) -> Solution:
+    """Minimise over two parameters between -1 and 1, with slopes that are everywhere the same."""
+    none, one = np.zeros(2), np.ones(2)
+    return minimise(residual, lambda _: slopes, none, none, one, -one, one, np.ones(2, bool))
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_model_that_is_not_finite_is_said_to_be(value: float) -> None:
-    answer = minimise(
-        lambda x: x + value,
-        lambda _: np.eye(2),
-        np.zeros(2),
-        np.zeros(2),
-        np.ones(2),
-        np.full(2, -1.0),
-        np.full(2, 1.0),
-        np.ones(2, bool),
-    )
+    answer = _in_unit_box(lambda x: x + value, np.eye(2))
     assert answer.status == NOT_FINITE
     assert not answer.jacobian.any()
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_slopes_that_are_not_finite_lead_nowhere_and_end(value: float) -> None:
-    answer = minimise(
-        lambda x: x - 1.0,
-        lambda _: np.full((2, 2), value),
-        np.zeros(2),
-        np.zeros(2),
-        np.ones(2),
-        np.full(2, -1.0),
-        np.full(2, 1.0),
-        np.ones(2, bool),
-    )
+    answer = _in_unit_box(lambda x: x - 1.0, np.full((2, 2), value))
     assert answer.status == STALLED
     assert answer.objective == 2.0
     assert_allclose(answer.x, 0.0)
