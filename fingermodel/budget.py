@@ -16,9 +16,11 @@ from jax import Array
 
 from daq.errors import ModelError
 from fingermodel.fingers import Finger, Topology
-from fingermodel.kinematics import cross, turn
+from fingermodel.kinematics import turn_about
 from fingermodel.parameters import Parameter
+from fingermodel.rows import chosen
 from fingermodel.stages import Effect, Layout, LoadCaseInput, State
+from fingermodel.vectors import cross
 
 
 @dataclass(frozen=True)
@@ -148,6 +150,7 @@ class TensionFactor(Effect):
     """Each pulley passes a little more or less than the session's friction factor says."""
 
     budget: Budget = field(compare=False)  # only the declared priors depend on it, not what is compiled
+    always = True
     name = "tension_factor"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
@@ -173,6 +176,7 @@ class PostureAngles(Effect):
     """Each joint angle was read a little wrong, once for each setting of a posture."""
 
     budget: Budget = field(compare=False)  # only the declared priors depend on it, not what is compiled
+    always = True
     name = "posture_angle"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
@@ -193,7 +197,7 @@ class PostureAngles(Effect):
 
     def geometry(self, p: Array, case: LoadCaseInput, state: State) -> State:
         """Add the setting's errors to the posture."""
-        errors = p.reshape(-1, state.posture.shape[0])[case.setting]
+        errors = chosen(p.reshape(-1, state.posture.shape[0]), case.setting)
         return state._replace(posture=state.posture + jnp.deg2rad(errors))
 
 
@@ -203,6 +207,7 @@ class CellMounting(Effect):
     """The cell is turned and offset a little in its clamp, its gains are off a little, its tare missed a little."""
 
     budget: Budget = field(compare=False)  # only the declared priors depend on it, not what is compiled
+    always = True
     name = "cell"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
@@ -228,10 +233,10 @@ class CellMounting(Effect):
     def reading(self, p: Array, case: LoadCaseInput, state: State) -> State:
         """Turn, offset, scale and shift the wrench, as the cell would report it."""
         assert state.wrench is not None  # noqa: S101 - the stage before has filled it
-        errors, zero, offset = p[6:].reshape(-1, 3, 3)[case.mounting]
+        errors, zero, offset = chosen(p[6:].reshape(-1, 9), case.mounting).reshape(3, 3)
         angle = jnp.deg2rad(errors)
         cosine, sine = jnp.cos(angle), jnp.sin(angle)
-        rx, ry, rz = (turn(axis, c, s) for axis, c, s in zip(jnp.eye(3), cosine, sine, strict=True))
+        rx, ry, rz = (turn_about(axis, cosine[axis], sine[axis]) for axis in range(3))
         force, torque = state.wrench[:3], state.wrench[3:]
         torque = torque - cross(offset, force)
         # Intrinsic x-y-z, so z acts first.

@@ -7,6 +7,7 @@ tensions, and for an elastic one the posture, to segment tensions.
 from __future__ import annotations
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from daq.errors import ModelError
@@ -29,12 +30,11 @@ def segment_tensions(
     Raises:
         ModelError: an elastic hood without a posture.
     """
+    if isinstance(topology.hood, Hood):
+        return _winslow_rhombus(topology, topology.hood, values, jnp.asarray(tension))
     slips = dict(zip(topology.muscles, jnp.asarray(tension), strict=True))
-    match topology.hood:
-        case Hood():
-            slips |= _winslow_rhombus(topology.hood, values, slips)
-        case ElasticHood():
-            slips |= _elastic_network(topology, values, slips, poses)
+    if isinstance(topology.hood, ElasticHood):
+        slips |= _elastic_network(topology, values, slips, poses)
     return jnp.stack([slips[segment.slip] for segment in topology.segments])
 
 
@@ -52,17 +52,25 @@ def _elastic_network(
     return hood_state(topology, values, muscle, poses).slips
 
 
-def _winslow_rhombus(hood: Hood, values: FingerValues, muscle: dict[str, Array]) -> dict[str, Array]:
-    fraction = dict(zip(hood.fractions, jnp.asarray(values.fraction), strict=True))
-    enters = {m: muscle[m] * fraction.get(f"{m}_EM", 1.0) for m in hood.members}
-    central = {m: enters[m] * fraction[f"{m}_ES"] for m in hood.members}
-    rest = {m: enters[m] - central[m] for m in hood.members}
-    half = 0.5 * sum((rest[m] for m in hood.extensors), jnp.zeros(()))
-    radial = sum((rest[m] for m in hood.radial), half)
-    ulnar = sum((rest[m] for m in hood.ulnar), half)
-    return {
-        hood.central_slip: sum(central.values(), jnp.zeros(())),
-        hood.radial_band: radial,
-        hood.ulnar_band: ulnar,
-        hood.terminal_slip: radial + ulnar,
-    }
+def _winslow_rhombus(topology: Topology, hood: Hood, values: FingerValues, tension: Array) -> Array:
+    """Segment tensions (segments,) of a hood with fixed fractions, as products with constants.
+
+    A hundred operations on single numbers would each be compiled, and differentiated, by itself.
+    """
+    fraction, count = jnp.asarray(values.fraction), len(hood.members)
+    partly = np.array([[float(m == p) for p in hood.partial] for m in hood.members]).reshape(count, -1)
+    entering = np.array([[float(m == muscle) for muscle in topology.muscles] for m in hood.members])
+    enters = (entering @ tension) * (partly @ fraction[count:] + (1.0 - partly.sum(axis=1)))
+    central = enters * fraction[:count]
+    radial, ulnar = (
+        np.array([0.5 * (m in hood.extensors) + float(m in side) for m in hood.members])
+        for side in (hood.radial, hood.ulnar)
+    )
+    none = np.zeros(count)
+    of_rest = {hood.radial_band: radial, hood.ulnar_band: ulnar, hood.terminal_slip: radial + ulnar}
+    slips = [segment.slip for segment in topology.segments]
+    hooded = (*of_rest, hood.central_slip)
+    directly = np.array([[float(s == m and s not in hooded) for m in topology.muscles] for s in slips])
+    to_central = np.array([np.full(count, float(s == hood.central_slip)) for s in slips])
+    to_rest = np.array([of_rest.get(s, none) for s in slips])
+    return directly @ tension + to_central @ central + to_rest @ (enters - central)

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from fingermodel.fingers import FingerValues, Topology
+from fingermodel.vectors import cross
 
 
 class JointPose(NamedTuple):
@@ -15,42 +17,30 @@ class JointPose(NamedTuple):
 
     Attributes:
         rotation: (3, 3) takes a vector's components in the child bone to the parent bone.
+        unflexed: (3, 3) the same with the joint's flexion at 0 deg.
         axes: (rotations of the joint, 3) in the child bone's frame.
         cosine: (rotations of the joint,) of their angles.
         sine: (rotations of the joint,).
     """
 
     rotation: Array
+    unflexed: Array
     axes: Array
     cosine: Array
     sine: Array
 
 
-def cross(a: Array, b: Array) -> Array:
-    """Cross product over the last axis; written out so that the compiler fuses it with its neighbours."""
-    return jnp.stack(
-        [
-            a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
-            a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
-            a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
-        ],
-        axis=-1,
-    )
-
-
-def rotate(vectors: Array, axis: Array, cosine: Array, sine: Array) -> Array:
-    """Rotate vectors (..., 3) about a unit axis (3,) by angles (...,) (Rodrigues); negate the sine to rotate back."""
-    c, s = cosine[..., None], sine[..., None]
-    along = jnp.sum(vectors * axis, axis=-1, keepdims=True)
-    return vectors * c + cross(axis, vectors) * s + axis * (along * (1.0 - c))
-
-
 def turn(axis: Array, cosine: Array, sine: Array) -> Array:
     """Matrix (3, 3) of a rotation about a unit axis, its angle given as cosine and sine."""
-    x, y, z = axis
-    zero = jnp.zeros(())
-    skew = jnp.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
-    return cosine * jnp.eye(3) + sine * skew + (1.0 - cosine) * jnp.outer(axis, axis)
+    unit = jnp.eye(3)
+    return cosine * unit + sine * cross(unit, axis) + (1.0 - cosine) * jnp.outer(axis, axis)
+
+
+def turn_about(coordinate: int, cosine: Array, sine: Array) -> Array:
+    """Matrix (3, 3) of a rotation about a coordinate axis, its angle given as cosine and sine."""
+    unit = np.eye(3)
+    along = np.outer(unit[coordinate], unit[coordinate])
+    return cosine * (unit - along) + sine * np.cross(unit, unit[coordinate]) + along
 
 
 def joint_poses(topology: Topology, values: FingerValues, posture: Array) -> tuple[JointPose, ...]:
@@ -64,14 +54,26 @@ def poses_of_turns(topology: Topology, values: FingerValues, cosine: Array, sine
     for joint in topology.joints:
         last = first + len(joint.rotations)
         axes: list[Array] = []
-        rotation = jnp.eye(3)
+        rotation: Array | None = None
+        unflexed: Array | None = None
         # From the most distal rotation inwards, so that each axis is carried back through those beyond it.
         for i in reversed(range(first, last)):
             axis = jnp.asarray(values.axis[i])
             matrix = turn(axis, cosine[i], sine[i])
-            axes.insert(0, axis @ rotation if axes else axis)
-            rotation = matrix @ rotation if len(axes) > 1 else matrix
-        poses.append(JointPose(rotation, jnp.stack(axes), cosine[first:last], sine[first:last]))
+            axes.insert(0, axis if rotation is None else axis @ rotation)
+            rotation = matrix if rotation is None else matrix @ rotation
+            if i - first != joint.flexion:
+                unflexed = matrix if unflexed is None else matrix @ unflexed
+        same = jnp.eye(3)
+        poses.append(
+            JointPose(
+                same if rotation is None else rotation,
+                same if unflexed is None else unflexed,
+                jnp.stack(axes),
+                cosine[first:last],
+                sine[first:last],
+            )
+        )
         first = last
     return tuple(poses)
 

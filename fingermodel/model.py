@@ -6,7 +6,7 @@ everything. All effects live in it at their null values, so choosing effects is 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -192,11 +192,16 @@ def predict_parts(
     topology = structure.topology
 
     def act(stage: Stage, state: State) -> State:
-        for i, (effect, p) in enumerate(zip(structure.effects, parts[1:], strict=True)):
-            change = getattr(effect, stage)
-            if getattr(change, "__func__", None) is not getattr(Effect, stage):
-                state = _acted(change, p, case, state, None if active is None else active[i])
-        return state
+        changes = {
+            i: partial(getattr(effect, stage), p, case)
+            for i, (effect, p) in enumerate(zip(structure.effects, parts[1:], strict=True))
+            if getattr(getattr(effect, stage), "__func__", None) is not getattr(Effect, stage)
+        }
+        if active is not None and (asked := [i for i in changes if _is_optional(structure, i)]):
+            optional = {i: partial(_if, active[i], changes.pop(i)) for i in asked}
+            # Asked of all together first: most fits have one effect, and every answer copies what it might change.
+            state = _if(jnp.any(active[np.array(asked)]), partial(_one_by_one, optional.values()), state)
+        return _one_by_one(changes.values(), state)
 
     state = State(topology, case.posture, with_anatomy(topology, values, parts[0]), case.tension)
     state = act("tension", state)
@@ -222,26 +227,31 @@ def predict_parts(
     return Prediction(state.wrench, forces, loads, state.torque)
 
 
-def _acted(
-    change: Callable[[Array, LoadCaseInput, State], State],
-    p: Array,
-    case: LoadCaseInput,
-    state: State,
-    active: Array | None,
-) -> State:
-    """What an effect's stage makes of a state, computed only if the effect is active."""
-    if active is None or p.shape[-1] == 0:
-        return change(p, case, state)
+def _one_by_one(changes: Iterable[Callable[[State], State]], state: State) -> State:
+    for change in changes:
+        state = change(state)
+    return state
+
+
+def _is_optional(structure: Structure, index: int) -> bool:
+    """Whether an effect may be skipped: what is part of every model, or has no parameters here, is not worth asking."""
+    start, end = structure.slices[index]
+    return end > start and not structure.effects[index].always
+
+
+def _if(active: Array, change: Callable[[State], State], state: State) -> State:
+    """What a change makes of a state, computed only if it is active."""
     before, tree = jax.tree.flatten(tuple(state[1:]))
     changed: list[int] = []
 
     def computed() -> list[Array]:
-        after = jax.tree.leaves(tuple(change(p, case, state)[1:]))
+        after = jax.tree.leaves(tuple(change(state)[1:]))
         changed[:] = [i for i, (old, new) in enumerate(zip(before, after, strict=True)) if new is not old]
         return [after[i] for i in changed]
 
-    # The first branch is traced first, so the second knows what it leaves as it was.
-    new = jax.lax.cond(active, computed, lambda: [jnp.asarray(before[i]) for i in changed])
+    # The first branch is traced first, so the second knows what it leaves as it was. Computed anew for its slopes: what
+    # it would have to keep for them is more, and is written whether it is active or not.
+    new = jax.lax.cond(active, jax.checkpoint(computed), lambda: [jnp.asarray(before[i]) for i in changed])
     leaves = list(before)
     for i, leaf in zip(changed, new, strict=True):
         leaves[i] = leaf

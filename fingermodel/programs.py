@@ -10,9 +10,9 @@ from __future__ import annotations
 import contextlib
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache
+from functools import cache, partial, update_wrapper
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import jax
 import jax.export
@@ -28,35 +28,46 @@ _known: set[type] = set()
 Result = TypeVar("Result")
 
 
-def stored(*returned: type) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
+class Stored(Generic[Result]):
+    """A compiled function of (structure, *arrays), its first argument static.
+
+    Args:
+        function: to compile.
+        returned: named tuples in its result.
+    """
+
+    def __init__(self, function: Callable[..., Result], returned: tuple[type, ...]) -> None:
+        update_wrapper(self, function)
+        self._name, self._jitted, self._returned = function.__name__, jax.jit(function, static_argnums=0), returned
+        self._programs: dict[Any, Callable[..., Result]] = {}
+
+    def __call__(self, structure: Any, *arguments: Any) -> Result:
+        """Call what was compiled for such arguments; traced as part of another program where they are traced."""
+        return self.program(structure, *arguments)(*arguments)
+
+    def program(self, structure: Any, *arguments: Any) -> Callable[..., Result]:
+        """What answers for these arguments, and any others of their shapes, given without the structure.
+
+        To find it takes a good part of a short call: who calls often asks once.
+        """
+        leaves, tree = jax.tree.flatten(arguments)
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+            return partial(self._jitted, structure)
+        key = (structure, tree, tuple(map(_shape, leaves)))
+        program = self._programs.get(key)
+        if program is None:
+            program = _program(self._name, self._jitted, structure, arguments, self._returned)
+            self._programs[key] = program
+        return program
+
+
+def stored(*returned: type) -> Callable[[Callable[..., Result]], Stored[Result]]:
     """Compile a function of (structure, *arrays), its first argument static, and keep what tracing it made.
 
     Args:
         returned: named tuples in the function's result.
     """
-
-    def decorate(function: Callable[..., Result]) -> Callable[..., Result]:
-        return _stored(function, returned)
-
-    return decorate
-
-
-def _stored(function: Callable[..., Result], returned: tuple[type, ...]) -> Callable[..., Result]:
-    jitted = jax.jit(function, static_argnums=0)
-    programs: dict[Any, Callable[..., Result]] = {}
-
-    def call(structure: Any, *arguments: Any) -> Result:
-        leaves, tree = jax.tree.flatten(arguments)
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
-            out: Result = jitted(structure, *arguments)
-            return out
-        key = (structure, tree, tuple(map(_shape, leaves)))
-        program = programs.get(key)
-        if program is None:
-            program = programs[key] = _program(function.__name__, jitted, structure, arguments, returned)
-        return program(*arguments)
-
-    return call
+    return lambda function: Stored(function, returned)
 
 
 def _program(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -71,8 +72,8 @@ def solve(
     floor: float = FLOOR,
     evaluations: int = EVALUATIONS,
     *,
-    whole: bool = False,
     crawl: float = 0.0,
+    begun: Solution | None = None,
 ) -> Solution:
     """Minimise a problem; the answer is in coordinates scaled about the priors' centre.
 
@@ -82,22 +83,20 @@ def solve(
         floor: units of chi-square that a further step must promise; Eq 5 has no such unit and goes on to rounding.
         evaluations: at most so many.
         crawl: of `minimise`, for fits that only have to show that they are not in question.
-        whole: also give the slopes of effects that are neither free nor off their null; without it they are zero.
+        begun: of `minimise`: an earlier answer for this problem, to go on from.
     """
     scale, centre, fitted, structure = problem.scale, problem.centre, problem.fitted_readings, problem.model.structure
-    active = np.ones(len(structure.effects), dtype=bool) if whole else _active(problem)
-    count = len(problem.rows)
+    active, at = _active(problem), np.flatnonzero(problem.free)
+    # Of all cases, fitted or not: the program that predicts them is there anyway.
+    predict = predict_batch.program(structure, fitted.values, centre, fitted.every_case, active)
+    differentiate = _slopes_program(problem, active)
 
     def residuals(x: Floats) -> Floats:
-        # Of all cases, fitted or not: the program that predicts them is there anyway.
-        reading = predict_batch(structure, fitted.values, centre + scale * x, fitted.every_case, active).reading
+        reading = predict(fitted.values, centre + scale * x, fitted.every_case, active).reading
         return fitted.whitener @ (fitted.measured - np.asarray(reading).reshape(-1)[problem.rows])
 
     def slopes(x: Floats) -> Floats:
-        jacobian = _slopes(
-            structure, fitted.values, fitted.inputs, fitted.components, fitted.at, scale, active, centre + scale * x
-        )
-        return fitted.whitener @ np.asarray(jacobian)[:count]
+        return fitted.whitener @ np.take(differentiate(centre + scale * x), at, axis=1)
 
     return minimise(
         residuals,
@@ -111,7 +110,22 @@ def solve(
         floor=floor if problem.weighted else 1e-18,
         max_evaluations=evaluations,
         crawl=crawl,
+        begun=begun,
     )
+
+
+def whole_slopes(problem: Problem, theta: Floats) -> Floats:
+    """Whitened slopes (residuals, parameters) of all parameters, those of effects that are not free at their null."""
+    every = np.ones(len(problem.model.structure.effects), dtype=bool)
+    return problem.fitted_readings.whitener @ _slopes_program(problem, every)(theta)
+
+
+def _slopes_program(problem: Problem, active: NDArray[np.bool_]) -> Callable[[Floats], Floats]:
+    """From parameters to slopes (residuals, parameters), of the effects that are active; zero for the others."""
+    fitted, count = problem.fitted_readings, len(problem.rows)
+    given = (fitted.values, fitted.inputs, fitted.components, fitted.at, problem.scale, active)
+    program = _slopes.program(problem.model.structure, *given, problem.centre)
+    return lambda theta: np.asarray(program(*given, theta))[:count]
 
 
 def _active(problem: Problem) -> NDArray[np.bool_]:

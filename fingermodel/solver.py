@@ -35,11 +35,12 @@ class Solution(NamedTuple):
     Attributes:
         x: (parameters,).
         objective: sum of squared residuals plus the prior's penalty.
-        jacobian: (residuals, parameters) at `x`.
+        jacobian: (residuals, parameters) at `x`; zero for what is not free.
         residual: (residuals,) at `x`.
         status: CONVERGED, STALLED, TOO_MANY or NOT_FINITE.
         evaluations: residual evaluations.
         decrement: twice the decrease that a further Gauss–Newton step promises.
+        damping: of the next step, and by how much it grows should that fail: to go on from here.
     """
 
     x: Floats
@@ -49,6 +50,7 @@ class Solution(NamedTuple):
     status: int
     evaluations: int
     decrement: float
+    damping: tuple[float, float]
 
 
 class _Box(NamedTuple):
@@ -79,7 +81,7 @@ class _Normal(NamedTuple):
     def about(cls, x: Floats, residual: Floats, jacobian: Floats, box: _Box) -> _Normal:
         """Make the normal equations; `jacobian` is (residuals, free)."""
         hessian = jacobian.T @ jacobian
-        hessian[np.diag_indices(len(x))] += box.weight + TINY
+        hessian.flat[:: len(x) + 1] += box.weight + TINY
         gradient = residual @ jacobian + box.weight * (x - box.centre)
         return cls(x, gradient, hessian, max(float(residual @ residual) / len(residual), TINY))
 
@@ -91,21 +93,20 @@ class _Normal(NamedTuple):
         proportion to the misfit keeps the last steps quadratic (Yamashita & Fukushima 2001; Fan & Yuan 2005).
         """
         down, up = self.gradient > 0.0, self.gradient < 0.0
-        kept = np.flatnonzero(~((down & (self.x <= box.lower)) | (up & (self.x >= box.upper))))
-        if not len(kept):
+        held = np.flatnonzero((down & (self.x <= box.lower)) | (up & (self.x >= box.upper)))
+        if len(held) == len(self.x):
             return self.x, 0.0
-        whole = len(kept) == len(self.x)
-        hessian = self.hessian if whole else self.hessian[np.ix_(kept, kept)]
-        gradient = self.gradient[kept]
-        damped = hessian.copy()
-        damped[np.diag_indices(len(kept))] += damping * self.level
+        damped, gradient = self.hessian.copy(), self.gradient.copy()
+        damped.flat[:: len(gradient) + 1] += damping * self.level
+        # What is held has an equation of its own, which says that it stays: cheaper than to cut it out.
+        damped[held] = damped[:, held] = gradient[held] = 0.0
+        damped[held, held] = 1.0
         _, step, failed = dposv(damped, gradient, lower=True, overwrite_a=True)
         if failed:
             return None
-        trial = self.x.copy()
-        trial[kept] = np.clip(self.x[kept] - step, box.lower[kept], box.upper[kept])
-        move = trial[kept] - self.x[kept]
-        return trial, -float(2.0 * gradient @ move + move @ hessian @ move)
+        trial = np.clip(self.x - step, box.lower, box.upper)
+        move = trial - self.x
+        return trial, -float(2.0 * gradient @ move + move @ self.hessian @ move)
 
 
 # What is not finite is said by the status; it is not worth a warning at each operation.
@@ -124,13 +125,14 @@ def minimise(
     max_evaluations: int = 400,
     tolerance: float = 1e-9,
     crawl: float = 0.0,
+    begun: Solution | None = None,
 ) -> Solution:
     """Minimise |r(x)|² + Σ weight (x − centre)² within bounds, over the free parameters.
 
     Args:
         residuals: x to residuals (residuals,).
-        slopes: x to their Jacobian (residuals, parameters); asked for only where a step has led to something better,
-            since it takes ten times as long.
+        slopes: x to the Jacobian (residuals, free) of what is free; asked for only where a step has led to something
+            better, since it takes several times as long.
         start: (parameters,) first guess; scaled so that a step of one is a natural step.
         centre: (parameters,) of the prior.
         weight: (parameters,) prior precision, 0 for a flat prior.
@@ -141,18 +143,23 @@ def minimise(
         tolerance: … or less than this fraction of the objective.
         max_evaluations: of the residuals.
         crawl: stalled if a few evaluations gain less than this share of what a fit that is far off has beyond that.
+        begun: of the same problem, ended at `start`: go on as if it had not ended, without evaluating anything there.
     """
     at = np.flatnonzero(free)
     box = _Box(centre[at], weight[at], lower[at], upper[at])
-    x = np.clip(start, lower, upper)
-    residual = residuals(x)
-    best = _objective(residual, x, centre, weight)
-    if not np.isfinite(best):
-        none = np.zeros_like(residual)
-        return Solution(x, np.inf, np.zeros((len(none), len(x))), none, NOT_FINITE, 1, np.inf)
-    jacobian = slopes(x)
-    normal = _Normal.about(x[at], residual, jacobian[:, at], box)
-    damping, growth, evaluations, milestone = DAMPING, 2.0, 1, np.inf
+    damping, growth, evaluations, milestone = DAMPING, 2.0, 0, np.inf
+    if begun is None or not np.isfinite(begun.objective):
+        x, evaluations = np.clip(start, lower, upper), 1
+        residual = residuals(x)
+        best = _objective(residual, x, centre, weight)
+        if not np.isfinite(best):
+            none = np.zeros_like(residual)
+            return Solution(x, np.inf, np.zeros((len(none), len(x))), none, NOT_FINITE, 1, np.inf, (damping, growth))
+        jacobian = slopes(x)
+    else:
+        x, residual, best, jacobian = begun.x, begun.residual, begun.objective, begun.jacobian[:, at]
+        damping, growth = begun.damping
+    normal = _Normal.about(x[at], residual, jacobian, box)
     while True:
         # A point without finite slopes offers no step however much it is damped.
         step = normal.step(damping, box) if np.isfinite(normal.gradient).all() else None
@@ -170,7 +177,9 @@ def minimise(
         elif evaluations >= max_evaluations:
             status = TOO_MANY
         if status >= 0:
-            return Solution(x, best, jacobian, residual, status, evaluations, decrement)
+            whole = np.zeros((len(residual), len(x)))
+            whole[:, at] = jacobian
+            return Solution(x, best, whole, residual, status, evaluations, decrement, (damping, growth))
         evaluations += 1
         gained = -np.inf
         if step is not None:
@@ -181,7 +190,7 @@ def minimise(
             gained = best - objective if np.isfinite(objective) else -np.inf
         if gained > 0.0:
             x, residual, jacobian, best = trial, tried, slopes(trial), objective
-            normal = _Normal.about(x[at], residual, jacobian[:, at], box)
+            normal = _Normal.about(x[at], residual, jacobian, box)
             # Nielsen's rule: damping falls smoothly with the quality of the step, and rises ever faster on failures.
             ratio = min(gained / promised if promised > 0.0 else gained, 2.0)
             damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3), LEAST_DAMPING)

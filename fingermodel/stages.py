@@ -116,6 +116,7 @@ class Effect:
         tell: what gives it away in the data.
         constitutive: whether it is a law of tissue, contact or time, whose exact form nobody knows; a mass, a length,
             an angle, a constant or a matrix is what it is by definition.
+        always: whether it is part of every model, so that nothing is gained by asking whether it acts.
         rests_on_clamp_assumption: whether only out-of-plane forces can support it, which a real clamp carries in part.
     """
 
@@ -127,6 +128,7 @@ class Effect:
     tell: ClassVar[str] = ""
     constitutive: ClassVar[bool] = True
     rests_on_clamp_assumption: ClassVar[bool] = False
+    always: ClassVar[bool] = False
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """Declare the parameters for this finger and session; none where the finger lacks what the effect acts on."""

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from fingermodel.fingers import FingerValues, Topology
 from fingermodel.kinematics import JointPose, tip_kinematics
+from fingermodel.rows import picked, spread
 from fingermodel.tendons import Pulls
 
 
@@ -32,7 +33,7 @@ class ClampForces(NamedTuple):
 def joint_torques(poses: tuple[JointPose, ...], pulls: tuple[Pulls, ...], segment_tension: Array) -> Array:
     """Torque of all tendons about every rotation [N mm]: (rotations,), flexion positive."""
     torques = [
-        pose.axes @ (segment_tension[np.array(at_joint.segments, int)] @ at_joint.moment)
+        pose.axes @ (picked(segment_tension, at_joint.segments) @ at_joint.moment)
         for pose, at_joint in zip(poses, pulls, strict=True)
     ]
     return jnp.concatenate(torques)
@@ -51,8 +52,7 @@ def clamp_forces(
         torque: (rotations,) [N mm].
     """
     tip = tip_kinematics(topology, values, poses)
-    rows = np.array(topology.reactions)
-    wrench = jnp.zeros(6).at[rows].set(solve_small(tip.jacobian[rows].T, torque))
+    wrench = solve_small(picked(tip.jacobian, topology.reactions).T, torque) @ spread(topology.reactions, 6)
     return ClampForces(wrench, tension @ jnp.asarray(values.suture) - tip.to_base @ wrench[:3])
 
 
@@ -68,7 +68,7 @@ def joint_loads(poses: tuple[JointPose, ...], pulls: tuple[Pulls, ...], segment_
     loads: list[Array] = []
     outer = tip[:3]
     for pose, at_joint in zip(reversed(poses), reversed(pulls), strict=True):
-        pulled = segment_tension[np.array(at_joint.segments, int)] @ at_joint.direction
+        pulled = picked(segment_tension, at_joint.segments) @ at_joint.direction
         outer = pose.rotation @ outer
         loads.insert(0, pose.rotation @ pulled - outer)
     return jnp.stack(loads)
@@ -80,8 +80,25 @@ def solve_small(matrix: Array, right: Array) -> Array:
     At n = 4, the clamped finger, the adjugate is written out: it vectorises over a batch, which LAPACK's one-by-one
     factorisation does not (a third faster over the whole prediction).
     """
-    if matrix.shape[-1] != 4:
-        return jnp.linalg.solve(matrix, right)
+    return _solved(matrix, right) if matrix.shape[-1] == 4 else jnp.linalg.solve(matrix, right)
+
+
+@jax.custom_jvp
+def _solved(matrix: Array, right: Array) -> Array:
+    return jnp.sum(_inverse(matrix) * right, axis=-1)
+
+
+@_solved.defjvp
+def _slope_of_solved(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
+    """From the system itself, A dx = db - dA x: the slopes of the adjugate would be a program of their own."""
+    (matrix, right), (matrix_dot, right_dot) = primals, tangents
+    inverse = _inverse(matrix)
+    x = jnp.sum(inverse * right, axis=-1)
+    return x, jnp.sum(inverse * (right_dot - jnp.sum(matrix_dot * x, axis=-1)), axis=-1)
+
+
+def _inverse(matrix: Array) -> Array:
+    """Inverse of a matrix (4, 4)."""
     a = [[matrix[i, j] for j in range(4)] for i in range(4)]
     # 2 x 2 minors of the upper and the lower two rows, columns (0,1) (0,2) (0,3) (1,2) (1,3) (2,3).
     pairs = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
@@ -114,4 +131,4 @@ def solve_small(matrix: Array, right: Array) -> Array:
             a[2][0] * s[3] - a[2][1] * s[1] + a[2][2] * s[0],
         ],
     ]
-    return jnp.stack([sum((row[k] * right[k] for k in range(4)), jnp.zeros(())) for row in adjugate]) / determinant
+    return jnp.stack([jnp.stack(row) for row in adjugate]) / determinant

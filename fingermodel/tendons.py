@@ -14,7 +14,9 @@ import numpy as np
 from jax import Array
 
 from fingermodel.fingers import FingerValues, Topology
-from fingermodel.kinematics import JointPose, cross, rotate
+from fingermodel.kinematics import JointPose
+from fingermodel.rows import picked
+from fingermodel.vectors import cross
 
 
 class Pulls(NamedTuple):
@@ -87,31 +89,27 @@ def _lines(
     segments: tuple[int, ...],
 ) -> tuple[Array, Array]:
     """Distal points (n, 3), and the vectors from there to the proximal points, in the distal bone's frame."""
-    chosen = np.array(segments)
-    point = jnp.asarray(values.proximal_point)[chosen]
+    point = picked(jnp.asarray(values.proximal_point), segments)
     for index in crossed:
-        point = point - jnp.asarray(values.centre[index])
-        first = sum(len(j.rotations) for j in topology.joints[:index])
-        for i in range(len(topology.joints[index].rotations)):
-            cosine, sine = _felt(topology, poses[index], index, i, segments)
-            point = rotate(point, jnp.asarray(values.axis[first + i]), cosine, -sine)
-    anchor = jnp.asarray(values.distal_point)[chosen]
+        point = _carried(topology, poses[index], index, point - jnp.asarray(values.centre[index]), segments)
+    anchor = picked(jnp.asarray(values.distal_point), segments)
     return anchor, point - anchor
 
 
-def _felt(
-    topology: Topology, pose: JointPose, index: int, rotation: int, segments: tuple[int, ...]
-) -> tuple[Array, Array]:
-    """Cosine and sine of a rotation as each segment feels it: flexion is 0° where the segment rests on the bone."""
-    cosine, sine = pose.cosine[rotation], pose.sine[rotation]
+def _carried(topology: Topology, pose: JointPose, index: int, point: Array, segments: tuple[int, ...]) -> Array:
+    """Points (n, 3) of the parent bone in the child's frame, unflexed for segments that rest on the bone."""
+    joint = topology.joints[index]
     wraps = [topology.segments[s].wrap for s in segments]
-    if rotation != topology.joints[index].flexion or set(wraps) == {"straight"}:
-        return cosine, sine
+    moved = point @ pose.rotation
+    if joint.flexion < 0 or set(wraps) == {"straight"}:
+        return moved
     dorsal = np.array([w == "landsmeer1_dorsal" for w in wraps])
     palmar = np.array([w == "landsmeer1_palmar" for w in wraps])
     # Joints stay within ±180°, so the sine tells flexion from extension.
-    resting = (dorsal & (sine >= 0.0)) | (palmar & (sine < 0.0))
-    return jnp.where(resting, 1.0, cosine), jnp.where(resting, 0.0, sine)
+    extended = pose.sine[joint.flexion] < 0.0
+    resting = jnp.where(extended, palmar, dorsal)
+    unmoved = point if len(joint.rotations) == 1 else point @ pose.unflexed
+    return jnp.where(resting[:, None], unmoved, moved)
 
 
 def _joined(parts: list[Pulls]) -> Pulls:

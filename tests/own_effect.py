@@ -8,7 +8,8 @@ CODE = '''
 from __future__ import annotations
 from dataclasses import dataclass
 import jax.numpy as jnp
-from fingermodel.effects.places import flexion_of, spread
+from fingermodel.effects.places import flexion_of
+from fingermodel.rows import spread
 from fingermodel.parameters import Parameter, two_sided
 from fingermodel.stages import Effect
 

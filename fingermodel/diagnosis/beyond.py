@@ -294,17 +294,8 @@ def _refitted(problem: Problem, start: Fitted, change: Floats) -> Fitted:
     observations = replace(problem.observations, wrench=problem.observations.wrench - change)
     without = replace(problem, observations=observations, _fitted=[])
     solution = solve(without, start.theta, evaluations=EVALUATIONS)
-    x = np.asarray(solution.x)
-    return Fitted(
-        NOTHING_MISSING,
-        problem.centre + problem.scale * x,
-        x,
-        float(solution.objective),
-        np.asarray(solution.jacobian),
-        np.asarray(solution.residual),
-        True,
-        without,
-    )
+    theta = problem.centre + problem.scale * solution.x
+    return Fitted(NOTHING_MISSING, theta, solution.x, solution.objective, solution, without)
 
 
 def _catalogue_has_it(now: Fitted, change: Floats, candidates: tuple[Candidate, ...]) -> bool:

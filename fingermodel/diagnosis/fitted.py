@@ -15,7 +15,8 @@ from fingermodel.diagnosis.candidates import Explanation, mask
 from fingermodel.diagnosis.linear import Linear, log_mass
 from fingermodel.fit_report import held_at_bound
 from fingermodel.problems import Problem
-from fingermodel.refit import solve
+from fingermodel.refit import whole_slopes
+from fingermodel.solver import CONVERGED, STALLED, Solution
 
 Floats = NDArray[np.float64]
 
@@ -31,10 +32,8 @@ class Fitted:
         explanation: what is freed.
         theta: (parameters,).
         x: (parameters,) the same in prior widths about the centre.
-        objective: χ² plus penalty.
-        jacobian: (n, parameters) of the whitened residuals; zero for effects that are not free (see `everything`).
-        residual: (n,) whitened.
-        converged: whether the solver did.
+        objective: χ² plus penalty; infinite where the model is not sane.
+        solution: where the solver ended.
         problem: that was solved.
     """
 
@@ -42,10 +41,23 @@ class Fitted:
     theta: Floats
     x: Floats
     objective: float
-    jacobian: Floats
-    residual: Floats
-    converged: bool
+    solution: Solution = field(repr=False)
     problem: Problem = field(repr=False)
+
+    @property
+    def jacobian(self) -> Floats:
+        """(n, parameters) of the whitened residuals; zero for what is not free (see `everything`)."""
+        return self.solution.jacobian
+
+    @property
+    def residual(self) -> Floats:
+        """(n,) whitened."""
+        return self.solution.residual
+
+    @property
+    def converged(self) -> bool:
+        """Whether the solver had done."""
+        return self.solution.status in (CONVERGED, STALLED)
 
     @cached_property
     def _inside(self) -> NDArray[np.bool_]:
@@ -115,8 +127,7 @@ class Fitted:
     @cached_property
     def everything(self) -> Linear:
         """The same with the slopes of every effect, at its null where it is not free: what others would explain."""
-        whole = np.asarray(solve(self.problem, self.theta, evaluations=1, whole=True).jacobian)
-        return replace(self.linear, h=-whole)
+        return replace(self.linear, h=-whole_slopes(self.problem, self.theta))
 
     def _straight(self, free: NDArray[np.intp], base: NDArray[np.intp]) -> Linear:
         y = self.residual - self.jacobian[:, free] @ self.x[free]

@@ -22,7 +22,7 @@ from fingermodel.diagnosis.candidates import (
 from fingermodel.diagnosis.fitted import Fitted, doubtful, far_off
 from fingermodel.problems import Problem
 from fingermodel.refit import drawn_starts, solve
-from fingermodel.solver import CONVERGED, STALLED
+from fingermodel.solver import Solution
 
 Floats = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ CRAWL = 3e-3
 # Log evidence within which singles are taken further, and explanations are finished.
 RACE, CONTENDERS = 30.0, 8.0
 # Further evaluations of each heat, and how many singles run in it for each that is wanted.
-HEATS = ((4, 5), (6, 3), (10, 2))
+HEATS = ((3, 5), (5, 3), (9, 2))
 FINISHED = 12
 # Singles beside which companions are tried where much is left unexplained, and evaluations of a fit begun afresh.
 BESIDE, AFRESH, AGAIN = 3, 8, 30
@@ -81,6 +81,7 @@ class Searcher:
         self.problem = problem
         self.best: dict[Explanation, Fitted] = {}
         self._finished: dict[Explanation, Fitted] = {}
+        self._priors: dict[Explanation, float] = {}
         self._tried: set[Fitted] = set()
         self._progress = progress or (lambda _: None)
 
@@ -89,26 +90,28 @@ class Searcher:
         problem = replace(self.problem, free=self.problem.free | mask(self.problem.model, explanation))
         for start in starts:
             guess = np.where(problem.free, np.clip(start, problem.lower, problem.upper), problem.centre)
-            floor = FLOOR if evaluations < LAST else FLOOR / 10.0
-            solution = solve(problem, guess, floor, evaluations, crawl=CRAWL)
-            x, jacobian = np.asarray(solution.x), np.asarray(solution.jacobian)
-            x = np.where(np.abs(x) < ROUNDING, 0.0, x)
-            # In a posture that transmits no force slopes have no bound: whatever the misfit, that is no optimum.
-            sane = np.isfinite(solution.objective) and np.abs(jacobian).max() < STEEPEST
-            found = Fitted(
-                explanation,
-                problem.centre + problem.scale * x,
-                x,
-                float(solution.objective) if sane else np.inf,
-                jacobian,
-                np.asarray(solution.residual),
-                int(solution.status) in (CONVERGED, STALLED),
-                problem,
-            )
-            old = self.best.get(explanation)
-            if old is None or found.objective < old.objective - 1e-6:
-                self.best[explanation] = found
+            self._keep(explanation, problem, self._solve(problem, guess, evaluations))
         return self.best[explanation]
+
+    def go_on(self, fitted: Fitted, evaluations: int) -> Fitted:
+        """Take a fit further from where it stands, as if it had not ended."""
+        solution = self._solve(fitted.problem, fitted.theta, evaluations, fitted.solution)
+        self._keep(fitted.explanation, fitted.problem, solution)
+        return self.best[fitted.explanation]
+
+    def _solve(self, problem: Problem, start: Floats, evaluations: int, begun: Solution | None = None) -> Solution:
+        floor = FLOOR if evaluations < LAST else FLOOR / 10.0
+        return solve(problem, start, floor, evaluations, crawl=CRAWL, begun=begun)
+
+    def _keep(self, explanation: Explanation, problem: Problem, solution: Solution) -> None:
+        x = np.where(np.abs(solution.x) < ROUNDING, 0.0, solution.x)
+        # In a posture that transmits no force slopes have no bound: whatever the misfit, that is no optimum.
+        sane = np.isfinite(solution.objective) and np.abs(solution.jacobian).max() < STEEPEST
+        objective = solution.objective if sane else np.inf
+        found = Fitted(explanation, problem.centre + problem.scale * x, x, objective, solution, problem)
+        old = self.best.get(explanation)
+        if old is None or found.objective < old.objective - 1e-6:
+            self.best[explanation] = found
 
     def run(self, candidates: tuple[Candidate, ...], start: Floats | None = None, thorough: bool = False) -> Search:
         """Fit nothing, all singles and the best pairs; each from the others' optima too.
@@ -122,7 +125,7 @@ class Searcher:
         more = 3 if thorough else 1
         starts = [problem.centre] if start is None else [start, problem.centre]
         nothing = self.fit(NOTHING_MISSING, [*starts, *drawn_starts(problem, BASE_STARTS * more)], SECOND)
-        nothing = self.fit(NOTHING_MISSING, [nothing.theta], LAST)
+        nothing = self.go_on(nothing, LAST)
         for done, candidate in enumerate(candidates):
             self._single(candidate, nothing)
             self._progress(0.5 * (done + 1) / len(candidates))
@@ -189,10 +192,16 @@ class Searcher:
             forced = 2 * count if far_off(best, FAR) else count if size == 1 else 0
             for place, one in enumerate(ranked[: count * share]):
                 if not one.converged and (place < forced or one.promise > best.log_evidence - RACE / size):
-                    self.fit(one.explanation, [one.theta], evaluations)
+                    self.go_on(one, evaluations)
+
+    def _log_prior(self, explanation: Explanation, candidates: tuple[Candidate, ...]) -> float:
+        """Asked for thousands of times in a search."""
+        if explanation not in self._priors:
+            self._priors[explanation] = log_prior(explanation, candidates)
+        return self._priors[explanation]
 
     def _leader(self, candidates: tuple[Candidate, ...]) -> Fitted:
-        return max(self.best.values(), key=lambda f: f.log_evidence + log_prior(f.explanation, candidates))
+        return max(self.best.values(), key=lambda f: self._value(f.explanation, candidates))
 
     def _neighbours(self, candidates: tuple[Candidate, ...]) -> None:
         """Hold the leader against all that differ from it in one member, from where it stands, until it stays ahead.
@@ -222,9 +231,10 @@ class Searcher:
         for kept in own:
             offers += [pair for _, pair in self._companions(leader, kept, candidates)]
         promised = {
-            e: base + leader.everything.gain(e.parameters) + log_prior(e, candidates) for e in dict.fromkeys(offers)
+            e: base + leader.everything.gain(e.parameters) + self._log_prior(e, candidates)
+            for e in dict.fromkeys(offers)
         }
-        limit = leader.log_evidence + log_prior(leader.explanation, candidates) - 2.0 * CONTENDERS
+        limit = leader.log_evidence + self._log_prior(leader.explanation, candidates) - 2.0 * CONTENDERS
         new = [e for e, v in promised.items() if v > max(self._value(e, candidates) + WORTHWHILE, limit)]
         return sorted(new, key=lambda e: -promised[e])
 
@@ -241,25 +251,25 @@ class Searcher:
 
     def _polish(self, candidates: tuple[Candidate, ...]) -> None:
         """Finish the fits that are still in question, and the base model's."""
-        value = {e: f.log_evidence + log_prior(e, candidates) for e, f in self.best.items()}
+        value = {e: self._value(e, candidates) for e in self.best}
         limit = max(value.values()) - CONTENDERS
-        hopeful = [e for e, f in self.best.items() if f.promise + log_prior(e, candidates) > limit or e.size == 0]
+        hopeful = [e for e, f in self.best.items() if f.promise + self._log_prior(e, candidates) > limit or e.size == 0]
         # Where even the leader is far off, the others need no finish.
         lost = far_off(self._leader(candidates), FAR)
         count = FINISHED // 3 if lost else FINISHED
         for explanation in sorted(hopeful, key=lambda e: -value[e])[:count]:
             found = self.best[explanation]
             if self._finished.get(explanation) is not found:
-                found = self.fit(explanation, [found.theta], LAST)
+                found = self.go_on(found, LAST)
                 close = not lost and value[explanation] > limit + 0.5 * CONTENDERS
                 if not found.converged and (close or self._would_lead(found, candidates)):
-                    found = self.fit(explanation, [found.theta], 2 * LAST)
+                    found = self.go_on(found, 2 * LAST)
                 self._finished[explanation] = found
 
     def _would_lead(self, found: Fitted, candidates: tuple[Candidate, ...]) -> bool:
         """Whether a fit that is not done promises more than anything else has."""
         best = max(self._value(e, candidates) for e in self.best if e != found.explanation)
-        return found.promise + log_prior(found.explanation, candidates) > best + CONTENDERS
+        return found.promise + self._log_prior(found.explanation, candidates) > best + CONTENDERS
 
     def _ranked(self, size: int) -> list[Fitted]:
         """Best optimum of each different set of names of a size, best first."""
@@ -302,7 +312,7 @@ class Searcher:
             if set(first.parameters) & set(second.parameters):
                 return
             base = nothing.log_evidence if host is nothing else host.log_evidence - host.linear.gain(first.parameters)
-            value = base + host.everything.gain(pair.parameters) + log_prior(pair, candidates)
+            value = base + host.everything.gain(pair.parameters) + self._log_prior(pair, candidates)
             old = offers.get(pair.names)
             if old is None or value > old[0]:
                 offers[pair.names] = (value, host, pair)
@@ -321,7 +331,7 @@ class Searcher:
 
     def _value(self, explanation: Explanation, candidates: tuple[Candidate, ...]) -> float:
         known = self.best.get(explanation)
-        return -np.inf if known is None else known.log_evidence + log_prior(explanation, candidates)
+        return -np.inf if known is None else known.log_evidence + self._log_prior(explanation, candidates)
 
     def _beside(self, candidates: tuple[Candidate, ...], count: int) -> None:
         """Where no single explains the readings, try every companion at a middling size beside the best of them.
@@ -357,7 +367,9 @@ class Searcher:
 
     def _again(self, candidates: tuple[Candidate, ...], count: int) -> None:
         """Fit the leaders once more from before anything was bent: they may sit in another valley."""
-        ranked = sorted(self.best.values(), key=lambda f: -(f.log_evidence + log_prior(f.explanation, candidates)))
+        ranked = sorted(
+            self.best.values(), key=lambda f: -(f.log_evidence + self._log_prior(f.explanation, candidates))
+        )
         for one in [f for f in ranked if f.explanation.size][:count]:
             if doubtful(one):
                 self.fit(one.explanation, [self.problem.centre], AGAIN)

@@ -16,7 +16,8 @@ from jax import Array
 
 from fingermodel.dynamics.inertia import ChainInertia
 from fingermodel.fingers import FingerValues, Topology
-from fingermodel.kinematics import JointPose, cross, joint_poses
+from fingermodel.kinematics import JointPose, joint_poses
+from fingermodel.vectors import cross
 
 jax.config.update("jax_enable_x64", True)
 

@@ -11,7 +11,7 @@ from jax import Array
 
 from fingermodel.effects.places import flexion_joints, flexion_of
 from fingermodel.fingers import Topology
-from fingermodel.kinematics import turn
+from fingermodel.kinematics import turn_about
 from fingermodel.parameters import Parameter, two_sided
 from fingermodel.stages import Effect, Layout, LoadCaseInput, State
 
@@ -47,10 +47,9 @@ class AxisTilt(Effect):
         joints = flexion_joints(state.topology)
         angle = jnp.deg2rad(p)
         cosine, sine = jnp.cos(angle), jnp.sin(angle)
-        about_x, about_y = jnp.array([1.0, 0.0, 0.0]), jnp.array([0.0, 1.0, 0.0])
         for k, joint in enumerate(joints):
             row, other = flexion_of(state.topology, joint.name), len(joints) + k
             if row is not None:
-                turned = turn(about_x, cosine[other], sine[other]) @ axes[row]
-                axes[row] = turn(about_y, cosine[k], sine[k]) @ turned
+                turned = turn_about(0, cosine[other], sine[other]) @ axes[row]
+                axes[row] = turn_about(1, cosine[k], sine[k]) @ turned
         return state._replace(values=state.values._replace(axis=jnp.stack(axes)))

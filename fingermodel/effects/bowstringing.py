@@ -12,6 +12,7 @@ from jax import Array
 from fingermodel.effects.places import at, flexion_of, flexors, shifted
 from fingermodel.fingers import Topology
 from fingermodel.parameters import Parameter, one_sided
+from fingermodel.rows import spread
 from fingermodel.stages import Effect, Layout, LoadCaseInput, State
 
 
@@ -45,14 +46,20 @@ class Bowstringing(Effect):
     def geometry(self, p: Array, case: LoadCaseInput, state: State) -> State:
         """Lift the flexors' points."""
         topology = state.topology
-        for slip in flexors(topology):
-            others = [state.tension[topology.muscles.index(o)] for o in flexors(topology) if o != slip]
-            tension = state.tension[topology.muscles.index(slip)] + p[2] * sum(others, jnp.zeros(()))
-            for joint in topology.joints:
-                segments, flexion = at(topology, slip, joint.name), flexion_of(topology, joint.name)
-                if segments and flexion is not None:
-                    # The tendon bends either way; the small number rounds off the corner at 0 deg.
-                    half = jnp.sin(0.5 * state.posture[flexion])
-                    lift = p[0] * 2.0 * tension * (jnp.sqrt(half * half + 1e-4) - 1e-2)
-                    state = shifted(state, segments, dorsal=-lift / (1.0 + p[1] * lift))
-        return state
+        pulled = [
+            (segment, topology.muscles.index(slip), flexion)
+            for slip in flexors(topology)
+            for joint in topology.joints
+            for segment in at(topology, slip, joint.name)
+            if (flexion := flexion_of(topology, joint.name)) is not None
+        ]
+        if not pulled:
+            return state
+        segments, muscles, flexions = zip(*pulled, strict=True)
+        own = spread(muscles, len(topology.muscles))
+        others = spread([topology.muscles.index(m) for m in flexors(topology)], len(topology.muscles)).sum(axis=0) - own
+        tension = own @ state.tension + p[2] * (others @ state.tension)
+        # The tendon bends either way; the small number rounds off the corner at 0 deg.
+        half = jnp.sin(0.5 * (spread(flexions, len(topology.rotations)) @ state.posture))
+        lift = p[0] * 2.0 * tension * (jnp.sqrt(half * half + 1e-4) - 1e-2)
+        return shifted(state, segments, dorsal=-lift / (1.0 + p[1] * lift))

@@ -10,8 +10,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from fingermodel.fingers import Topology
-from fingermodel.kinematics import turn
+from fingermodel.kinematics import turn_about
 from fingermodel.parameters import Parameter, two_sided
+from fingermodel.rows import chosen
 from fingermodel.stages import Effect, Layout, LoadCaseInput, State
 
 
@@ -47,9 +48,9 @@ class CellRotation(Effect):
         """Turn the wrench, intrinsic x-y-z."""
         assert state.wrench is not None  # noqa: S101 - the stage before has filled it
         rotations = p.reshape(-1, 3)
-        angle = jnp.deg2rad(rotations[0] + rotations[1:][case.mounting])
+        angle = jnp.deg2rad(rotations[0] + chosen(rotations[1:], case.mounting))
         cosine, sine = jnp.cos(angle), jnp.sin(angle)
         both = jnp.stack([state.wrench[:3], state.wrench[3:]], axis=1)
         for axis in (2, 1, 0):
-            both = turn(jnp.eye(3)[axis], cosine[axis], sine[axis]) @ both
+            both = turn_about(axis, cosine[axis], sine[axis]) @ both
         return state._replace(wrench=both.T.reshape(6))

@@ -9,9 +9,10 @@ from typing import final
 import jax.numpy as jnp
 from jax import Array
 
-from fingermodel.effects.places import flexion_joints, flexions, spread
+from fingermodel.effects.places import flexion_joints, flexions
 from fingermodel.fingers import Topology
 from fingermodel.parameters import Parameter, one_sided, two_sided
+from fingermodel.rows import spread
 from fingermodel.stages import Effect, Layout, LoadCaseInput, State
 
 

@@ -8,9 +8,10 @@ from typing import final
 
 from jax import Array
 
-from fingermodel.effects.places import at, beyond, flexors, spread
+from fingermodel.effects.places import at, beyond, flexors
 from fingermodel.fingers import Topology
 from fingermodel.parameters import Parameter, one_sided
+from fingermodel.rows import spread
 from fingermodel.stages import Effect, Layout, LoadCaseInput, State
 
 

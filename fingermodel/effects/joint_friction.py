@@ -10,9 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from fingermodel.effects.places import flexion_joints, flexions, spread
+from fingermodel.effects.places import flexion_joints, flexions
 from fingermodel.fingers import Topology
 from fingermodel.parameters import Parameter, one_sided
+from fingermodel.rows import spread
 from fingermodel.stages import Effect, Layout, LoadCaseInput, State
 
 # Torque [N mm] from which the preload rubs in full; a joint that carries nothing loses nothing.

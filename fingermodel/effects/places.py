@@ -9,6 +9,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from fingermodel.fingers import Joint, Topology
+from fingermodel.rows import spread
 from fingermodel.stages import Layout, State
 
 
@@ -56,14 +57,6 @@ def locations(layout: Layout) -> tuple[str, ...]:
     return tuple(place for place in ("tip", "bone") if place in used)
 
 
-def spread(rows: Sequence[int], length: int) -> NDArray[np.float64]:
-    """Return the (rows, length) matrix that puts values in their places, with zeros elsewhere.
-
-    A product with constants compiles to far less than an indexed update, which a batch would scatter case by case.
-    """
-    return np.eye(length)[np.array(rows, int)]
-
-
 def flexions(topology: Topology) -> NDArray[np.float64]:
     """Return the matrix that spreads one value for each flexion joint over all rotations."""
     rows = [flexion_of(topology, j.name) for j in flexion_joints(topology)]
@@ -71,13 +64,13 @@ def flexions(topology: Topology) -> NDArray[np.float64]:
 
 
 def shifted(state: State, segments: Sequence[int], dorsal: Array) -> State:
-    """Move both points of some segments along y of their bones [mm]."""
+    """Move both points of some segments along y of their bones [mm]: all as far, or each (segments,) by its own."""
     values = state.values
-    chosen = np.zeros((len(state.topology.segments), 3))
-    chosen[np.array(segments, int), 1] = 1.0
+    each = (dorsal * np.ones(len(segments))) @ spread(segments, len(state.topology.segments))
+    moved = each[:, None] * np.array([0.0, 1.0, 0.0])
     return state._replace(
         values=values._replace(
-            proximal_point=values.proximal_point + chosen * dorsal,
-            distal_point=values.distal_point + chosen * dorsal,
+            proximal_point=values.proximal_point + moved,
+            distal_point=values.distal_point + moved,
         )
     )

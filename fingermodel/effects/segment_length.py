@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from fingermodel.effects.places import spread
 from fingermodel.fingers import Topology
 from fingermodel.parameters import Parameter, two_sided
+from fingermodel.rows import spread
 from fingermodel.stages import Effect, Layout, LoadCaseInput, State
 
 

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from typing import final
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from fingermodel.effects.paths import turned_so_far
-from fingermodel.effects.places import flexors, spread
+from fingermodel.effects.places import flexors
 from fingermodel.fingers import Topology
 from fingermodel.parameters import Parameter, one_sided
+from fingermodel.rows import spread
 from fingermodel.stages import Effect, Layout, LoadCaseInput, State
 
 
@@ -46,7 +48,7 @@ class SheathFriction(Effect):
         assert state.segment_tension is not None  # noqa: S101 - the stage before has filled it
         bend = jnp.zeros(len(state.topology.segments))
         for slip in flexors(state.topology):
-            turned = turned_so_far(state, slip)
-            besides = jnp.deg2rad(p[1]) * jnp.arange(1.0, len(turned) + 1.0)
-            bend = bend + (jnp.stack(list(turned.values())) + besides) @ spread(list(turned), len(bend))
+            segments, turned = turned_so_far(state, slip)
+            besides = jnp.deg2rad(p[1]) * np.arange(1.0, len(segments) + 1.0)
+            bend = bend + (turned + besides) @ spread(segments, len(bend))
         return state._replace(segment_tension=state.segment_tension * jnp.exp(-p[0] * bend))

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from fingermodel.fingers import Topology
-from fingermodel.kinematics import turn
+from fingermodel.kinematics import turn_about
 from fingermodel.parameters import Parameter, two_sided
 from fingermodel.stages import Effect, Layout, LoadCaseInput, State
 
@@ -40,8 +40,7 @@ class SutureAngle(Effect):
             return state
         angle = jnp.deg2rad(p)
         cosine, sine = jnp.cos(angle), jnp.sin(angle)
-        about_z, about_y = jnp.array([0.0, 0.0, 1.0]), jnp.array([0.0, 1.0, 0.0])
         pull = state.tension @ jnp.asarray(state.values.suture)
-        turned = turn(about_z, cosine[0], sine[0]) @ (turn(about_y, cosine[1], sine[1]) @ pull)
+        turned = turn_about(2, cosine[0], sine[0]) @ (turn_about(1, cosine[1], sine[1]) @ pull)
         change = jnp.where(case.at_bone & ~case.is_check, turned - pull, 0.0)
         return state._replace(wrench=state.wrench + jnp.concatenate([change, jnp.zeros(3)]))

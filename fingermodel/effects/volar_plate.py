@@ -7,9 +7,10 @@ from typing import final
 
 from jax import Array
 
-from fingermodel.effects.places import flexion_of, spread
+from fingermodel.effects.places import flexion_of
 from fingermodel.fingers import Topology
 from fingermodel.parameters import Parameter, one_sided
+from fingermodel.rows import spread
 from fingermodel.stages import Effect, Layout, LoadCaseInput, State
 
 

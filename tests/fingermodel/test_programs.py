@@ -16,9 +16,9 @@ from fingermodel.effects.catalogue import CATALOGUE
 from fingermodel.effects.user import load_effect
 from fingermodel.finger_files import read_finger
 from fingermodel.model import Model
-from fingermodel.problems import map_problem
+from fingermodel.problems import map_problem, residual_at
 from fingermodel.programs import stored
-from fingermodel.refit import solve
+from fingermodel.refit import solve, whole_slopes
 from server.workflow import open_bench
 from tests.own_effect import python_file
 
@@ -110,10 +110,11 @@ def test_an_effect_that_does_not_act_is_skipped_without_a_trace() -> None:
     bench = open_bench("synek2019_H01", catalogue=True)
     problem = map_problem(bench.model, bench.observations)
     start = problem.centre + 0.3 * problem.scale * np.where(problem.free, 1.0, 0.0)
-    skipped, whole = (solve(problem, start, evaluations=1, whole=w) for w in (False, True))
-    np.testing.assert_array_equal(skipped.residual, whole.residual)
+    skipped, whole = solve(problem, start, evaluations=1), whole_slopes(problem, start)
+    # What is compiled together is rounded together: nothing but the last digit.
+    np.testing.assert_allclose(skipped.residual, residual_at(problem, start), rtol=1e-12, atol=1e-12)
     effects = ~problem.free & bench.model.parameters.of_kind("effect")
-    np.testing.assert_allclose(skipped.jacobian[:, problem.free], whole.jacobian[:, problem.free], rtol=1e-9, atol=1e-9)
-    assert not np.asarray(skipped.jacobian)[:, effects].any()
-    assert np.abs(np.asarray(whole.jacobian)[:, effects]).sum() > 0.0
+    np.testing.assert_allclose(skipped.jacobian[:, problem.free], whole[:, problem.free], rtol=1e-9, atol=1e-9)
+    assert not skipped.jacobian[:, effects].any()
+    assert np.abs(whole[:, effects]).sum() > 0.0
     assert len(CATALOGUE) == 23

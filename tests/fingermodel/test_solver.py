@@ -64,7 +64,7 @@ def test_fixed_parameters_stay_and_undetermined_ones_do_not_wander() -> None:
     matrix = np.array([[1.0, 0.0, 0.0]])
     answer = minimise(
         lambda x: matrix @ x - 2.0,
-        lambda _: matrix,
+        lambda _: matrix[:, :2],
         np.array([0.0, 0.5, 0.25]),
         np.zeros(3),
         np.zeros(3),
@@ -74,6 +74,40 @@ def test_fixed_parameters_stay_and_undetermined_ones_do_not_wander() -> None:
     )
     assert answer.status == CONVERGED
     assert_allclose(answer.x, [2.0, 0.5, 0.25], atol=1e-6)
+
+
+@pytest.mark.parametrize("first", [1, 2, 5])
+def test_a_fit_that_goes_on_is_the_one_that_was_not_interrupted(first: int) -> None:
+    """Ended after a step that failed or one that did not, and without an evaluation more."""
+    calls: list[float] = []
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        calls.append(float(x[0]))
+        return np.array([np.arctan(5.0 * x[0]), 0.1 * x[1] + x[0] ** 2])
+
+    def slopes(x: np.ndarray) -> np.ndarray:
+        return np.array([[5.0 / (1.0 + 25.0 * x[0] ** 2), 0.0], [2.0 * x[0], 0.1]])
+
+    start, none, far, free = np.array([3.0, 1.0]), np.zeros(2), np.full(2, 99.0), np.ones(2, bool)
+    whole = minimise(residual, slopes, start, none, none, -far, far, free)
+    tried = calls.copy()
+    calls.clear()
+    begun = minimise(residual, slopes, start, none, none, -far, far, free, max_evaluations=first)
+    rest = minimise(residual, slopes, begun.x, none, none, -far, far, free, begun=begun)
+    assert whole.evaluations > 7
+    assert calls == tried
+    assert begun.evaluations + rest.evaluations == whole.evaluations
+    np.testing.assert_array_equal(rest.x, whole.x)
+    assert rest.status == whole.status == CONVERGED
+
+
+def test_there_is_nothing_to_go_on_from_where_the_model_is_not_finite() -> None:
+    none, one = np.zeros(2), np.ones(2)
+    begun = _in_unit_box(lambda x: x + np.nan, np.eye(2))
+    free = np.ones(2, bool)
+    answer = minimise(lambda x: x - 0.5, lambda _: np.eye(2), none, none, none, -one, one, free, begun=begun)
+    assert answer.status == CONVERGED
+    assert_allclose(answer.x, 0.5)
 
 
 def _in_unit_box(residual: Callable[[np.ndarray], np.ndarray], slopes: np.ndarray) -> Solution:

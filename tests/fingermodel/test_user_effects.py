@@ -612,7 +612,7 @@ def test_an_effect_of_the_catalogue_has_no_document() -> None:
     [
         ("import jax.numpy", "import nowhere.numpy", "line 4: ModuleNotFoundError"),
         ("@dataclass(frozen=True)", "@dataclass(frozen=True", "SyntaxError"),
-        ("@dataclass(frozen=True)", "raise SystemExit(3)\n@dataclass(frozen=True)", "line 9: SystemExit: 3"),
+        ("@dataclass(frozen=True)", "raise SystemExit(3)\n@dataclass(frozen=True)", "line 10: SystemExit: 3"),
         ("class Mine(", "class _Mine(", "defines no effect"),
         ("class Mine(Effect):", "class Other(Effect):\n    pass\n\nclass Mine(Effect):", "defines Mine, Other"),
         ("    def parameters", "    size: float\n\n    def parameters", "Mine() fails (TypeError"),
