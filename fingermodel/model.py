@@ -24,6 +24,7 @@ from fingermodel.hood.parts import ElasticHood
 from fingermodel.kinematics import TipKinematics, joint_poses, poses_of_turns, tip_kinematics
 from fingermodel.parameters import ParameterTable
 from fingermodel.programs import stored
+from fingermodel.rows import picked
 from fingermodel.stages import Effect, Layout, LoadCaseInput, Stage, State
 from fingermodel.statics import ClampForces, clamp_forces, joint_loads, joint_torques
 from fingermodel.tendons import joint_pulls, moment_arms
@@ -200,7 +201,7 @@ def predict_parts(
         if active is not None and (asked := [i for i in changes if _is_optional(structure, i)]):
             optional = {i: partial(_if, active[i], changes.pop(i)) for i in asked}
             # Asked of all together first: most fits have one effect, and every answer copies what it might change.
-            state = _if(jnp.any(active[np.array(asked)]), partial(_one_by_one, optional.values()), state)
+            state = _if(jnp.any(picked(active, asked)), partial(_one_by_one, optional.values()), state)
         return _one_by_one(changes.values(), state)
 
     state = State(topology, case.posture, with_anatomy(topology, values, parts[0]), case.tension)

@@ -28,7 +28,7 @@ from fingermodel.diagnosis.evidence import (
     misfit_of,
     scales,
 )
-from fingermodel.diagnosis.fitted import Fitted
+from fingermodel.diagnosis.fitted import Fitted, far_off
 from fingermodel.diagnosis.linear import Linear
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard, form_of, rms_of
 from fingermodel.model import jax_values, tip_kinematics_batch
@@ -39,6 +39,8 @@ Floats = NDArray[np.float64]
 
 # Forms that are weighed with budget and form left open, and how often the base is refitted beside each.
 WEIGHED, ROUNDS, EVALUATIONS = 3, 2, 12
+# χ² per reading from which a base is bent.
+BENT = 5.0
 # Log evidence that a form must promise over the model without it, and of the best form, to be weighed.
 WORTH, NEAR = 5.0, 30.0
 # Prior widths, each half of a plausible range's half or of a one-sided range (see data/effects).
@@ -83,7 +85,9 @@ def known_beyond(nothing: Fitted, candidates: tuple[Candidate, ...], had: Collec
     if not found:
         return ()
     gains = np.array([-np.inf if f.name in others else _gain(nothing.linear, problem, f) for f in found])
-    promising = np.flatnonzero(gains > max(WORTH, gains.max() - NEAR))
+    # What a form promises about a base that was bent to do without it says little.
+    near = np.inf if far_off(nothing, BENT) else NEAR
+    promising = np.flatnonzero(gains > max(WORTH, gains.max() - near))
     order = promising[np.argsort(-gains[promising])]
     # The best form of each effect first: another moment of a slip is no other explanation.
     best = list({found[i].name: i for i in order[::-1]}.values())[::-1]
@@ -245,11 +249,15 @@ def _weigh(nothing: Fitted, found: list[Form], index: int, candidates: tuple[Can
     problem, now = nothing.problem, nothing
     own, strength = found[index], 0.0
     change = np.zeros((len(problem.observations.ids), 6))
+    if far_off(nothing, BENT):
+        # What bends the base to do without the form hides it: begin from before anything was bent.
+        now = _refitted(problem, problem.centre, change, 1)
+        own = _form(problem, now, index)
     for _ in range(ROUNDS):
         size, strength = _sizes(now, _rows_of(problem, own.columns), change)
         change = own.columns @ size
-        now = _refitted(problem, now, change)
-        own = next(islice(forms(problem, now.theta), index, None))
+        now = _refitted(problem, now.theta, change, EVALUATIONS)
+        own = _form(problem, now, index)
     columns = _rows_of(problem, own.columns)
     own_rows = problem.whitener @ change.reshape(-1)[problem.rows]
     if _catalogue_has_it(now, own_rows, candidates):
@@ -275,6 +283,10 @@ def _weigh(nothing: Fitted, found: list[Form], index: int, candidates: tuple[Can
     return Known(own.name, own.words, log_evidence, rms_of(problem.observations, problem.rows, change), misfit)
 
 
+def _form(problem: Problem, about: Fitted, index: int) -> Form:
+    return next(islice(forms(problem, about.theta), index, None))
+
+
 def _sizes(now: Fitted, columns: Floats, change: Floats) -> tuple[Floats, float]:
     """Most probable sizes (k,) of a form, in prior widths, beside the base about an optimum that lacks a change.
 
@@ -289,11 +301,11 @@ def _sizes(now: Fitted, columns: Floats, change: Floats) -> tuple[Floats, float]
     return size, float(np.sqrt(size @ np.linalg.solve(own, size)))
 
 
-def _refitted(problem: Problem, start: Fitted, change: Floats) -> Fitted:
+def _refitted(problem: Problem, start: Floats, change: Floats, evaluations: int) -> Fitted:
     """The base model's optimum for readings from which a change has been taken."""
     observations = replace(problem.observations, wrench=problem.observations.wrench - change)
     without = replace(problem, observations=observations, _fitted=[])
-    solution = solve(without, start.theta, evaluations=EVALUATIONS)
+    solution = solve(without, start, evaluations=evaluations)
     theta = problem.centre + problem.scale * solution.x
     return Fitted(NOTHING_MISSING, theta, solution.x, solution.objective, solution, without)
 
