@@ -130,7 +130,7 @@ def _found(
     candidates: tuple[Candidate, ...],
     validation_rmse: Callable[[Weighed], float | None],
 ) -> Verdict:
-    both, certain = certain, _without_passengers(evidence, certain, candidates)
+    certain, passengers = _without_passengers(problem, evidence, certain, candidates, validation_rmse)
     exact = [w for w in evidence.weighed if set(w.explanation.names) == set(certain)]
     together = sum(p for names, p in evidence.probability.items() if names and set(certain) <= set(names))
     order = [c.name for c in candidates]
@@ -151,7 +151,7 @@ def _found(
         f"{chosen.fitted.objective:.0f} for {len(problem.rows)} readings; it changes the forces by "
         f"{chosen.size_N:.3f} N (RMS)."
     )
-    reasons = (reason, *(_passenger(name) for name in both if name not in certain))
+    reasons = (reason, *passengers, *_unsettled(evidence, certain))
     strange = (bool(out_of_range(chosen)), _worse(problem, evidence, chosen, validation_rmse))
     if all(strange) or (len(names) > 1 and any(strange)):
         said = f"What comes nearest to the readings, {_words(names)}, is not believable: {lacks[0]}."
@@ -161,19 +161,17 @@ def _found(
     return Verdict("found", names, effects, together, reasons)
 
 
-def _passenger(name: str) -> str:
-    return (
-        f"{name} beside it would lessen the misfit further, but no more than a form a little other than ours would; "
-        "a load case that tells the two apart (`fingertwin next`) can show whether it acts too."
-    )
-
-
 def _without_passengers(
-    evidence: Evidence, certain: tuple[str, ...], candidates: tuple[Candidate, ...]
-) -> tuple[str, ...]:
-    """Leave out a companion that adds little where a law alone fits: it may mend that law's form.
+    problem: Problem,
+    evidence: Evidence,
+    certain: tuple[str, ...],
+    candidates: tuple[Candidate, ...],
+    validation_rmse: Callable[[Weighed], float | None],
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Leave out a companion where one effect alone fits, and say why: it may only mend that effect's form.
 
-    What is so by definition, such as a mass or an angle, has no form to mend.
+    So it is if it makes the prediction of the cases never fitted worse; or, beside a law, if it adds little. What is so
+    by definition, such as a mass or an angle, has no form to mend.
     """
     laws = {c.name for c in candidates if c.constitutive}
     pair = max(
@@ -182,16 +180,58 @@ def _without_passengers(
         default=None,
     )
     if len(certain) < 2 or pair is None:
-        return certain
-    alone = [
-        w
-        for w in evidence.weighed
-        if len(w.explanation.names) == 1
-        and w.explanation.names[0] in laws & set(certain)
-        and not w.implausible
-        and pair.log_evidence - w.log_evidence < 0.5 * FORM_SHARE * evidence.nothing.fitted.objective
-    ]
-    return max(alone, key=lambda w: w.log_evidence).explanation.names if alone else certain
+        return certain, ()
+    worse, mended = [], []
+    for w in evidence.weighed:
+        fits = not w.implausible and not w.leaves_too_much(evidence.nothing)
+        if fits and w.explanation.size == 1 and w.explanation.names[0] in certain:
+            if _rises(problem, validation_rmse(w), validation_rmse(pair)):
+                worse.append(w)
+            elif w.explanation.names[0] in laws and pair.log_evidence - w.log_evidence < _mending(evidence, w):
+                mended.append(w)
+    alone = max((*worse, *mended), key=lambda w: w.log_evidence, default=None)
+    if alone is None:
+        return certain, ()
+    others = _words(tuple(name for name in certain if name not in alone.explanation.names))
+    if alone in worse:
+        why = (
+            f"{others} beside it would lessen the misfit of what was fitted, but the error of the cases never fitted "
+            f"would rise from {validation_rmse(alone):.3f} to {validation_rmse(pair):.3f} N: it mends the form of "
+            "what acts, and only there."
+        )
+    else:
+        why = (
+            f"{others} beside it would lessen the misfit further, but no more than a form a little other than ours "
+            "would; a load case that tells the two apart (`fingertwin next`) can show whether it acts too."
+        )
+    return alone.explanation.names, (why,)
+
+
+def _mending(evidence: Evidence, alone: Weighed) -> float:
+    """Log evidence that a companion may add by mending a law's form: as far off as the readings show, and no further.
+
+    An error of a form that is so large has left that share, squared, of what the misfit was.
+    """
+    return 0.5 * min(FORM_SHARE, alone.form_error**2) * evidence.nothing.fitted.objective
+
+
+def _unsettled(evidence: Evidence, certain: tuple[str, ...]) -> tuple[str, ...]:
+    """Say that something acts beside a single effect, where only its name is open."""
+    beside = {
+        next(iter(set(names) - set(certain))): p
+        for names, p in evidence.probability.items()
+        if len(certain) == 1 and names is not None and len(names) == 2 and certain[0] in names
+    }
+    total = sum(beside.values())
+    ranked = sorted(beside, key=lambda name: -beside[name])
+    if total < SURE or beside[ranked[0]] >= SURE:
+        return ()
+    named = [name for name in ranked[:MOST_NAMES] if beside[name] >= 0.05]
+    said = " or ".join(f"{name} ({beside[name]:.2f})" for name in named)
+    return (
+        f"Something acts beside it (probability {total:.2f}), which these load cases do not settle: {said}. "
+        "`fingertwin next` tells what would.",
+    )
 
 
 def conditions(
@@ -217,7 +257,10 @@ def _worse(
     problem: Problem, evidence: Evidence, chosen: Weighed, validation_rmse: Callable[[Weighed], float | None]
 ) -> bool:
     """Whether the error of the cases that were never fitted rises beyond its uncertainty."""
-    before, after = validation_rmse(evidence.nothing), validation_rmse(chosen)
+    return _rises(problem, validation_rmse(evidence.nothing), validation_rmse(chosen))
+
+
+def _rises(problem: Problem, before: float | None, after: float | None) -> bool:
     return before is not None and after is not None and after > 1.1 * before + 2.0 * typical_sd(problem)
 
 

@@ -133,10 +133,18 @@ def verdict_of(
     each: float = 20.0,
     objective: float = 45.0,
     searched: tuple[Candidate, ...] = (),
+    form_error: float = 0.1,
+    held_out: dict[int, float] | None = None,
+    left: tuple[tuple[str, ...], ...] = (),
 ) -> Any:
-    """The verdict where only probabilities speak: everything fits, nothing is strained; log evidence of each effect."""
+    """The verdict where only probabilities speak: everything fits, nothing is strained.
+
+    `each` is the log evidence of each effect, `held_out` the error [N] of cases never fitted by the number of effects,
+    `left` are explanations that leave too much.
+    """
     model = SimpleNamespace(parameters=SimpleNamespace(parameters=(), names=()))
-    problem = SimpleNamespace(rows=np.arange(50), model=model, observations=SimpleNamespace())
+    blocks = SimpleNamespace(case_covariance=np.tile(0.005**2 * np.eye(6), (10, 1, 1)))
+    problem = SimpleNamespace(rows=np.arange(50), model=model, observations=blocks)
     fitted = SimpleNamespace(
         objective=objective, problem=problem, explanation=Explanation((), (), ()), theta=np.zeros(0), x=np.zeros(0)
     )
@@ -152,10 +160,11 @@ def verdict_of(
                     plain_misfit=45.0,
                     implausible=False,
                     log_evidence=each * len(names),
+                    form_error=form_error,
                     size_N=0.1,
                     budget_factor=1.0,
                     x_allowing=np.zeros(0),
-                    leaves_too_much=lambda _: False,
+                    leaves_too_much=lambda _, too_much=names in left: too_much,
                 )
             )
     nothing = next(r for r in rows if r.explanation.size == 0)
@@ -168,7 +177,7 @@ def verdict_of(
         cast("Any", evidence),
         searched or candidates(4),
         confounding(linear, candidates(4)),
-        lambda _: None,
+        lambda w: None if held_out is None else held_out[w.explanation.size],
     )
 
 
@@ -231,6 +240,32 @@ def test_a_companion_that_may_only_mend_the_form_is_not_named() -> None:
     exact = tuple(replace(c, constitutive=False) for c in candidates(4))
     assert verdict_of(probability, each=6.0, objective=10_000.0, searched=exact).effects == ("e0", "e1")
     assert verdict_of(probability, each=6.0, objective=1_000.0).effects == ("e0", "e1")
+    # A form that the readings show to be right within 2 % has little to mend.
+    assert verdict_of(probability, each=6.0, objective=10_000.0, form_error=0.02).effects == ("e0", "e1")
+
+
+def test_a_companion_that_foretells_worse_than_one_effect_alone_is_not_named() -> None:
+    probability: dict[tuple[str, ...] | None, float] = {("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}
+    worse, hardly = {0: 0.15, 1: 0.05, 2: 0.09}, {0: 0.15, 1: 0.05, 2: 0.06}
+    verdict = verdict_of(probability, held_out=worse)
+    assert (verdict.kind, verdict.effects) == ("found", ("e0",))
+    assert any("would rise from 0.050 to 0.090 N" in reason for reason in verdict.reasons)
+    # Not within the uncertainty of these errors, and not where the single does not explain the readings.
+    assert verdict_of(probability, held_out=hardly).effects == ("e0", "e1")
+    assert verdict_of(probability, held_out=worse, left=(("e0",),)).effects == ("e0", "e1")
+
+
+@pytest.mark.parametrize(("alone", "said"), [(0.03, True), (0.2, False)])
+def test_a_companion_whose_name_is_open_is_spoken_of(alone: float, said: bool) -> None:
+    rest = 0.98 - alone
+    probability: dict[tuple[str, ...] | None, float] = {
+        ("e0", "e1"): 0.6 * rest, ("e0", "e2"): 0.4 * rest, ("e0",): alone, (): 0.01, None: 0.01
+    }  # fmt: skip
+    verdict = verdict_of(probability)
+    assert (verdict.kind, verdict.effects) == ("found", ("e0",))
+    beside = [reason for reason in verdict.reasons if reason.startswith("Something acts beside it")]
+    assert bool(beside) is said
+    assert all("e1 (0.57) or e2 (0.38)" in reason for reason in beside)
 
 
 def test_values_are_less_sure_where_the_form_may_be_otherwise_and_the_base_is_bent_less() -> None:
