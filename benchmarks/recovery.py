@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.machine import commit
+from benchmarks.uplink_parts import use_all_cores
 from tests.simulator import Kind
 
 KINDS: tuple[Kind, ...] = ("none", "one", "two", "outside")
@@ -196,6 +197,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=HERE / "recovery.md")
     parser.add_argument("--resume", action="store_true", help="keep the outcomes that there are")
     given = parser.parse_args()
+    use_all_cores()
     kinds = [kind for kind in KINDS if kind in given.kinds.split(",")]
     jobs = [(kind, given.first + seed) for seed in range(given.sessions) for kind in kinds]
     rows: list[dict[str, Any]] = []
