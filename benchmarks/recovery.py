@@ -208,6 +208,8 @@ def main() -> None:
         jobs = [job for job in jobs if job not in done_before]
     with ProcessPoolExecutor(given.workers) as pool, keep.open("a" if given.resume else "w", encoding="utf-8") as log:
         for done, future in enumerate(as_completed([pool.submit(one_session, *job) for job in jobs])):
+            if future.exception() is not None:
+                pool.shutdown(wait=False, cancel_futures=True)
             rows.append(future.result())
             log.write(json.dumps(rows[-1]) + "\n")
             log.flush()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from daq.errors import ModelError
 from fingermodel.diagnosis.candidates import NOTHING_MISSING, Candidate, Explanation, candidates_of, joined, single
 from fingermodel.diagnosis.evidence import weigh_one
-from fingermodel.diagnosis.search import LAST, Searcher
+from fingermodel.diagnosis.search import LAST, Searcher, require_sane
 from fingermodel.effects.formula_tree import near
 from fingermodel.fit_report import Fit
 from fingermodel.model import Model
@@ -85,7 +85,7 @@ def add_effects(
     choices = chosen_candidates(model, names, sagittal=sagittal)
     problem = map_problem(model, observations, None, held)
     searcher = Searcher(problem)
-    base = searcher.fit(NOTHING_MISSING, [problem.centre] if start is None else [start, problem.centre], LAST)
+    base = searcher.base(start)
     best, best_value = NOTHING_MISSING, -np.inf
     options = [[single(c, k) for c in found for k in range(len(c.alternatives))] for found in choices]
     for combination in product(*options) if names else ():
@@ -93,12 +93,12 @@ def add_effects(
         if explanation is None:
             continue
         fitted = searcher.fit(explanation, [searcher.expected(base, explanation), problem.centre], LAST)
-        if fitted.log_evidence > best_value:
+        if best is NOTHING_MISSING or fitted.log_evidence > best_value:
             best, best_value = explanation, fitted.log_evidence
     parameters = model.parameters.names
     free_names = (*held, *(parameters[i] for i in best.parameters))
     final = map_problem(model, observations, None, free_names)
-    fit = refit_map(final, start=searcher.best[best].theta, starts=starts)
+    fit = refit_map(final, start=require_sane(searcher.best[best]).theta, starts=starts)
     every = tuple(c for found in choices for c in found)
     both = [weigh_one(problem, searcher.best[e], every).log_evidence for e in (NOTHING_MISSING, best)]
     return Addition(fit, best.names, both[1] - both[0])

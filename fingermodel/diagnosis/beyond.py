@@ -28,7 +28,7 @@ from fingermodel.diagnosis.evidence import (
     misfit_of,
     scales,
 )
-from fingermodel.diagnosis.fitted import Fitted, far_off
+from fingermodel.diagnosis.fitted import Fitted, far_off, objective_of
 from fingermodel.diagnosis.linear import Linear
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard, form_of, rms_of
 from fingermodel.model import jax_values, tip_kinematics_batch
@@ -251,12 +251,15 @@ def _weigh(nothing: Fitted, found: list[Form], index: int, candidates: tuple[Can
     change = np.zeros((len(problem.observations.ids), 6))
     if far_off(nothing, BENT):
         # What bends the base to do without the form hides it: begin from before anything was bent.
-        now = _refitted(problem, problem.centre, change, 1)
+        begun = _refitted(problem, problem.centre, change, 1)
+        now = begun if begun.sane else now
         own = _form(problem, now, index)
     for _ in range(ROUNDS):
         size, strength = _sizes(now, _rows_of(problem, own.columns), change)
         change = own.columns @ size
         now = _refitted(problem, now.theta, change, EVALUATIONS)
+        if not now.sane:
+            return None
         own = _form(problem, now, index)
     columns = _rows_of(problem, own.columns)
     own_rows = problem.whitener @ change.reshape(-1)[problem.rows]
@@ -307,7 +310,7 @@ def _refitted(problem: Problem, start: Floats, change: Floats, evaluations: int)
     without = replace(problem, observations=observations, _fitted=[])
     solution = solve(without, start, evaluations=evaluations)
     theta = problem.centre + problem.scale * solution.x
-    return Fitted(NOTHING_MISSING, theta, solution.x, solution.objective, solution, without)
+    return Fitted(NOTHING_MISSING, theta, solution.x, objective_of(solution), solution, without)
 
 
 def _catalogue_has_it(now: Fitted, change: Floats, candidates: tuple[Candidate, ...]) -> bool:

@@ -178,7 +178,8 @@ def weigh(
         wildcard: of the problem.
         known: what rigs are known to do beyond the catalogue.
     """
-    ranked = sorted(search.fitted, key=lambda f: -(f.log_evidence + log_prior(f.explanation, candidates)))
+    sane = [f for f in search.fitted if f.sane]
+    ranked = sorted(sane, key=lambda f: -(f.log_evidence + log_prior(f.explanation, candidates)))
     chosen = _in_question(ranked)
     if search.nothing not in chosen:
         chosen.append(search.nothing)

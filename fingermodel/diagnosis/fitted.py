@@ -22,6 +22,8 @@ Floats = NDArray[np.float64]
 
 # χ² that noise would exceed so often is no reason to look further.
 DOUBTFUL = 0.2
+# Standard uncertainties that a prior width may change a reading by.
+STEEPEST = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,11 @@ class Fitted:
     def residual(self) -> Floats:
         """(n,) whitened."""
         return self.solution.residual
+
+    @property
+    def sane(self) -> bool:
+        """Whether it is an optimum at all, whatever the misfit (see `objective_of`)."""
+        return bool(np.isfinite(self.objective))
 
     @property
     def converged(self) -> bool:
@@ -95,7 +102,7 @@ class Fitted:
 
     def _laplace(self, *, trust_step: bool) -> float:
         free, h = self.moving, -self.jacobian[:, self.moving]
-        if not np.isfinite(self.objective):
+        if not self.sane:
             return -np.inf
         factor = self._factor
         gradient = self.x[free] - h.T @ self.residual
@@ -160,6 +167,12 @@ class Fitted:
         """Standard deviation of a parameter in its unit; None where it is held."""
         at = np.flatnonzero(self.moving == index)
         return float(np.sqrt(self.covariance[at[0], at[0]]) * self.problem.scale[index]) if len(at) else None
+
+
+def objective_of(solution: Solution) -> float:
+    """χ² plus penalty; infinite where slopes have no bound, as in a posture that transmits no force."""
+    sane = np.isfinite(solution.objective) and np.abs(solution.jacobian).max() < STEEPEST
+    return solution.objective if sane else np.inf
 
 
 def doubtful(fitted: Fitted) -> bool:

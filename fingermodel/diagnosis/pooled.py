@@ -202,9 +202,10 @@ def _fit(d: Diagnosis, name: str, alternative: int) -> Weighed:
     explanation = single(candidate, min(alternative, len(candidate.alternatives) - 1))
     known = next((f for f in d.search.fitted if f.explanation == explanation and f.converged), None)
     if known is None:
-        searcher = Searcher(d.problem)
-        searcher.best[NOTHING_MISSING] = d.search.nothing
-        known = searcher.fit(explanation, [searcher.expected(d.search.nothing, explanation)], 30)
+        searcher, nothing = Searcher(d.problem), d.search.nothing
+        searcher.best[NOTHING_MISSING] = nothing
+        # From its null there is a fit, should what is expected lead to none.
+        known = searcher.fit(explanation, [searcher.expected(nothing, explanation), nothing.theta], 30)
     return weigh_one(d.problem, known, d.candidates)
 
 

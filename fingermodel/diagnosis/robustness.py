@@ -262,7 +262,8 @@ def _refitted(
     part = replace(problem, whitener=whitener)
     searcher = Searcher(part)
     fits = ((w, searcher.fit(w.explanation, [w.fitted.theta], REFIT)) for w in (one.weighed for one in asked))
-    return _by_names((w, weigh_one(part, fitted, candidates).log_evidence) for w, fitted in fits)
+    values = ((w, weigh_one(part, fitted, candidates).log_evidence if fitted.sane else -np.inf) for w, fitted in fits)
+    return _by_names(values)
 
 
 def _values_at(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.errors import SessionError
 from fingermodel.diagnosis.candidates import (
     NOTHING_MISSING,
     Candidate,
@@ -19,7 +20,7 @@ from fingermodel.diagnosis.candidates import (
     pairs_of,
     single,
 )
-from fingermodel.diagnosis.fitted import Fitted, doubtful, far_off
+from fingermodel.diagnosis.fitted import Fitted, doubtful, far_off, objective_of
 from fingermodel.problems import Problem
 from fingermodel.refit import drawn_starts, solve
 from fingermodel.solver import Solution
@@ -28,6 +29,8 @@ Floats = NDArray[np.float64]
 
 # Further starts of the base model, drawn from its priors; its optima are several (see docs/decisions/0007).
 BASE_STARTS = 3
+# Of these, where none of the first led anywhere.
+BASE_AGAIN = 12
 # How many pairs are refitted, and from how many of the best singles' optima pairs are screened.
 PAIRS = 20
 HOSTS = 4
@@ -49,8 +52,6 @@ FAR, HARD = 2.0, 100.0
 ROUNDS, RIVALS = 3, 8
 # Pairs whose members are tried alone.
 HALVED = 3
-# Standard uncertainties that a prior width may change a reading by.
-STEEPEST = 1e6
 # Prior widths from the centre that are none.
 ROUNDING = 1e-9
 # Log evidence that a pair must promise beyond what it has.
@@ -105,10 +106,8 @@ class Searcher:
 
     def _keep(self, explanation: Explanation, problem: Problem, solution: Solution) -> None:
         x = np.where(np.abs(solution.x) < ROUNDING, 0.0, solution.x)
-        # In a posture that transmits no force slopes have no bound: whatever the misfit, that is no optimum.
-        sane = np.isfinite(solution.objective) and np.abs(solution.jacobian).max() < STEEPEST
-        objective = solution.objective if sane else np.inf
-        found = Fitted(explanation, problem.centre + problem.scale * x, x, objective, solution, problem)
+        theta = problem.centre + problem.scale * x
+        found = Fitted(explanation, theta, x, objective_of(solution), solution, problem)
         old = self.best.get(explanation)
         if old is None or found.objective < old.objective - 1e-6:
             self.best[explanation] = found
@@ -121,11 +120,8 @@ class Searcher:
             start: of the base model besides the priors' centre, such as an earlier fit.
             thorough: more pairs and more starts.
         """
-        problem = self.problem
         more = 3 if thorough else 1
-        starts = [problem.centre] if start is None else [start, problem.centre]
-        nothing = self.fit(NOTHING_MISSING, [*starts, *drawn_starts(problem, BASE_STARTS * more)], SECOND)
-        nothing = self.go_on(nothing, LAST)
+        nothing = self.base(start, BASE_STARTS * more)
         for done, candidate in enumerate(candidates):
             self._single(candidate, nothing)
             self._progress(0.5 * (done + 1) / len(candidates))
@@ -150,6 +146,21 @@ class Searcher:
         self._progress(1.0)
         searched = 1 + len(candidates) + len(pairs_of(candidates))
         return Search(self.best[NOTHING_MISSING], tuple(self.best.values()), searched)
+
+    def base(self, start: Floats | None = None, drawn: int = BASE_STARTS) -> Fitted:
+        """Fit the model without any effect.
+
+        From one start it may end in a posture that transmits no force, which is no optimum: hence some are drawn.
+
+        Raises:
+            SessionError: it ends there from all of them.
+        """
+        starts = [self.problem.centre] if start is None else [start, self.problem.centre]
+        further = drawn_starts(self.problem, max(drawn, BASE_AGAIN))
+        nothing = self.fit(NOTHING_MISSING, [*starts, *further[:drawn]], SECOND)
+        if not nothing.sane:
+            nothing = self.fit(NOTHING_MISSING, further[drawn:], SECOND)
+        return require_sane(self.go_on(nothing, LAST))
 
     def _single(self, candidate: Candidate, host: Fitted) -> None:
         gains = [host.everything.gain(parameters) for parameters in candidate.alternatives]
@@ -373,6 +384,22 @@ class Searcher:
         for one in [f for f in ranked if f.explanation.size][:count]:
             if doubtful(one):
                 self.fit(one.explanation, [self.problem.centre], AGAIN)
+
+
+def require_sane(fitted: Fitted) -> Fitted:
+    """Return a fit, unless there is none.
+
+    Raises:
+        SessionError: every start led to a posture that transmits no force.
+    """
+    if not fitted.sane:
+        raise SessionError(
+            f"with {' and '.join(fitted.explanation.names) or 'no effect'} every fit ends in a posture that transmits "
+            "no force",
+            "readings that a finger can make in the postures which the session gives",
+            "Look at its postures and the cell's frame; `fingertwin compare` shows where they miss",
+        )
+    return fitted
 
 
 def _best_form(host: Fitted, kept: Explanation, candidate: Candidate) -> tuple[Explanation, float]:

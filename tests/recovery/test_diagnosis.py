@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.errors import ModelError
+from daq.errors import ModelError, SessionError
 from daq.sessions import read_session, write_session
 from fingermodel.diagnosis.addition import add_effects
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.frozen import freeze, read_frozen, score, write_frozen
 from fingermodel.diagnosis.next_cases import PlannedReading, name_of, plan_next
 from fingermodel.diagnosis.pooled import diagnose_pooled
+from fingermodel.problems import Problem
+from fingermodel.solver import Solution
 from server.commands.diagnosis import run_diagnosis
 from server.workflow import Bench, open_bench
 from tests.simulator import Kind, draw_session, draw_truth
@@ -110,6 +112,28 @@ def test_adding_the_true_effect_is_what_the_diagnosis_promised() -> None:
     assert added.names == ("hanger_mass",)
     assert added.fit.objective == pytest.approx(found.best.fitted.objective, abs=1.0)
     assert added.log_evidence_gain > 100.0
+
+
+def test_an_effect_is_added_where_the_base_fits_from_some_starts_only(tmp_path: Path) -> None:
+    # From the priors' centre alone this base ends in a posture that transmits no force.
+    draw_session(tmp_path, 1015, draw_truth("one", 1015)[0], protocol="three_levels")
+    bench = open_bench(tmp_path, catalogue=True)
+    added = add_effects(bench.model, bench.observations, ["axis_tilt"], starts=1)
+    assert added.names == ("axis_tilt",)
+    assert 50.0 < added.log_evidence_gain < 1000.0
+
+
+@pytest.mark.parametrize("names", [[], ["hanger_mass"]])
+def test_readings_that_no_fit_makes_are_refused_in_words(monkeypatch: pytest.MonkeyPatch, names: list[str]) -> None:
+    bench, found = diagnosed("DEV-02")
+
+    def lost(problem: Problem, start: Any, *_: Any, **__: Any) -> Solution:
+        solution = found.search.nothing.solution
+        return solution._replace(jacobian=np.full_like(solution.jacobian, 1e9))
+
+    monkeypatch.setattr("fingermodel.diagnosis.search.solve", lost)
+    with pytest.raises(SessionError, match="every fit ends in a posture that transmits no force"):
+        add_effects(bench.model, bench.observations, names)
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.full)])

@@ -101,6 +101,11 @@ class SessionEstimate:
         if self._bench is not None:
             self._bench.trace(stream, rows)
 
+    @property
+    def hanging(self) -> bool:
+        """Whether a case hangs."""
+        return self._bench is not None and self._bench.hanging
+
     def estimate(self) -> dict[str, Any] | None:
         """Return what hangs now, None where no case does or nothing is new."""
         return None if self._bench is None else self._bench.estimate()
@@ -178,6 +183,11 @@ class BenchEstimate:
         beyond = np.fmax(np.abs(rows["least"]), np.abs(rows["most"])) >= self._limit
         self._finder.take(t, rows["mean"], rows["overload"] | beyond.any(axis=1))
         self._now_s, self._news = float(t[-1]), True
+
+    @property
+    def hanging(self) -> bool:
+        """Whether a case hangs."""
+        return self._case is not None
 
     def estimate(self) -> dict[str, Any] | None:
         """Return what hangs now, where a case hangs, a tare is in force, and there is anything new."""

@@ -21,7 +21,8 @@ from server.service.messages import Message, Messages
 
 __all__ = ["EVERY_S", "Estimates", "MakePredict", "Tares"]
 
-EVERY_S = 0.2
+# While something hangs; else nobody waits for more than that envelopes are taken, and what happens is told at once.
+EVERY_S, IDLE_S = 0.2, 1.0
 MOST_SESSIONS = 64
 # Envelopes beyond these wait for nobody: whoever computes is stuck.
 MOST_WAITING = 20_000
@@ -53,7 +54,7 @@ class Estimates:
         self._predictions = Predictions(make_predict, self._beside)
         self._sessions: OrderedDict[str, _Followed] = OrderedDict()
         self._given: queue.SimpleQueue[Given] = queue.SimpleQueue()
-        self._halt = threading.Event()
+        self._halt, self._hurry = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="live-estimates", daemon=True)
 
     def start(self) -> None:
@@ -64,6 +65,7 @@ class Estimates:
         """Stop; waits for what is being computed now, but for no prediction."""
         self._halt.set()
         self._given.put(None)
+        self._hurry.set()
         if self._thread.is_alive():
             self._thread.join(timeout=5.0)
         self._beside.shutdown(wait=False, cancel_futures=True)
@@ -71,6 +73,7 @@ class Estimates:
     def event(self, message: Message) -> None:
         """Take an event of a bench, in the order in which they were kept."""
         self._given.put(message)
+        self._hurry.set()
 
     def trace(self, session: str, stream: str, rows: Rows) -> None:
         """Take envelopes."""
@@ -86,7 +89,11 @@ class Estimates:
                 return
             for session, found in self.step([g for g in given if g is not None]):
                 self._publish(Message("estimate", session, found))
-            self._halt.wait(EVERY_S)
+            self._hurry.wait(EVERY_S if self._hanging() else IDLE_S)
+            self._hurry.clear()
+
+    def _hanging(self) -> bool:
+        return any(followed.bench.hanging for followed in self._sessions.values())
 
     def step(self, given: list[Message | tuple[str, str, Rows]]) -> list[tuple[str, dict[str, Any]]]:
         """Take what was given; return the estimates of the sessions that it is about."""
