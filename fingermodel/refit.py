@@ -64,6 +64,9 @@ def _optimum(problem: Problem, solution: Solution) -> Optimum:
 # A ten-thousandth of a unit of chi-square is nothing to anybody.
 FLOOR = 1e-4
 EVALUATIONS = 400
+# Standard uncertainties that a prior width may change a reading by. In a posture that transmits no force there is no
+# bound to it, and whatever the misfit there, that is no optimum.
+STEEPEST = 1e6
 
 
 def solve(
@@ -110,6 +113,7 @@ def solve(
         floor=floor if problem.weighted else 1e-18,
         max_evaluations=evaluations,
         crawl=crawl,
+        steepest=STEEPEST if problem.weighted else np.inf,
         begun=begun,
     )
 

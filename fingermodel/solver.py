@@ -125,6 +125,7 @@ def minimise(
     max_evaluations: int = 400,
     tolerance: float = 1e-9,
     crawl: float = 0.0,
+    steepest: float = np.inf,
     begun: Solution | None = None,
 ) -> Solution:
     """Minimise |r(x)|² + Σ weight (x − centre)² within bounds, over the free parameters.
@@ -143,6 +144,7 @@ def minimise(
         tolerance: … or less than this fraction of the objective.
         max_evaluations: of the residuals.
         crawl: stalled if a few evaluations gain less than this share of what a fit that is far off has beyond that.
+        steepest: no step is taken to where a slope is as large as this: there the residuals are no function to descend.
         begun: of the same problem, ended at `start`: go on as if it had not ended, without evaluating anything there.
     """
     at = np.flatnonzero(free)
@@ -181,15 +183,16 @@ def minimise(
             whole[:, at] = jacobian
             return Solution(x, best, whole, residual, status, evaluations, decrement, (damping, growth))
         evaluations += 1
-        gained = -np.inf
+        gained, there = -np.inf, jacobian
         if step is not None:
             trial = x.copy()
             trial[at], promised = step
             tried = residuals(trial)
             objective = _objective(tried, trial, centre, weight)
             gained = best - objective if np.isfinite(objective) else -np.inf
-        if gained > 0.0:
-            x, residual, jacobian, best = trial, tried, slopes(trial), objective
+            there = slopes(trial) if gained > 0.0 else jacobian
+        if gained > 0.0 and (steepest == np.inf or np.abs(there).max() < steepest):
+            x, residual, jacobian, best = trial, tried, there, objective
             normal = _Normal.about(x[at], residual, jacobian, box)
             # Nielsen's rule: damping falls smoothly with the quality of the step, and rises ever faster on failures.
             ratio = min(gained / promised if promised > 0.0 else gained, 2.0)

@@ -15,15 +15,13 @@ from fingermodel.diagnosis.candidates import Explanation, mask
 from fingermodel.diagnosis.linear import Linear, log_mass
 from fingermodel.fit_report import held_at_bound
 from fingermodel.problems import Problem
-from fingermodel.refit import whole_slopes
+from fingermodel.refit import STEEPEST, whole_slopes
 from fingermodel.solver import CONVERGED, STALLED, Solution
 
 Floats = NDArray[np.float64]
 
 # χ² that noise would exceed so often is no reason to look further.
 DOUBTFUL = 0.2
-# Standard uncertainties that a prior width may change a reading by.
-STEEPEST = 1e6
 
 
 @dataclass(frozen=True, eq=False)

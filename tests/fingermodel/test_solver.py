@@ -182,3 +182,20 @@ def test_a_fit_that_is_far_off_and_crawls_is_left_only_if_that_is_asked_for() ->
     assert left.status == STALLED
     assert whole.evaluations > left.evaluations
     assert whole.objective < left.objective < whole.objective * 1.01
+
+
+def test_no_step_is_taken_to_where_slopes_have_no_bound() -> None:
+    def slopes(x: np.ndarray) -> np.ndarray:
+        return np.array([[-1.0 if x[0] < 3.0 else -1e9]])
+
+    def end(**more: float) -> Solution:
+        one = np.ones(1)
+        return minimise(
+            lambda x: np.array([5.0 - x[0]]), slopes, 0.0 * one, 0.0 * one, 0.0 * one, -9.0 * one, 9.0 * one, one > 0.0,
+            **more,  # type: ignore[arg-type]
+        )  # fmt: skip
+
+    assert end().x[0] > 3.0
+    kept = end(steepest=1e6)
+    assert 2.9 < kept.x[0] <= 3.0
+    assert np.abs(kept.jacobian).max() == 1.0

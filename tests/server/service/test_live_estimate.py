@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import queue
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from pathlib import Path
@@ -329,6 +330,23 @@ def test_what_is_taken_at_once_is_taken_in_order(tmp_path: Path) -> None:
     assert together["force_N"] == pytest.approx(last["force_N"], abs=0.02)
     for one in (one_by_one, at_once):
         one.close()
+
+
+def test_what_hangs_is_estimated_however_long_nothing_did(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("server.service.live.estimates.IDLE_S", 1e4)
+    bench = Recorded(messages_in(tmp_path), "S")
+    bench.play(HANGING)
+    (tmp_path / "none").mkdir()
+    told: queue.Queue[Message] = queue.Queue()
+    estimates = Estimates(told.put, messages_in(tmp_path / "none"), None, None)
+    estimates.start()
+    for number, item in enumerate(bench.log):
+        if isinstance(item, Event):
+            estimates.event(Message("event", "S", body(item, 0), number + 1))
+        else:
+            estimates.trace("S", STREAM, rows_of_chunk(item))
+    assert told.get(timeout=PATIENCE_S).body["case"] == "c001"
+    estimates.close()
 
 
 def test_estimates_reach_who_watches(tmp_path: Path) -> None:
