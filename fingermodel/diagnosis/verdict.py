@@ -130,6 +130,7 @@ def _found(
     candidates: tuple[Candidate, ...],
     validation_rmse: Callable[[Weighed], float | None],
 ) -> Verdict:
+    both = certain
     certain, passengers = _without_passengers(problem, evidence, certain, candidates, validation_rmse)
     exact = [w for w in evidence.weighed if set(w.explanation.names) == set(certain)]
     together = sum(p for names, p in evidence.probability.items() if names and set(certain) <= set(names))
@@ -153,7 +154,8 @@ def _found(
     )
     reasons = (reason, *passengers, *_unsettled(evidence, certain))
     strange = (bool(out_of_range(chosen)), _worse(problem, evidence, chosen, validation_rmse))
-    if all(strange) or (len(names) > 1 and any(strange)):
+    # Of a pair, neither all of it nor what is left without a passenger is believable then.
+    if all(strange) or (len(both) > 1 and any(strange)):
         said = f"What comes nearest to the readings, {_words(names)}, is not believable: {lacks[0]}."
         return Verdict("none_of_catalogue", (), (), together, (said,))
     if lacks:

@@ -253,6 +253,9 @@ def test_a_companion_that_foretells_worse_than_one_effect_alone_is_not_named() -
     # Not within the uncertainty of these errors, and not where the single does not explain the readings.
     assert verdict_of(probability, held_out=hardly).effects == ("e0", "e1")
     assert verdict_of(probability, held_out=worse, left=(("e0",),)).effects == ("e0", "e1")
+    # What is left is no more believable where it foretells worse than nothing does.
+    lost = verdict_of(probability, held_out={0: 0.03, 1: 0.06, 2: 0.09})
+    assert (lost.kind, lost.effects) == ("none_of_catalogue", ())
 
 
 @pytest.mark.parametrize(("alone", "said"), [(0.03, True), (0.2, False)])
