@@ -22,10 +22,10 @@ from typing import Any
 import httpx
 import numpy as np
 
-from benchmarks.machine import commit, publish
+from benchmarks.machine import commit, publish, use_all_cores
 from benchmarks.service import service
 from benchmarks.uplink import FAULTS, RATE_HZ, at_service, command, events_of
-from benchmarks.uplink_parts import Usage, play, share, started, surroundings, usage, use_all_cores, waiting
+from benchmarks.uplink_parts import Usage, play, share, started, surroundings, usage, waiting
 
 HERE = Path(__file__).parent
 SESSION = "endurance"

@@ -34,6 +34,12 @@ def use_one_core() -> None:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
 
+def use_all_cores() -> None:
+    """Undo that: where several processes share the machine, as on a bench's PC."""
+    if sys.platform == "linux":
+        os.sched_setaffinity(0, range(os.cpu_count() or 1))
+
+
 @dataclass(frozen=True)
 class Timing:
     """Repetitions of one thing.

@@ -17,8 +17,7 @@ import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from benchmarks.machine import commit
-from benchmarks.uplink_parts import use_all_cores
+from benchmarks.machine import commit, use_all_cores
 from tests.server.service.asking import Tally, asked, prepared
 from tests.server.service.postgres import postgres_url
 from tests.server.service.processes import running, whole

@@ -24,8 +24,7 @@ import httpx
 import numpy as np
 
 from benchmarks.live import RATE_HZ, SESSION, begun, hang
-from benchmarks.machine import commit, publish
-from benchmarks.uplink_parts import use_all_cores
+from benchmarks.machine import commit, publish, use_all_cores
 from tests.browser.pages import Watched, browsing, served, watched
 
 HERE = Path(__file__).parent

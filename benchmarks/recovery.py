@@ -19,8 +19,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-from benchmarks.machine import commit
-from benchmarks.uplink_parts import use_all_cores
+from benchmarks.machine import commit, use_all_cores
 from tests.simulator import Kind
 
 KINDS: tuple[Kind, ...] = ("none", "one", "two", "outside")

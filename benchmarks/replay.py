@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machine import commit, wait_until_quiet
-from benchmarks.uplink_parts import SETTINGS, surroundings, use_all_cores
+from benchmarks.machine import commit, use_all_cores, wait_until_quiet
+from benchmarks.uplink_parts import SETTINGS, surroundings
 from daq.acquire import Acquisition
 from daq.blocks import Chunk
 from daq.drivers import driver

@@ -26,8 +26,7 @@ from typing import Any
 import httpx
 import numpy as np
 
-from benchmarks.machine import commit, publish
-from benchmarks.uplink_parts import use_all_cores
+from benchmarks.machine import commit, publish, use_all_cores
 
 HERE = Path(__file__).parent
 RATE_HZ, CHUNK_S, ASKED_HZ, SESSION = 7000.0, 0.25, 50.0, "DEV-01"

@@ -17,8 +17,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.machine import commit
-from benchmarks.uplink_parts import surroundings, use_all_cores
+from benchmarks.machine import commit, use_all_cores
+from benchmarks.uplink_parts import surroundings
 from tests.server.service.killing import Killed
 from tests.server.service.postgres import postgres_url
 

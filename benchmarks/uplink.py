@@ -22,7 +22,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from benchmarks.machine import commit
+from benchmarks.machine import commit, use_all_cores
 from benchmarks.uplink_parts import (
     SETTINGS,
     Usage,
@@ -33,7 +33,6 @@ from benchmarks.uplink_parts import (
     share,
     started,
     surroundings,
-    use_all_cores,
     waiting,
 )
 from benchmarks.uplink_parts import usage as usage_of

@@ -34,18 +34,9 @@ from typing import Any
 
 import httpx
 
-from benchmarks.machine import commit, publish
+from benchmarks.machine import commit, publish, use_all_cores
 from benchmarks.uplink import command, events_of
-from benchmarks.uplink_parts import (
-    CATCH_UP_S,
-    Compared,
-    caught_up,
-    compared,
-    play,
-    started,
-    surroundings,
-    use_all_cores,
-)
+from benchmarks.uplink_parts import CATCH_UP_S, Compared, caught_up, compared, play, started, surroundings
 from tests.contracts.ingest import ProblemError, SmallReceiver, serving
 
 RATE_HZ = 7000.0

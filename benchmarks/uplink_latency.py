@@ -27,8 +27,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.machine import commit, publish
-from benchmarks.uplink_parts import SETTINGS, play, receive, started, surroundings, use_all_cores
+from benchmarks.machine import commit, publish, use_all_cores
+from benchmarks.uplink_parts import SETTINGS, play, receive, started, surroundings
 
 Floats = NDArray[np.float64]
 

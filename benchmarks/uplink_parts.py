@@ -9,7 +9,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import sqlite3
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -28,12 +27,6 @@ from tests.contracts.ingest import SmallReceiver
 SETTINGS = {"counts_per_N": 1e6, "counts_per_Nmm": 1e3, "buffered": "yes"}
 BLOCK_S = 2.0
 CATCH_UP_S = 120.0
-
-
-def use_all_cores() -> None:
-    """Undo what importing this package does: here several processes share the machine, as on a bench's PC."""
-    if sys.platform == "linux":
-        os.sched_setaffinity(0, range(os.cpu_count() or 1))
 
 
 def stamped(rate_hz: float, seconds: float) -> Iterator[Any]:

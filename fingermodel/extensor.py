@@ -14,6 +14,7 @@ from daq.errors import ModelError
 from fingermodel.fingers import FingerValues, Hood, Topology
 from fingermodel.hood.parts import ElasticHood
 from fingermodel.kinematics import JointPose
+from fingermodel.rows import spread
 
 
 def segment_tensions(
@@ -59,7 +60,7 @@ def _winslow_rhombus(topology: Topology, hood: Hood, values: FingerValues, tensi
     """
     fraction, count = jnp.asarray(values.fraction), len(hood.members)
     partly = np.array([[float(m == p) for p in hood.partial] for m in hood.members]).reshape(count, -1)
-    entering = np.array([[float(m == muscle) for muscle in topology.muscles] for m in hood.members])
+    entering = spread([topology.muscles.index(m) for m in hood.members], len(topology.muscles))
     enters = (entering @ tension) * (partly @ fraction[count:] + (1.0 - partly.sum(axis=1)))
     central = enters * fraction[:count]
     radial, ulnar = (

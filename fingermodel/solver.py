@@ -183,15 +183,15 @@ def minimise(
             whole[:, at] = jacobian
             return Solution(x, best, whole, residual, status, evaluations, decrement, (damping, growth))
         evaluations += 1
-        gained, there = -np.inf, jacobian
+        gained = -np.inf
         if step is not None:
             trial = x.copy()
             trial[at], promised = step
             tried = residuals(trial)
             objective = _objective(tried, trial, centre, weight)
             gained = best - objective if np.isfinite(objective) else -np.inf
-            there = slopes(trial) if gained > 0.0 else jacobian
-        if gained > 0.0 and (steepest == np.inf or np.abs(there).max() < steepest):
+        there = slopes(trial) if gained > 0.0 else None
+        if there is not None and (steepest == np.inf or np.abs(there).max() < steepest):
             x, residual, jacobian, best = trial, tried, there, objective
             normal = _Normal.about(x[at], residual, jacobian, box)
             # Nielsen's rule: damping falls smoothly with the quality of the step, and rises ever faster on failures.

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from daq.errors import ModelError
 from fingermodel.diagnosis.candidates import NOTHING_MISSING, Candidate, Explanation, candidates_of, joined, single
 from fingermodel.diagnosis.evidence import weigh_one
-from fingermodel.diagnosis.search import LAST, Searcher, require_sane
+from fingermodel.diagnosis.fitted import require_sane
+from fingermodel.diagnosis.search import LAST, Searcher
 from fingermodel.effects.formula_tree import near
 from fingermodel.fit_report import Fit
 from fingermodel.model import Model

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import chdtrc
 
+from daq.errors import SessionError
 from fingermodel.diagnosis.candidates import Explanation, mask
 from fingermodel.diagnosis.linear import Linear, log_mass
 from fingermodel.fit_report import held_at_bound
@@ -171,6 +172,22 @@ def objective_of(solution: Solution) -> float:
     """χ² plus penalty; infinite where slopes have no bound, as in a posture that transmits no force."""
     sane = np.isfinite(solution.objective) and np.abs(solution.jacobian).max() < STEEPEST
     return solution.objective if sane else np.inf
+
+
+def require_sane(fitted: Fitted) -> Fitted:
+    """Return a fit, unless there is none.
+
+    Raises:
+        SessionError: every start led to a posture that transmits no force.
+    """
+    if not fitted.sane:
+        raise SessionError(
+            f"with {' and '.join(fitted.explanation.names) or 'no effect'} every fit ends in a posture that transmits "
+            "no force",
+            "readings that a finger can make in the postures which the session gives",
+            "Look at its postures and the cell's frame; `fingertwin compare` shows where they miss",
+        )
+    return fitted
 
 
 def doubtful(fitted: Fitted) -> bool:

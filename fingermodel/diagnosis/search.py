@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.errors import SessionError
 from fingermodel.diagnosis.candidates import (
     NOTHING_MISSING,
     Candidate,
@@ -20,7 +19,7 @@ from fingermodel.diagnosis.candidates import (
     pairs_of,
     single,
 )
-from fingermodel.diagnosis.fitted import Fitted, doubtful, far_off, objective_of
+from fingermodel.diagnosis.fitted import Fitted, doubtful, far_off, objective_of, require_sane
 from fingermodel.problems import Problem
 from fingermodel.refit import drawn_starts, solve
 from fingermodel.solver import Solution
@@ -245,7 +244,7 @@ class Searcher:
             e: base + leader.everything.gain(e.parameters) + self._log_prior(e, candidates)
             for e in dict.fromkeys(offers)
         }
-        limit = leader.log_evidence + self._log_prior(leader.explanation, candidates) - 2.0 * CONTENDERS
+        limit = self._value(leader.explanation, candidates) - 2.0 * CONTENDERS
         new = [e for e, v in promised.items() if v > max(self._value(e, candidates) + WORTHWHILE, limit)]
         return sorted(new, key=lambda e: -promised[e])
 
@@ -378,28 +377,10 @@ class Searcher:
 
     def _again(self, candidates: tuple[Candidate, ...], count: int) -> None:
         """Fit the leaders once more from before anything was bent: they may sit in another valley."""
-        ranked = sorted(
-            self.best.values(), key=lambda f: -(f.log_evidence + self._log_prior(f.explanation, candidates))
-        )
+        ranked = sorted(self.best.values(), key=lambda f: -self._value(f.explanation, candidates))
         for one in [f for f in ranked if f.explanation.size][:count]:
             if doubtful(one):
                 self.fit(one.explanation, [self.problem.centre], AGAIN)
-
-
-def require_sane(fitted: Fitted) -> Fitted:
-    """Return a fit, unless there is none.
-
-    Raises:
-        SessionError: every start led to a posture that transmits no force.
-    """
-    if not fitted.sane:
-        raise SessionError(
-            f"with {' and '.join(fitted.explanation.names) or 'no effect'} every fit ends in a posture that transmits "
-            "no force",
-            "readings that a finger can make in the postures which the session gives",
-            "Look at its postures and the cell's frame; `fingertwin compare` shows where they miss",
-        )
-    return fitted
 
 
 def _best_form(host: Fitted, kept: Explanation, candidate: Candidate) -> tuple[Explanation, float]:

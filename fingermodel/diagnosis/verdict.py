@@ -219,10 +219,12 @@ def _mending(evidence: Evidence, alone: Weighed) -> float:
 
 def _unsettled(evidence: Evidence, certain: tuple[str, ...]) -> tuple[str, ...]:
     """Say that something acts beside a single effect, where only its name is open."""
+    if len(certain) != 1:
+        return ()
     beside = {
-        next(iter(set(names) - set(certain))): p
+        next(name for name in names if name not in certain): p
         for names, p in evidence.probability.items()
-        if len(certain) == 1 and names is not None and len(names) == 2 and certain[0] in names
+        if names is not None and len(names) == 2 and certain[0] in names
     }
     total = sum(beside.values())
     ranked = sorted(beside, key=lambda name: -beside[name])
