@@ -186,7 +186,7 @@ class LiveTail:
         return taken
 
     def stop(self) -> None:
-        """End the thread and hang up."""
+        """Send the answers that are left, end the thread and hang up."""
         with self._some:
             self._halt = True
             self._some.notify()
@@ -207,12 +207,16 @@ class LiveTail:
             with self._some:
                 if not self._halt:
                     self._some.wait(self._rest_s(pause_s))
-                if self._halt:
-                    return
+                halt = self._halt
+            if halt and not self._news():
+                return
+            # What a command led to is told even where it was the end of the bench.
             windows = self.take()
             try:
                 if windows or self._news():
                     pause_s = 0.0 if self.post(windows) else PAUSE_S
+                if halt:
+                    return
                 for command in self._wire.heard():
                     if self.asked is not None:
                         self.asked(command)

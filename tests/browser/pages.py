@@ -115,7 +115,10 @@ def watched(browser: Any, url: str, **given: Any) -> Watched:
     page = browser.new_page(**({"viewport": {"width": 1280, "height": 800}} | given))
     page.set_default_timeout(60_000)
     out = Watched(page, url)
-    page.on("console", lambda m: out.complaints.append(m.text) if m.type in ("error", "warning") else None)
+    page.on(
+        "console",
+        lambda m: out.complaints.append(f"{m.text} ({m.location['url']})") if m.type in ("error", "warning") else None,
+    )
     page.on("pageerror", lambda error: out.complaints.append(str(error)))
     page.on("request", lambda r: None if r.url.startswith((url, "data:", "blob:")) else out.elsewhere.append(r.url))
     return out

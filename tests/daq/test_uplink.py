@@ -346,6 +346,27 @@ def test_what_is_offered_is_seen_within_60_ms(tmp_path: Path) -> None:
     assert max(seen) >= 58.0
 
 
+def test_what_was_answered_last_is_said_before_it_hangs_up() -> None:
+    posting, go_on = threading.Event(), threading.Event()
+    answers: list[Any] = []
+
+    def slow(request: httpx.Request) -> httpx.Response:
+        posting.set()
+        go_on.wait(20.0)
+        answers.extend(json.loads(request.content).get("answers", []))
+        return httpx.Response(202)
+
+    tail = tail_of(slow, window_s=0.001)
+    tail.start()
+    offer(tail, 1.0)
+    assert posting.wait(20.0)
+    # The answer to what ends the bench: it ends while the thread still sends what was before.
+    tail.answer(7, None)
+    threading.Timer(0.1, go_on.set).start()
+    tail.stop()
+    assert answers == [{"number": 7, "refused": None}]
+
+
 def test_a_service_that_hangs_keeps_no_one_waiting() -> None:
     go_on = threading.Event()
 

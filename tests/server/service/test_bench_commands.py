@@ -70,9 +70,14 @@ class Running:
         self._cell = SilentCell()
         cell = cast("Acquisition", self._cell)
         self._loop = BenchLoop(cell, self.bench.journal, self.bench.stream, self.bench.run, meter, view, pressed)
-        self._thread = threading.Thread(target=self._loop.go_on, daemon=True)
+        self._thread = threading.Thread(target=self._go_on, daemon=True)
         self.tail.start()
         self._thread.start()
+
+    def _go_on(self) -> None:
+        # As `fingertwin log` does: it hangs up as soon as the bench has ended.
+        self._loop.go_on()
+        self.tail.stop()
 
     def ended(self) -> bool:
         self._thread.join(PATIENCE_S)
@@ -82,7 +87,6 @@ class Running:
         # The loop ends with its cell, before the journal is closed under it.
         self._cell.stop()
         assert self.ended()
-        self.tail.stop()
         if self.bench.journal is not None:
             self.bench.journal.close()
 
