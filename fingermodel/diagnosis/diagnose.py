@@ -17,6 +17,7 @@ from fingermodel.diagnosis.evidence import Evidence, Weighed, weigh
 from fingermodel.diagnosis.held_out import held_out
 from fingermodel.diagnosis.hints import Hint, hints
 from fingermodel.diagnosis.nulls import Null, moments_violated, nulls
+from fingermodel.diagnosis.nulls_frames import rig_mistake
 from fingermodel.diagnosis.robustness import Robustness, robustness
 from fingermodel.diagnosis.search import Search, Searcher
 from fingermodel.diagnosis.verdict import LEAST_CASES, SURE, Verdict, judge
@@ -143,9 +144,13 @@ def diagnose(
     verdict = _settled(verdict, questioned, moments, candidates, p_at_cell)
     found: tuple[Hint, ...] = ()
     if verdict.kind in ("none_of_catalogue", "undecided"):
-        # Where no effect stands, a formula is to stand alone; else it is to stand beside the likeliest.
-        ground = evidence.nothing if verdict.kind == "none_of_catalogue" else evidence.weighed[0]
-        found = hints(problem, ground.fitted)
+        if mistake := rig_mistake(model, observations):
+            # To be put right in the session; a formula would only make up for it.
+            verdict = replace(verdict, reasons=(f"{mistake[0].upper()}{mistake[1:]}.", *verdict.reasons))
+        else:
+            # Where no effect stands, a formula is to stand alone; else it is to stand beside the likeliest.
+            ground = evidence.nothing if verdict.kind == "none_of_catalogue" else evidence.weighed[0]
+            found = hints(problem, ground.fitted)
     return Diagnosis(
         problem,
         candidates,

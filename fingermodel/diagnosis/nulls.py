@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fingermodel.diagnosis.nulls_answer import Null, Residuals, concluded, count, figure, not_tested, pm
 from fingermodel.diagnosis.nulls_budget import Readings, readings_of
+from fingermodel.diagnosis.nulls_frames import mistake_in
 from fingermodel.diagnosis.nulls_loads import load_levels, repeats, superposition
 from fingermodel.fingers import COMPONENTS
 from fingermodel.model import Model
@@ -47,12 +48,7 @@ def moments_violated(model: Model, observations: Observations, budget_factor: fl
 
 def balance(r: Readings) -> Null:
     """Tip and bone together carry the tendons' pulls, and nothing else."""
-
-    def load(i: int) -> tuple[object, ...]:
-        return r.observations.postures[i], r.masses[i], r.unloading[i]
-
-    tips, bones = r.groups(r.at("tip"), load), r.groups(r.at("bone"), load)
-    pairs = [(tips[k], bones[k]) for k in bones if k in tips]
+    pairs = r.both_ends
     if not pairs:
         return not_tested("balance", "No load was read both at the tip and at the bone in the same posture.")
     first = [bone[0] for _, bone in pairs]
@@ -80,13 +76,14 @@ def balance(r: Readings) -> Null:
     )
     if above:
         amount += f"; c is above 1 in {above} of {count(len(pairs), 'load')}, which no friction explains"
+    mistake = mistake_in(r)
     return concluded(
         r.observations,
         "balance",
         parts,
         f"Tip and bone together balance the tendons' pulls in {count(len(pairs), 'load')}: {amount}.",
         f"Tip and bone do not balance the tendons' pulls in {count(len(pairs), 'load')}: {amount}; worst is "
-        f"{r.worst(residual, first, mount=False)}.",
+        f"{r.worst(residual, first, mount=False)}{f'; {mistake}' if mistake else ''}.",
         [i for pair in pairs for cases in pair for i in cases],
     )
 

@@ -104,6 +104,16 @@ class Readings:
             out[key(i)].append(i)
         return dict(out)
 
+    @cached_property
+    def both_ends(self) -> list[tuple[list[int], list[int]]]:
+        """Cases at the tip and at the bone with the same load in the same posture."""
+
+        def load(i: int) -> tuple[object, ...]:
+            return self.observations.postures[i], self.masses[i], self.unloading[i]
+
+        tips, bones = self.groups(self.at("tip"), load), self.groups(self.at("bone"), load)
+        return [(tips[k], bones[k]) for k in bones if k in tips]
+
     def name(self, case: int, *, mount: bool = True) -> str:
         """A load case in words: `FDP 950 g + LU 45 g in hook at the tip`."""
         hung = " + ".join(f"{k} {v:.4g} g" for k, v in self.masses[case])

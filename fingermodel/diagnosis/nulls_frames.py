@@ -1,0 +1,168 @@
+"""Mistakes of a whole rig: axes exchanged or turned round, forces in another frame or in another unit.
+
+No effect of a finger looks like them, and no model fits readings that have one. They show where tip and bone together
+should balance the tendons' pulls: put right, the readings do, whatever the finger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.diagnosis.nulls_answer import figure
+from fingermodel.diagnosis.nulls_budget import Readings, readings_of
+from fingermodel.model import Model
+from fingermodel.observations import Observations
+
+Floats = NDArray[np.float64]
+
+# So many loads, in so many postures, must balance at once; fewer may by chance.
+LEAST_LOADS, LEAST_POSTURES = 4, 2
+# Of the pulls (RMS): from where it is looked for, what may be left once it is put right, and how many times less.
+MUCH, LITTLE, TIMES = 0.15, 0.15, 4.0
+# From here on a share of the pulls is no figure to be told.
+FAR_OFF = 10.0
+# What leaves no more than the best does but for this factor and this share of the pulls is as good.
+ALIKE, ALIKE_TOO = 1.25, 0.005
+# By friction and a wrong calibration forces are off by less.
+ANOTHER_UNIT = 1.6
+# Newtons in what may have been taken for newtons, and what friction and calibration may add to that.
+UNITS_N = {
+    "kilonewtons": 1e3,
+    "kilograms-force": 9.80665,
+    "pounds-force": 4.4482,
+    "grams-force": 9.80665e-3,
+    "millinewtons": 1e-3,
+}
+LIKE_THE_UNIT = 1.25
+# Ways that cannot be told apart and are named together.
+MOST_NAMED = 2
+_AS_STATED = np.eye(3)
+MINUS = "\N{MINUS SIGN}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """One way to read the cell: what makes true forces (3, 3) of those stated, at the tip and at the bone."""
+
+    tip: Floats
+    bone: Floats
+    tip_in_base: bool = False
+
+    @property
+    def steps(self) -> int:
+        """How much would have gone wrong."""
+        return max(_steps(self.tip), _steps(self.bone)) + 2 * self.tip_in_base
+
+    @property
+    def concerned(self) -> str:
+        """Which forces."""
+        at = [place for place, axes in (("tip", self.tip), ("bone", self.bone)) if _steps(axes)]
+        return f"the forces at the {at[0]}" if len(at) == 1 else "the forces"
+
+    def words(self) -> str:
+        """What would have to be done with them; nothing, where they are read as stated."""
+        if self.tip_in_base:
+            return "at the tip taken as along the metacarpal's axes"
+        axes = self.tip if _steps(self.tip) else self.bone
+        if not _steps(axes):
+            return ""
+        if np.array_equal(axes, -_AS_STATED):
+            return "turned round, as those on the finger have to be"
+        names = [f"{'' if row.sum() > 0.0 else MINUS}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in axes]
+        return f"taken as ({', '.join(names)}) instead of (x, y, z)"
+
+
+def rig_mistake(model: Model, observations: Observations) -> str | None:
+    """Find the mistake that, put right, would make tip and bone balance the tendons' pulls.
+
+    Args:
+        model: its joints and its sutures' direction are used, its tendons are not.
+        observations: of one session.
+
+    Returns:
+        A sentence; None where readings balance as they are, or no mistake known here makes them balance.
+    """
+    return mistake_in(readings_of(model, observations))
+
+
+def mistake_in(r: Readings) -> str | None:
+    """The same of readings."""
+    pairs = [(t, b) for t, b in r.both_ends if r.read[[*t, *b], :3].all()]
+    if len(pairs) < LEAST_LOADS or len({r.observations.postures[b[0]] for _, b in pairs}) < LEAST_POSTURES:
+        return None
+    tip = np.array([r.wrench[t, :3].mean(axis=0) for t, _ in pairs])
+    bone = np.array([r.wrench[b, :3].mean(axis=0) for _, b in pairs])
+    to_base = r.to_base[[t[0] for t, _ in pairs]]
+    pull = r.tension[[b[0] for _, b in pairs]] @ np.asarray(r.model.finger.values.suture)
+    size = float(np.sum(pull**2))
+    found: list[tuple[float, float, _Way]] = []
+    for way in _ways():
+        carried = _carried(way, tip, bone, to_base)
+        gain = float(np.sum(carried * pull)) / size
+        if gain > 0.0:
+            found.append((float(np.sqrt(np.sum((carried / gain - pull) ** 2) / size)), 1.0 / gain, way))
+    # Axes right and a factor that friction or a calibration can make: no mistake, however much that leaves.
+    as_read = [left for left, factor, way in found if not way.steps and not _another_unit(factor)]
+    plain = _carried(_Way(_AS_STATED, _AS_STATED), tip, bone, to_base)
+    stated = as_read[0] if as_read else float(np.sqrt(np.sum((plain - pull) ** 2) / size))
+    least = min((left for left, _, _ in found), default=np.inf)
+    if stated < MUCH or least > min(LITTLE, stated / TIMES):
+        return None
+    alike = [f for f in found if f[0] <= ALIKE * least + ALIKE_TOO]
+    fewest = min(way.steps for _, _, way in alike)
+    simplest = [f for f in alike if f[2].steps == fewest]
+    if len(simplest) > MOST_NAMED:
+        return None
+    left = max(f[0] for f in simplest)
+    missed = "are far off" if stated > FAR_OFF else f"miss them by {figure(100.0 * stated)} %"
+    return (
+        f"{', or '.join(_worded(factor, way) for _, factor, way in simplest)}, tip and bone would balance the tendons' "
+        f"pulls within {figure(100.0 * left)} % (RMS); as stated they {missed}"
+    )
+
+
+def _carried(way: _Way, tip: Floats, bone: Floats, to_base: Floats) -> Floats:
+    """(loads, 3) what tip and bone carry together, in the metacarpal's axes."""
+    at_tip = tip @ way.tip.T
+    turned = at_tip if way.tip_in_base else np.einsum("kab,kb->ka", to_base, at_tip)
+    out: Floats = turned + bone @ way.bone.T
+    return out
+
+
+def _ways() -> Iterator[_Way]:
+    """Every way to exchange and turn axes, at both ends or at one, and the tip's forces in the other frame."""
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            axes = np.diag(signs) @ np.eye(3)[list(order)]
+            yield _Way(axes, axes)
+            if _steps(axes):
+                yield _Way(axes, _AS_STATED)
+                yield _Way(_AS_STATED, axes)
+    yield _Way(_AS_STATED, _AS_STATED, tip_in_base=True)
+
+
+def _steps(axes: Floats) -> int:
+    """How much has gone wrong with axes: all turned round is one mistake, else each that is another is one."""
+    return 1 if np.array_equal(axes, -_AS_STATED) else int(np.any(axes != _AS_STATED, axis=1).sum())
+
+
+def _worded(factor: float, way: _Way) -> str:
+    done = [way.words()] if way.words() else []
+    if _another_unit(factor):
+        units = [u for u, n in UNITS_N.items() if 1.0 / LIKE_THE_UNIT < factor / n < LIKE_THE_UNIT]
+        as_if = f"as {units[0]} have to be; " if units else ""
+        done.append(f"made {_times(factor)} times as large ({as_if}or the weights {_times(1.0 / factor)} times)")
+    return f"were {way.concerned} {' and '.join(done)}"
+
+
+def _another_unit(factor: float) -> bool:
+    return not 1.0 / ANOTHER_UNIT < factor < ANOTHER_UNIT
+
+
+def _times(factor: float) -> str:
+    return f"{float(f'{factor:.2g}'):g}"
