@@ -258,6 +258,52 @@ def test_the_page_keeps_the_last_minutes_in_arrays_that_never_grow(browser: Any,
     assert found["anew"] == [1, 3.5]
 
 
+def test_a_page_that_is_there_before_the_live_stream_goes_live_with_it(
+    browser: Any, rig: dict[str, list[float]], tmp_path: Path
+) -> None:
+    """Until something comes all that was stored is shown; then it is what a page that waited for nothing shows."""
+    held: list[Any] = []
+    ends: list[Any] = []
+    through = False
+
+    def hold(page_end: Any) -> None:
+        ends.append(page_end)
+
+        def take(message: str | bytes) -> None:
+            if through:
+                page_end.send(message)
+            else:
+                held.append(lambda: page_end.send(message))
+
+        page_end.connect_to_server().on_message(take)
+
+    with served(tmp_path / "service") as (url, _), bench(tmp_path / "bench", url, wrench=rig) as story:
+        story.wait_for("bench started")
+        seen = watched(browser, url)
+        seen.page.route_web_socket(re.compile("/live"), hold)
+        seen.open(f"sessions/{story.session}/bench", f"{story.session}: the bench")
+        seen.page.get_by_text(re.compile(r"s until \d")).wait_for()
+        through = True
+        for send in held:
+            send()
+        seen.page.get_by_text("the last 30 s").wait_for()
+        live = seen.page.get_by_role("button", name="Live")
+        assert live.get_attribute("aria-pressed") == "true"
+        # Who looks back goes on doing so when the connection is lost and there again.
+        seen.page.get_by_role("group", name=re.compile("^Six traces")).press("ArrowLeft")
+        looked_at = seen.page.get_by_text(re.compile(r"^30 s until \d")).inner_text()
+        ends[-1].close()
+        came = seen.page.locator(".trace-value").first
+        before, deadline = came.inner_text(), time.monotonic() + PATIENCE_MS / 1000.0
+        while len(ends) < 2 or came.inner_text() == before:
+            assert time.monotonic() < deadline
+            seen.page.wait_for_timeout(100)
+        seen.page.wait_for_timeout(500)
+        assert live.get_attribute("aria-pressed") == "false"
+        assert seen.page.get_by_text(looked_at).count() == 1
+        seen.page.close()
+
+
 SMALL = """(least) => [...document.querySelectorAll('.bench-now *')]
 .filter((e) => e.checkVisibility() && [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim()))
 .filter((e) => parseFloat(getComputedStyle(e).fontSize) < least).map((e) => e.className)"""

@@ -145,17 +145,16 @@ class BenchPage {
     const { state } = this;
     if (state?.stream?.id && body.stream !== state.stream.id) return;
     const none = !this.ring.count;
-    const whole = !this.ring.count && this.traces.end !== null && !body.recent;
     const readings = this.ring.take(body);
     if (!readings) return;
     if (none) {
       this.traces.some(this.traces.stored);
       this.traces.join();
     }
-    if (whole) this.traces.follow();
+    // What was stored was shown only because nothing came.
+    if (!body.recent && this.traces.whole) this.traces.follow();
     this.heardAt = performance.now();
     if (!body.recent) this.rate.add(readings, this.heardAt);
-    else if (this.traces.end !== null && state?.begun && !state.closed) this.traces.follow();
     if (!this.hangs()) this.finger.live(this.raw(true), true, state?.place?.location);
     this.schedule();
   }

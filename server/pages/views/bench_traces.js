@@ -11,6 +11,7 @@ const COLUMNS = ["Fx_N", "Fy_N", "Fz_N", "Tx_Nmm", "Ty_Nmm", "Tz_Nmm"];
 const number = (value, digits) => written(Math.abs(value) < 0.5 * 10 ** -digits ? 0 : value, digits);
 const SPANS_S = [2, 5, 10, 20, 30, 60, 120, 300, 600, 1800, 3600];
 const POINTS = 1500;
+const LIVE_SPAN_S = 30;
 
 export class Traces {
   /** Six canvases about a ring; `changed` asks for a frame. */
@@ -19,7 +20,9 @@ export class Traces {
     this.session = session;
     this.changed = changed;
     this.signal = signal;
-    this.span = 30;
+    this.span = LIVE_SPAN_S;
+    // Whether all that was stored is shown, because nothing came yet.
+    this.whole = false;
     // End of what is shown [s]; null follows what comes.
     this.end = null;
     this.tall = 1;
@@ -119,11 +122,14 @@ export class Traces {
 
   follow() {
     this.end = null;
+    if (this.whole && this.ring.count) this.span = LIVE_SPAN_S;
+    this.whole = false;
     this.moved();
   }
 
   /** Look at a time; what the page no longer holds is asked of the service. */
   look(end) {
+    this.whole = false;
     const last = this.ring.lastS;
     const most = Number.isNaN(last) ? this.past?.whole?.[1] ?? end : last;
     this.end = end >= most - 1e-3 && !Number.isNaN(last) ? null : Math.min(end, most);
@@ -142,6 +148,7 @@ export class Traces {
     const wanted = Math.min(Math.max(span, SPANS_S[0]), SPANS_S.at(-1));
     if (about !== null && this.end !== null) this.end = about + ((b - about) * wanted) / (b - a);
     this.span = wanted;
+    this.whole = false;
     this.moved();
   }
 
@@ -210,6 +217,7 @@ export class Traces {
     // A session without a bench is shown whole.
     if (!this.ring.count && this.end === null) {
       this.span = Math.max(this.past.span, 2);
+      this.whole = true;
       this.end = this.past.to;
       this.say();
     }
