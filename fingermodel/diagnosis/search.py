@@ -47,6 +47,9 @@ FINISHED = 12
 BESIDE, AFRESH, AGAIN = 3, 8, 30
 # χ² per reading from which a fit is far off, and from which the base was bent out of shape to do without an effect.
 FAR, HARD = 2.0, 100.0
+# χ² per reading that all candidates at once leave where no few of them can explain the readings, and evaluations of
+# that fit from either start. Of sessions with two effects of other forms than ours it leaves 11 at most, in as many.
+HOPELESS, TOGETHER = 30.0, 40
 # Of the leader against its neighbours.
 ROUNDS, RIVALS = 3, 8
 # Pairs whose members are tried alone.
@@ -67,11 +70,14 @@ class Search:
         nothing: the base model.
         fitted: every explanation's optimum, `nothing` among them.
         searched: how many explanations were screened.
+        together: χ² that a fit of all candidates at once left, where that was too much to look for few of them any
+            further; None where it was not.
     """
 
     nothing: Fitted
     fitted: tuple[Fitted, ...]
     searched: int
+    together: float | None = None
 
 
 class Searcher:
@@ -83,6 +89,8 @@ class Searcher:
         self._finished: dict[Explanation, Fitted] = {}
         self._priors: dict[Explanation, float] = {}
         self._tried: set[Fitted] = set()
+        self._together: float | None = None
+        self._lost = False
         self._progress = progress or (lambda _: None)
 
     def fit(self, explanation: Explanation, starts: Iterable[Floats], evaluations: int = FIRST) -> Fitted:
@@ -117,34 +125,61 @@ class Searcher:
         Args:
             candidates: to search.
             start: of the base model besides the priors' centre, such as an earlier fit.
-            thorough: more pairs and more starts.
+            thorough: more pairs and more starts, whatever hope there is.
         """
         more = 3 if thorough else 1
         nothing = self.base(start, BASE_STARTS * more)
+        self._lost = not thorough and far_off(nothing, HARD) and self._hopeless(candidates)
         for done, candidate in enumerate(candidates):
-            self._single(candidate, nothing)
+            self._single(candidate, nothing, again=far_off(nothing, HARD) and not self._lost)
             self._progress(0.5 * (done + 1) / len(candidates))
         self._race(HOSTS * more)
         self._nested(HOSTS * more)
         self._exchange(HOSTS * more)
         self._pairs(candidates, PAIRS * more)
-        self._beside(candidates, BESIDE * more)
+        self._lost = self._lost or (not thorough and self._hopeless(candidates))
+        if not self._lost:
+            self._beside(candidates, BESIDE * more)
         self._race(HOSTS * more, size=2)
         self._polish(candidates)
         self._neighbours(candidates)
-        if doubtful(self._leader(candidates)):
+        if not self._lost and doubtful(self._leader(candidates)):
             if far_off(self._leader(candidates), FAR):
                 self._afresh(candidates, more)
                 self._race(HOSTS * more, size=2)
             self._again(candidates, HOSTS * more)
             self._polish(candidates)
             self._neighbours(candidates)
-        self._halves(candidates)
+        if not self._lost:
+            self._halves(candidates)
         self._nested(2)
         self._polish(candidates)
         self._progress(1.0)
         searched = 1 + len(candidates) + len(pairs_of(candidates))
-        return Search(self.best[NOTHING_MISSING], tuple(self.best.values()), searched)
+        together = self._together if self._lost else None
+        return Search(self.best[NOTHING_MISSING], tuple(self.best.values()), searched, together)
+
+    def _hopeless(self, candidates: tuple[Candidate, ...]) -> bool:
+        """Whether even all candidates at once leave the readings far off: then no few of them can do better.
+
+        Both starts may end in a wrong valley, but one that is so far off has been the truth's in no trial.
+        """
+        limit = HOPELESS * len(self.problem.rows)
+        if min(f.objective for f in self.best.values()) <= limit:
+            return False
+        if self._together is None:
+            free = self.problem.free.copy()
+            for candidate in candidates:
+                for parameters in candidate.alternatives:
+                    free[list(parameters)] = True
+            problem = replace(self.problem, free=free)
+            left = np.inf
+            for start in (self.problem.centre, self.best[NOTHING_MISSING].theta):
+                if left > limit:
+                    residual = self._solve(problem, start, TOGETHER).residual
+                    left = min(left, float(residual @ residual))
+            self._together = left
+        return self._together > limit
 
     def base(self, start: Floats | None = None, drawn: int = BASE_STARTS) -> Fitted:
         """Fit the model without any effect.
@@ -161,13 +196,13 @@ class Searcher:
             nothing = self.fit(NOTHING_MISSING, further[drawn:], SECOND)
         return require_sane(self.go_on(nothing, LAST))
 
-    def _single(self, candidate: Candidate, host: Fitted) -> None:
+    def _single(self, candidate: Candidate, host: Fitted, *, again: bool) -> None:
         gains = [host.everything.gain(parameters) for parameters in candidate.alternatives]
         for k, gain in enumerate(gains):
             if gain >= max(gains) - NEAR:
                 explanation = single(candidate, k)
                 starts = [self.expected(host, explanation)]
-                if far_off(host, HARD):
+                if again:
                     # What bends the rest to do without an effect hides it: start from before anything was bent.
                     starts.append(self.problem.centre)
                 self.fit(explanation, starts)
@@ -199,7 +234,8 @@ class Searcher:
             best = max(self.best.values() if size > 1 else runners, key=lambda f: f.log_evidence, default=None)
             if best is None:
                 return
-            forced = 2 * count if far_off(best, FAR) else count if size == 1 else 0
+            unsure = far_off(best, FAR) and not self._lost
+            forced = 2 * count if unsure else count if size == 1 else 0
             for place, one in enumerate(ranked[: count * share]):
                 if not one.converged and (place < forced or one.promise > best.log_evidence - RACE / size):
                     self.go_on(one, evaluations)
@@ -264,16 +300,16 @@ class Searcher:
         value = {e: self._value(e, candidates) for e in self.best}
         limit = max(value.values()) - CONTENDERS
         hopeful = [e for e, f in self.best.items() if f.promise + self._log_prior(e, candidates) > limit or e.size == 0]
-        # Where even the leader is far off, the others need no finish.
-        lost = far_off(self._leader(candidates), FAR)
-        count = FINISHED // 3 if lost else FINISHED
+        # Where even the leader is far off, the others need no finish; where nothing can be found, none needs much.
+        off = far_off(self._leader(candidates), FAR)
+        count, evaluations = FINISHED // 3 if off else FINISHED, SECOND if self._lost else LAST
         for explanation in sorted(hopeful, key=lambda e: -value[e])[:count]:
             found = self.best[explanation]
             if self._finished.get(explanation) is not found:
-                found = self.go_on(found, LAST)
-                close = not lost and value[explanation] > limit + 0.5 * CONTENDERS
+                found = self.go_on(found, evaluations)
+                close = not off and value[explanation] > limit + 0.5 * CONTENDERS
                 if not found.converged and (close or self._would_lead(found, candidates)):
-                    found = self.go_on(found, 2 * LAST)
+                    found = self.go_on(found, 2 * evaluations)
                 self._finished[explanation] = found
 
     def _would_lead(self, found: Fitted, candidates: tuple[Candidate, ...]) -> bool:

@@ -146,13 +146,16 @@ class Trace:
         if not len(rows):
             return rows
         self.arrived_s = now_s
-        if live and rows["to_s"][-1] < self.shown_s - LATE_S:
+        to_s = rows["to_s"].tolist()
+        if live and to_s[-1] < self.shown_s - LATE_S:
             self.shown_s = -np.inf
             self._past.clear()
             self._fresh, self._count = [], 0
-        rows = rows[rows["to_s"] > self.shown_s]
+        # Most often it is one envelope, or several new ones: nothing is picked out then.
+        if min(to_s) <= self.shown_s:
+            rows = rows[rows["to_s"] > self.shown_s]
         if len(rows):
-            self.shown_s = float(rows["to_s"].max())
+            self.shown_s = max(to_s)
             self._fresh.append(rows)
             self._count += len(rows)
             if self._count >= _FRESH:
