@@ -185,7 +185,7 @@ def weigh(
         chosen.append(search.nothing)
     weighed = [weigh_one(problem, fitted, candidates) for fitted in chosen]
     nothing = next(w for w in weighed if w.explanation.size == 0)
-    return assemble(weighed, other_evidence(nothing.fitted, wildcard, known))
+    return assemble(weighed, other_evidence(nothing.fitted, wildcard, known), none_can=search.together is not None)
 
 
 def _in_question(ranked: Sequence[Fitted]) -> list[Fitted]:
@@ -304,12 +304,19 @@ def other_evidence(nothing: Fitted, wildcard: Wildcard, known: tuple[Known, ...]
     )
 
 
-def assemble(weighed: Sequence[Weighed], other: Other, nothing: float = 0.5) -> Evidence:
-    """Turn evidences into probabilities: explanations of the same names add up, what does not fit counts for none."""
+def assemble(weighed: Sequence[Weighed], other: Other, nothing: float = 0.5, *, none_can: bool = False) -> Evidence:
+    """Turn evidences into probabilities: explanations of the same names add up, what does not fit counts for none.
+
+    Args:
+        weighed: explanations, the base model among them.
+        other: something that is none of the catalogue.
+        nothing: prior of the base model.
+        none_can: whether all candidates at once leave too much already: then none of them does.
+    """
     none = next(w for w in weighed if w.explanation.size == 0)
     total: dict[tuple[str, ...] | None, list[float]] = {None: [other.log_evidence + log_prior_else(nothing)]}
     for w in weighed:
-        if w.explanation.size and none.implausible and w.leaves_too_much(none):
+        if w.explanation.size and (none_can or (none.implausible and w.leaves_too_much(none))):
             total.setdefault(w.explanation.names, [-np.inf])
             continue
         total.setdefault(w.explanation.names, []).append(w.log_evidence + w.log_prior)

@@ -47,9 +47,9 @@ FINISHED = 12
 BESIDE, AFRESH, AGAIN = 3, 8, 30
 # χ² per reading from which a fit is far off, and from which the base was bent out of shape to do without an effect.
 FAR, HARD = 2.0, 100.0
-# χ² per reading that all candidates at once leave where no few of them can explain the readings, and evaluations of
-# that fit from either start. Of sessions with two effects of other forms than ours it leaves 11 at most, in as many.
-HOPELESS, TOGETHER = 30.0, 40
+# χ² per reading, and share of what the base model leaves, that all candidates at once must leave for no few of them to be
+# able to explain the readings; and evaluations of that fit from either start (see docs/decisions/0002).
+HOPELESS, HOPELESS_SHARE, TOGETHER = 30.0, 0.25, 40
 # Of the leader against its neighbours.
 ROUNDS, RIVALS = 3, 8
 # Pairs whose members are tried alone.
@@ -164,7 +164,7 @@ class Searcher:
 
         Both starts may end in a wrong valley, but one that is so far off has been the truth's in no trial.
         """
-        limit = HOPELESS * len(self.problem.rows)
+        limit = max(HOPELESS * len(self.problem.rows), HOPELESS_SHARE * self.best[NOTHING_MISSING].objective)
         if min(f.objective for f in self.best.values()) <= limit:
             return False
         if self._together is None:

@@ -106,6 +106,30 @@ def test_hints_say_where_something_unknown_acts() -> None:
     assert all(h.formula.startswith(("torque[", "tension[", "force.")) for h in found.hints)
 
 
+def test_what_the_whole_catalogue_cannot_explain_is_searched_no_further_and_said(tmp_path: Path) -> None:
+    _, found = diagnosed("DEV-12")
+    left = found.search.together
+    assert left is not None
+    # No few effects leave less than all of them.
+    assert left < min(float(f.residual @ f.residual) for f in found.search.fitted)
+    assert any(f"{len(found.candidates)} candidates at once leave {left:.0f}" in r for r in found.verdict.reasons)
+    # Two effects may leave the model without any as far off: then the search goes on.
+    effects, _ = draw_truth("two", 3024)
+    draw_session(tmp_path, 3024, effects)
+    hard = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    assert hard.search.nothing.objective > found.search.nothing.objective
+    assert hard.search.together is None
+
+
+@pytest.mark.full
+def test_a_thorough_search_goes_on_whatever_hope_there_is() -> None:
+    bench, found = diagnosed("DEV-12")
+    assert found.search.together is not None
+    thorough = run_diagnosis(bench, thorough=True)
+    assert thorough.search.together is None
+    assert thorough.verdict.kind == "none_of_catalogue"
+
+
 def test_adding_the_true_effect_is_what_the_diagnosis_promised() -> None:
     bench, found = diagnosed("DEV-02")
     added = add_effects(bench.model, bench.observations, ["hanger_mass"], starts=1)

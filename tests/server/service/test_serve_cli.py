@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import signal
 import socket
@@ -14,11 +15,13 @@ from pathlib import Path
 
 import httpx
 import pytest
+import uvicorn
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from daq.errors import InputError
 from server import cli
+from server.service import serve
 from server.service.database import Database
 from server.service.folder import alone, held, made
 from server.service.migrate import upgrade
@@ -172,6 +175,21 @@ def test_two_services_never_share_a_database_of_postgresql() -> None:
         pass
     one.close()
     other.close()
+
+
+def test_the_signal_to_stop_wakes_a_server_that_does_not_look(monkeypatch: pytest.MonkeyPatch) -> None:
+    # It looks once a day: what ends it is the signal, and its test would not.
+    monkeypatch.setattr(serve, "LOOK_S", 86_400.0)
+
+    async def stopped() -> None:
+        server = serve.Server(uvicorn.Config(small), lambda: None)
+        serving = asyncio.create_task(server.main_loop())
+        await asyncio.sleep(0.05)
+        assert not serving.done()
+        server.handle_exit(signal.SIGINT, None)
+        await serving
+
+    asyncio.run(asyncio.wait_for(stopped(), 30.0))
 
 
 @NO_SIGTERM
