@@ -47,8 +47,8 @@ FINISHED = 12
 BESIDE, AFRESH, AGAIN = 3, 8, 30
 # χ² per reading from which a fit is far off, and from which the base was bent out of shape to do without an effect.
 FAR, HARD = 2.0, 100.0
-# χ² per reading, and share of what the base model leaves, that all candidates at once must leave for no few of them to be
-# able to explain the readings; and evaluations of that fit from either start (see docs/decisions/0002).
+# χ² per reading, and share of what the base model leaves, that all candidates at once must leave for no few of them to
+# explain the readings; and evaluations of that fit from either start (see docs/decisions/0002).
 HOPELESS, HOPELESS_SHARE, TOGETHER = 30.0, 0.25, 40
 # Of the leader against its neighbours.
 ROUNDS, RIVALS = 3, 8
