@@ -43,13 +43,15 @@ RACE, CONTENDERS = 30.0, 8.0
 # Further evaluations of each heat, and how many singles run in it for each that is wanted.
 HEATS = ((3, 5), (5, 3), (9, 2))
 FINISHED = 12
-# Singles beside which companions are tried where much is left unexplained, and evaluations of a fit begun afresh.
-BESIDE, AFRESH, AGAIN = 3, 8, 30
+# Evaluations of a fit begun again from before anything was bent.
+AGAIN = 30
 # χ² per reading from which a fit is far off, and from which the base was bent out of shape to do without an effect.
 FAR, HARD = 2.0, 100.0
 # χ² per reading, and share of what the base model leaves, that all candidates at once must leave for no few of them to
 # explain the readings; and evaluations of that fit from either start (see docs/decisions/0002).
 HOPELESS, HOPELESS_SHARE, TOGETHER = 30.0, 0.25, 40
+# Singles and pairs that are fitted from there where they leave the readings far off.
+ABOVE = 12
 # Of the leader against its neighbours.
 ROUNDS, RIVALS = 3, 8
 # Pairs whose members are tried alone.
@@ -89,7 +91,7 @@ class Searcher:
         self._finished: dict[Explanation, Fitted] = {}
         self._priors: dict[Explanation, float] = {}
         self._tried: set[Fitted] = set()
-        self._together: float | None = None
+        self._all: Fitted | None = None
         self._lost = False
         self._progress = progress or (lambda _: None)
 
@@ -112,12 +114,15 @@ class Searcher:
         return solve(problem, start, floor, evaluations, crawl=CRAWL, begun=begun)
 
     def _keep(self, explanation: Explanation, problem: Problem, solution: Solution) -> None:
-        x = np.where(np.abs(solution.x) < ROUNDING, 0.0, solution.x)
-        theta = problem.centre + problem.scale * x
-        found = Fitted(explanation, theta, x, objective_of(solution), solution, problem)
+        found = self._fitted(explanation, problem, solution)
         old = self.best.get(explanation)
         if old is None or found.objective < old.objective - 1e-6:
             self.best[explanation] = found
+
+    def _fitted(self, explanation: Explanation, problem: Problem, solution: Solution) -> Fitted:
+        x = np.where(np.abs(solution.x) < ROUNDING, 0.0, solution.x)
+        theta = problem.centre + problem.scale * x
+        return Fitted(explanation, theta, x, objective_of(solution), solution, problem)
 
     def run(self, candidates: tuple[Candidate, ...], start: Floats | None = None, thorough: bool = False) -> Search:
         """Fit nothing, all singles and the best pairs; each from the others' optima too.
@@ -138,15 +143,12 @@ class Searcher:
         self._exchange(HOSTS * more)
         self._pairs(candidates, PAIRS * more)
         self._lost = self._lost or (not thorough and self._hopeless(candidates))
-        if not self._lost:
-            self._beside(candidates, BESIDE * more)
+        if not self._lost and far_off(self._leader(candidates), FAR):
+            self._from_above(candidates, ABOVE * more)
         self._race(HOSTS * more, size=2)
         self._polish(candidates)
         self._neighbours(candidates)
         if not self._lost and doubtful(self._leader(candidates)):
-            if far_off(self._leader(candidates), FAR):
-                self._afresh(candidates, more)
-                self._race(HOSTS * more, size=2)
             self._again(candidates, HOSTS * more)
             self._polish(candidates)
             self._neighbours(candidates)
@@ -156,7 +158,8 @@ class Searcher:
         self._polish(candidates)
         self._progress(1.0)
         searched = 1 + len(candidates) + len(pairs_of(candidates))
-        together = self._together if self._lost else None
+        given_up = self._together(candidates).residual if self._lost else None
+        together = None if given_up is None else float(given_up @ given_up)
         return Search(self.best[NOTHING_MISSING], tuple(self.best.values()), searched, together)
 
     def _hopeless(self, candidates: tuple[Candidate, ...]) -> bool:
@@ -167,19 +170,40 @@ class Searcher:
         limit = max(HOPELESS * len(self.problem.rows), HOPELESS_SHARE * self.best[NOTHING_MISSING].objective)
         if min(f.objective for f in self.best.values()) <= limit:
             return False
-        if self._together is None:
-            free = self.problem.free.copy()
-            for candidate in candidates:
-                for parameters in candidate.alternatives:
-                    free[list(parameters)] = True
-            problem = replace(self.problem, free=free)
-            left = np.inf
-            for start in (self.problem.centre, self.best[NOTHING_MISSING].theta):
-                if left > limit:
-                    residual = self._solve(problem, start, TOGETHER).residual
-                    left = min(left, float(residual @ residual))
-            self._together = left
-        return self._together > limit
+        left = self._together(candidates).residual
+        return float(left @ left) > limit
+
+    def _together(self, candidates: tuple[Candidate, ...]) -> Fitted:
+        """All candidates at once, from the priors' centre and, if that leaves much, from the base model's optimum."""
+        if self._all is None:
+            own = sorted({i for c in candidates for parameters in c.alternatives for i in parameters})
+            every = Explanation(tuple(c.name for c in candidates), (), tuple(own))
+            problem = replace(self.problem, free=self.problem.free | mask(self.problem.model, every))
+            found = self._solve(problem, problem.centre, TOGETHER)
+            if found.objective > HOPELESS * len(problem.rows):
+                other = self._solve(problem, self.best[NOTHING_MISSING].theta, TOGETHER)
+                found = min(found, other, key=lambda s: s.objective)
+            self._all = self._fitted(every, problem, found)
+        return self._all
+
+    def _from_above(self, candidates: tuple[Candidate, ...], count: int) -> None:
+        """Where no single or pair explains the readings, start from where all candidates together do.
+
+        Wherever one or two of them are the truth, all together leave little, and the rest is bent the least: what the
+        model, straightened out there, expects of one or two is a start in the truth's own valley.
+        """
+        host = self._together(candidates)
+        if not host.sane:
+            return
+        forms = {c.name: _best_form(host, NOTHING_MISSING, c)[0] for c in candidates}
+        offers = list(forms.values())
+        for first, second in pairs_of(candidates):
+            one, other = forms[first.name], forms[second.name]
+            if not set(one.parameters) & set(other.parameters):
+                offers.append(pair_of(one, other, candidates))
+        promise = {e: host.everything.gain(e.parameters) + self._log_prior(e, candidates) for e in offers}
+        for explanation in sorted(offers, key=lambda e: -promise[e])[:count]:
+            self.fit(explanation, [self.expected(host, explanation)], 2 * FIRST)
 
     def base(self, start: Floats | None = None, drawn: int = BASE_STARTS) -> Fitted:
         """Fit the model without any effect.
@@ -206,15 +230,6 @@ class Searcher:
                     # What bends the rest to do without an effect hides it: start from before anything was bent.
                     starts.append(self.problem.centre)
                 self.fit(explanation, starts)
-
-    def middle(self, explanation: Explanation, base: Floats) -> Floats:
-        """A vector with the explanation's one-sided parameters at half of what is plausible."""
-        out = base.copy()
-        for i in explanation.parameters:
-            p = self.problem.model.parameters.parameters[i]
-            if p.one_sided:
-                out[i] = 0.5 * (p.plausible[1] if p.plausible else p.upper)
-        return out
 
     def expected(self, host: Fitted, explanation: Explanation) -> Floats:
         """Where the straightened model about an optimum expects another explanation's optimum."""
@@ -378,28 +393,6 @@ class Searcher:
     def _value(self, explanation: Explanation, candidates: tuple[Candidate, ...]) -> float:
         known = self.best.get(explanation)
         return -np.inf if known is None else known.log_evidence + self._log_prior(explanation, candidates)
-
-    def _beside(self, candidates: tuple[Candidate, ...], count: int) -> None:
-        """Where no single explains the readings, try every companion at a middling size beside the best of them.
-
-        What a companion would do is not seen from its null if the rest has already been bent to do without it.
-        """
-        hosts = self._ranked(1)[:count]
-        if hosts and far_off(hosts[0], FAR):
-            for host in hosts:
-                for other, pair in self._companions(host, host.explanation, candidates):
-                    self.fit(pair, [self.middle(other, host.theta)], 2)
-
-    def _afresh(self, candidates: tuple[Candidate, ...], count: int) -> None:
-        """Where even the leader is far off: fit every companion of the best singles from before anything was bent.
-
-        At a middling size: the rest would else be bent once more before the companion has grown.
-        """
-        for host in self._ranked(1)[:count]:
-            start = self.problem.centre.copy()
-            start[list(host.explanation.parameters)] = host.theta[list(host.explanation.parameters)]
-            for other, pair in self._companions(host, host.explanation, candidates):
-                self.fit(pair, [self.middle(other, start)], AFRESH)
 
     def _companions(
         self, host: Fitted, kept: Explanation, candidates: tuple[Candidate, ...]
