@@ -121,6 +121,18 @@ def test_what_the_whole_catalogue_cannot_explain_is_searched_no_further_and_said
     assert hard.search.together is None
 
 
+def test_a_pair_to_which_no_single_leads_is_found_from_where_all_candidates_fit(tmp_path: Path) -> None:
+    # Alone, each of the two leaves six times what noise does, and the best single is another.
+    effects, _ = draw_truth("two", 1050)
+    draw_session(tmp_path, 1050, effects)
+    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    assert set(found.verdict.effects) == {"sheath_friction", "cell_rotation"}
+    singles = {f.explanation.names: f.objective for f in found.search.fitted if f.explanation.size == 1}
+    best = min(singles, key=lambda names: singles[names])
+    assert best[0] not in found.verdict.effects
+    assert singles[best] > 2.0 * found.best.fitted.objective
+
+
 @pytest.mark.full
 def test_a_thorough_search_goes_on_whatever_hope_there_is() -> None:
     bench, found = diagnosed("DEV-12")
