@@ -56,6 +56,11 @@ class Fitted:
         return self.solution.residual
 
     @property
+    def chi2(self) -> float:
+        """Without the priors' penalty."""
+        return float(self.residual @ self.residual)
+
+    @property
     def sane(self) -> bool:
         """Whether it is an optimum at all, whatever the misfit (see `objective_of`)."""
         return bool(np.isfinite(self.objective))

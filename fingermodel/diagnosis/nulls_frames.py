@@ -100,18 +100,27 @@ def mistake_in(r: Readings) -> str | None:
     to_base = r.to_base[[t[0] for t, _ in pairs]]
     pull = r.tension[[b[0] for _, b in pairs]] @ np.asarray(r.model.finger.values.suture)
     size = float(np.sum(pull**2))
-    found: list[tuple[float, float, _Way]] = []
-    for way in _ways():
+
+    def put_right(way: _Way) -> tuple[float, float, _Way] | None:
+        """What a way leaves of the pulls, the factor it needs, and itself; none if it would push the tendons."""
         carried = _carried(way, tip, bone, to_base)
         gain = float(np.sum(carried * pull)) / size
-        if gain > 0.0:
-            found.append((float(np.sqrt(np.sum((carried / gain - pull) ** 2) / size)), 1.0 / gain, way))
+        if gain <= 0.0:
+            return None
+        return float(np.sqrt(np.sum((carried / gain - pull) ** 2) / size)), 1.0 / gain, way
+
+    plain = _Way(_AS_STATED, _AS_STATED)
+    as_read = put_right(plain)
     # Axes right and a factor that friction or a calibration can make: no mistake, however much that leaves.
-    as_read = [left for left, factor, way in found if not way.steps and not _another_unit(factor)]
-    plain = _carried(_Way(_AS_STATED, _AS_STATED), tip, bone, to_base)
-    stated = as_read[0] if as_read else float(np.sqrt(np.sum((plain - pull) ** 2) / size))
+    if as_read is not None and not _another_unit(as_read[1]):
+        stated = as_read[0]
+    else:
+        stated = float(np.sqrt(np.sum((_carried(plain, tip, bone, to_base) - pull) ** 2) / size))
+    if stated < MUCH:
+        return None
+    found = [f for f in map(put_right, _ways()) if f is not None]
     least = min((left for left, _, _ in found), default=np.inf)
-    if stated < MUCH or least > min(LITTLE, stated / TIMES):
+    if least > min(LITTLE, stated / TIMES):
         return None
     alike = [f for f in found if f[0] <= ALIKE * least + ALIKE_TOO]
     fewest = min(way.steps for _, _, way in alike)

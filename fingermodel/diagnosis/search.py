@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,11 +15,11 @@ from fingermodel.diagnosis.candidates import (
     log_prior,
     mask,
     members,
-    pair_of,
     pairs_of,
     single,
 )
 from fingermodel.diagnosis.fitted import Fitted, doubtful, far_off, objective_of, require_sane
+from fingermodel.diagnosis.screening import best_form, companions, pairs_about
 from fingermodel.problems import Problem
 from fingermodel.refit import drawn_starts, solve
 from fingermodel.solver import Solution
@@ -134,9 +134,10 @@ class Searcher:
         """
         more = 3 if thorough else 1
         nothing = self.base(start, BASE_STARTS * more)
-        self._lost = not thorough and far_off(nothing, HARD) and self._hopeless(candidates)
+        hard = far_off(nothing, HARD)
+        self._lost = hard and not thorough and self._hopeless(candidates)
         for done, candidate in enumerate(candidates):
-            self._single(candidate, nothing, again=far_off(nothing, HARD) and not self._lost)
+            self._single(candidate, nothing, again=hard and not self._lost)
             self._progress(0.5 * (done + 1) / len(candidates))
         self._race(HOSTS * more)
         self._nested(HOSTS * more)
@@ -158,8 +159,7 @@ class Searcher:
         self._polish(candidates)
         self._progress(1.0)
         searched = 1 + len(candidates) + len(pairs_of(candidates))
-        given_up = self._together(candidates).residual if self._lost else None
-        together = None if given_up is None else float(given_up @ given_up)
+        together = self._together(candidates).chi2 if self._lost else None
         return Search(self.best[NOTHING_MISSING], tuple(self.best.values()), searched, together)
 
     def _hopeless(self, candidates: tuple[Candidate, ...]) -> bool:
@@ -170,8 +170,7 @@ class Searcher:
         limit = max(HOPELESS * len(self.problem.rows), HOPELESS_SHARE * self.best[NOTHING_MISSING].objective)
         if min(f.objective for f in self.best.values()) <= limit:
             return False
-        left = self._together(candidates).residual
-        return float(left @ left) > limit
+        return self._together(candidates).chi2 > limit
 
     def _together(self, candidates: tuple[Candidate, ...]) -> Fitted:
         """All candidates at once, from the priors' centre and, if that leaves much, from the base model's optimum."""
@@ -195,12 +194,7 @@ class Searcher:
         host = self._together(candidates)
         if not host.sane:
             return
-        forms = {c.name: _best_form(host, NOTHING_MISSING, c)[0] for c in candidates}
-        offers = list(forms.values())
-        for first, second in pairs_of(candidates):
-            one, other = forms[first.name], forms[second.name]
-            if not set(one.parameters) & set(other.parameters):
-                offers.append(pair_of(one, other, candidates))
+        offers = [*(best_form(host, c) for c in candidates), *pairs_about(host, candidates)]
         promise = {e: host.everything.gain(e.parameters) + self._log_prior(e, candidates) for e in offers}
         for explanation in sorted(offers, key=lambda e: -promise[e])[:count]:
             self.fit(explanation, [self.expected(host, explanation)], 2 * FIRST)
@@ -286,11 +280,9 @@ class Searcher:
         if leader.explanation.size > 1:
             offers = list(own)
         else:
-            offers = [
-                _best_form(leader, NOTHING_MISSING, c)[0] for c in candidates if c.name not in leader.explanation.names
-            ]
+            offers = [best_form(leader, c) for c in candidates if c.name not in leader.explanation.names]
         for kept in own:
-            offers += [pair for _, pair in self._companions(leader, kept, candidates)]
+            offers += companions(leader, kept, candidates)
         promised = {
             e: base + leader.everything.gain(e.parameters) + self._log_prior(e, candidates)
             for e in dict.fromkeys(offers)
@@ -368,22 +360,18 @@ class Searcher:
         offers: dict[tuple[str, ...], tuple[float, Fitted, Explanation]] = {}
         nothing = self.best[NOTHING_MISSING]
 
-        def offer(host: Fitted, first: Explanation, second: Explanation) -> None:
-            pair = pair_of(first, second, candidates)
-            if set(first.parameters) & set(second.parameters):
-                return
-            base = nothing.log_evidence if host is nothing else host.log_evidence - host.linear.gain(first.parameters)
+        def offer(host: Fitted, base: float, pair: Explanation) -> None:
             value = base + host.everything.gain(pair.parameters) + self._log_prior(pair, candidates)
             old = offers.get(pair.names)
             if old is None or value > old[0]:
                 offers[pair.names] = (value, host, pair)
 
-        best_form = {c.name: _best_form(nothing, NOTHING_MISSING, c)[0] for c in candidates}
-        for a, b in pairs_of(candidates):
-            offer(nothing, best_form[a.name], best_form[b.name])
+        for pair in pairs_about(nothing, candidates):
+            offer(nothing, nothing.log_evidence, pair)
         for host in hosts:
-            for other, _ in self._companions(host, host.explanation, candidates):
-                offer(host, host.explanation, other)
+            base = host.log_evidence - host.linear.gain(host.explanation.parameters)
+            for pair in companions(host, host.explanation, candidates):
+                offer(host, base, pair)
         new = [o for o in offers.values() if o[0] > self._value(o[2], candidates) + WORTHWHILE]
         chosen = sorted(new, key=lambda o: -o[0])[:count]
         for done, (_, host, pair) in enumerate(chosen):
@@ -394,25 +382,9 @@ class Searcher:
         known = self.best.get(explanation)
         return -np.inf if known is None else known.log_evidence + self._log_prior(explanation, candidates)
 
-    def _companions(
-        self, host: Fitted, kept: Explanation, candidates: tuple[Candidate, ...]
-    ) -> Iterator[tuple[Explanation, Explanation]]:
-        """What a host has not, in the form that promises most beside what is kept of it, and the pair they make."""
-        for candidate in candidates:
-            if candidate.name not in host.explanation.names:
-                other = _best_form(host, kept, candidate)[0]
-                if not set(kept.parameters) & set(other.parameters):
-                    yield other, pair_of(kept, other, candidates)
-
     def _again(self, candidates: tuple[Candidate, ...], count: int) -> None:
         """Fit the leaders once more from before anything was bent: they may sit in another valley."""
         ranked = sorted(self.best.values(), key=lambda f: -self._value(f.explanation, candidates))
         for one in [f for f in ranked if f.explanation.size][:count]:
             if doubtful(one):
                 self.fit(one.explanation, [self.problem.centre], AGAIN)
-
-
-def _best_form(host: Fitted, kept: Explanation, candidate: Candidate) -> tuple[Explanation, float]:
-    """The alternative of a candidate that gains most beside what is kept, and that gain, about a host's optimum."""
-    gains = [host.everything.gain((*kept.parameters, *p)) for p in candidate.alternatives]
-    return single(candidate, int(np.argmax(gains))), max(gains)

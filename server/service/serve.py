@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger("fingertwin.serve")
 # After a signal, requests and WebSockets have so long to come to their end [s].
 FINISH_S = 10
-# How often the server looks after itself: ten times a second, as uvicorn does, costs as much as two live clients.
+# How often the server looks after itself: ten times a second, as uvicorn does, costs as much as a live client.
 LOOK_S = 1.0
 # Of one message of a live client's, which says only what it wants to see.
 _MOST_MESSAGE = 64 << 10

@@ -111,7 +111,7 @@ def test_what_the_whole_catalogue_cannot_explain_is_searched_no_further_and_said
     left = found.search.together
     assert left is not None
     # No few effects leave less than all of them.
-    assert left < min(float(f.residual @ f.residual) for f in found.search.fitted)
+    assert left < min(f.chi2 for f in found.search.fitted)
     assert any(f"{len(found.candidates)} candidates at once leave {left:.0f}" in r for r in found.verdict.reasons)
     # Two effects may leave the model without any as far off: then the search goes on.
     effects, _ = draw_truth("two", 3024)
@@ -122,7 +122,7 @@ def test_what_the_whole_catalogue_cannot_explain_is_searched_no_further_and_said
 
 
 def test_a_pair_to_which_no_single_leads_is_found_from_where_all_candidates_fit(tmp_path: Path) -> None:
-    # Alone, each of the two leaves six times what noise does, and the best single is another.
+    # Alone, each of the two leaves more than six times what noise does, and the best single is another.
     effects, _ = draw_truth("two", 1050)
     draw_session(tmp_path, 1050, effects)
     found = run_diagnosis(open_bench(tmp_path, catalogue=True))

@@ -1,0 +1,36 @@
+"""What the model, straightened out about one optimum, expects of others: in which form, and in which pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from fingermodel.diagnosis.candidates import NOTHING_MISSING, Candidate, Explanation, pair_of, pairs_of, single
+from fingermodel.diagnosis.fitted import Fitted
+
+
+def best_form(host: Fitted, candidate: Candidate, kept: Explanation = NOTHING_MISSING) -> Explanation:
+    """The alternative of a candidate that gains most beside what is kept, about a host's optimum."""
+    gains = [host.everything.gain((*kept.parameters, *p)) for p in candidate.alternatives]
+    return single(candidate, int(np.argmax(gains)))
+
+
+def companions(host: Fitted, kept: Explanation, candidates: tuple[Candidate, ...]) -> Iterator[Explanation]:
+    """Pairs of what is kept of a host and what the host has not, in the form that promises most beside it."""
+    for candidate in candidates:
+        if candidate.name not in host.explanation.names:
+            yield from _together(kept, best_form(host, candidate, kept), candidates)
+
+
+def pairs_about(host: Fitted, candidates: tuple[Candidate, ...]) -> Iterator[Explanation]:
+    """All pairs, each member in the form that promises most by itself about a host's optimum."""
+    forms = {c.name: best_form(host, c) for c in candidates}
+    for first, second in pairs_of(candidates):
+        yield from _together(forms[first.name], forms[second.name], candidates)
+
+
+def _together(one: Explanation, other: Explanation, candidates: tuple[Candidate, ...]) -> Iterator[Explanation]:
+    """The pair of two, unless both free the same parameter."""
+    if not set(one.parameters) & set(other.parameters):
+        yield pair_of(one, other, candidates)
