@@ -182,16 +182,16 @@ def compare(model: Model, observations: Observations, theta: Floats | None = Non
         observations: of the session.
         theta: (parameters,) fitted; by default the model before any fit.
     """
-    reading = np.asarray(model.predict(_padded(observations.inputs), theta).reading)
-    covariance = observations.case_covariance
+    reading = np.asarray(model.predict(_padded(observations.inputs), theta).reading)[: len(observations.ids)]
+    covariance = observations.case_covariance[:, :3, :3]
+    residuals = observations.wrench[:, :3] - reading[:, :3]
+    z, z_sagittal = _norms(residuals, covariance), _norms(residuals[:, :2], covariance[:, :2, :2])
     cases = []
     for i, role in enumerate(observations.roles):
         if role == "check":
             continue
         measured, predicted = observations.wrench[i], reading[i]
         torque_known = bool(np.isfinite(measured[3:]).all())
-        block = covariance[i][:3, :3]
-        residual = measured[:3] - predicted[:3]
         # At the bone the clamp's point is not known, so the model has no moment to compare.
         has_prediction = torque_known and observations.locations[i] == "tip"
         cases.append(
@@ -202,12 +202,12 @@ def compare(model: Model, observations: Observations, theta: Floats | None = Non
                 location=observations.locations[i],
                 masses_g=observations.masses_g[i],
                 measured_N=measured[:3],
-                measured_sd_N=np.sqrt(np.diag(block)),
+                measured_sd_N=np.sqrt(np.diag(covariance[i])),
                 predicted_N=predicted[:3],
                 measured_Nmm=measured[3:] if torque_known else None,
                 predicted_Nmm=predicted[3:] if has_prediction else None,
-                z=_norm(residual, block),
-                z_sagittal=_norm(residual[:2], block[:2, :2]),
+                z=z[i],
+                z_sagittal=z_sagittal[i],
             )
         )
     return Comparison(tuple(cases), observations.noise_assumed)
@@ -220,11 +220,12 @@ def _padded(inputs: LoadCaseInput) -> LoadCaseInput:
     return LoadCaseInput(*(jnp.asarray(np.asarray(field)[rows]) for field in inputs))
 
 
-def _norm(residual: Floats, covariance: Floats) -> float | None:
-    """Mahalanobis norm, None without any uncertainty."""
-    if not np.all(np.diag(covariance) > 0):
-        return None
-    return float(np.sqrt(residual @ np.linalg.solve(covariance, residual)))
+def _norms(residuals: Floats, covariances: Floats) -> list[float | None]:
+    """Mahalanobis norm of each residual (n, k) with its covariance (n, k, k), None without any uncertainty."""
+    known = np.asarray((np.diagonal(covariances, axis1=1, axis2=2) > 0).all(axis=1))
+    solved = np.linalg.solve(covariances[known], residuals[known, :, None])[:, :, 0]
+    norms = iter(np.sqrt((residuals[known] * solved).sum(axis=1)).tolist())
+    return [next(norms) if one else None for one in known.tolist()]
 
 
 def summarise(cases: Iterable[CaseComparison], components: int) -> ErrorSummary:

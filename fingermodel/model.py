@@ -108,6 +108,10 @@ class Model:
             start += count
         return Structure(self.finger.topology, self._all, tuple(slices))
 
+    @cached_property
+    def _values(self) -> FingerValues:
+        return jax_values(self.finger.values)
+
     @property
     def initial(self) -> NDArray[np.float64]:
         """Parameter vector before any fit."""
@@ -120,10 +124,12 @@ class Model:
 
     def predict(self, cases: LoadCaseInput, theta: NDArray[np.float64] | None = None) -> Prediction:
         """Predict a batch of load cases, given with a leading axis on every field."""
-        vector = self.parameters.initial if theta is None else theta
-        structure = self.structure
-        everything = np.ones(len(structure.effects), dtype=bool)
-        return predict_batch(structure, jax_values(self.finger.values), jnp.asarray(vector), cases, everything)
+        initial, structure = self.parameters.initial, self.structure
+        vector = initial if theta is None else np.asarray(theta)
+        # What is at its null changes nothing, and need not be gone through.
+        moved = vector != initial
+        active = np.array([moved[a:b].any() for a, b in structure.slices], dtype=bool)
+        return predict_batch(structure, self._values, jnp.asarray(vector), cases, active)
 
     def jacobian(self, cases: LoadCaseInput, theta: NDArray[np.float64] | None = None) -> Array:
         """Derivative of every reading with respect to every parameter: (cases, 6, parameters)."""

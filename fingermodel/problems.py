@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -110,6 +110,14 @@ class Problem:
         if not self._fitted or any(a is not b for a, b in zip(self._fitted[0].of, self.source, strict=True)):
             self._fitted[:] = [FittedReadings.of_problem(self)]
         return self._fitted[0]
+
+    def less(self, change: Floats) -> Problem:
+        """The same for readings from which a change (cases, 6) has been taken [N, N mm]."""
+        observations = replace(self.observations, wrench=self.observations.wrench - change)
+        other = replace(self, observations=observations, _fitted=[])
+        measured = self.fitted_readings.measured - change.reshape(-1)[self.rows]
+        other._fitted.append(replace(self.fitted_readings, of=other.source, measured=measured))
+        return other
 
     @property
     def source(self) -> tuple[object, ...]:

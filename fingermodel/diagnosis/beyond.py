@@ -7,7 +7,7 @@ name and with a value, its file is given with `--effect`.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -25,7 +25,7 @@ from fingermodel.diagnosis.evidence import (
     LEFT_OVER,
     Known,
     budget_log_weight,
-    misfit_of,
+    estimates_of,
     scales,
 )
 from fingermodel.diagnosis.fitted import Fitted, far_off, objective_of
@@ -71,6 +71,25 @@ class Form:
     share: float
 
 
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """A form, and how to make it again about another optimum.
+
+    Attributes:
+        form: as it is about the first.
+        family: that makes it.
+        place: among what that makes.
+    """
+
+    form: Form
+    family: Callable[[Problem, Floats], Iterator[Form]]
+    place: int
+
+    def about(self, problem: Problem, optimum: Fitted) -> Form:
+        """The same form about an optimum."""
+        return next(islice(self.family(problem, optimum.theta), self.place, None))
+
+
 def known_beyond(nothing: Fitted, candidates: tuple[Candidate, ...], had: Collection[str] = ()) -> tuple[Known, ...]:
     """Weigh what is known beyond the catalogue, most probable first; what the catalogue describes as well is left out.
 
@@ -81,17 +100,24 @@ def known_beyond(nothing: Fitted, candidates: tuple[Candidate, ...], had: Collec
     """
     problem = nothing.problem
     others = {*had, *(c.effect for c in candidates)}
-    found = list(forms(problem, nothing.theta))
+    found = _found(problem, nothing.theta)
     if not found:
         return ()
-    gains = np.array([-np.inf if f.name in others else _gain(nothing.linear, problem, f) for f in found])
+    gains = np.array([-np.inf if f.form.name in others else _gain(nothing.linear, problem, f.form) for f in found])
     # What a form promises about a base that was bent to do without it says little.
     near = np.inf if far_off(nothing, BENT) else NEAR
     promising = np.flatnonzero(gains > max(WORTH, gains.max() - near))
     order = promising[np.argsort(-gains[promising])]
     # The best form of each effect first: another moment of a slip is no other explanation.
-    best = list({found[i].name: i for i in order[::-1]}.values())[::-1]
-    weighed = (_weigh(nothing, found, i, candidates) for i in best[:WEIGHED])
+    best = list({found[i].form.name: found[i] for i in order[::-1]}.values())[::-1]
+    if not best:
+        return ()
+    unbent = nothing
+    if far_off(nothing, BENT):
+        # What bends the base to do without the form hides it: begin from before anything was bent.
+        begun = _refitted(problem, problem.centre, 1)
+        unbent = begun if begun.sane else nothing
+    weighed = (_weigh(nothing, unbent, one, candidates) for one in best[:WEIGHED])
     kept = [w for w in weighed if w is not None]
     return tuple(sorted(kept, key=lambda w: -w.log_evidence))
 
@@ -103,10 +129,12 @@ def forms(problem: Problem, theta: Floats) -> Iterator[Form]:
         problem: whose session it is.
         theta: (parameters,) about which they are straightened.
     """
-    yield from _shunts(problem, theta)
-    yield from _slides(problem, theta)
-    yield from _torques(problem, theta)
-    yield from _slips(problem, theta)
+    return (one.form for one in _found(problem, theta))
+
+
+def _found(problem: Problem, theta: Floats) -> list[_Found]:
+    families = (_shunts, _slides, _torques, _slips)
+    return [_Found(form, family, place) for family in families for place, form in enumerate(family(problem, theta))]
 
 
 def _shunts(problem: Problem, theta: Floats) -> Iterator[Form]:
@@ -244,23 +272,18 @@ def _gain(linear: Linear, problem: Problem, form: Form) -> float:
     return float(0.5 * s @ np.linalg.solve(hessian, s) - 0.5 * np.linalg.slogdet(hessian)[1] + np.log(form.share))
 
 
-def _weigh(nothing: Fitted, found: list[Form], index: int, candidates: tuple[Candidate, ...]) -> Known | None:
+def _weigh(nothing: Fitted, unbent: Fitted, found: _Found, candidates: tuple[Candidate, ...]) -> Known | None:
     """Weigh one form beside a base that was refitted to what it leaves; None where it is no explanation of its own."""
-    problem, now = nothing.problem, nothing
-    own, strength = found[index], 0.0
+    problem, now, strength = nothing.problem, unbent, 0.0
+    own = found.form if unbent is nothing else found.about(problem, unbent)
     change = np.zeros((len(problem.observations.ids), 6))
-    if far_off(nothing, BENT):
-        # What bends the base to do without the form hides it: begin from before anything was bent.
-        begun = _refitted(problem, problem.centre, change, 1)
-        now = begun if begun.sane else now
-        own = _form(problem, now, index)
     for _ in range(ROUNDS):
         size, strength = _sizes(now, _rows_of(problem, own.columns), change)
         change = own.columns @ size
-        now = _refitted(problem, now.theta, change, EVALUATIONS)
+        now = _refitted(problem.less(change), now.theta, EVALUATIONS)
         if not now.sane:
             return None
-        own = _form(problem, now, index)
+        own = found.about(problem, now)
     columns = _rows_of(problem, own.columns)
     own_rows = problem.whitener @ change.reshape(-1)[problem.rows]
     if _catalogue_has_it(now, own_rows, candidates):
@@ -273,7 +296,7 @@ def _weigh(nothing: Fitted, found: list[Form], index: int, candidates: tuple[Can
         free, scale = scales(now, factor)
         free, scale = np.concatenate([free, added]), np.concatenate([scale, np.ones(len(added))])
         value, error = form.log_marginal(form.profile(linear, free, scale), FORM_ERROR)
-        each.append((value, misfit_of(linear, free, scale, form, error)))
+        each.append((value, estimates_of(linear, free, scale, form, error)[0]))
     # The straightened model knows nothing of bounds: what the cut priors change comes from the fit itself.
     correction = now.log_evidence - now.gaussian_log_evidence
     total = np.array([value for value, _ in each]) + budget_log_weight() + correction
@@ -284,10 +307,6 @@ def _weigh(nothing: Fitted, found: list[Form], index: int, candidates: tuple[Can
         return None
     log_evidence = float(logsumexp(total) + np.log(own.share))
     return Known(own.name, own.words, log_evidence, rms_of(problem.observations, problem.rows, change), misfit)
-
-
-def _form(problem: Problem, about: Fitted, index: int) -> Form:
-    return next(islice(forms(problem, about.theta), index, None))
 
 
 def _sizes(now: Fitted, columns: Floats, change: Floats) -> tuple[Floats, float]:
@@ -304,13 +323,11 @@ def _sizes(now: Fitted, columns: Floats, change: Floats) -> tuple[Floats, float]
     return size, float(np.sqrt(size @ np.linalg.solve(own, size)))
 
 
-def _refitted(problem: Problem, start: Floats, change: Floats, evaluations: int) -> Fitted:
-    """The base model's optimum for readings from which a change has been taken."""
-    observations = replace(problem.observations, wrench=problem.observations.wrench - change)
-    without = replace(problem, observations=observations, _fitted=[])
-    solution = solve(without, start, evaluations=evaluations)
+def _refitted(problem: Problem, start: Floats, evaluations: int) -> Fitted:
+    """The base model's optimum."""
+    solution = solve(problem, start, evaluations=evaluations)
     theta = problem.centre + problem.scale * solution.x
-    return Fitted(NOTHING_MISSING, theta, solution.x, objective_of(solution), solution, without)
+    return Fitted(NOTHING_MISSING, theta, solution.x, objective_of(solution), solution, problem)
 
 
 def _catalogue_has_it(now: Fitted, change: Floats, candidates: tuple[Candidate, ...]) -> bool:

@@ -198,13 +198,14 @@ def _in_question(ranked: Sequence[Fitted]) -> list[Fitted]:
 def weigh_one(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]) -> Weighed:
     """Weigh one fit, its budget and its form left open."""
     change = change_of(problem, fitted, fitted.explanation.parameters)
-    form = Wildcard.of(_form_columns(problem, fitted, candidates), FORM_ERRORS)
+    form = Wildcard.of(_form_columns(problem, fitted, candidates, change), FORM_ERRORS)
     each = [at_budget(fitted, form, b) for b in BUDGET_FACTORS]
     # The straightened model knows nothing of bounds: what the cut priors change comes from the fit itself.
     correction = fitted.log_evidence - fitted.gaussian_log_evidence
     total = np.array([value for value, _ in each]) + correction + budget_log_weight()
     best = int(np.argmax(total))
     factor, error = float(BUDGET_FACTORS[best]), each[best][1]
+    misfit, x, sd = estimates_at(fitted, form, factor, error)
     return Weighed(
         fitted,
         form,
@@ -212,20 +213,25 @@ def weigh_one(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...
         float(logsumexp(total)),
         error,
         factor,
-        misfit_at(fitted, form, factor, error),
-        misfit_at(fitted, form, factor, 0.0),
+        misfit,
+        estimates_at(fitted, form, factor, 0.0)[0],
         log_prior(fitted.explanation, candidates),
-        *estimates_at(fitted, form, factor, error),
+        x,
+        sd,
     )
 
 
-def _form_columns(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]) -> Floats:
-    """Errors of the forms of all members; a member that hardly stands out lends no freedom to the others."""
+def _form_columns(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...], change: Floats) -> Floats:
+    """Errors of the forms of all members, which change the readings (cases, 6) together.
+
+    A member that hardly stands out lends no freedom to the others.
+    """
     columns = []
     for own in (member.parameters for member in members(fitted.explanation, candidates)):
         strength = fitted.strength(own)
         weight = strength / (strength + CLEAR)
-        columns.append(weight * form_of(problem, change_of(problem, fitted, own)))
+        alone = change if fitted.explanation.size == 1 else change_of(problem, fitted, own)
+        columns.append(weight * form_of(problem, alone))
     return np.concatenate(columns, axis=1) if columns else np.zeros((len(problem.rows), 1))
 
 
@@ -242,39 +248,32 @@ def at_budget(fitted: Fitted, form: Wildcard, factor: float) -> tuple[float, flo
     return form.log_marginal(form.profile(fitted.linear, free, scale), FORM_ERROR)
 
 
-def misfit_at(fitted: Fitted, form: Wildcard, factor: float, form_error: float) -> float:
-    """χ² of the readings with the budget so many times as large, and an error of the effect's form allowed for."""
-    free, scale = scales(fitted, factor)
-    return min(misfit_of(fitted.linear, free, scale, form, form_error), fitted.objective)
-
-
-def misfit_of(linear: Linear, free: NDArray[np.intp], scale: Floats, form: Wildcard, form_error: float) -> float:
-    """χ² of a straightened model with some parameters free, their priors so many times as wide, and a form in error."""
-    y, h = _allowing(linear, free, scale, form, form_error)
-    right = h.T @ y
-    return float(y @ y - right @ np.linalg.solve(np.eye(h.shape[1]) + h.T @ h, right))
-
-
-def estimates_at(fitted: Fitted, form: Wildcard, factor: float, form_error: float) -> tuple[Floats, Floats]:
-    """Values and standard deviations (parameters,) in prior widths, an error of the effect's form allowed for.
+def estimates_at(fitted: Fitted, form: Wildcard, factor: float, form_error: float) -> tuple[float, Floats, Floats]:
+    """χ², and values and standard deviations (parameters,) in prior widths, an error of the effect's form allowed for.
 
     Without it the base is bent until it makes up for the form, and values look better known than they are.
     """
     free, scale = scales(fitted, factor)
-    y, h = _allowing(fitted.linear, free, scale, form, form_error)
-    covariance = np.linalg.inv(np.eye(h.shape[1]) + h.T @ h)
+    misfit, values, covariance = estimates_of(fitted.linear, free, scale, form, form_error)
     x, sd = fitted.x.copy(), np.zeros_like(fitted.x)
-    x[free] = (covariance @ (h.T @ y)) * scale
+    x[free] = values * scale
     sd[free] = np.sqrt(np.diag(covariance)) * scale
-    return x, sd
+    return min(misfit, fitted.objective), x, sd
 
 
-def _allowing(
+def estimates_of(
     linear: Linear, free: NDArray[np.intp], scale: Floats, form: Wildcard, form_error: float
-) -> tuple[Floats, Floats]:
-    """Readings (n,) and slopes (n, free) in their priors' widths, whitened by noise and an error of form together."""
+) -> tuple[float, Floats, Floats]:
+    """χ² of a straightened model with some parameters free, their values (free,) and covariance (free, free).
+
+    Both in units of their priors' widths, which are `scale` (free,) times as wide; the effect's form is in error.
+    """
     white = form.allowed_for(form_error, np.column_stack([linear.y, linear.h[:, free] * scale]))
-    return white[:, 0], white[:, 1:]
+    y, h = white[:, 0], white[:, 1:]
+    right = h.T @ y
+    covariance = np.asarray(np.linalg.inv(np.eye(h.shape[1]) + h.T @ h), dtype=np.float64)
+    values = covariance @ right
+    return float(y @ y - right @ values), values, covariance
 
 
 def budget_log_weight() -> Floats:

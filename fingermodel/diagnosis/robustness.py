@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtri
 from scipy.special import logsumexp
 
 from fingermodel.compare import muscles_of
@@ -110,11 +111,11 @@ def robustness(
         if not same(favours(values)):
             flips.append(f"the prior on nothing missing is {nothing:g}")
     for factor, words in ((0.5, "half"), (2.0, "twice")):
-        values = _values(asked, noise, effect=factor)
+        values = _values(asked, effect=factor)
         values[None] = evidence.other.log_evidence + log_prior_else()
         if not same(favours(values)):
             flips.append(f"effects are expected {words} as large")
-    if verdict.kind != "nothing_missing" and not same(favours(_values_at(evidence, asked, noise, wildcard, 2.0))):
+    if verdict.kind != "nothing_missing" and not same(favours(_values_at(evidence, asked, wildcard, 2.0))):
         flips.append("the budget is twice as large")
     rests = []
     for words, rows, whole_mount in left_out(problem):
@@ -129,7 +130,7 @@ def robustness(
             flips.append(f"{words} is left out: then {' and '.join(winner)}")
     fails = None
     if verdict.kind in ("found", "one_of"):
-        fails = next((m for m in MULTIPLES if not same(favours(_values_at(evidence, asked, noise, wildcard, m)))), None)
+        fails = next((m for m in MULTIPLES if not same(favours(_values_at(evidence, asked, wildcard, m)))), None)
     planar = favours(without(problem.rows % 6 == 2))
     moments = problem.rows % 6 >= 3
     forces = favours(without(moments)) if moments.any() else None
@@ -163,7 +164,7 @@ class _Noise:
         kept = np.ones(len(covariance), dtype=bool) if gone is None else ~gone
         own = covariance[np.ix_(kept, kept)]
         factor = np.linalg.cholesky(own)
-        return cls(kept, own, Tiles.of(np.linalg.inv(factor)), -float(np.log(np.diag(factor)).sum()))
+        return cls(kept, own, Tiles.of(dtrtri(factor, lower=1)[0]), -float(np.log(np.diag(factor)).sum()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,6 +178,7 @@ class _Asked:
         error: (n, n) covariance that the error of its form makes; None if there is none.
         own: how many parameters are its own.
         one_sided: (own,).
+        whole: what `read` makes of all readings.
         rest: what the straightened model leaves out of the log evidence.
     """
 
@@ -185,7 +187,8 @@ class _Asked:
     error: Floats | None
     own: int
     one_sided: NDArray[np.bool_]
-    rest: float = 0.0
+    whole: tuple[Floats, float]
+    rest: float
 
     @classmethod
     def of(cls, weighed: Weighed, root: Floats, noise: _Noise) -> _Asked:
@@ -198,21 +201,27 @@ class _Asked:
         if weighed.explanation.size and weighed.form_error:
             of_form = root @ (weighed.form.root * weighed.form_error)
             error = of_form @ of_form.T
-        straight = cls(weighed, columns, error, len(own), linear.one_sided[own])
-        return replace(straight, rest=weighed.log_evidence - straight.value(noise))
+        whole = cls._read(columns, error, noise)
+        straight = cls(weighed, columns, error, len(own), linear.one_sided[own], whole, 0.0)
+        return replace(straight, rest=weighed.log_evidence - straight.value())
 
-    def value(self, noise: _Noise, budget: float | None = None, effect: float = 1.0) -> float:
-        """Log evidence from what is read with some noise, with another budget, or an effect expected larger or smaller.
-
-        Unless it is given, the budget's size is left open.
-        """
-        kept = self.columns[noise.kept]
-        if self.error is None:
+    @staticmethod
+    def _read(columns: Floats, error: Floats | None, noise: _Noise) -> tuple[Floats, float]:
+        """[y, A]ᵀ [y, A] of what is read with some noise, whitened; and what the noise adds to a log evidence."""
+        kept = columns[noise.kept]
+        if error is None:
             white, log_size = noise.whitener @ kept, noise.log_size
         else:
-            factor = np.linalg.cholesky(noise.covariance + self.error[np.ix_(noise.kept, noise.kept)])
+            factor = np.linalg.cholesky(noise.covariance + error[np.ix_(noise.kept, noise.kept)])
             white, log_size = solve_triangular(factor, kept, lower=True), -float(np.log(np.diag(factor)).sum())
-        gram = white.T @ white
+        return white.T @ white, log_size
+
+    def value(self, noise: _Noise | None = None, budget: float | None = None, effect: float = 1.0) -> float:
+        """Log evidence from what is read with some noise, with another budget, or an effect expected larger or smaller.
+
+        Unless they are given, it is from all readings, and the budget's size is left open.
+        """
+        gram, log_size = self.whole if noise is None else self._read(self.columns, self.error, noise)
         if budget is None:
             each = [self._at(gram, float(b), effect) for b in BUDGET_FACTORS]
             return float(logsumexp(np.array(each) + budget_log_weight())) + log_size + self.rest
@@ -233,7 +242,7 @@ class _Asked:
 
 
 def _values(
-    asked: Iterable[_Asked], noise: _Noise, budget: float | None = None, effect: float = 1.0
+    asked: Iterable[_Asked], noise: _Noise | None = None, budget: float | None = None, effect: float = 1.0
 ) -> dict[tuple[str, ...] | None, float]:
     """Log posteriors under another assumption; explanations of the same names add up."""
     return _by_names((one.weighed, one.value(noise, budget, effect)) for one in asked)
@@ -267,11 +276,11 @@ def _refitted(
 
 
 def _values_at(
-    evidence: Evidence, asked: Iterable[_Asked], noise: _Noise, wildcard: Wildcard, multiple: float
+    evidence: Evidence, asked: Iterable[_Asked], wildcard: Wildcard, multiple: float
 ) -> dict[tuple[str, ...] | None, float]:
     """Log posteriors with the budget so many times as large."""
     other = other_at_budget(evidence.nothing.fitted, wildcard, multiple)[0]
-    return {None: other + log_prior_else(), **_values(asked, noise, budget=multiple)}
+    return {None: other + log_prior_else(), **_values(asked, budget=multiple)}
 
 
 def left_out(problem: Problem) -> list[tuple[str, NDArray[np.bool_], bool]]:

@@ -8,11 +8,12 @@ without one it stands for something that the catalogue does not hold (τ anythin
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dormqr, dptsv, dsytrd
+from scipy.linalg.lapack import dormqr, dpstrf, dptsv, dsytrd
 from scipy.special import erf, logsumexp
 
 from fingermodel.diagnosis.linear import Linear
@@ -28,7 +29,9 @@ LEVER_MM = 10.0
 # Share of an error in an effect's form that does not point along the effect.
 ASIDE = 0.4
 AMPLITUDES_N = np.concatenate([[0.0], np.geomspace(1e-3, 3.0, 28)])
-# Share of the noise's variance below which a direction is left out.
+# Of a matrix that LAPACK reduces in blocks.
+BLOCK = 32
+# Share of the noise's variance below which what is left of a reading's own is left out.
 NEGLIGIBLE = 1e-3
 FORM_ERRORS = np.concatenate([[0.0], np.geomspace(5e-3, 0.2, 11)])
 
@@ -133,7 +136,7 @@ def _posture_root(angles: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Wildcard:
-    """A Gaussian process over the readings, as whitened columns reduced to independent directions.
+    """A Gaussian process over the readings, as few whitened columns as it takes.
 
     Attributes:
         root: (n, k).
@@ -145,13 +148,25 @@ class Wildcard:
 
     @classmethod
     def of(cls, columns: Floats, amplitudes: Floats) -> Wildcard:
-        """Reduce columns to the directions that matter at the largest amplitude, against noise of one."""
-        wide = columns.shape[1] >= columns.shape[0]
-        values, vectors = np.linalg.eigh(columns @ columns.T if wide else columns.T @ columns)
-        kept = values > max(NEGLIGIBLE / float(amplitudes[-1]) ** 2, 1e-7 * float(values.max()))
-        if not kept.any():
+        """Reduce columns to what matters at the largest amplitude, against noise of one.
+
+        A pivoted Cholesky factor, ended where no reading has more variance left than that: a tenth of the work of
+        eigenvalues, and the same as far as anybody could see.
+        """
+        covariance = columns @ columns.T
+        least = max(NEGLIGIBLE / float(amplitudes[-1]) ** 2, 1e-7 * float(np.diag(covariance).max()))
+        if np.diag(covariance).max() <= least:
             return cls(np.zeros((len(columns), 1)), amplitudes)
-        return cls(vectors[:, kept] * np.sqrt(values[kept]) if wide else columns @ vectors[:, kept], amplitudes)
+        factor, pivots, rank, _ = dpstrf(covariance, tol=least, lower=1)
+        root = np.empty((len(columns), rank))
+        root[pivots - 1] = np.tril(factor)[:, :rank]
+        return cls(root, amplitudes)
+
+    @cached_property
+    def _gram(self) -> Floats:
+        """(k, k)."""
+        out: Floats = self.root.T @ self.root
+        return out
 
     def profile(self, linear: Linear, free: NDArray[np.intp], scale: Floats) -> Floats:
         """Ln N(y; 0, 1 + H P Hᵀ + τ² K) for every amplitude, without its constant.
@@ -167,7 +182,7 @@ class Wildcard:
         y_part, root_part = inner[:, 0], inner[:, 1:]
         quiet = linear.y @ linear.y - y_part @ y_part
         cross = self.root.T @ linear.y - root_part.T @ y_part
-        gram = self.root.T @ self.root - root_part.T @ root_part
+        gram = self._gram - root_part.T @ root_part
         explained, log_size = _at_amplitudes(gram, cross, self.amplitudes)
         return np.asarray(-0.5 * (quiet - explained) - 0.5 * log_size - np.log(np.diag(factor)).sum())
 
@@ -207,7 +222,8 @@ def _at_amplitudes(gram: Floats, cross: Floats, amplitudes: Floats) -> tuple[Flo
     if len(cross) == 1:
         tau2 = amplitudes**2
         return tau2 * cross[0] ** 2 / (1.0 + tau2 * gram[0, 0]), np.log1p(tau2 * gram[0, 0])
-    reflectors, diagonal, beside, factors, _ = dsytrd(gram, lower=1)
+    # In blocks, for which it wants room.
+    reflectors, diagonal, beside, factors, _ = dsytrd(gram, lower=1, lwork=BLOCK * len(cross))
     turned = cross.copy()
     turned[1:] = dormqr("L", "T", reflectors[1:, :-1], factors, cross[1:, None], lwork=len(cross))[0][:, 0]
     explained, log_size = np.zeros(len(amplitudes)), np.zeros(len(amplitudes))

@@ -278,13 +278,18 @@ def test_values_are_less_sure_where_the_form_may_be_otherwise_and_the_base_is_be
     root = h[:, [1]] * 4.0
     x = np.array([0.3, 5.0, 2.0])
     fitted = SimpleNamespace(
-        x=x, inner=np.arange(3), explanation=Explanation(("e",), ("e",), (2,)), linear=SimpleNamespace(h=h, y=h @ x)
+        x=x,
+        inner=np.arange(3),
+        objective=np.inf,
+        explanation=Explanation(("e",), ("e",), (2,)),
+        linear=SimpleNamespace(h=h, y=h @ x),
     )
     form = Wildcard(root, FORM_ERRORS)
-    plain, plain_sd = estimates_at(cast("Any", fitted), form, 1.0, 0.0)
-    allowing, sd = estimates_at(cast("Any", fitted), form, 1.0, 0.2)
+    misfit, plain, plain_sd = estimates_at(cast("Any", fitted), form, 1.0, 0.0)
+    less, allowing, sd = estimates_at(cast("Any", fitted), form, 1.0, 0.2)
     assert plain == pytest.approx(x, rel=0.1)
     assert (sd >= plain_sd).all()
+    assert 0.0 < less < misfit
     assert abs(allowing[1]) < 0.7 * abs(plain[1])
 
 
