@@ -19,6 +19,7 @@ from server.service.origins import is_foreign, is_ours, is_same
 from server.service.problems import ProblemError, problem_answer, shortened
 from server.service.settings import Settings
 from server.service.tokens import Token, TokenBook
+from server.service.wire import hide_wire
 
 # What a machine that watches the service asks (the answers say no more than that it runs), and the pages, which hold no
 # data: they ask whoever opens them for a token.
@@ -80,6 +81,9 @@ class Guard:
             return
         scope.setdefault("state", {})["token"] = token
         if scope["type"] == "websocket":
+            if token is not None:
+                # What goes past `_Socket` would go on when the token is no longer valid.
+                hide_wire(scope)
             await self._app(_without_token(scope), receive, _Socket(scope, send, self._tokens, token).send)
             return
         body = LimitedBody(scope, receive, send, self._settings.most_body_bytes, self._refusal)

@@ -22,6 +22,7 @@ from server.service.folder import alone, folder_of, held, made
 from server.service.migrate import upgrade
 from server.service.settings import Settings
 from server.service.tokens import listed
+from server.service.wire import Wire
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -112,6 +113,7 @@ def _run(settings: Settings, app: ASGIApp, listener: socket.socket, ready: Calla
         proxy_headers=False,
         lifespan="on",
         ws_max_size=_MOST_MESSAGE,
+        ws=Wire,
         # On loopback and in a lab the wire is wider than the core that would pack for it.
         ws_per_message_deflate=False,
         timeout_graceful_shutdown=FINISH_S,

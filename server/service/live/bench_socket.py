@@ -15,6 +15,7 @@ from server.service.live.bodies import BenchMessage
 from server.service.live.clients import BAD_PARAMETERS, NOT_FOUND, RESTART
 from server.service.live.hub import HEARTBEAT_S, TRUSTED_S, LiveHub
 from server.service.live.route import Exists
+from server.service.wire import wire_of
 
 
 async def take(hub: LiveHub, socket: WebSocket, session: str, exists: Exists) -> None:
@@ -31,33 +32,62 @@ async def take(hub: LiveHub, socket: WebSocket, session: str, exists: Exists) ->
         return
     bench = hub.benches.connect(session)
     asking = asyncio.create_task(_ask(socket, bench))
+    hearing = _Hearing(hub, socket, bench, exists)
+    wire = wire_of(socket.scope)
+    if wire is not None:
+        wire.listen(hearing.at_once)
     try:
         with suppress(WebSocketDisconnect, WebSocketDisconnected):
-            await _hear(hub, socket, bench, exists)
+            await hearing.hear()
     finally:
         asking.cancel()
         hub.benches.leave(bench)
 
 
-async def _hear(hub: LiveHub, socket: WebSocket, bench: Bench, exists: Exists) -> None:
-    trusted_until_s = 0.0
-    while True:
-        text = await socket.receive_text()
-        if time.monotonic() > trusted_until_s:
-            if not await asyncio.to_thread(exists, socket, bench.session):
-                await socket.close(NOT_FOUND, f"there is no session {bench.session}"[:120])
+class _Hearing:
+    """Hears one bench."""
+
+    def __init__(self, hub: LiveHub, socket: WebSocket, bench: Bench, exists: Exists) -> None:
+        self._hub, self._socket, self._bench, self._exists = hub, socket, bench, exists
+        self._trusted_until_s = 0.0
+        self._idle = False
+
+    async def hear(self) -> None:
+        """Take messages that wait to be received, until the bench goes or says what cannot be understood."""
+        while True:
+            self._idle = True
+            try:
+                text = await self._socket.receive_text()
+            finally:
+                self._idle = False
+            if time.monotonic() > self._trusted_until_s:
+                if not await asyncio.to_thread(self._exists, self._socket, self._bench.session):
+                    await self._socket.close(NOT_FOUND, f"there is no session {self._bench.session}"[:120])
+                    return
+                self._trusted_until_s = time.monotonic() + TRUSTED_S
+            try:
+                self._take(text)
+            except ValidationError as error:
+                await self._socket.close(BAD_PARAMETERS, f"a message with {error.error_count()} faults")
                 return
-            trusted_until_s = time.monotonic() + TRUSTED_S
+
+    def at_once(self, text: str) -> bool:
+        """Take a message as it comes; return False where it has to wait for another, or for what must be asked."""
+        if not self._idle or time.monotonic() > self._trusted_until_s:
+            return False
         try:
-            message = BenchMessage.model_validate_json(text)
-        except ValidationError as error:
-            await socket.close(BAD_PARAMETERS, f"a message with {error.error_count()} faults")
-            return
-        hub.trace(bench.session, message)
+            self._take(text)
+        except ValidationError:
+            return False
+        return True
+
+    def _take(self, text: str) -> None:
+        message = BenchMessage.model_validate_json(text)
+        self._hub.trace(self._bench.session, message)
         if message.bench is not None:
-            hub.benches.show(bench, message.bench)
+            self._hub.benches.show(self._bench, message.bench)
         for answer in message.answers:
-            hub.benches.answered(bench, answer)
+            self._hub.benches.answered(self._bench, answer)
 
 
 async def _ask(socket: WebSocket, bench: Bench) -> None:

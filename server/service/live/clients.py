@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+
+from websockets import frames as wire
 
 from server.service.answers import dumps
 from server.service.messages import Message
@@ -77,6 +80,11 @@ class Frame:
         """As it is sent."""
         return array([*(k.text for k in self.kept), *self.passing])
 
+    @cached_property
+    def wire(self) -> bytes:
+        """The same as it goes over the wire, framed by RFC 6455."""
+        return wire.Frame(wire.Opcode.TEXT, self.text.encode()).serialize(mask=False)
+
 
 def array(messages: list[bytes]) -> str:
     """Return a frame of messages."""
@@ -89,15 +97,18 @@ class Client:
     Args:
         subscription: what it wants to hear.
         after: number of the last kept message that it was sent.
+        write: sends a frame at once; False where it would have to wait. None lets every frame wait to be taken.
 
     Attributes:
-        after: the same, as it goes on.
+        after: as above, as it goes on.
         dropped: traces and estimates that it was never sent.
         closing: code and reason with which to hang up, once all that waits was sent.
     """
 
-    def __init__(self, subscription: Subscription, after: int) -> None:
+    def __init__(self, subscription: Subscription, after: int, write: Callable[[Frame], bool] | None = None) -> None:
         self.subscription, self.after = subscription, after
+        self._write = write
+        self._waiting = False
         self.dropped = 0
         self.closing: tuple[int, str] | None = None
         self._frames: deque[Frame] = deque()
@@ -107,9 +118,12 @@ class Client:
         self._some = asyncio.Event()
 
     def push(self, frame: Frame) -> bool:
-        """Let a frame wait; return False where the client is too slow for what must not be lost."""
+        """Send a frame or let it wait; return False where the client is too slow for what must not be lost."""
         if self.closing is not None:
             return False
+        if self._waiting and not self._some.is_set() and self._write is not None and self._write(frame):
+            self._sent(frame)
+            return True
         self._frames.append(frame)
         self._some.set()
         if len(self._frames) > FRAMES_WAITING:
@@ -132,7 +146,9 @@ class Client:
 
     async def wait(self) -> None:
         """Wait until there is something to send, or to hang up."""
+        self._waiting = True
         await self._some.wait()
+        self._waiting = False
         self._some.clear()
 
     def take(self) -> str | None:
@@ -147,5 +163,8 @@ class Client:
         if not self._frames:
             return None
         frame = self._frames.popleft()
-        self.after = frame.kept[-1].id if frame.kept else self.after
+        self._sent(frame)
         return frame.text
+
+    def _sent(self, frame: Frame) -> None:
+        self.after = frame.kept[-1].id if frame.kept else self.after

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import MutableMapping
+from collections.abc import Callable, MutableMapping
 from importlib.metadata import version
 from typing import Any, Protocol
 
 from starlette.websockets import WebSocketDisconnect, WebSocketDisconnected
 
 from server.service.answers import dumps
-from server.service.live.clients import FAILED, POLICY, RESTART, TRY_AGAIN, Client, Kept, Subscription, array
+from server.service.live.clients import FAILED, POLICY, RESTART, TRY_AGAIN, Client, Frame, Kept, Subscription, array
 from server.service.live.groups import encoded_trace
 from server.service.live.hub import HEARTBEAT_S, PAGE, LiveHub
 from server.service.live.traces import Rows
 
 MOST_CLIENTS = 100
 _LOG = logging.getLogger(__name__)
+
+Write = Callable[[bytes], bool]
 
 
 class Socket(Protocol):
@@ -33,7 +35,9 @@ class Socket(Protocol):
         """Hang up."""
 
 
-async def serve(hub: LiveHub, socket: Socket, subscription: Subscription, after: int | None) -> None:
+async def serve(
+    hub: LiveHub, socket: Socket, subscription: Subscription, after: int | None, write: Write | None = None
+) -> None:
     """Tell a client what it wants to hear until it goes, or until the hub closes.
 
     Args:
@@ -41,13 +45,21 @@ async def serve(hub: LiveHub, socket: Socket, subscription: Subscription, after:
         socket: accepted.
         subscription: what the client wants to hear.
         after: number of the last kept message that it saw; None where it wants only what comes.
+        write: writes a whole frame to the socket at once, False where it would have to wait; None where none can be.
     """
     if hub.closed or hub.clients >= MOST_CLIENTS:
         hub.counters.refused += 1
         reason = "the service stops" if hub.closed else f"{MOST_CLIENTS} clients are connected: try again later"
         await socket.close(RESTART if hub.closed else TRY_AGAIN, reason)
         return
-    client = Client(subscription, 0)
+
+    def write_now(frame: Frame) -> bool:
+        done = write is not None and write(frame.wire)
+        if done:
+            hub.counters.sent(frame.text)
+        return done
+
+    client = Client(subscription, 0, write_now)
     telling = asyncio.create_task(_tell(hub, socket, client, after))
     hearing = asyncio.create_task(_hear(socket, client))
     hub.connect(client, telling)
@@ -72,8 +84,7 @@ async def _hear(socket: Socket, client: Client) -> None:
 async def _tell(hub: LiveHub, socket: Socket, client: Client, after: int | None) -> None:
     async def send(text: str) -> None:
         await socket.send_text(text)
-        hub.counters.frames += 1
-        hub.counters.bytes += len(text)
+        hub.counters.sent(text)
 
     try:
         await hub.catch_up()

@@ -42,6 +42,11 @@ class Counters:
     wakes: int = 0
     refused: int = 0
 
+    def sent(self, text: str) -> None:
+        """Count a frame."""
+        self.frames += 1
+        self.bytes += len(text)
+
 
 @dataclass(eq=False)
 class Group:

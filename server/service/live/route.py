@@ -39,6 +39,7 @@ from server.service.live.connection import serve
 from server.service.live.hub import LiveHub
 from server.service.origins import is_same
 from server.service.problems import ProblemError, problem_answer, shortened
+from server.service.wire import wire_of
 
 PARAMETERS = ("session", "after", "rate_hz", "traces")
 LEAST_HZ, MOST_HZ, USUAL_HZ = 1.0, 60.0, 30.0
@@ -86,7 +87,8 @@ def live_router(
                 hub.counters.refused += 1
                 await websocket.close(NOT_FOUND, _short(f"there is no session {session}"))
                 return
-        await serve(hub, websocket, subscription, after)
+        wire = wire_of(websocket.scope)
+        await serve(hub, websocket, subscription, after, None if wire is None else wire.write)
 
     return router
 

@@ -18,6 +18,7 @@ from server.service.metrics import Metrics
 from server.service.migrate import upgrade
 from server.service.settings import DATABASE_FILE, Settings
 from server.service.tokens import Role, TokenBook, create
+from server.service.wire import Wire, wire_of
 
 MOST_BYTES = 1 << 16
 
@@ -32,6 +33,7 @@ class Guarded:
     Attributes:
         app: takes and gives things, and fails when asked to.
         seen: what the application itself was asked for.
+        wires: what it could write to past all layers, of each WebSocket.
     """
 
     def __init__(self, folder: Path, **settings: Any) -> None:
@@ -41,6 +43,7 @@ class Guarded:
         self.metrics = Metrics()
         self.book = TokenBook(lambda: self.database)
         self.seen: list[tuple[str, str]] = []
+        self.wires: list[Wire | None] = []
         self.app = self._made()
         protect(self.app, self.settings, self.book, self.metrics)
 
@@ -95,6 +98,7 @@ class Guarded:
         async def socket(socket: WebSocket) -> None:
             await socket.accept()
             self.seen.append(("WEBSOCKET", str(socket.headers)))
+            self.wires.append(wire_of(socket.scope))
             async for text in socket.iter_text():
                 await socket.send_text(text)
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import json
-import threading
 from collections.abc import AsyncIterator, Iterator
 from contextlib import ExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-import uvicorn
 from fastapi import FastAPI
 from starlette.testclient import TestClient, WebSocketDenialResponse
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -22,6 +20,8 @@ from server.service.live.hub import LiveHub
 from server.service.live.route import Allow, anyone, live_router
 from server.service.messages import Messages
 from server.service.problems import ProblemError
+from server.service.wire import Wire
+from tests.server.service.listening import listening
 from tests.server.service.live_sockets import PATIENCE_S, keep, messages_in, posted
 
 HOST = "127.0.0.1:8765"
@@ -160,21 +160,11 @@ def test_who_may_not_read_is_refused_before_anything_is_told(messages: Messages)
 
 
 @contextmanager
-def running(messages: Messages) -> Iterator[tuple[str, FastAPI]]:
+def running(messages: Messages, ws: Any = Wire) -> Iterator[tuple[str, FastAPI]]:
     """A service on loopback."""
     app = app_of(messages)
-    config = uvicorn.Config(app, port=0, log_level="error", ws_per_message_deflate=False)
-    server = uvicorn.Server(config)
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    try:
-        while not server.started:
-            threading.Event().wait(0.01)
-        port = server.servers[0].sockets[0].getsockname()[1]
-        yield f"ws://127.0.0.1:{port}/live", app
-    finally:
-        server.should_exit = True
-        thread.join(PATIENCE_S)
+    with listening(app, ws) as address:
+        yield f"ws://{address}/live", app
 
 
 def heard(socket: ClientConnection, kind: str) -> Any:
@@ -185,8 +175,9 @@ def heard(socket: ClientConnection, kind: str) -> Any:
                 return message
 
 
-def test_a_client_that_reads_nothing_delays_no_other(messages: Messages) -> None:
-    with running(messages) as (url, app):
+@pytest.mark.parametrize("ws", [Wire, "auto"])
+def test_a_client_that_reads_nothing_delays_no_other(messages: Messages, ws: Any) -> None:
+    with running(messages, ws) as (url, app):
         hub: LiveHub = app.state.hub
         asked = f"{url}?session=S&rate_hz=60"
         with connect(asked, max_queue=1) as silent, connect(asked) as one:
