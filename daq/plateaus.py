@@ -206,7 +206,7 @@ def _positive_sequence(rho: Floats, n: int) -> Floats:
         falling = np.minimum.accumulate(corrected[:, : int(ends.max())], axis=1)
         total = np.where(np.arange(falling.shape[1]) < ends[:, None], falling, 0.0).sum(axis=1)
         before, tau = tau, np.clip(2.0 * total - 1.0, 1.0, 0.5 * n)
-        if np.allclose(before, tau, rtol=1e-3):
+        if (np.abs(before - tau) <= 1e-3 * tau).all():
             break
     return tau
 
