@@ -144,13 +144,6 @@ def diagnose(
     verdict = _settled(verdict, questioned, moments, candidates, p_at_cell)
     found: tuple[Hint, ...] = ()
     if verdict.kind in ("none_of_catalogue", "undecided"):
-        if search.together is not None:
-            at_once = (
-                f"With the budget as stated and every form as it is here, all {len(candidates)} candidates at once "
-                f"leave {search.together:.0f} of the {evidence.nothing.fitted.objective:.0f} that the model without "
-                "any effect leaves; so one or two of them were looked for no further."
-            )
-            verdict = replace(verdict, reasons=(*verdict.reasons, at_once))
         if mistake := rig_mistake(model, observations):
             # To be put right in the session; a formula would only make up for it.
             verdict = replace(verdict, reasons=(f"{mistake[0].upper()}{mistake[1:]}.", *verdict.reasons))

@@ -150,11 +150,13 @@ class Evidence:
         weighed: best first; nothing is among them.
         other: what the catalogue does not hold.
         probability: by explanation's names; `()` is nothing missing, None is something else.
+        together: χ² that all candidates at once leave, where that is too much for any few of them (see `Search`).
     """
 
     weighed: tuple[Weighed, ...]
     other: Other
     probability: dict[tuple[str, ...] | None, float]
+    together: float | None = None
 
     @property
     def nothing(self) -> Weighed:
@@ -185,7 +187,7 @@ def weigh(
         chosen.append(search.nothing)
     weighed = [weigh_one(problem, fitted, candidates) for fitted in chosen]
     nothing = next(w for w in weighed if w.explanation.size == 0)
-    return assemble(weighed, other_evidence(nothing.fitted, wildcard, known), none_can=search.together is not None)
+    return assemble(weighed, other_evidence(nothing.fitted, wildcard, known), together=search.together)
 
 
 def _in_question(ranked: Sequence[Fitted]) -> list[Fitted]:
@@ -303,26 +305,28 @@ def other_evidence(nothing: Fitted, wildcard: Wildcard, known: tuple[Known, ...]
     )
 
 
-def assemble(weighed: Sequence[Weighed], other: Other, nothing: float = 0.5, *, none_can: bool = False) -> Evidence:
+def assemble(
+    weighed: Sequence[Weighed], other: Other, nothing: float = 0.5, *, together: float | None = None
+) -> Evidence:
     """Turn evidences into probabilities: explanations of the same names add up, what does not fit counts for none.
 
     Args:
         weighed: explanations, the base model among them.
         other: something that is none of the catalogue.
         nothing: prior of the base model.
-        none_can: whether all candidates at once leave too much already: then none of them does.
+        together: of `Evidence`; then none of them counts.
     """
     none = next(w for w in weighed if w.explanation.size == 0)
     total: dict[tuple[str, ...] | None, list[float]] = {None: [other.log_evidence + log_prior_else(nothing)]}
     for w in weighed:
-        if w.explanation.size and (none_can or (none.implausible and w.leaves_too_much(none))):
+        if w.explanation.size and (together is not None or (none.implausible and w.leaves_too_much(none))):
             total.setdefault(w.explanation.names, [-np.inf])
             continue
         total.setdefault(w.explanation.names, []).append(w.log_evidence + w.log_prior)
     values = {names: float(logsumexp(v)) for names, v in total.items()}
     norm = float(logsumexp(list(values.values())))
     ranked = sorted(weighed, key=lambda w: (-values[w.explanation.names], -(w.log_evidence + w.log_prior)))
-    return Evidence(tuple(ranked), other, {n: float(np.exp(v - norm)) for n, v in values.items()})
+    return Evidence(tuple(ranked), other, {n: float(np.exp(v - norm)) for n, v in values.items()}, together)
 
 
 def change_of(problem: Problem, fitted: Fitted, parameters: Sequence[int]) -> Floats:

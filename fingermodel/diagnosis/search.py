@@ -136,8 +136,11 @@ class Searcher:
         nothing = self.base(start, BASE_STARTS * more)
         hard = far_off(nothing, HARD)
         self._lost = hard and not thorough and self._hopeless(candidates)
+        # What bends the rest to do without an effect hides it; where all candidates are free, the rest is bent least.
+        above = self._together(candidates) if hard and not self._lost else nothing
+        host = above if above.sane else nothing
         for done, candidate in enumerate(candidates):
-            self._single(candidate, nothing, again=hard and not self._lost)
+            self._single(candidate, host)
             self._progress(0.5 * (done + 1) / len(candidates))
         self._race(HOSTS * more)
         self._nested(HOSTS * more)
@@ -214,16 +217,12 @@ class Searcher:
             nothing = self.fit(NOTHING_MISSING, further[drawn:], SECOND)
         return require_sane(self.go_on(nothing, LAST))
 
-    def _single(self, candidate: Candidate, host: Fitted, *, again: bool) -> None:
+    def _single(self, candidate: Candidate, host: Fitted) -> None:
         gains = [host.everything.gain(parameters) for parameters in candidate.alternatives]
         for k, gain in enumerate(gains):
             if gain >= max(gains) - NEAR:
                 explanation = single(candidate, k)
-                starts = [self.expected(host, explanation)]
-                if again:
-                    # What bends the rest to do without an effect hides it: start from before anything was bent.
-                    starts.append(self.problem.centre)
-                self.fit(explanation, starts)
+                self.fit(explanation, [self.expected(host, explanation)])
 
     def expected(self, host: Fitted, explanation: Explanation) -> Floats:
         """Where the straightened model about an optimum expects another explanation's optimum."""

@@ -81,7 +81,7 @@ def judge(
     included = inclusion(evidence)
     best_name = max(included.values(), default=0.0)
     if p_other >= 0.5:
-        return _other(problem, evidence, p_other)
+        return _other(problem, evidence, p_other, len(candidates))
     if p_nothing >= max(0.5, best_name, p_other):
         return _nothing(problem, nothing, p_nothing, included)
     certain = tuple(name for name, p in included.items() if p >= SURE)
@@ -90,14 +90,23 @@ def judge(
     return _one_of(evidence, included, candidates, classes, p_nothing)
 
 
-def _other(problem: Problem, evidence: Evidence, p_other: float) -> Verdict:
+def _other(problem: Problem, evidence: Evidence, p_other: float, searched: int) -> Verdict:
     named = [w for w in evidence.weighed if w.explanation.size]
     best = max(named, key=lambda w: w.log_evidence, default=evidence.nothing)
-    left, known = best.misfit, evidence.other.likely
-    reason = (
-        f"Even the best of the catalogue ({_words(best.explanation.names)}) leaves a misfit of {left:.0f} where "
-        f"noise and priors leave about {len(problem.rows)}; "
-    ) + (
+    known = evidence.other.likely
+    if evidence.together is None:
+        left = (
+            f"Even the best of the catalogue ({_words(best.explanation.names)}) leaves a misfit of {best.misfit:.0f} "
+            f"where noise and priors leave about {len(problem.rows)}; "
+        )
+    else:
+        # None of them was fitted to the end: what the best so far leaves would say less than it seems to.
+        left = (
+            f"All {searched} candidates at once leave a misfit of {evidence.together:.0f} of the "
+            f"{evidence.nothing.fitted.objective:.0f} that the model without any effect leaves, where noise and priors "
+            f"leave about {len(problem.rows)}: so one or two of them were looked for no further; "
+        )
+    reason = left + (
         f"something smooth of {evidence.other.amplitude_N:.2f} N that no effect here makes explains the rest."
         if known is None
         else f"{known.name}, which is known to happen in rigs and is none of the catalogue's, leaves "

@@ -136,11 +136,12 @@ def verdict_of(
     form_error: float = 0.1,
     held_out: dict[int, float] | None = None,
     left: tuple[tuple[str, ...], ...] = (),
+    together: float | None = None,
 ) -> Any:
     """The verdict where only probabilities speak: everything fits, nothing is strained.
 
     `each` is the log evidence of each effect, `held_out` the error [N] of cases never fitted by the number of effects,
-    `left` are explanations that leave too much.
+    `left` are explanations that leave too much, `together` is what all at once leave.
     """
     model = SimpleNamespace(parameters=SimpleNamespace(parameters=(), names=()))
     blocks = SimpleNamespace(case_covariance=np.tile(0.005**2 * np.eye(6), (10, 1, 1)))
@@ -169,7 +170,11 @@ def verdict_of(
             )
     nothing = next(r for r in rows if r.explanation.size == 0)
     evidence = SimpleNamespace(
-        probability=probability, weighed=tuple(rows), nothing=nothing, other=Other(log_evidence=0.0, amplitude_N=0.1)
+        probability=probability,
+        weighed=tuple(rows),
+        nothing=nothing,
+        other=Other(log_evidence=0.0, amplitude_N=0.1),
+        together=together,
     )
     linear = straight(1, effects=4)
     return judge(
@@ -256,6 +261,15 @@ def test_a_companion_that_foretells_worse_than_one_effect_alone_is_not_named() -
     # What is left is no more believable where it foretells worse than nothing does.
     lost = verdict_of(probability, held_out={0: 0.03, 1: 0.06, 2: 0.09})
     assert (lost.kind, lost.effects) == ("none_of_catalogue", ())
+
+
+def test_what_was_fitted_half_is_not_held_up_as_the_best_of_the_catalogue() -> None:
+    probability: dict[tuple[str, ...] | None, float] = {("e0",): 0.0, (): 0.0, None: 1.0}
+    usual, given_up = verdict_of(probability), verdict_of(probability, together=2_000.0)
+    assert (usual.kind, given_up.kind) == ("none_of_catalogue", "none_of_catalogue")
+    assert "the best of the catalogue (e0) leaves a misfit of 45" in usual.reasons[0]
+    assert given_up.reasons[0].startswith("All 4 candidates at once leave a misfit of 2000 of the 45 ")
+    assert "best of the catalogue" not in given_up.reasons[0]
 
 
 @pytest.mark.parametrize(("alone", "said"), [(0.03, True), (0.2, False)])

@@ -112,7 +112,10 @@ def test_what_the_whole_catalogue_cannot_explain_is_searched_no_further_and_said
     assert left is not None
     # No few effects leave less than all of them.
     assert left < min(f.chi2 for f in found.search.fitted)
-    assert any(f"{len(found.candidates)} candidates at once leave {left:.0f}" in r for r in found.verdict.reasons)
+    assert any(
+        f"All {len(found.candidates)} candidates at once leave a misfit of {left:.0f}" in r
+        for r in found.verdict.reasons
+    )
     # Two effects may leave the model without any as far off: then the search goes on.
     effects, _ = draw_truth("two", 3024)
     draw_session(tmp_path, 3024, effects)
