@@ -181,8 +181,9 @@ def _without_passengers(
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Leave out a companion where one effect alone fits, and say why: it may only mend that effect's form.
 
-    So it is if it makes the prediction of the cases never fitted worse; or, beside a law, if it adds little. What is so
-    by definition, such as a mass or an angle, has no form to mend.
+    So it is if it makes the prediction of the cases never fitted worse, where the one alone leaves no more than an error
+    of its form would; or, beside a law that leaves no more than noise would, if it adds little. What is so by
+    definition, such as a mass or an angle, has no form to mend.
     """
     laws = {c.name for c in candidates if c.constitutive}
     pair = max(
@@ -194,12 +195,13 @@ def _without_passengers(
         return certain, ()
     worse, mended = [], []
     for w in evidence.weighed:
-        fits = not w.implausible and not w.leaves_too_much(evidence.nothing)
-        if fits and w.explanation.size == 1 and w.explanation.names[0] in certain:
-            if _rises(problem, validation_rmse(w), validation_rmse(pair)):
-                worse.append(w)
-            elif w.explanation.names[0] in laws and pair.log_evidence - w.log_evidence < _mending(evidence, w):
-                mended.append(w)
+        name = w.explanation.names[0] if w.explanation.size == 1 else None
+        if name not in certain or w.leaves_too_much(evidence.nothing):
+            continue
+        if _rises(problem, validation_rmse(w), validation_rmse(pair)):
+            worse.append(w)
+        elif name in laws and not w.implausible and pair.log_evidence - w.log_evidence < _mending(evidence, w):
+            mended.append(w)
     alone = max((*worse, *mended), key=lambda w: w.log_evidence, default=None)
     if alone is None:
         return certain, ()
