@@ -181,8 +181,8 @@ def _without_passengers(
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Leave out a companion where one effect alone fits, and say why: it may only mend that effect's form.
 
-    So it is if it makes the prediction of the cases never fitted worse, where the one alone leaves no more than an error
-    of its form would; or, beside a law that leaves no more than noise would, if it adds little. What is so by
+    So it is if it makes the prediction of the cases never fitted worse, where the one alone leaves no more than an
+    error of its form would; or, beside a law that leaves no more than noise would, if it adds little. What is so by
     definition, such as a mass or an angle, has no form to mend.
     """
     laws = {c.name for c in candidates if c.constitutive}

@@ -136,12 +136,14 @@ def verdict_of(
     form_error: float = 0.1,
     held_out: dict[int, float] | None = None,
     left: tuple[tuple[str, ...], ...] = (),
+    implausible: tuple[tuple[str, ...], ...] = (),
     together: float | None = None,
 ) -> Any:
     """The verdict where only probabilities speak: everything fits, nothing is strained.
 
     `each` is the log evidence of each effect, `held_out` the error [N] of cases never fitted by the number of effects,
-    `left` are explanations that leave too much, `together` is what all at once leave.
+    `left` are explanations that leave too much, `implausible` those that leave more than noise would, and `together` is
+    what all at once leave.
     """
     model = SimpleNamespace(parameters=SimpleNamespace(parameters=(), names=()))
     blocks = SimpleNamespace(case_covariance=np.tile(0.005**2 * np.eye(6), (10, 1, 1)))
@@ -159,7 +161,7 @@ def verdict_of(
                     fitted=own,
                     misfit=45.0,
                     plain_misfit=45.0,
-                    implausible=False,
+                    implausible=names in implausible,
                     log_evidence=each * len(names),
                     form_error=form_error,
                     size_N=0.1,
@@ -245,6 +247,8 @@ def test_a_companion_that_may_only_mend_the_form_is_not_named() -> None:
     exact = tuple(replace(c, constitutive=False) for c in candidates(4))
     assert verdict_of(probability, each=6.0, objective=10_000.0, searched=exact).effects == ("e0", "e1")
     assert verdict_of(probability, each=6.0, objective=1_000.0).effects == ("e0", "e1")
+    # What noise alone would hardly leave needs its companion, little as that adds.
+    assert verdict_of(probability, each=6.0, objective=10_000.0, implausible=(("e0",),)).effects == ("e0", "e1")
     # A form that the readings show to be right within 2 % has little to mend.
     assert verdict_of(probability, each=6.0, objective=10_000.0, form_error=0.02).effects == ("e0", "e1")
 
@@ -255,6 +259,8 @@ def test_a_companion_that_foretells_worse_than_one_effect_alone_is_not_named() -
     verdict = verdict_of(probability, held_out=worse)
     assert (verdict.kind, verdict.effects) == ("found", ("e0",))
     assert any("would rise from 0.050 to 0.090 N" in reason for reason in verdict.reasons)
+    # Nor where noise alone would hardly leave so much as the single does, if an error of its form would.
+    assert verdict_of(probability, held_out=worse, implausible=(("e0",),)).effects == ("e0",)
     # Not within the uncertainty of these errors, and not where the single does not explain the readings.
     assert verdict_of(probability, held_out=hardly).effects == ("e0", "e1")
     assert verdict_of(probability, held_out=worse, left=(("e0",),)).effects == ("e0", "e1")
