@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from daq.errors import ModelError
 from fingermodel.fingers import FingerValues
 from fingermodel.fit_report import Fit, Optimum, Outcome, describe
-from fingermodel.model import Model, Structure, jax_values, predict_case
+from fingermodel.model import Model, Structure, predict_case
 from fingermodel.problems import Problem, objective_at
 from fingermodel.stages import LoadCaseInput
 
@@ -109,7 +109,7 @@ def _parameters_of(model: Model, muscles: tuple[str, ...]) -> NDArray[np.bool_]:
 def _eq5(problem: Problem, theta: Floats, use: NDArray[np.bool_], chosen: NDArray[np.bool_]) -> tuple[float, Floats]:
     value, gradient = _eq5_compiled(
         problem.model.structure,
-        jax_values(problem.model.finger.values),
+        problem.model.values,
         problem.observations.inputs,
         jnp.asarray(problem.rows),
         jnp.asarray(problem.observations.wrench.reshape(-1)[problem.rows]),

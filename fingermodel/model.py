@@ -109,8 +109,13 @@ class Model:
         return Structure(self.finger.topology, self._all, tuple(slices))
 
     @cached_property
-    def _values(self) -> FingerValues:
+    def values(self) -> FingerValues:
+        """The finger's numbers, as JAX arrays."""
         return jax_values(self.finger.values)
+
+    def acting(self, moved: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which effects (effects,) can change anything, where these parameters (parameters,) are off their null."""
+        return np.array([moved[a:b].any() for a, b in self.structure.slices], dtype=bool)
 
     @property
     def initial(self) -> NDArray[np.float64]:
@@ -119,22 +124,20 @@ class Model:
 
     def values_at(self, theta: NDArray[np.float64]) -> FingerValues:
         """The finger's numbers with the anatomy of a parameter vector."""
-        fitted = with_anatomy(self.finger.topology, jax_values(self.finger.values), jnp.asarray(theta))
+        fitted = with_anatomy(self.finger.topology, self.values, jnp.asarray(theta))
         return FingerValues(*(np.asarray(v) for v in fitted))
 
     def predict(self, cases: LoadCaseInput, theta: NDArray[np.float64] | None = None) -> Prediction:
         """Predict a batch of load cases, given with a leading axis on every field."""
-        initial, structure = self.parameters.initial, self.structure
+        initial = self.parameters.initial
         vector = initial if theta is None else np.asarray(theta)
         # What is at its null changes nothing, and need not be gone through.
-        moved = vector != initial
-        active = np.array([moved[a:b].any() for a, b in structure.slices], dtype=bool)
-        return predict_batch(structure, self._values, jnp.asarray(vector), cases, active)
+        return predict_batch(self.structure, self.values, jnp.asarray(vector), cases, self.acting(vector != initial))
 
     def jacobian(self, cases: LoadCaseInput, theta: NDArray[np.float64] | None = None) -> Array:
         """Derivative of every reading with respect to every parameter: (cases, 6, parameters)."""
         vector = self.parameters.initial if theta is None else theta
-        return reading_jacobian(self.structure, jax_values(self.finger.values), jnp.asarray(vector), cases)
+        return reading_jacobian(self.structure, self.values, jnp.asarray(vector), cases)
 
     def moment_arms(self, posture_rad: NDArray[np.float64], theta: NDArray[np.float64] | None = None) -> Array:
         """Moment arms [mm] in one posture: (rotations, segments)."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from daq.errors import SessionError
 from fingermodel.fingers import FingerValues, Plane
-from fingermodel.model import Model, jax_values
+from fingermodel.model import Model
 from fingermodel.observations import Observations
 from fingermodel.stages import LoadCaseInput
 from fingermodel.tiles import Tiles
@@ -69,7 +69,7 @@ class FittedReadings:
             jnp.asarray(np.pad(case * len(components) + component, (0, more))),
             np.nan_to_num(observations.wrench).reshape(-1)[rows],
             Tiles.of(problem.whitener),
-            jax_values(problem.model.finger.values),
+            problem.model.values,
         )
 
 

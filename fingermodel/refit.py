@@ -134,8 +134,7 @@ def _slopes_program(problem: Problem, active: NDArray[np.bool_]) -> Callable[[Fl
 
 def _active(problem: Problem) -> NDArray[np.bool_]:
     """(effects,) which of them can change anything: those with a free parameter, or one held off its null."""
-    moved = problem.free | (problem.centre != problem.model.parameters.initial)
-    return np.array([moved[a:b].any() for a, b in problem.model.structure.slices])
+    return problem.model.acting(problem.free | (problem.centre != problem.model.parameters.initial))
 
 
 @stored()

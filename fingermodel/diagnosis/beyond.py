@@ -29,9 +29,9 @@ from fingermodel.diagnosis.evidence import (
     scales,
 )
 from fingermodel.diagnosis.fitted import Fitted, far_off, objective_of
-from fingermodel.diagnosis.linear import Linear
+from fingermodel.diagnosis.linear import Linear, posterior
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard, form_of, rms_of
-from fingermodel.model import jax_values, tip_kinematics_batch
+from fingermodel.model import tip_kinematics_batch
 from fingermodel.problems import Problem
 from fingermodel.refit import solve
 
@@ -101,12 +101,10 @@ def known_beyond(nothing: Fitted, candidates: tuple[Candidate, ...], had: Collec
     problem = nothing.problem
     others = {*had, *(c.effect for c in candidates)}
     found = _found(problem, nothing.theta)
-    if not found:
-        return ()
     gains = np.array([-np.inf if f.form.name in others else _gain(nothing.linear, problem, f.form) for f in found])
     # What a form promises about a base that was bent to do without it says little.
     near = np.inf if far_off(nothing, BENT) else NEAR
-    promising = np.flatnonzero(gains > max(WORTH, gains.max() - near))
+    promising = np.flatnonzero(gains > max(WORTH, gains.max(initial=-np.inf) - near))
     order = promising[np.argsort(-gains[promising])]
     # The best form of each effect first: another moment of a slip is no other explanation.
     best = list({found[i].form.name: found[i] for i in order[::-1]}.values())[::-1]
@@ -245,7 +243,7 @@ def torque_answer(problem: Problem) -> Floats:
     """(n, rotations, 6) change of every reading per N mm of torque about a rotation."""
     model, inputs = problem.model, problem.observations.inputs
     topology = model.finger.topology
-    tip = tip_kinematics_batch(topology, jax_values(model.finger.values), jnp.asarray(inputs.posture))
+    tip = tip_kinematics_batch(topology, model.values, jnp.asarray(inputs.posture))
     jacobian, to_base = np.asarray(tip.jacobian), np.asarray(tip.to_base)
     rows = list(topology.reactions)
     inverse = np.linalg.inv(np.swapaxes(jacobian[:, rows], 1, 2))
@@ -317,9 +315,8 @@ def _sizes(now: Fitted, columns: Floats, change: Floats) -> tuple[Floats, float]
     problem, free = now.problem, now.inner
     y = now.linear.y + problem.whitener @ change.reshape(-1)[problem.rows]
     h = np.concatenate([now.linear.h[:, free], columns], axis=1)
-    covariance = np.linalg.inv(np.eye(h.shape[1]) + h.T @ h)
-    size = (covariance @ (h.T @ y))[len(free) :]
-    own = covariance[len(free) :, len(free) :]
+    values, covariance = posterior(y, h)
+    size, own = values[len(free) :], covariance[len(free) :, len(free) :]
     return size, float(np.sqrt(size @ np.linalg.solve(own, size)))
 
 

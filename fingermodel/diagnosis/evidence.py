@@ -17,7 +17,7 @@ from scipy.special import chdtrc, logsumexp
 
 from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else, members
 from fingermodel.diagnosis.fitted import Fitted
-from fingermodel.diagnosis.linear import Linear
+from fingermodel.diagnosis.linear import Linear, posterior
 from fingermodel.diagnosis.search import Search
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard, form_of, rms_of
 from fingermodel.problems import Problem
@@ -272,10 +272,8 @@ def estimates_of(
     """
     white = form.allowed_for(form_error, np.column_stack([linear.y, linear.h[:, free] * scale]))
     y, h = white[:, 0], white[:, 1:]
-    right = h.T @ y
-    covariance = np.asarray(np.linalg.inv(np.eye(h.shape[1]) + h.T @ h), dtype=np.float64)
-    values = covariance @ right
-    return float(y @ y - right @ values), values, covariance
+    values, covariance = posterior(y, h)
+    return float(y @ y - (h.T @ y) @ values), values, covariance
 
 
 def budget_log_weight() -> Floats:

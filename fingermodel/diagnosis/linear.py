@@ -92,6 +92,12 @@ class Linear:
         return free.astype(np.intp), values
 
 
+def posterior(y: Floats, h: Floats) -> tuple[Floats, Floats]:
+    """Most probable values (k,) and covariance (k, k) of N(0, 1) parameters whose slopes are h (n, k)."""
+    covariance = np.asarray(np.linalg.inv(np.eye(h.shape[1]) + h.T @ h), dtype=np.float64)
+    return covariance @ (h.T @ y), covariance
+
+
 def log_mass(mean: Floats, precision: Floats, one_sided: NDArray[np.bool_]) -> float:
     """Ln of 2ⁿ times the Gaussian's mass where the n one-sided coordinates are positive (their null is 0).
 

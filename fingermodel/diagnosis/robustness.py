@@ -178,7 +178,7 @@ class _Asked:
         error: (n, n) covariance that the error of its form makes; None if there is none.
         own: how many parameters are its own.
         one_sided: (own,).
-        whole: what `read` makes of all readings.
+        whole: what `_read` makes of all readings.
         rest: what the straightened model leaves out of the log evidence.
     """
 

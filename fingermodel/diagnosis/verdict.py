@@ -91,10 +91,10 @@ def judge(
 
 
 def _other(problem: Problem, evidence: Evidence, p_other: float, searched: int) -> Verdict:
-    named = [w for w in evidence.weighed if w.explanation.size]
-    best = max(named, key=lambda w: w.log_evidence, default=evidence.nothing)
     known = evidence.other.likely
     if evidence.together is None:
+        named = [w for w in evidence.weighed if w.explanation.size]
+        best = max(named, key=lambda w: w.log_evidence, default=evidence.nothing)
         left = (
             f"Even the best of the catalogue ({_words(best.explanation.names)}) leaves a misfit of {best.misfit:.0f} "
             f"where noise and priors leave about {len(problem.rows)}; "

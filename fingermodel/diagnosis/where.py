@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fingermodel.compare import muscles_of
 from fingermodel.fingers import COMPONENTS
-from fingermodel.model import jax_values, tip_kinematics_batch
+from fingermodel.model import tip_kinematics_batch
 from fingermodel.problems import Problem
 
 Floats = NDArray[np.float64]
@@ -119,7 +119,7 @@ def missing_torque(problem: Problem, residual: Floats, used: list[int]) -> tuple
     if not tips:
         return {}, []
     postures = jnp.asarray(np.asarray(observations.inputs.posture)[tips])
-    jacobian = np.asarray(tip_kinematics_batch(topology, jax_values(model.finger.values), postures).jacobian)
+    jacobian = np.asarray(tip_kinematics_batch(topology, model.values, postures).jacobian)
     reactions = list(topology.reactions)
     cases, squares = [], []
     for row, i in enumerate(tips):

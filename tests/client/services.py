@@ -15,6 +15,7 @@ import uvicorn
 from server.service.app import create_app
 from server.service.serve import bound
 from server.service.settings import Settings
+from server.service.wire import Wire
 from tests.server.service.running import URL, ServiceReceiver
 
 __all__ = ["URL", "InProcess", "receiver_in", "running", "said", "scripted"]
@@ -77,7 +78,10 @@ def running(folder: Path, port: int = 0, **settings: Any) -> Iterator[str]:
     """Run a service on a free port of this machine, and give its address."""
     made = Settings(data=folder, port=port, **settings)
     listener = bound("127.0.0.1", port)
-    config = uvicorn.Config(create_app(made), log_config=None, lifespan="on", timeout_graceful_shutdown=5)
+    config = uvicorn.Config(
+        create_app(made), ws=Wire, ws_per_message_deflate=False, log_config=None, lifespan="on",
+        timeout_graceful_shutdown=5,
+    )  # fmt: skip
     server = _Server(config)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, name="uvicorn")
     thread.start()

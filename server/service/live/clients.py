@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-from websockets import frames as wire
+from websockets import frames
 
 from server.service.answers import dumps
 from server.service.messages import Message
@@ -83,7 +83,7 @@ class Frame:
     @cached_property
     def wire(self) -> bytes:
         """The same as it goes over the wire, framed by RFC 6455."""
-        return wire.Frame(wire.Opcode.TEXT, self.text.encode()).serialize(mask=False)
+        return frames.Frame(frames.Opcode.TEXT, self.text.encode()).serialize(mask=False)
 
 
 def array(messages: list[bytes]) -> str:

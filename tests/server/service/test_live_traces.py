@@ -141,6 +141,21 @@ def test_what_is_no_envelope_is_refused(wrong: dict[str, Any]) -> None:
         LiveMessage.model_validate({"dropped": 0, "envelopes": [envelope(**wrong)]})
 
 
+def test_what_is_no_number_and_a_mean_that_is_missing_find_their_places_in_a_row() -> None:
+    latest, most = [1.0, None, 3.0, 4.0, 5.0, 6.0], [7.0] * 6
+    given = envelope(latest=latest, most=most, overload=True)
+    other = envelope(stream="b", mean=[9.0] * 6)
+    found = rows_of(LiveMessage.model_validate({"dropped": 0, "envelopes": [given, other, given]}))
+    assert {stream: len(rows) for stream, rows in found.items()} == {"a": 2, "b": 1}
+    for row in found["a"]:
+        assert np.array_equal(row["latest"], [1.0, np.nan, 3.0, 4.0, 5.0, 6.0], equal_nan=True)
+        assert np.array_equal(row["mean"], row["latest"], equal_nan=True)
+        assert (row["from_s"], row["to_s"], row["count"], bool(row["overload"])) == (0.0, 0.1, 3, True)
+        assert (row["least"].tolist(), row["most"].tolist()) == ([0.0] * 6, most)
+    assert found["b"]["mean"][0].tolist() == [9.0] * 6
+    assert not found["b"]["overload"][0]
+
+
 def rows(from_s: float, to_s: float, value: float = 0.0) -> Rows:
     out = np.zeros(1, ENVELOPE)
     out["from_s"], out["to_s"], out["count"] = from_s, to_s, 1

@@ -102,7 +102,7 @@ def test_what_is_said_is_taken_at_once_or_waits_to_be_received() -> None:
         await socket.send_text("listening")
         assert await socket.receive_text() == "wait"
         assert taken == ["1", "2"]
-        # Whatever comes behind what waits, waits as well: the last of three is taken only once all have been received.
+        # What is no text is not offered, and waits to be received.
         await socket.send_text("now")
         assert (await socket.receive())["bytes"] == b"3"
         await socket.send_text(" ".join(taken))
