@@ -57,9 +57,15 @@ class _Hearing:
         while True:
             self._idle = True
             try:
-                text = await self._socket.receive_text()
+                message = await self._socket.receive()
             finally:
                 self._idle = False
+            if message["type"] == "websocket.disconnect":
+                return
+            text = message.get("text")
+            if text is None:
+                await self._socket.close(BAD_PARAMETERS, "a message that is no text")
+                return
             if time.monotonic() > self._trusted_until_s:
                 if not await asyncio.to_thread(self._exists, self._socket, self._bench.session):
                     await self._socket.close(NOT_FOUND, f"there is no session {self._bench.session}"[:120])

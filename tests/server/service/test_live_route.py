@@ -16,6 +16,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from server.service.live.bench_socket import take
 from server.service.live.hub import LiveHub
 from server.service.live.route import Allow, anyone, live_router
 from server.service.messages import Messages
@@ -38,8 +39,18 @@ def app_of(messages: Messages, allow: Allow = anyone) -> FastAPI:
 
     app = FastAPI(lifespan=lifespan)
     app.state.hub = hub
-    app.include_router(live_router(lambda w: w.app.state.hub, allow, lambda _, name: name in ("S", "T")))
+    app.include_router(live_router(lambda w: w.app.state.hub, allow, exists))
+
+    @app.websocket("/benches/{session}")
+    async def bench(websocket: WebSocket, session: str) -> None:
+        await websocket.accept()
+        await take(hub, websocket, session, exists)
+
     return app
+
+
+def exists(_: WebSocket, session: str) -> bool:
+    return session in ("S", "T")
 
 
 @pytest.fixture
@@ -211,3 +222,35 @@ def test_a_stop_hangs_up_with_a_code_that_says_so(messages: Messages) -> None:
             socket.recv(timeout=PATIENCE_S)
     assert closed.value.rcvd is not None
     assert closed.value.rcvd.code == 1012
+
+
+@pytest.mark.parametrize("ws", [Wire, "auto"])
+@pytest.mark.parametrize(
+    ("session", "said", "code", "reason"),
+    [
+        ("S", '{"dropped": 0, "envelopes": [{}]}', 4422, "faults"),
+        ("S", '{"nonsense', 4422, "faults"),
+        ("S", b"\x00\x01", 4422, "no text"),
+        ("nobody", json.dumps(posted(1.0)), 4404, "no session nobody"),
+    ],
+)
+def test_a_bench_that_cannot_be_understood_is_told_so_and_may_come_again(
+    messages: Messages, ws: Any, session: str, said: str | bytes, code: int, reason: str
+) -> None:
+    with running(messages, ws) as (url, _), connect(f"{url}?session=S") as watching:
+        heard(watching, "hello")
+        bench = url.replace("/live", "/benches")
+        with connect(f"{bench}/{session}") as socket:
+            if session == "S":
+                # Once it is trusted, what it says is taken as it comes.
+                for k in range(3):
+                    socket.send(json.dumps(posted(float(k))))
+                    assert heard(watching, "trace")["body"]["from_s"] == [float(k)]
+            socket.send(said)
+            with pytest.raises(ConnectionClosed) as closed:
+                socket.recv(timeout=PATIENCE_S)
+        assert closed.value.rcvd is not None
+        assert (closed.value.rcvd.code, reason in closed.value.rcvd.reason) == (code, True)
+        with connect(f"{bench}/S") as socket:
+            socket.send(json.dumps(posted(50.0)))
+            assert heard(watching, "trace")["body"]["from_s"] == [50.0]
