@@ -18,8 +18,10 @@ Floats = NDArray[np.float64]
 
 # Evaluations in which something must be gained.
 PATIENCE = 8
-# Mean squared residual from which a fit is far off.
-FAR = 30.0
+# Mean squared residuals from which a fit is off, and far off.
+OFF, FAR = 2.0, 30.0
+# What one that is off may crawl by, as a share of what one that is far off may.
+OFF_CRAWL = 1.0 / 3.0
 # Of the first step, per unit of mean squared residual.
 DAMPING = 0.1
 # Damping from which there is nowhere left to go, and below which it is none.
@@ -143,7 +145,8 @@ def minimise(
         floor: converged once a further step promises less than this …
         tolerance: … or less than this fraction of the objective.
         max_evaluations: of the residuals.
-        crawl: stalled if a few evaluations gain less than this share of what a fit that is far off has beyond that.
+        crawl: stalled if a few evaluations gain less than this share of what a fit that is far off has beyond that, or
+            a third of it of what one that is off has.
         steepest: no step is taken to where a slope is as large as this: there the residuals are no function to descend.
         begun: of the same problem, ended at `start`: go on as if it had not ended, without evaluating anything there.
     """
@@ -168,8 +171,8 @@ def minimise(
         decrement = np.inf if step is None else abs(step[1])
         # At a kink of the model (a tendon coming to rest on a bone) steps go on to promise what they cannot keep.
         counted = evaluations % PATIENCE == 0
-        beyond = max(best - FAR * len(residual), 0.0)
-        crawling = counted and milestone - best < 10.0 * floor + crawl * beyond
+        beyond, far_beyond = (max(best - limit * len(residual), 0.0) for limit in (OFF, FAR))
+        crawling = counted and milestone - best < 10.0 * floor + crawl * max(OFF_CRAWL * beyond, far_beyond)
         milestone = best if counted else milestone
         status = -1
         if decrement <= tolerance * best + floor:

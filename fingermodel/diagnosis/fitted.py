@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.special import chdtrc
 
 from daq.errors import SessionError
 from fingermodel.diagnosis.candidates import Explanation, mask
@@ -20,9 +19,6 @@ from fingermodel.refit import STEEPEST, whole_slopes
 from fingermodel.solver import CONVERGED, STALLED, Solution
 
 Floats = NDArray[np.float64]
-
-# χ² that noise would exceed so often is no reason to look further.
-DOUBTFUL = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,11 +189,6 @@ def require_sane(fitted: Fitted) -> Fitted:
             "Look at its postures and the cell's frame; `fingertwin compare` shows where they miss",
         )
     return fitted
-
-
-def doubtful(fitted: Fitted) -> bool:
-    """Whether a fit may sit in a wrong valley: noise and priors seldom leave so much, or the solver had not done."""
-    return not fitted.converged or bool(chdtrc(len(fitted.problem.rows), fitted.objective) < DOUBTFUL)
 
 
 def far_off(fitted: Fitted, limit: float) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,18 +118,27 @@ def log_mass(mean: Floats, precision: Floats, one_sided: NDArray[np.bool_]) -> f
 def _log_orthant(mean: Floats, covariance: Floats, draws: int = 256) -> float:
     """Ln P(x > 0) of a Gaussian by sequential conditioning (Geweke, Hajivassiliou, Keane)."""
     factor = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(len(mean)))
-    # Roberts' additive recurrence: powers of the root of x^(d+1) = x + 1 fill the cube evenly.
-    ratio = 2.0
-    for _ in range(60):
-        ratio = (1.0 + ratio) ** (1.0 / (len(mean) + 1))
-    steps = ratio ** -np.arange(1.0, len(mean) + 1.0)
-    uniform = (np.arange(draws)[:, None] * steps[None, :] + 0.5) % 1.0
-    z = np.zeros((draws, len(mean)))
+    last = len(mean) - 1
+    uniform = _evenly(draws, last)
+    z = np.zeros((draws, last))
     log_weight = np.zeros(draws)
     for i in range(len(mean)):
         limit = -(mean[i] + z[:, :i] @ factor[i, :i]) / factor[i, i]
         log_weight += log_ndtr(-limit)
-        below = ndtr(limit)
-        z[:, i] = ndtri(np.clip(below + uniform[:, i] * (1.0 - below), 1e-15, 1.0 - 1e-15))
+        if i < last:
+            below = ndtr(limit)
+            z[:, i] = ndtri(np.clip(below + uniform[:, i] * (1.0 - below), 1e-15, 1.0 - 1e-15))
     top = log_weight.max()
     return float(top + np.log(np.mean(np.exp(log_weight - top))))
+
+
+@cache
+def _evenly(count: int, dimensions: int) -> Floats:
+    """Points (count, dimensions) that fill the unit cube evenly: Roberts' additive recurrence."""
+    # Powers of the root of x^(d+1) = x + 1.
+    ratio = 2.0
+    for _ in range(60):
+        ratio = (1.0 + ratio) ** (1.0 / (dimensions + 1))
+    steps = ratio ** -np.arange(1.0, dimensions + 1.0)
+    out: Floats = (np.arange(count)[:, None] * steps[None, :] + 0.5) % 1.0
+    return out

@@ -18,7 +18,7 @@ from fingermodel.diagnosis.candidates import (
     pairs_of,
     single,
 )
-from fingermodel.diagnosis.fitted import Fitted, doubtful, far_off, objective_of, require_sane
+from fingermodel.diagnosis.fitted import Fitted, far_off, objective_of, require_sane
 from fingermodel.diagnosis.screening import best_form, companions, pairs_about
 from fingermodel.problems import Problem
 from fingermodel.refit import drawn_starts, solve
@@ -40,13 +40,12 @@ FIRST, SECOND, LAST = 3, 15, 60
 CRAWL = 3e-3
 # Log evidence within which singles are taken further, and explanations are finished.
 RACE, CONTENDERS = 30.0, 8.0
-# Further evaluations of each heat, and how many singles run in it for each that is wanted.
-HEATS = ((3, 5), (5, 3), (9, 2))
+# Further evaluations of each heat; how many run in it for each that is wanted, and how many whatever they promise where
+# nothing fits.
+HEATS = ((3, 5, 2.0), (5, 3, 1.5), (9, 2, 1.0))
 FINISHED = 12
-# Evaluations of a fit begun again from before anything was bent.
-AGAIN = 30
-# χ² per reading from which a fit is far off, and from which the base was bent out of shape to do without an effect.
-FAR, HARD = 2.0, 100.0
+# χ² per reading from which a fit is far off.
+FAR = 2.0
 # χ² per reading, and share of what the base model leaves, that all candidates at once must leave for no few of them to
 # explain the readings; and evaluations of that fit from either start (see docs/decisions/0002).
 HOPELESS, HOPELESS_SHARE, TOGETHER = 30.0, 0.25, 40
@@ -133,29 +132,22 @@ class Searcher:
             thorough: more pairs and more starts, whatever hope there is.
         """
         more = 3 if thorough else 1
-        nothing = self.base(start, BASE_STARTS * more)
-        hard = far_off(nothing, HARD)
-        self._lost = hard and not thorough and self._hopeless(candidates)
-        # What bends the rest to do without an effect hides it; where all candidates are free, the rest is bent least.
-        above = self._together(candidates) if hard and not self._lost else nothing
-        host = above if above.sane else nothing
+        nothing, pairs = self.base(start, BASE_STARTS * more), PAIRS * more
+        far = far_off(nothing, FAR)
+        self._lost = far and not thorough and self._hopeless(candidates)
+        host = self._above(candidates) if far and not self._lost else nothing
         for done, candidate in enumerate(candidates):
             self._single(candidate, host)
             self._progress(0.5 * (done + 1) / len(candidates))
+        if host is not nothing and far_off(self._leader(candidates), FAR):
+            self._from(host, candidates, ABOVE * more)
+            pairs -= ABOVE * more
         self._race(HOSTS * more)
         self._nested(HOSTS * more)
-        self._exchange(HOSTS * more)
-        self._pairs(candidates, PAIRS * more)
-        self._lost = self._lost or (not thorough and self._hopeless(candidates))
-        if not self._lost and far_off(self._leader(candidates), FAR):
-            self._from_above(candidates, ABOVE * more)
+        self._pairs(candidates, pairs)
         self._race(HOSTS * more, size=2)
         self._polish(candidates)
         self._neighbours(candidates)
-        if not self._lost and doubtful(self._leader(candidates)):
-            self._again(candidates, HOSTS * more)
-            self._polish(candidates)
-            self._neighbours(candidates)
         if not self._lost:
             self._halves(candidates)
         self._nested(2)
@@ -188,15 +180,18 @@ class Searcher:
             self._all = self._fitted(every, problem, found)
         return self._all
 
-    def _from_above(self, candidates: tuple[Candidate, ...], count: int) -> None:
-        """Where no single or pair explains the readings, start from where all candidates together do.
+    def _above(self, candidates: tuple[Candidate, ...]) -> Fitted:
+        """Where to begin if the base model is far off: where all candidates together fit.
 
-        Wherever one or two of them are the truth, all together leave little, and the rest is bent the least: what the
-        model, straightened out there, expects of one or two is a start in the truth's own valley.
+        What bends the rest to do without an effect hides it. Wherever one or two of them are the truth, all together
+        leave little, and the rest is bent the least: what the model, straightened out there, expects of one or two is
+        a start in the truth's own valley.
         """
-        host = self._together(candidates)
-        if not host.sane:
-            return
+        all_of_them = self._together(candidates)
+        return all_of_them if all_of_them.sane else self.best[NOTHING_MISSING]
+
+    def _from(self, host: Fitted, candidates: tuple[Candidate, ...], count: int) -> None:
+        """Fit the singles and pairs that promise most about a host's optimum."""
         offers = [*(best_form(host, c) for c in candidates), *pairs_about(host, candidates)]
         promise = {e: host.everything.gain(e.parameters) + self._log_prior(e, candidates) for e in offers}
         for explanation in sorted(offers, key=lambda e: -promise[e])[:count]:
@@ -236,14 +231,14 @@ class Searcher:
 
     def _race(self, count: int, size: int = 1) -> None:
         """Take those of a size further that may still win: in each heat longer, and fewer."""
-        for evaluations, share in HEATS:
+        for evaluations, share, at_least in HEATS:
             runners = [f for f in self.best.values() if f.explanation.size == size]
             ranked = sorted(runners, key=lambda f: -f.promise)
-            best = max(self.best.values() if size > 1 else runners, key=lambda f: f.log_evidence, default=None)
-            if best is None:
+            if not runners:
                 return
+            best = max(self.best.values(), key=lambda f: f.log_evidence)
             unsure = far_off(best, FAR) and not self._lost
-            forced = 2 * count if unsure else count if size == 1 else 0
+            forced = at_least * count if unsure else count if size == 1 else 0
             for place, one in enumerate(ranked[: count * share]):
                 if not one.converged and (place < forced or one.promise > best.log_evidence - RACE / size):
                     self.go_on(one, evaluations)
@@ -345,14 +340,6 @@ class Searcher:
                 if hope > best - RACE:
                     self.fit(rival.explanation, [self.expected(nothing, rival.explanation)])
 
-    def _exchange(self, count: int) -> None:
-        """Fit the best singles from each other's base parameters."""
-        best = self._ranked(1)[:count]
-        for one in best:
-            for other in best[:2]:
-                if other is not one:
-                    self.fit(one.explanation, [self.expected(other, one.explanation)])
-
     def _pairs(self, candidates: tuple[Candidate, ...], count: int) -> None:
         """Screen all pairs from nothing's optimum and from the best singles', and fit the best."""
         hosts = self._ranked(1)[:HOSTS]
@@ -380,10 +367,3 @@ class Searcher:
     def _value(self, explanation: Explanation, candidates: tuple[Candidate, ...]) -> float:
         known = self.best.get(explanation)
         return -np.inf if known is None else known.log_evidence + self._log_prior(explanation, candidates)
-
-    def _again(self, candidates: tuple[Candidate, ...], count: int) -> None:
-        """Fit the leaders once more from before anything was bent: they may sit in another valley."""
-        ranked = sorted(self.best.values(), key=lambda f: -self._value(f.explanation, candidates))
-        for one in [f for f in ranked if f.explanation.size][:count]:
-            if doubtful(one):
-                self.fit(one.explanation, [self.problem.centre], AGAIN)
