@@ -44,6 +44,8 @@ RACE, CONTENDERS = 30.0, 8.0
 # nothing fits.
 HEATS = ((3, 5, 2.0), (5, 3, 1.5), (9, 2, 1.0))
 FINISHED = 12
+# Readings that are fitted so quickly that every single is taken to its end.
+FEW = 100
 # χ² per reading from which a fit is far off.
 FAR = 2.0
 # χ² per reading, and share of what the base model leaves, that all candidates at once must leave for no few of them to
@@ -129,7 +131,7 @@ class Searcher:
         Args:
             candidates: to search.
             start: of the base model besides the priors' centre, such as an earlier fit.
-            thorough: more pairs and more starts, whatever hope there is.
+            thorough: more pairs and more starts, whatever hope there is, and every single to its end.
         """
         more = 3 if thorough else 1
         nothing, pairs = self.base(start, BASE_STARTS * more), PAIRS * more
@@ -143,6 +145,8 @@ class Searcher:
             self._from(host, candidates, ABOVE * more)
             pairs -= ABOVE * more
         self._race(HOSTS * more)
+        if thorough or len(self.problem.rows) <= FEW:
+            self._finish(1)
         self._nested(HOSTS * more)
         self._pairs(candidates, pairs)
         self._race(HOSTS * more, size=2)
@@ -242,6 +246,11 @@ class Searcher:
             for place, one in enumerate(ranked[: count * share]):
                 if not one.converged and (place < forced or one.promise > best.log_evidence - RACE / size):
                     self.go_on(one, evaluations)
+
+    def _finish(self, size: int) -> None:
+        """Take all of a size to their end: some valleys look no better than others until far down."""
+        for one in [f for f in self.best.values() if f.explanation.size == size and not f.converged]:
+            self.go_on(one, LAST)
 
     def _log_prior(self, explanation: Explanation, candidates: tuple[Candidate, ...]) -> float:
         """Asked for thousands of times in a search."""
