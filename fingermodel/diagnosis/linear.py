@@ -115,7 +115,7 @@ def log_mass(mean: Floats, precision: Floats, one_sided: NDArray[np.bool_]) -> f
     return float(len(which) * np.log(2.0) + _log_orthant(mean[which], covariance))
 
 
-def _log_orthant(mean: Floats, covariance: Floats, draws: int = 256) -> float:
+def _log_orthant(mean: Floats, covariance: Floats, draws: int = 512) -> float:
     """Ln P(x > 0) of a Gaussian by sequential conditioning (Geweke, Hajivassiliou, Keane)."""
     factor = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(len(mean)))
     last = len(mean) - 1
