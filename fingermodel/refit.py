@@ -76,6 +76,7 @@ def solve(
     evaluations: int = EVALUATIONS,
     *,
     crawl: float = 0.0,
+    bends: bool = True,
     begun: Solution | None = None,
 ) -> Solution:
     """Minimise a problem; the answer is in coordinates scaled about the priors' centre.
@@ -86,6 +87,7 @@ def solve(
         floor: units of chi-square that a further step must promise; Eq 5 has no such unit and goes on to rounding.
         evaluations: at most so many.
         crawl: of `minimise`, for fits that only have to show that they are not in question.
+        bends: of `minimise`.
         begun: of `minimise`: an earlier answer for this problem, to go on from.
     """
     scale, centre, fitted, structure = problem.scale, problem.centre, problem.fitted_readings, problem.model.structure
@@ -114,6 +116,7 @@ def solve(
         max_evaluations=evaluations,
         crawl=crawl,
         steepest=STEEPEST if problem.weighted else np.inf,
+        bends=bends,
         begun=begun,
     )
 

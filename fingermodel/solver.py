@@ -26,9 +26,77 @@ OFF_CRAWL = 1.0 / 3.0
 DAMPING = 0.1
 # Damping from which there is nowhere left to go, and below which it is none.
 MOST_DAMPING, LEAST_DAMPING = 1e12, 1e-15
+# How much worse than without it the bend may foresee what a step gains before it is no longer counted with.
+LENIENCE = 1.5
+# Cosine between a step and what it turned the gradient by, from which it can be learned from.
+LEAST_ALONG = 1e-8
 # Keeps directions solvable that neither data nor prior determine.
 TINY = 1e-12
 CONVERGED, STALLED, TOO_MANY, NOT_FINITE = 0, 1, 2, 3
+
+
+class Memory(NamedTuple):
+    """What the steps so far have taught.
+
+    Attributes:
+        damping: of the next step.
+        growth: by how much it grows should that fail.
+        bend: (free, free) half of what Gauss and Newton leave out of the objective's Hessian: each residual times its
+            curvature, and sharp turns at kinks. None before anything is known of it.
+        bent: whether the next step counts with it.
+    """
+
+    damping: float = DAMPING
+    growth: float = 2.0
+    bend: Floats | None = None
+    bent: bool = False
+
+    def succeeded(self, ratio: float) -> Memory:
+        """Nielsen's rule: damping falls smoothly with the quality of the step, and rises ever faster on failures.
+
+        Args:
+            ratio: of what a step gained to what it had promised.
+        """
+        damping = self.damping * max(1.0 / 3.0, 1.0 - (2.0 * min(ratio, 2.0) - 1.0) ** 3)
+        return self._replace(damping=max(damping, LEAST_DAMPING), growth=2.0)
+
+    def failed(self) -> Memory:
+        """Damp more."""
+        return self._replace(damping=self.damping * self.growth, growth=2.0 * self.growth)
+
+    def judged(self, move: Floats, gained: float, straight: float) -> Memory:
+        """Count with the bend if it foresaw better what a step would gain, and no longer if it did so clearly worse.
+
+        Args:
+            move: (free,) the step.
+            gained: by it.
+            straight: what Gauss and Newton would have promised for it.
+        """
+        if self.bend is None or not np.isfinite(gained):
+            return self
+        without, with_it = abs(gained - straight), abs(gained - straight + float(move @ self.bend @ move))
+        return self._replace(bent=with_it < without or (self.bent and with_it <= LENIENCE * without))
+
+    def learned(self, move: Floats, turned: Floats, left_out: Floats) -> Memory:
+        """Learn from a step that led to something better; the update of NL2SOL (Dennis, Gay & Welsch 1981).
+
+        Args:
+            move: (free,) the step.
+            turned: (free,) by how much half the gradient changed.
+            left_out: (free,) what of that the change of the slopes has caused.
+        """
+        along = float(turned @ move)
+        if along <= LEAST_ALONG * float(np.linalg.norm(turned) * np.linalg.norm(move)):
+            return self
+        bend = np.zeros((len(move), len(move))) if self.bend is None else self.bend
+        known = abs(float(move @ bend @ move))
+        if known > 0.0:
+            # Residuals shrink, and their part of the curvature with them.
+            bend = bend * min(1.0, abs(float(move @ left_out)) / known)
+        miss = left_out - bend @ move
+        cross = np.outer(miss / along, turned)
+        bend = bend + cross + cross.T - np.outer(float(miss @ move) / along**2 * turned, turned)
+        return self._replace(bend=bend)
 
 
 class Solution(NamedTuple):
@@ -41,8 +109,8 @@ class Solution(NamedTuple):
         residual: (residuals,) at `x`.
         status: CONVERGED, STALLED, TOO_MANY or NOT_FINITE.
         evaluations: residual evaluations.
-        decrement: twice the decrease that a further Gauss–Newton step promises.
-        damping: of the next step, and by how much it grows should that fail: to go on from here.
+        decrement: of the objective, that a further step promises.
+        memory: of the steps so far, to go on from here.
     """
 
     x: Floats
@@ -52,7 +120,7 @@ class Solution(NamedTuple):
     status: int
     evaluations: int
     decrement: float
-    damping: tuple[float, float]
+    memory: Memory
 
 
 class _Box(NamedTuple):
@@ -87,7 +155,11 @@ class _Normal(NamedTuple):
         gradient = residual @ jacobian + box.weight * (x - box.centre)
         return cls(x, gradient, hessian, max(float(residual @ residual) / len(residual), TINY))
 
-    def step(self, damping: float, box: _Box) -> tuple[Floats, float] | None:
+    def promise(self, move: Floats) -> float:
+        """Decrease that is promised for a move (free,)."""
+        return -float(2.0 * self.gradient @ move + move @ self.hessian @ move)
+
+    def step(self, memory: Memory, box: _Box) -> tuple[Floats, float] | None:
         """Next trial (free,) within the bounds, and the decrease promised for it; None if there is no step.
 
         The step is damped in the parameters' natural units, and the more the larger the misfit: directions that the
@@ -98,17 +170,19 @@ class _Normal(NamedTuple):
         held = np.flatnonzero((down & (self.x <= box.lower)) | (up & (self.x >= box.upper)))
         if len(held) == len(self.x):
             return self.x, 0.0
-        damped, gradient = self.hessian.copy(), self.gradient.copy()
-        damped.flat[:: len(gradient) + 1] += damping * self.level
+        bend = memory.bend if memory.bent else None
+        model = self if bend is None else self._replace(hessian=self.hessian + bend)
+        damped, gradient = model.hessian.copy(), self.gradient.copy()
+        damped.flat[:: len(gradient) + 1] += memory.damping * self.level
         # What is held has an equation of its own, which says that it stays: cheaper than to cut it out.
         damped[held] = damped[:, held] = gradient[held] = 0.0
         damped[held, held] = 1.0
         _, step, failed = dposv(damped, gradient, lower=True, overwrite_a=True)
         if failed:
-            return None
+            # With the bend there may be no minimum.
+            return None if bend is None else self.step(memory._replace(bent=False), box)
         trial = np.clip(self.x - step, box.lower, box.upper)
-        move = trial - self.x
-        return trial, -float(2.0 * gradient @ move + move @ self.hessian @ move)
+        return trial, model.promise(trial - self.x)
 
 
 # What is not finite is said by the status; it is not worth a warning at each operation.
@@ -128,6 +202,7 @@ def minimise(
     tolerance: float = 1e-9,
     crawl: float = 0.0,
     steepest: float = np.inf,
+    bends: bool = True,
     begun: Solution | None = None,
 ) -> Solution:
     """Minimise |r(x)|² + Σ weight (x − centre)² within bounds, over the free parameters.
@@ -148,26 +223,27 @@ def minimise(
         crawl: stalled if a few evaluations gain less than this share of what a fit that is far off has beyond that, or
             a third of it of what one that is off has.
         steepest: no step is taken to where a slope is as large as this: there the residuals are no function to descend.
+        bends: learn the curvature of the residuals from the steps: needs some, and then saves many.
         begun: of the same problem, ended at `start`: go on as if it had not ended, without evaluating anything there.
     """
     at = np.flatnonzero(free)
     box = _Box(centre[at], weight[at], lower[at], upper[at])
-    damping, growth, evaluations, milestone = DAMPING, 2.0, 0, np.inf
+    memory, evaluations, milestone = Memory(), 0, np.inf
     if begun is None or not np.isfinite(begun.objective):
         x, evaluations = np.clip(start, lower, upper), 1
         residual = residuals(x)
         best = _objective(residual, x, centre, weight)
         if not np.isfinite(best):
             none = np.zeros_like(residual)
-            return Solution(x, np.inf, np.zeros((len(none), len(x))), none, NOT_FINITE, 1, np.inf, (damping, growth))
+            return Solution(x, np.inf, np.zeros((len(none), len(x))), none, NOT_FINITE, 1, np.inf, memory)
         jacobian = slopes(x)
     else:
         x, residual, best, jacobian = begun.x, begun.residual, begun.objective, begun.jacobian[:, at]
-        damping, growth = begun.damping
+        memory = begun.memory
     normal = _Normal.about(x[at], residual, jacobian, box)
     while True:
         # A point without finite slopes offers no step however much it is damped.
-        step = normal.step(damping, box) if np.isfinite(normal.gradient).all() else None
+        step = normal.step(memory, box) if np.isfinite(normal.gradient).all() else None
         decrement = np.inf if step is None else abs(step[1])
         # At a kink of the model (a tendon coming to rest on a bone) steps go on to promise what they cannot keep.
         counted = evaluations % PATIENCE == 0
@@ -177,14 +253,12 @@ def minimise(
         status = -1
         if decrement <= tolerance * best + floor:
             status = CONVERGED
-        elif damping > MOST_DAMPING or crawling:
+        elif memory.damping > MOST_DAMPING or crawling:
             status = STALLED
         elif evaluations >= max_evaluations:
             status = TOO_MANY
         if status >= 0:
-            whole = np.zeros((len(residual), len(x)))
-            whole[:, at] = jacobian
-            return Solution(x, best, whole, residual, status, evaluations, decrement, (damping, growth))
+            return Solution(x, best, _of_all(jacobian, at, len(x)), residual, status, evaluations, decrement, memory)
         evaluations += 1
         gained = -np.inf
         if step is not None:
@@ -193,18 +267,25 @@ def minimise(
             tried = residuals(trial)
             objective = _objective(tried, trial, centre, weight)
             gained = best - objective if np.isfinite(objective) else -np.inf
+            move = trial[at] - x[at]
+            memory = memory.judged(move, gained, normal.promise(move))
         there = slopes(trial) if gained > 0.0 else None
         if there is not None and (steepest == np.inf or np.abs(there).max() < steepest):
-            x, residual, jacobian, best = trial, tried, there, objective
-            normal = _Normal.about(x[at], residual, jacobian, box)
-            # Nielsen's rule: damping falls smoothly with the quality of the step, and rises ever faster on failures.
-            ratio = min(gained / promised if promised > 0.0 else gained, 2.0)
-            damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3), LEAST_DAMPING)
-            growth = 2.0
+            after = _Normal.about(trial[at], tried, there, box)
+            memory = memory.succeeded(gained / promised if promised > 0.0 else gained)
+            if bends:
+                memory = memory.learned(move, after.gradient - normal.gradient, tried @ there - tried @ jacobian)
+            x, residual, jacobian, best, normal = trial, tried, there, objective, after
         else:
-            damping *= growth
-            growth *= 2.0
+            memory = memory.failed()
 
 
 def _objective(residual: Floats, x: Floats, centre: Floats, weight: Floats) -> float:
     return float(residual @ residual) + float(np.sum(weight * (x - centre) ** 2))
+
+
+def _of_all(jacobian: Floats, at: NDArray[np.intp], count: int) -> Floats:
+    """Slopes (residuals, count) of all parameters, from those of what is free."""
+    whole = np.zeros((len(jacobian), count))
+    whole[:, at] = jacobian
+    return whole

@@ -44,6 +44,8 @@ RACE, CONTENDERS = 30.0, 8.0
 # nothing fits.
 HEATS = ((3, 5, 2.0), (5, 3, 1.5), (9, 2, 1.0))
 FINISHED = 12
+# Evaluations of the turns in which that is done, and of those that what stays close beside the leader gets besides.
+TURNS, LAST_TURNS = (15, 15, 30), (30, 30, 60)
 # Readings that are fitted so quickly that every single is taken to its end.
 FEW = 100
 # χ² per reading from which a fit is far off.
@@ -104,15 +106,23 @@ class Searcher:
             self._keep(explanation, problem, self._solve(problem, guess, evaluations))
         return self.best[explanation]
 
-    def go_on(self, fitted: Fitted, evaluations: int) -> Fitted:
-        """Take a fit further from where it stands, as if it had not ended."""
-        solution = self._solve(fitted.problem, fitted.theta, evaluations, fitted.solution)
+    def go_on(self, fitted: Fitted, evaluations: int, *, finely: bool = False) -> Fitted:
+        """Take a fit further from where it stands, as if it had not ended; finely if its optimum is to be known."""
+        solution = self._solve(fitted.problem, fitted.theta, evaluations, fitted.solution, finely=finely)
         self._keep(fitted.explanation, fitted.problem, solution)
         return self.best[fitted.explanation]
 
-    def _solve(self, problem: Problem, start: Floats, evaluations: int, begun: Solution | None = None) -> Solution:
-        floor = FLOOR if evaluations < LAST else FLOOR / 10.0
-        return solve(problem, start, floor, evaluations, crawl=CRAWL, begun=begun)
+    def _solve(
+        self,
+        problem: Problem,
+        start: Floats,
+        evaluations: int,
+        begun: Solution | None = None,
+        *,
+        finely: bool = False,
+    ) -> Solution:
+        floor = FLOOR / 10.0 if finely else FLOOR
+        return solve(problem, start, floor, evaluations, crawl=CRAWL, bends=finely, begun=begun)
 
     def _keep(self, explanation: Explanation, problem: Problem, solution: Solution) -> None:
         found = self._fitted(explanation, problem, solution)
@@ -214,7 +224,7 @@ class Searcher:
         nothing = self.fit(NOTHING_MISSING, [*starts, *further[:drawn]], SECOND)
         if not nothing.sane:
             nothing = self.fit(NOTHING_MISSING, further[drawn:], SECOND)
-        return require_sane(self.go_on(nothing, LAST))
+        return require_sane(self.go_on(nothing, LAST, finely=True))
 
     def _single(self, candidate: Candidate, host: Fitted) -> None:
         gains = [host.everything.gain(parameters) for parameters in candidate.alternatives]
@@ -250,7 +260,7 @@ class Searcher:
     def _finish(self, size: int) -> None:
         """Take all of a size to their end: some valleys look no better than others until far down."""
         for one in [f for f in self.best.values() if f.explanation.size == size and not f.converged]:
-            self.go_on(one, LAST)
+            self.go_on(one, LAST, finely=True)
 
     def _log_prior(self, explanation: Explanation, candidates: tuple[Candidate, ...]) -> float:
         """Asked for thousands of times in a search."""
@@ -306,26 +316,48 @@ class Searcher:
                     self.fit(alone, [pair.theta], SECOND)
 
     def _polish(self, candidates: tuple[Candidate, ...]) -> None:
-        """Finish the fits that are still in question, and the base model's."""
-        value = {e: self._value(e, candidates) for e in self.best}
-        limit = max(value.values()) - CONTENDERS
-        hopeful = [e for e, f in self.best.items() if f.promise + self._log_prior(e, candidates) > limit or e.size == 0]
+        """Finish the fits that are still in question, and the base model's.
+
+        In turns: what one fit gains puts others out of the question.
+        """
         # Where even the leader is far off, the others need no finish; where nothing can be found, none needs much.
         off = far_off(self._leader(candidates), FAR)
-        count, evaluations = FINISHED // 3 if off else FINISHED, SECOND if self._lost else LAST
-        for explanation in sorted(hopeful, key=lambda e: -value[e])[:count]:
-            found = self.best[explanation]
-            if self._finished.get(explanation) is not found:
-                found = self.go_on(found, evaluations)
-                close = not off and value[explanation] > limit + 0.5 * CONTENDERS
-                if not found.converged and (close or self._would_lead(found, candidates)):
-                    found = self.go_on(found, 2 * evaluations)
-                self._finished[explanation] = found
+        count = FINISHED // 3 if off else FINISHED
+        taken: set[Explanation] = set()
+        for evaluations in TURNS[:1] if self._lost else TURNS:
+            for explanation in self._in_question(candidates, CONTENDERS)[:count]:
+                if self._finished.get(explanation) is not self.best[explanation]:
+                    taken.add(explanation)
+                    self._turn(explanation, candidates, CONTENDERS, evaluations)
+        for evaluations in () if self._lost else LAST_TURNS:
+            for explanation in self._in_question(candidates, 0.5 * CONTENDERS):
+                if explanation in taken and (not off or self._would_lead(explanation, candidates)):
+                    self._turn(explanation, candidates, 0.5 * CONTENDERS, evaluations)
+        self._finished.update((explanation, self.best[explanation]) for explanation in taken)
 
-    def _would_lead(self, found: Fitted, candidates: tuple[Candidate, ...]) -> bool:
+    def _in_question(self, candidates: tuple[Candidate, ...], margin: float) -> list[Explanation]:
+        """What may still come within a margin of the leader, and nothing; those with most evidence so far first."""
+        limit = self._limit(candidates, margin)
+        hopeful = [e for e in self.best if e.size == 0 or self._hope(e, candidates) > limit]
+        return sorted(hopeful, key=lambda e: -self._value(e, candidates))
+
+    def _turn(
+        self, explanation: Explanation, candidates: tuple[Candidate, ...], margin: float, evaluations: int
+    ) -> None:
+        """Take a fit further unless it is out of the question by now."""
+        if explanation.size == 0 or self._hope(explanation, candidates) > self._limit(candidates, margin):
+            self.go_on(self.best[explanation], evaluations, finely=True)
+
+    def _hope(self, explanation: Explanation, candidates: tuple[Candidate, ...]) -> float:
+        return self.best[explanation].promise + self._log_prior(explanation, candidates)
+
+    def _limit(self, candidates: tuple[Candidate, ...], margin: float) -> float:
+        return max(self._value(e, candidates) for e in self.best) - margin
+
+    def _would_lead(self, explanation: Explanation, candidates: tuple[Candidate, ...]) -> bool:
         """Whether a fit that is not done promises more than anything else has."""
-        best = max(self._value(e, candidates) for e in self.best if e != found.explanation)
-        return found.promise + self._log_prior(found.explanation, candidates) > best + CONTENDERS
+        best = max(self._value(e, candidates) for e in self.best if e != explanation)
+        return self._hope(explanation, candidates) > best + CONTENDERS
 
     def _ranked(self, size: int) -> list[Fitted]:
         """Best optimum of each different set of names of a size, best first."""

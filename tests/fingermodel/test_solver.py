@@ -188,6 +188,32 @@ def test_a_fit_that_is_off_and_crawls_is_left_only_if_that_is_asked_for(depth: f
         assert asked.evaluations == whole.evaluations
 
 
+def test_where_much_is_left_what_steps_have_taught_saves_further_ones() -> None:
+    """Brown and Dennis' function, whose least value is 85822.2 (Moré, Garbow and Hillstrom 1981, problem 16)."""
+    t = 0.2 * np.arange(1, 21)
+
+    def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return x[0] + t * x[1] - np.exp(t), x[2] + x[3] * np.sin(t) - np.cos(t)
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        a, b = parts(x)
+        return np.asarray(a**2 + b**2)
+
+    def slopes(x: np.ndarray) -> np.ndarray:
+        a, b = parts(x)
+        return 2.0 * np.stack([a, a * t, b, b * np.sin(t)], axis=1)
+
+    start, none, far = np.array([25.0, 5.0, -5.0, -1.0]), np.zeros(4), np.full(4, np.inf)
+    taught, untaught = (
+        minimise(residual, slopes, start, none, none, -far, far, np.ones(4, bool), bends=bends)
+        for bends in (True, False)
+    )
+    for answer in (taught, untaught):
+        assert answer.status == CONVERGED
+        assert answer.objective == pytest.approx(85822.2, abs=0.05)
+    assert taught.evaluations < 0.75 * untaught.evaluations
+
+
 def test_no_step_is_taken_to_where_slopes_have_no_bound() -> None:
     def slopes(x: np.ndarray) -> np.ndarray:
         return np.array([[-1.0 if x[0] < 3.0 else -1e9]])
