@@ -78,36 +78,49 @@ class Fitted:
     @cached_property
     def moving(self) -> NDArray[np.intp]:
         """The same, and the explanation's own one-sided parameters even at their null."""
+        return np.flatnonzero(self._inside | self._at_null)
+
+    @cached_property
+    def _at_null(self) -> NDArray[np.bool_]:
+        """(parameters,) the explanation's own one-sided parameters that are at their null."""
         at_null = self.theta <= self.problem.lower + 1e-6 * self.problem.scale
         own = mask(self.problem.model, self.explanation)
-        return np.flatnonzero(self._inside | (own & self.problem.model.parameters.one_sided & at_null))
+        return own & self.problem.model.parameters.one_sided & at_null
+
+    @cached_property
+    def _gradient(self) -> Floats:
+        """(parameters,) half the objective's, in prior widths."""
+        return self.x + self.jacobian.T @ self.residual
 
     @cached_property
     def log_evidence(self) -> float:
         """Laplace evidence; one-sided priors count with their ln 2 and the posterior mass on their side.
 
-        A fit that has not converged counts as it stands.
+        A fit counts as it stands. Of what its slopes promise only that counts which lies beyond the null: at a kink of
+        the model they promise a step that leads nowhere.
         """
-        return self._laplace(trust_step=self.converged)
+        return self._laplace(trusted=self._at_null & (self._gradient > 0.0) if self.converged else None)
 
     @cached_property
     def promise(self) -> float:
         """The evidence that a further step of the straightened model promises."""
-        return self._laplace(trust_step=True)
+        return self._laplace(trusted=np.ones_like(self._at_null))
 
     @cached_property
     def gaussian_log_evidence(self) -> float:
         """Log of N(y; 0, 1 + HHᵀ) of the straightened model without its constant, over what no bound holds."""
         return self._straight(self.inner, self.inner).log_evidence_base
 
-    def _laplace(self, *, trust_step: bool) -> float:
-        free, h = self.moving, -self.jacobian[:, self.moving]
+    def _laplace(self, trusted: NDArray[np.bool_] | None) -> float:
+        free = self.moving
         if not self.sane:
             return -np.inf
         factor = self._factor
-        gradient = self.x[free] - h.T @ self.residual
+        gradient = self._gradient[free]
+        if trusted is not None:
+            gradient = gradient * trusted[free]
         step = solve_triangular(factor, gradient, lower=True)
-        objective = self.objective - (float(step @ step) if trust_step else 0.0)
+        objective = self.objective - (float(step @ step) if trusted is not None else 0.0)
         value = -0.5 * objective - float(np.log(np.diag(factor)).sum())
         one_sided = self.problem.model.parameters.one_sided
         own = np.array([i for i in self.explanation.parameters if i in set(free)], dtype=int)

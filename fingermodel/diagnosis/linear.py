@@ -13,7 +13,7 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
-from scipy.special import log_ndtr, ndtr, ndtri
+from scipy.special import log_ndtr, ndtri_exp
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -116,7 +116,12 @@ def log_mass(mean: Floats, precision: Floats, one_sided: NDArray[np.bool_]) -> f
 
 
 def _log_orthant(mean: Floats, covariance: Floats, draws: int = 512) -> float:
-    """Ln P(x > 0) of a Gaussian by sequential conditioning (Geweke, Hajivassiliou, Keane)."""
+    """Ln P(x > 0) of a Gaussian by sequential conditioning (Geweke, Hajivassiliou, Keane).
+
+    What is least likely comes first (Gibson, Glasbey and Elston 1994): drawn later, hardly a point would reach it.
+    """
+    order = np.argsort(mean / np.sqrt(np.diag(covariance)))
+    mean, covariance = mean[order], covariance[np.ix_(order, order)]
     factor = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(len(mean)))
     last = len(mean) - 1
     uniform = _evenly(draws, last)
@@ -124,10 +129,11 @@ def _log_orthant(mean: Floats, covariance: Floats, draws: int = 512) -> float:
     log_weight = np.zeros(draws)
     for i in range(len(mean)):
         limit = -(mean[i] + z[:, :i] @ factor[i, :i]) / factor[i, i]
-        log_weight += log_ndtr(-limit)
+        above = log_ndtr(-limit)
+        log_weight += above
         if i < last:
-            below = ndtr(limit)
-            z[:, i] = ndtri(np.clip(below + uniform[:, i] * (1.0 - below), 1e-15, 1.0 - 1e-15))
+            # Drawn beyond the limit by their logarithm: however far out that is, they differ.
+            z[:, i] = -ndtri_exp(np.log(uniform[:, i]) + above)
     top = log_weight.max()
     return float(top + np.log(np.mean(np.exp(log_weight - top))))
 

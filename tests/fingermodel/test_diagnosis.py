@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 from scipy.stats import multivariate_normal, norm
 
 from fingermodel.diagnosis.calibration import calibrate
@@ -66,6 +67,25 @@ def test_several_one_sided_priors_count_with_their_orthant() -> None:
     expected = np.log(8.0 * np.mean(np.all(draws > 0.0, axis=1)))
     value = log_mass(mean, np.asarray(np.linalg.inv(covariance)), np.array([True] * 3))
     assert value == pytest.approx(expected, abs=0.02)
+
+
+@pytest.mark.parametrize("pull", [1.0, 40.0])
+@pytest.mark.parametrize("correlation", [-0.9, 0.0, 0.9])
+@pytest.mark.parametrize("order", [[0, 1], [1, 0]])
+def test_what_is_held_at_its_null_counts_however_hard_it_is_pulled(
+    pull: float, correlation: float, order: list[int]
+) -> None:
+    """One at its null, whose mean lies far beyond it, and one that stands half a width from its own."""
+    covariance = np.array([[1.0, correlation], [correlation, 1.0]])
+    mean = np.array([0.0, 0.5]) - pull * covariance[:, 0]
+    # Exact by one integral: the second's mass where it is positive, given the first.
+    a = np.linspace(0.0, 20.0 / pull, 20_001)
+    spread = np.sqrt(1.0 - correlation**2)
+    given_a = mean[1] + correlation * (a - mean[0])
+    logs = norm.logpdf(a, mean[0]) + norm.logcdf(given_a / spread)
+    expected = logs.max() + np.log(trapezoid(np.exp(logs - logs.max()), a)) + 2.0 * np.log(2.0)
+    precision = np.asarray(np.linalg.inv(covariance[np.ix_(order, order)]))
+    assert log_mass(mean[order], precision, np.array([True, True])) == pytest.approx(expected, abs=0.01)
 
 
 @given(st.integers(0, 10_000))

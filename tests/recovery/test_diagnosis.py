@@ -153,6 +153,21 @@ def test_every_single_is_taken_to_its_end_where_readings_are_few() -> None:
     assert found.evidence.probability[("centre_migration",)] > found.evidence.probability[None]
 
 
+@pytest.mark.parametrize(("kind", "seed"), [("one", 3028), (None, "DEV-09"), (None, "synek2019_H02")])
+def test_no_evidence_is_beyond_what_an_optimum_allows(tmp_path: Path, kind: Kind | None, seed: Any) -> None:
+    """At a kink slopes promise steps that lead nowhere; counted with, they made up to 50 units of evidence."""
+    if kind is not None:
+        draw_session(tmp_path, seed, draw_truth(kind, seed)[0])
+    bench, found = diagnosed(seed if kind is None else str(tmp_path))
+    one_sided = bench.model.parameters.one_sided
+    for fitted in found.search.fitted:
+        h = fitted.jacobian[:, fitted.moving]
+        _, log_det = np.linalg.slogdet(np.eye(h.shape[1]) + h.T @ h)
+        sides = one_sided[list(fitted.explanation.parameters)].sum()
+        allowed = -0.5 * (fitted.objective + log_det) + sides * np.log(2.0)
+        assert fitted.log_evidence < allowed + 0.1
+
+
 @pytest.mark.full
 def test_a_thorough_search_goes_on_whatever_hope_there_is() -> None:
     bench, found = diagnosed("DEV-12")
