@@ -93,7 +93,9 @@ def refit(
 def diagnose(
     sessions: Annotated[list[str], typer.Argument(help="One session, or several: then pooled as well.")],
     model: ModelOption = None,
-    thorough: Annotated[bool, typer.Option(help="More starts and more pairs; may take a minute.")] = False,
+    thorough: Annotated[
+        bool, typer.Option(help="More starts and pairs, and every single to its end; may take a minute.")
+    ] = False,
     effect: EffectFiles = None,
     frozen: Annotated[
         list[Path] | None,

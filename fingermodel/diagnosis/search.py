@@ -86,11 +86,12 @@ class Search:
 
 
 class Searcher:
-    """Fits and remembers the best optimum of each explanation."""
+    """Fits and remembers the best optimum of each explanation, and another that promises to become better yet."""
 
     def __init__(self, problem: Problem, progress: Callable[[float], None] | None = None) -> None:
         self.problem = problem
         self.best: dict[Explanation, Fitted] = {}
+        self._deeper: dict[Explanation, Fitted] = {}
         self._finished: dict[Explanation, Fitted] = {}
         self._priors: dict[Explanation, float] = {}
         self._tried: set[Fitted] = set()
@@ -127,8 +128,14 @@ class Searcher:
     def _keep(self, explanation: Explanation, problem: Problem, solution: Solution) -> None:
         found = self._fitted(explanation, problem, solution)
         old = self.best.get(explanation)
-        if old is None or found.objective < old.objective - 1e-6:
+        if old is None:
             self.best[explanation] = found
+            return
+        better, worse = (found, old) if found.objective < old.objective - 1e-6 else (old, found)
+        self.best[explanation] = better
+        # What has just been begun in a deeper valley may still stand higher.
+        if not worse.converged and worse.promise > better.promise + WORTHWHILE:
+            self._deeper[explanation] = worse
 
     def _fitted(self, explanation: Explanation, problem: Problem, solution: Solution) -> Fitted:
         x = np.where(np.abs(solution.x) < ROUNDING, 0.0, solution.x)
@@ -254,8 +261,12 @@ class Searcher:
             unsure = far_off(best, FAR) and not self._lost
             forced = at_least * count if unsure else count if size == 1 else 0
             for place, one in enumerate(ranked[: count * share]):
-                if not one.converged and (place < forced or one.promise > best.log_evidence - RACE / size):
-                    self.go_on(one, evaluations)
+                deeper = self._deeper.pop(one.explanation, None)
+                for valley in (one, deeper):
+                    if valley is None or valley.converged:
+                        continue
+                    if place < forced or valley.promise > best.log_evidence - RACE / size:
+                        self.go_on(valley, evaluations)
 
     def _finish(self, size: int) -> None:
         """Take all of a size to their end: some valleys look no better than others until far down."""

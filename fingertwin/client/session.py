@@ -126,7 +126,7 @@ class Session:
 
         Args:
             model: to diagnose.
-            thorough: more starts and more pairs; may take a minute.
+            thorough: more starts and pairs, and every single to its end; may take a minute.
             effects: users' own effects that take part.
             timeout_s: after which the service gives the job up.
         """

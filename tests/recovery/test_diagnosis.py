@@ -143,6 +143,16 @@ def test_what_the_bent_base_hides_is_found_from_where_all_candidates_fit(
     assert least > 1.3 * min(f.objective for f in found.search.fitted)
 
 
+def test_a_valley_is_not_given_up_for_one_in_which_less_is_left_at_first(tmp_path: Path) -> None:
+    draw_session(tmp_path, 1098, draw_truth("two", 1098)[0])
+    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    pair = {"fdp_fds_coupling", "intrinsic_bowstring"}
+    # Begun from the single, the pair gains nothing more; begun from where all candidates fit, it takes longer.
+    assert min(f.objective for f in found.search.fitted if set(f.explanation.names) == pair) < 400.0
+    single = min(f.objective for f in found.search.fitted if f.explanation.names == ("intrinsic_bowstring",))
+    assert single > 420.0
+
+
 def test_every_single_is_taken_to_its_end_where_readings_are_few() -> None:
     # With centres that move round the heads, the fit gains next to nothing for twenty evaluations, and then much.
     _, found = diagnosed("synek2019_H02")

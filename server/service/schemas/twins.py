@@ -48,7 +48,9 @@ class AskedDiagnosis(Form):
     """Where a model fails, and which effect is missing."""
 
     model: Model = None
-    thorough: Annotated[bool, Field(description="More starts and more pairs; may take a minute.")] = False
+    thorough: Annotated[
+        bool, Field(description="More starts and pairs, and every single to its end; may take a minute.")
+    ] = False
     effects: Names = Field(default_factory=list, description="Users' own effects that take part.")
     timeout_s: Timeout = None
 
