@@ -110,7 +110,7 @@ class Searcher:
     def go_on(self, fitted: Fitted, evaluations: int, *, finely: bool = False) -> Fitted:
         """Take a fit further from where it stands, as if it had not ended; finely if its optimum is to be known."""
         solution = self._solve(fitted.problem, fitted.theta, evaluations, fitted.solution, finely=finely)
-        self._keep(fitted.explanation, fitted.problem, solution)
+        self._keep(fitted.explanation, fitted.problem, solution, fitted)
         return self.best[fitted.explanation]
 
     def _solve(
@@ -125,7 +125,9 @@ class Searcher:
         floor = FLOOR / 10.0 if finely else FLOOR
         return solve(problem, start, floor, evaluations, crawl=CRAWL, bends=finely, begun=begun)
 
-    def _keep(self, explanation: Explanation, problem: Problem, solution: Solution) -> None:
+    def _keep(
+        self, explanation: Explanation, problem: Problem, solution: Solution, begun: Fitted | None = None
+    ) -> None:
         found = self._fitted(explanation, problem, solution)
         old = self.best.get(explanation)
         if old is None:
@@ -133,8 +135,8 @@ class Searcher:
             return
         better, worse = (found, old) if found.objective < old.objective - 1e-6 else (old, found)
         self.best[explanation] = better
-        # What has just been begun in a deeper valley may still stand higher.
-        if not worse.converged and worse.promise > better.promise + WORTHWHILE:
+        # What has just been begun in a deeper valley may still stand higher; where a fit came from is none.
+        if worse is not begun and not worse.converged and worse.promise > better.promise + WORTHWHILE:
             self._deeper[explanation] = worse
 
     def _fitted(self, explanation: Explanation, problem: Problem, solution: Solution) -> Fitted:
@@ -175,8 +177,14 @@ class Searcher:
         self._polish(candidates)
         self._progress(1.0)
         searched = 1 + len(candidates) + len(pairs_of(candidates))
-        together = self._together(candidates).chi2 if self._lost else None
+        together = self._all_leave(candidates) if self._lost else None
         return Search(self.best[NOTHING_MISSING], tuple(self.best.values()), searched, together)
+
+    def _all_leave(self, candidates: tuple[Candidate, ...]) -> float:
+        """χ² that all candidates at once leave, fitted as far as what is held against it."""
+        found = self._together(candidates)
+        solution = self._solve(found.problem, found.theta, LAST, found.solution, finely=True)
+        return self._fitted(found.explanation, found.problem, solution).chi2
 
     def _hopeless(self, candidates: tuple[Candidate, ...]) -> bool:
         """Whether even all candidates at once leave the readings far off: then no few of them can do better.
