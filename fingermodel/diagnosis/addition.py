@@ -13,7 +13,7 @@ from daq.errors import ModelError
 from fingermodel.diagnosis.candidates import NOTHING_MISSING, Candidate, Explanation, candidates_of, joined, single
 from fingermodel.diagnosis.evidence import weigh_one
 from fingermodel.diagnosis.fitted import require_sane
-from fingermodel.diagnosis.search import LAST, Searcher
+from fingermodel.diagnosis.fitter import LAST, Fitter
 from fingermodel.effects.formula_tree import near
 from fingermodel.fit_report import Fit
 from fingermodel.model import Model
@@ -85,23 +85,23 @@ def add_effects(
     sagittal = model.finger.judged_in == "sagittal"
     choices = chosen_candidates(model, names, sagittal=sagittal)
     problem = map_problem(model, observations, None, held)
-    searcher = Searcher(problem)
-    base = searcher.base(start)
+    fitter = Fitter(problem)
+    base = fitter.base(start)
     best, best_value = NOTHING_MISSING, -np.inf
     options = [[single(c, k) for c in found for k in range(len(c.alternatives))] for found in choices]
     for combination in product(*options) if names else ():
         explanation = _together(combination)
         if explanation is None:
             continue
-        fitted = searcher.fit(explanation, [searcher.expected(base, explanation), problem.centre], LAST)
+        fitted = fitter.fit(explanation, [fitter.expected(base, explanation), problem.centre], LAST)
         if best is NOTHING_MISSING or fitted.log_evidence > best_value:
             best, best_value = explanation, fitted.log_evidence
     parameters = model.parameters.names
     free_names = (*held, *(parameters[i] for i in best.parameters))
     final = map_problem(model, observations, None, free_names)
-    fit = refit_map(final, start=require_sane(searcher.best[best]).theta, starts=starts)
+    fit = refit_map(final, start=require_sane(fitter.best[best]).theta, starts=starts)
     every = tuple(c for found in choices for c in found)
-    both = [weigh_one(problem, searcher.best[e], every).log_evidence for e in (NOTHING_MISSING, best)]
+    both = [weigh_one(problem, fitter.best[e], every).log_evidence for e in (NOTHING_MISSING, best)]
     return Addition(fit, best.names, both[1] - both[0])
 
 

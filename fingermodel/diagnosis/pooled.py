@@ -17,8 +17,8 @@ from scipy.special import logsumexp
 from fingermodel.diagnosis.candidates import NOTHING_MISSING, Candidate, log_prior, log_prior_else, single
 from fingermodel.diagnosis.diagnose import Diagnosis, diagnose
 from fingermodel.diagnosis.evidence import Weighed, weigh_one
+from fingermodel.diagnosis.fitter import Fitter
 from fingermodel.diagnosis.linear import log_mass
-from fingermodel.diagnosis.search import Searcher
 from fingermodel.diagnosis.verdict import SURE
 from fingermodel.model import Model
 from fingermodel.observations import Observations
@@ -202,10 +202,10 @@ def _fit(d: Diagnosis, name: str, alternative: int) -> Weighed:
     explanation = single(candidate, min(alternative, len(candidate.alternatives) - 1))
     known = next((f for f in d.search.fitted if f.explanation == explanation and f.converged), None)
     if known is None:
-        searcher, nothing = Searcher(d.problem), d.search.nothing
-        searcher.best[NOTHING_MISSING] = nothing
+        fitter, nothing = Fitter(d.problem), d.search.nothing
+        fitter.best[NOTHING_MISSING] = nothing
         # From its null there is a fit, should what is expected lead to none.
-        known = searcher.fit(explanation, [searcher.expected(nothing, explanation), nothing.theta], 30)
+        known = fitter.fit(explanation, [fitter.expected(nothing, explanation), nothing.theta], 30)
     return weigh_one(d.problem, known, d.candidates)
 
 

@@ -21,8 +21,8 @@ from fingermodel.diagnosis.evidence import (
     other_at_budget,
     weigh_one,
 )
+from fingermodel.diagnosis.fitter import Fitter
 from fingermodel.diagnosis.linear import log_mass
-from fingermodel.diagnosis.search import Searcher
 from fingermodel.diagnosis.verdict import Verdict
 from fingermodel.diagnosis.wildcard import Wildcard
 from fingermodel.problems import Problem
@@ -269,8 +269,8 @@ def _refitted(
     whitener = np.zeros_like(problem.whitener)
     whitener[kept] = np.linalg.inv(np.linalg.cholesky(covariance[kept]))
     part = replace(problem, whitener=whitener)
-    searcher = Searcher(part)
-    fits = ((w, searcher.fit(w.explanation, [w.fitted.theta], REFIT)) for w in (one.weighed for one in asked))
+    fitter = Fitter(part)
+    fits = ((w, fitter.fit(w.explanation, [w.fitted.theta], REFIT)) for w in (one.weighed for one in asked))
     values = ((w, weigh_one(part, fitted, candidates).log_evidence if fitted.sane else -np.inf) for w, fitted in fits)
     return _by_names(values)
 

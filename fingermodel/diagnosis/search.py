@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,26 +18,16 @@ from fingermodel.diagnosis.candidates import (
     pairs_of,
     single,
 )
-from fingermodel.diagnosis.fitted import Fitted, far_off, objective_of, require_sane
+from fingermodel.diagnosis.fitted import Fitted, far_off
+from fingermodel.diagnosis.fitter import BASE_STARTS, FIRST, LAST, SECOND, WORTHWHILE, Fitter, fit_from, further
 from fingermodel.diagnosis.screening import best_form, companions, pairs_about
 from fingermodel.problems import Problem
-from fingermodel.refit import drawn_starts, solve
-from fingermodel.solver import Solution
 
 Floats = NDArray[np.float64]
 
-# Further starts of the base model, drawn from its priors; its optima are several (see docs/decisions/0007).
-BASE_STARTS = 3
-# Of these, where none of the first led anywhere.
-BASE_AGAIN = 12
 # How many pairs are refitted, and from how many of the best singles' optima pairs are screened.
 PAIRS = 20
 HOSTS = 4
-# Most fits only have to show that they are not in question; those that are get finished.
-FLOOR = 0.03
-FIRST, SECOND, LAST = 3, 15, 60
-# What is far from fitting need not be known to the last digit: see `minimise`.
-CRAWL = 3e-3
 # Log evidence within which singles are taken further, and explanations are finished.
 RACE, CONTENDERS = 30.0, 8.0
 # Further evaluations of each heat; how many run in it for each that is wanted, and how many whatever they promise where
@@ -59,10 +49,6 @@ ABOVE = 12
 ROUNDS, RIVALS = 3, 8
 # Pairs whose members are tried alone.
 HALVED = 3
-# Prior widths from the centre that are none.
-ROUNDING = 1e-9
-# Log evidence that a pair must promise beyond what it has.
-WORTHWHILE = 1.0
 # An alternative is refitted if its screened evidence is within this much of the best one's.
 NEAR = 4.0
 
@@ -85,64 +71,17 @@ class Search:
     together: float | None = None
 
 
-class Searcher:
-    """Fits and remembers the best optimum of each explanation, and another that promises to become better yet."""
+class Searcher(Fitter):
+    """Fits the base model, all singles and the most promising pairs, and finishes those that are in question."""
 
     def __init__(self, problem: Problem, progress: Callable[[float], None] | None = None) -> None:
-        self.problem = problem
-        self.best: dict[Explanation, Fitted] = {}
-        self._deeper: dict[Explanation, Fitted] = {}
+        super().__init__(problem)
         self._finished: dict[Explanation, Fitted] = {}
         self._priors: dict[Explanation, float] = {}
         self._tried: set[Fitted] = set()
         self._all: Fitted | None = None
         self._lost = False
         self._progress = progress or (lambda _: None)
-
-    def fit(self, explanation: Explanation, starts: Iterable[Floats], evaluations: int = FIRST) -> Fitted:
-        """Solve from each start (parameters,) and keep the best optimum ever found of this explanation."""
-        problem = replace(self.problem, free=self.problem.free | mask(self.problem.model, explanation))
-        for start in starts:
-            guess = np.where(problem.free, np.clip(start, problem.lower, problem.upper), problem.centre)
-            self._keep(explanation, problem, self._solve(problem, guess, evaluations))
-        return self.best[explanation]
-
-    def go_on(self, fitted: Fitted, evaluations: int, *, finely: bool = False) -> Fitted:
-        """Take a fit further from where it stands, as if it had not ended; finely if its optimum is to be known."""
-        solution = self._solve(fitted.problem, fitted.theta, evaluations, fitted.solution, finely=finely)
-        self._keep(fitted.explanation, fitted.problem, solution, fitted)
-        return self.best[fitted.explanation]
-
-    def _solve(
-        self,
-        problem: Problem,
-        start: Floats,
-        evaluations: int,
-        begun: Solution | None = None,
-        *,
-        finely: bool = False,
-    ) -> Solution:
-        floor = FLOOR / 10.0 if finely else FLOOR
-        return solve(problem, start, floor, evaluations, crawl=CRAWL, bends=finely, begun=begun)
-
-    def _keep(
-        self, explanation: Explanation, problem: Problem, solution: Solution, begun: Fitted | None = None
-    ) -> None:
-        found = self._fitted(explanation, problem, solution)
-        old = self.best.get(explanation)
-        if old is None:
-            self.best[explanation] = found
-            return
-        better, worse = (found, old) if found.objective < old.objective - 1e-6 else (old, found)
-        self.best[explanation] = better
-        # What has just been begun in a deeper valley may still stand higher; where a fit came from is none.
-        if worse is not begun and not worse.converged and worse.promise > better.promise + WORTHWHILE:
-            self._deeper[explanation] = worse
-
-    def _fitted(self, explanation: Explanation, problem: Problem, solution: Solution) -> Fitted:
-        x = np.where(np.abs(solution.x) < ROUNDING, 0.0, solution.x)
-        theta = problem.centre + problem.scale * x
-        return Fitted(explanation, theta, x, objective_of(solution), solution, problem)
 
     def run(self, candidates: tuple[Candidate, ...], start: Floats | None = None, thorough: bool = False) -> Search:
         """Fit nothing, all singles and the best pairs; each from the others' optima too.
@@ -177,14 +116,9 @@ class Searcher:
         self._polish(candidates)
         self._progress(1.0)
         searched = 1 + len(candidates) + len(pairs_of(candidates))
-        together = self._all_leave(candidates) if self._lost else None
+        # Fitted as far as what is held against it.
+        together = further(self._together(candidates), LAST, finely=True).chi2 if self._lost else None
         return Search(self.best[NOTHING_MISSING], tuple(self.best.values()), searched, together)
-
-    def _all_leave(self, candidates: tuple[Candidate, ...]) -> float:
-        """χ² that all candidates at once leave, fitted as far as what is held against it."""
-        found = self._together(candidates)
-        solution = self._solve(found.problem, found.theta, LAST, found.solution, finely=True)
-        return self._fitted(found.explanation, found.problem, solution).chi2
 
     def _hopeless(self, candidates: tuple[Candidate, ...]) -> bool:
         """Whether even all candidates at once leave the readings far off: then no few of them can do better.
@@ -202,11 +136,11 @@ class Searcher:
             own = sorted({i for c in candidates for parameters in c.alternatives for i in parameters})
             every = Explanation(tuple(c.name for c in candidates), (), tuple(own))
             problem = replace(self.problem, free=self.problem.free | mask(self.problem.model, every))
-            found = self._solve(problem, problem.centre, TOGETHER)
-            if found.objective > HOPELESS * len(problem.rows):
-                other = self._solve(problem, self.best[NOTHING_MISSING].theta, TOGETHER)
-                found = min(found, other, key=lambda s: s.objective)
-            self._all = self._fitted(every, problem, found)
+            found = fit_from(every, problem, problem.centre, TOGETHER)
+            if found.solution.objective > HOPELESS * len(problem.rows):
+                other = fit_from(every, problem, self.best[NOTHING_MISSING].theta, TOGETHER)
+                found = min(found, other, key=lambda f: f.solution.objective)
+            self._all = found
         return self._all
 
     def _above(self, candidates: tuple[Candidate, ...]) -> Fitted:
@@ -226,37 +160,12 @@ class Searcher:
         for explanation in sorted(offers, key=lambda e: -promise[e])[:count]:
             self.fit(explanation, [self.expected(host, explanation)], 2 * FIRST)
 
-    def base(self, start: Floats | None = None, drawn: int = BASE_STARTS) -> Fitted:
-        """Fit the model without any effect.
-
-        From one start it may end in a posture that transmits no force, which is no optimum: hence some are drawn.
-
-        Raises:
-            SessionError: it ends there from all of them.
-        """
-        starts = [self.problem.centre] if start is None else [start, self.problem.centre]
-        further = drawn_starts(self.problem, max(drawn, BASE_AGAIN))
-        nothing = self.fit(NOTHING_MISSING, [*starts, *further[:drawn]], SECOND)
-        if not nothing.sane:
-            nothing = self.fit(NOTHING_MISSING, further[drawn:], SECOND)
-        return require_sane(self.go_on(nothing, LAST, finely=True))
-
     def _single(self, candidate: Candidate, host: Fitted) -> None:
         gains = [host.everything.gain(parameters) for parameters in candidate.alternatives]
         for k, gain in enumerate(gains):
             if gain >= max(gains) - NEAR:
                 explanation = single(candidate, k)
                 self.fit(explanation, [self.expected(host, explanation)])
-
-    def expected(self, host: Fitted, explanation: Explanation) -> Floats:
-        """Where the straightened model about an optimum expects another explanation's optimum."""
-        free, mean = host.everything.mean(explanation.parameters)
-        expected = host.x.copy()
-        expected[free] = mean
-        # A straight line is not to be trusted further than the priors reach.
-        x: Floats = np.clip(expected, -4.0, 4.0)
-        out: Floats = self.problem.centre + self.problem.scale * x
-        return out
 
     def _race(self, count: int, size: int = 1) -> None:
         """Take those of a size further that may still win: in each heat longer, and fewer."""
@@ -269,7 +178,7 @@ class Searcher:
             unsure = far_off(best, FAR) and not self._lost
             forced = at_least * count if unsure else count if size == 1 else 0
             for place, one in enumerate(ranked[: count * share]):
-                deeper = self._deeper.pop(one.explanation, None)
+                deeper = self.deeper.pop(one.explanation, None)
                 for valley in (one, deeper):
                     if valley is None or valley.converged:
                         continue
@@ -357,21 +266,24 @@ class Searcher:
     def _in_question(self, candidates: tuple[Candidate, ...], margin: float) -> list[Explanation]:
         """What may still come within a margin of the leader, and nothing; those with most evidence so far first."""
         limit = self._limit(candidates, margin)
-        hopeful = [e for e in self.best if e.size == 0 or self._hope(e, candidates) > limit]
+        hopeful = [e for e in self.best if self._may_reach(limit, e, candidates)]
         return sorted(hopeful, key=lambda e: -self._value(e, candidates))
 
     def _turn(
         self, explanation: Explanation, candidates: tuple[Candidate, ...], margin: float, evaluations: int
     ) -> None:
         """Take a fit further unless it is out of the question by now."""
-        if explanation.size == 0 or self._hope(explanation, candidates) > self._limit(candidates, margin):
+        if self._may_reach(self._limit(candidates, margin), explanation, candidates):
             self.go_on(self.best[explanation], evaluations, finely=True)
+
+    def _may_reach(self, limit: float, explanation: Explanation, candidates: tuple[Candidate, ...]) -> bool:
+        return explanation.size == 0 or self._hope(explanation, candidates) > limit
 
     def _hope(self, explanation: Explanation, candidates: tuple[Candidate, ...]) -> float:
         return self.best[explanation].promise + self._log_prior(explanation, candidates)
 
     def _limit(self, candidates: tuple[Candidate, ...], margin: float) -> float:
-        return max(self._value(e, candidates) for e in self.best) - margin
+        return self._value(self._leader(candidates).explanation, candidates) - margin
 
     def _would_lead(self, explanation: Explanation, candidates: tuple[Candidate, ...]) -> bool:
         """Whether a fit that is not done promises more than anything else has."""

@@ -14,7 +14,7 @@ from fingermodel.diagnosis.beyond import Form, forms, known_beyond
 from fingermodel.diagnosis.candidates import NOTHING_MISSING, candidates_of
 from fingermodel.diagnosis.evidence import KNOWN_THINGS, Known
 from fingermodel.diagnosis.fitted import Fitted
-from fingermodel.diagnosis.search import Searcher
+from fingermodel.diagnosis.fitter import Fitter
 from fingermodel.effects.user import shipped_effects
 from fingermodel.problems import Problem, map_problem
 from server.commands.additions import add_bench
@@ -29,7 +29,7 @@ def problem_of(bench: Bench) -> Problem:
 
 def base_of(bench: Bench) -> Fitted:
     problem = problem_of(bench)
-    return Searcher(problem).fit(NOTHING_MISSING, [problem.centre], 60)
+    return Fitter(problem).fit(NOTHING_MISSING, [problem.centre], 60, finely=True)
 
 
 def known_in(bench: Bench) -> tuple[Known, ...]:
