@@ -93,7 +93,7 @@ def add_effects(
         explanation = _together(combination)
         if explanation is None:
             continue
-        fitted = fitter.fit(explanation, [fitter.expected(base, explanation), problem.centre], LAST)
+        fitted = fitter.fit(explanation, [fitter.expected(base, explanation), problem.centre], LAST, finely=True)
         if best is NOTHING_MISSING or fitted.log_evidence > best_value:
             best, best_value = explanation, fitted.log_evidence
     parameters = model.parameters.names
