@@ -29,7 +29,7 @@ from fingermodel.diagnosis.evidence import (
     scales,
 )
 from fingermodel.diagnosis.fitted import Fitted, far_off, objective_of
-from fingermodel.diagnosis.linear import Linear, posterior
+from fingermodel.diagnosis.linear import Linear, Posterior
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard, form_of, rms_of
 from fingermodel.model import tip_kinematics_batch
 from fingermodel.problems import Problem
@@ -266,7 +266,7 @@ def _gain(linear: Linear, problem: Problem, form: Form) -> float:
     columns = _rows_of(problem, form.columns)
     solved = linear.project(columns)
     hessian = np.eye(columns.shape[1]) + columns.T @ solved
-    s = solved.T @ linear.y
+    s = columns.T @ linear.unexplained
     return float(0.5 * s @ np.linalg.solve(hessian, s) - 0.5 * np.linalg.slogdet(hessian)[1] + np.log(form.share))
 
 
@@ -287,7 +287,12 @@ def _weigh(nothing: Fitted, unbent: Fitted, found: _Found, candidates: tuple[Can
     if _catalogue_has_it(now, own_rows, candidates):
         return None
     form = Wildcard.of(form_of(problem, change) * strength / (strength + CLEAR), FORM_ERRORS)
-    linear = replace(now.linear, y=now.linear.y + own_rows, h=np.concatenate([now.linear.h, columns], axis=1))
+    linear = replace(
+        now.linear,
+        residual=now.residual + own_rows,
+        h=np.concatenate([now.linear.h, columns], axis=1),
+        x=np.concatenate([now.linear.x, np.zeros(columns.shape[1])]),
+    )
     added = now.linear.h.shape[1] + np.arange(columns.shape[1])
     each: list[tuple[float, float]] = []
     for factor in BUDGET_FACTORS:
@@ -295,9 +300,7 @@ def _weigh(nothing: Fitted, unbent: Fitted, found: _Found, candidates: tuple[Can
         free, scale = np.concatenate([free, added]), np.concatenate([scale, np.ones(len(added))])
         value, error = form.log_marginal(form.profile(linear, free, scale), FORM_ERROR)
         each.append((value, estimates_of(linear, free, scale, form, error)[0]))
-    # The straightened model knows nothing of bounds: what the cut priors change comes from the fit itself.
-    correction = now.log_evidence - now.gaussian_log_evidence
-    total = np.array([value for value, _ in each]) + budget_log_weight() + correction
+    total = np.array([value for value, _ in each]) + budget_log_weight() + now.of_bounds
     misfit = each[int(np.argmax(total))][1]
     readings = len(problem.rows)
     excess = max(nothing.objective - readings, 1.0)
@@ -313,10 +316,12 @@ def _sizes(now: Fitted, columns: Floats, change: Floats) -> tuple[Floats, float]
     And how many standard deviations they lie from none.
     """
     problem, free = now.problem, now.inner
-    y = now.linear.y + problem.whitener @ change.reshape(-1)[problem.rows]
-    h = np.concatenate([now.linear.h[:, free], columns], axis=1)
-    values, covariance = posterior(y, h)
-    size, own = values[len(free) :], covariance[len(free) :, len(free) :]
+    beside = Posterior(
+        now.residual + problem.whitener @ change.reshape(-1)[problem.rows],
+        np.concatenate([now.linear.h[:, free], columns], axis=1),
+        np.concatenate([now.x[free], np.zeros(columns.shape[1])]),
+    )
+    size, own = beside.values[len(free) :], beside.covariance[len(free) :, len(free) :]
     return size, float(np.sqrt(size @ np.linalg.solve(own, size)))
 
 

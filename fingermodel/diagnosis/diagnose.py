@@ -121,7 +121,7 @@ def diagnose(
         lambda w: validation_rmse(problem, comparisons[w.explanation.names]),
     )
     verdict = enough(problem, verdict)
-    questioned = robustness(problem, evidence, verdict, wildcard, candidates if thorough else ())
+    questioned = robustness(problem, evidence, verdict, wildcard, candidates, thorough=thorough)
     if verdict.kind == "nothing_missing":
         unseen = held_out(evidence.nothing.fitted, evidence.nothing.budget_factor)
         if unseen.surprising:

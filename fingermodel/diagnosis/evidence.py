@@ -17,7 +17,7 @@ from scipy.special import chdtrc, logsumexp
 
 from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else, members
 from fingermodel.diagnosis.fitted import Fitted
-from fingermodel.diagnosis.linear import Linear, posterior
+from fingermodel.diagnosis.linear import Linear, Posterior
 from fingermodel.diagnosis.search import Search
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard, form_of, rms_of
 from fingermodel.problems import Problem
@@ -199,12 +199,9 @@ def _in_question(ranked: Sequence[Fitted]) -> list[Fitted]:
 
 def weigh_one(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]) -> Weighed:
     """Weigh one fit, its budget and its form left open."""
-    change = change_of(problem, fitted, fitted.explanation.parameters)
-    form = Wildcard.of(_form_columns(problem, fitted, candidates, change), FORM_ERRORS)
+    change, form = _change_and_form(problem, fitted, candidates)
     each = [at_budget(fitted, form, b) for b in BUDGET_FACTORS]
-    # The straightened model knows nothing of bounds: what the cut priors change comes from the fit itself.
-    correction = fitted.log_evidence - fitted.gaussian_log_evidence
-    total = np.array([value for value, _ in each]) + correction + budget_log_weight()
+    total = np.array([value for value, _ in each]) + fitted.of_bounds + budget_log_weight()
     best = int(np.argmax(total))
     factor, error = float(BUDGET_FACTORS[best]), each[best][1]
     misfit, x, sd = estimates_at(fitted, form, factor, error)
@@ -221,6 +218,18 @@ def weigh_one(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...
         x,
         sd,
     )
+
+
+def evidence_as_stated(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]) -> float:
+    """Log evidence of one fit with the budget as large as the problem says, its form left open."""
+    _, form = _change_and_form(problem, fitted, candidates)
+    return at_budget(fitted, form, 1.0)[0] + fitted.of_bounds
+
+
+def _change_and_form(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]) -> tuple[Floats, Wildcard]:
+    """What an explanation changes (cases, 6) [N, N mm], and the error of its form."""
+    change = change_of(problem, fitted, fitted.explanation.parameters)
+    return change, Wildcard.of(_form_columns(problem, fitted, candidates, change), FORM_ERRORS)
 
 
 def _form_columns(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...], change: Floats) -> Floats:
@@ -270,10 +279,10 @@ def estimates_of(
 
     Both in units of their priors' widths, which are `scale` (free,) times as wide; the effect's form is in error.
     """
-    white = form.allowed_for(form_error, np.column_stack([linear.y, linear.h[:, free] * scale]))
-    y, h = white[:, 0], white[:, 1:]
-    values, covariance = posterior(y, h)
-    return float(y @ y - (h.T @ y) @ values), values, covariance
+    exact = linear.posterior(free, scale)
+    white = form.allowed_for(form_error, np.column_stack([exact.residual, exact.h]))
+    allowing = Posterior(white[:, 0], white[:, 1:], exact.x)
+    return allowing.misfit, allowing.values, allowing.covariance
 
 
 def budget_log_weight() -> Floats:

@@ -111,6 +111,11 @@ class Fitted:
         """Log of N(y; 0, 1 + HHᵀ) of the straightened model without its constant, over what no bound holds."""
         return self._straight(self.inner, self.inner).log_evidence_base
 
+    @property
+    def of_bounds(self) -> float:
+        """What bounds and cut priors change of the evidence: the straightened model knows nothing of them."""
+        return self.log_evidence - self.gaussian_log_evidence
+
     def _laplace(self, trusted: NDArray[np.bool_] | None) -> float:
         free = self.moving
         if not self.sane:
@@ -150,8 +155,10 @@ class Fitted:
         return replace(self.linear, h=-whole_slopes(self.problem, self.theta))
 
     def _straight(self, free: NDArray[np.intp], base: NDArray[np.intp]) -> Linear:
-        y = self.residual - self.jacobian[:, free] @ self.x[free]
-        return Linear(y, -self.jacobian, base, self.problem.model.parameters.one_sided)
+        # What a bound holds is no part of the straightened model: it stays as it is.
+        x = np.zeros_like(self.x)
+        x[free] = self.x[free]
+        return Linear(self.residual, -self.jacobian, base, self.problem.model.parameters.one_sided, x)
 
     @cached_property
     def covariance(self) -> Floats:

@@ -8,7 +8,7 @@ clamps through the finger's Jacobian, a tension through the slope with respect t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from fingermodel.diagnosis.beyond import torque_answer
 from fingermodel.diagnosis.fitted import Fitted
-from fingermodel.diagnosis.linear import Linear
 from fingermodel.problems import Problem
 
 Floats = NDArray[np.float64]
@@ -81,13 +80,13 @@ def hints(problem: Problem, fitted: Fitted) -> tuple[Hint, ...]:
     """
     linear = fitted.linear
     base = np.concatenate([linear.base, np.array(fitted.explanation.parameters, dtype=np.intp)])
-    straight = Linear(linear.y, linear.h, base, np.zeros(linear.h.shape[1], dtype=bool))
+    straight = replace(linear, base=base)
     noise = max(fitted.objective / max(len(problem.rows), 1), 1.0)
     terms = list(_library(problem, fitted))
     columns = problem.whitener @ np.array([change.reshape(-1)[problem.rows] * scale for _, scale, change in terms]).T
     solved = straight.project(columns)
     a = np.einsum("ij,ij->j", columns, solved) / noise
-    s = solved.T @ linear.y / noise
+    s = columns.T @ straight.unexplained / noise
     gain = 0.5 * s**2 / (1.0 + a) - 0.5 * np.log1p(a)
     best = np.argsort(-gain)
     out: list[Hint] = []

@@ -23,30 +23,49 @@ Ints = NDArray[np.intp]
 class Linear:
     """A linear model with Gaussian priors.
 
+    What is left at the optimum is kept, not y itself: near a posture that transmits no force slopes are so steep that
+    y = residual + H x is lost in its own digits, and all that is made of it.
+
     Attributes:
-        y: (n,) whitened readings, the constant part of the model taken off.
+        residual: (n,) whitened readings less the model at the point about which it is straightened out.
         h: (n, parameters) whitened slopes in prior widths.
         base: indices of the parameters that are always free.
         one_sided: (parameters,) whose prior is cut at the null.
+        x: (parameters,) that point, in prior widths about the priors' centre.
     """
 
-    y: Floats
+    residual: Floats
     h: Floats
     base: Ints
     one_sided: NDArray[np.bool_]
+    x: Floats
 
     @cached_property
-    def _base(self) -> tuple[Floats, Floats, Floats]:
-        """Cholesky factor of 1 + HᵀH over the base; Hᵀ y; and the base's slopes."""
-        h = self.h[:, self.base]
-        factor = np.asarray(np.linalg.cholesky(np.eye(h.shape[1]) + h.T @ h), dtype=np.float64)
-        return factor, h.T @ self.y, h
+    def _base(self) -> Posterior:
+        """Of the base alone."""
+        return self.posterior(self.base)
+
+    def posterior(self, free: Ints, scale: Floats | None = None) -> Posterior:
+        """What these parameters can be, all others at the priors' centre.
+
+        Args:
+            free: indices.
+            scale: (free,) factors on their priors' widths.
+        """
+        held = np.setdiff1d(np.flatnonzero(self.x), free)
+        width = np.ones(len(free)) if scale is None else scale
+        return Posterior(self.residual + self.h[:, held] @ self.x[held], self.h[:, free] * width, self.x[free] / width)
 
     def project(self, columns: Floats) -> Floats:
         """What of some columns (n, k) the base cannot explain, in the metric of C₀⁻¹: C₀⁻¹ columns."""
-        factor, _, h = self._base
-        out: Floats = columns - h @ cho_solve((factor, True), h.T @ columns)
+        base = self._base
+        out: Floats = columns - base.h @ cho_solve((base.factor, True), base.h.T @ columns)
         return out
+
+    @property
+    def unexplained(self) -> Floats:
+        """(n,) the same of the readings: C₀⁻¹ y."""
+        return self._base.left
 
     @cached_property
     def effects(self) -> Ints:
@@ -61,15 +80,13 @@ class Linear:
         solved = self.project(g)
         full, score = np.zeros((size, size)), np.zeros(size)
         full[np.ix_(self.effects, self.effects)] = g.T @ solved
-        score[self.effects] = solved.T @ self.y
+        score[self.effects] = g.T @ self.unexplained
         return full, score
 
     @cached_property
     def log_evidence_base(self) -> float:
         """Ln N(y; 0, C₀) without its constant."""
-        factor, right, _ = self._base
-        explained = solve_triangular(factor, right, lower=True)
-        return float(-0.5 * (self.y @ self.y - explained @ explained) - np.log(np.diag(factor)).sum())
+        return self._base.log_evidence
 
     def gain(self, parameters: Sequence[int], scale: float = 1.0) -> float:
         """Log evidence gained by freeing some effect parameters, their priors `scale` times as wide.
@@ -86,16 +103,59 @@ class Linear:
 
     def mean(self, parameters: Sequence[int]) -> tuple[Ints, Floats]:
         """Most probable values of the base and some effect parameters: their indices, and values in prior widths."""
-        free = np.concatenate([self.base, np.array(parameters, dtype=int)])
-        h = self.h[:, free]
-        values = np.asarray(np.linalg.solve(np.eye(len(free)) + h.T @ h, h.T @ self.y), dtype=np.float64)
-        return free.astype(np.intp), values
+        free = np.concatenate([self.base, np.array(parameters, dtype=int)]).astype(np.intp)
+        return free, self.posterior(free).values
 
 
-def posterior(y: Floats, h: Floats) -> tuple[Floats, Floats]:
-    """Most probable values (k,) and covariance (k, k) of N(0, 1) parameters whose slopes are h (n, k)."""
-    covariance = np.asarray(np.linalg.inv(np.eye(h.shape[1]) + h.T @ h), dtype=np.float64)
-    return covariance @ (h.T @ y), covariance
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Of N(0, 1) parameters whose slopes are known, from readings with N(0, 1) noise.
+
+    Attributes:
+        residual: (n,) readings less the model about some point.
+        h: (n, k) slopes.
+        x: (k,) that point.
+    """
+
+    residual: Floats
+    h: Floats
+    x: Floats
+
+    @cached_property
+    def factor(self) -> Floats:
+        """(k, k) lower Cholesky factor of 1 + HᵀH."""
+        return np.asarray(np.linalg.cholesky(np.eye(self.h.shape[1]) + self.h.T @ self.h), dtype=np.float64)
+
+    @cached_property
+    def _step(self) -> Floats:
+        """(k,) to the most probable values, turned by the factor."""
+        return np.asarray(solve_triangular(self.factor, self.h.T @ self.residual - self.x, lower=True))
+
+    @cached_property
+    def values(self) -> Floats:
+        """(k,) most probable."""
+        return np.asarray(self.x + solve_triangular(self.factor, self._step, lower=True, trans="T"))
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """(k, k) of them."""
+        return np.asarray(cho_solve((self.factor, True), np.eye(len(self.x))), dtype=np.float64)
+
+    @property
+    def misfit(self) -> float:
+        """χ² and the priors' penalty there: yᵀ (1 + HHᵀ)⁻¹ y."""
+        return float(self.residual @ self.residual + self.x @ self.x - self._step @ self._step)
+
+    @cached_property
+    def left(self) -> Floats:
+        """(n,) what the most probable values leave: (1 + HHᵀ)⁻¹ y."""
+        out: Floats = self.residual - self.h @ (self.values - self.x)
+        return out
+
+    @property
+    def log_evidence(self) -> float:
+        """Ln N(y; 0, 1 + HHᵀ) without its constant."""
+        return -0.5 * self.misfit - float(np.log(np.diag(self.factor)).sum())
 
 
 def log_mass(mean: Floats, precision: Floats, one_sided: NDArray[np.bool_]) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fingermodel.diagnosis.candidates import Candidate
 from fingermodel.diagnosis.confounding import DETECTABLE, Confounding
-from fingermodel.diagnosis.evidence import Evidence, Weighed
+from fingermodel.diagnosis.evidence import LEFT_OVER_PLAIN, Evidence, Weighed
 from fingermodel.problems import Problem
 
 Floats = NDArray[np.float64]
@@ -26,6 +26,8 @@ FORM_SHARE = 2e-3
 MOST_NAMES = 4
 # A value is believed up to this multiple of its range: ranges are typical, not limits of nature.
 RANGE_MARGIN = 1.5
+# Widths of a prior within which anatomy and budget are believed, where the budget has its stated size.
+STRAINED = 5.0
 # Cases fewer than this cannot carry a diagnosis.
 LEAST_CASES = 6
 
@@ -182,8 +184,8 @@ def _without_passengers(
     """Leave out a companion where one effect alone fits, and say why: it may only mend that effect's form.
 
     So it is if it makes the prediction of the cases never fitted worse, where the one alone leaves no more than an
-    error of its form would; or, beside a law that leaves no more than noise would, if it adds little. What is so by
-    definition, such as a mass or an angle, has no form to mend.
+    error of its form would; or, beside a law that leaves no more than noise would and foretells those cases, if it adds
+    little. What is so by definition, such as a mass or an angle, has no form to mend.
     """
     laws = {c.name for c in candidates if c.constitutive}
     pair = max(
@@ -200,7 +202,12 @@ def _without_passengers(
             continue
         if _rises(problem, validation_rmse(w), validation_rmse(pair)):
             worse.append(w)
-        elif name in laws and not w.implausible and pair.log_evidence - w.log_evidence < _mending(evidence, w):
+        elif (
+            name in laws
+            and not w.implausible
+            and not _foretells_too_little(problem, evidence, w, pair, validation_rmse)
+            and pair.log_evidence - w.log_evidence < _mending(evidence, w)
+        ):
             mended.append(w)
     alone = max((*worse, *mended), key=lambda w: w.log_evidence, default=None)
     if alone is None:
@@ -218,6 +225,21 @@ def _without_passengers(
             "would; a load case that tells the two apart (`fingertwin next`) can show whether it acts too."
         )
     return alone.explanation.names, (why,)
+
+
+def _foretells_too_little(
+    problem: Problem,
+    evidence: Evidence,
+    alone: Weighed,
+    pair: Weighed,
+    validation_rmse: Callable[[Weighed], float | None],
+) -> bool:
+    """Whether the cases never fitted need the companion: far more of their error is left than one of form could be."""
+    before, after = validation_rmse(evidence.nothing), validation_rmse(alone)
+    if before is None or after is None or not _rises(problem, validation_rmse(pair), after):
+        return False
+    noise = typical_sd(problem) ** 2
+    return after**2 - noise > LEFT_OVER_PLAIN * (before**2 - noise)
 
 
 def _mending(evidence: Evidence, alone: Weighed) -> float:
@@ -262,7 +284,7 @@ def conditions(
     strange = out_of_range(chosen)
     if strange:
         out.append(f"{strange[0]} lies outside what is plausible")
-    moved = newly_strained(evidence.nothing, chosen)
+    moved = strained(chosen)
     if moved:
         out.append(f"it needs {moved[0]} further from its prior than is plausible")
     return tuple(out)
@@ -301,15 +323,17 @@ def out_of_range(chosen: Weighed) -> tuple[str, ...]:
     return tuple(out)
 
 
-def newly_strained(nothing: Weighed, chosen: Weighed, limit: float = 5.0) -> tuple[str, ...]:
-    """Base parameters that an explanation pulls further from their prior than `limit` widths, and nothing did not."""
+def strained(chosen: Weighed) -> tuple[str, ...]:
+    """Base parameters that lie further from their prior than `STRAINED` widths, beside what an explanation changes.
+
+    What is truly missing sets the anatomy free: it does not matter whether it was bent as far without.
+    """
     table = chosen.fitted.problem.model.parameters
     own = set(chosen.explanation.parameters)
     # What only makes up for the effect's form being a little otherwise is no strain of the anatomy.
     strain = np.minimum(np.abs(chosen.fitted.x), np.abs(chosen.x_allowing))
-    strained = strain > limit * chosen.budget_factor
-    before = np.abs(nothing.fitted.x) > (limit - 1.0) * chosen.budget_factor
-    return tuple(table.names[i] for i in np.flatnonzero(strained & ~before) if i not in own)
+    beyond = np.flatnonzero(strain > STRAINED * chosen.budget_factor)
+    return tuple(table.names[i] for i in beyond if i not in own)
 
 
 def _one_of(

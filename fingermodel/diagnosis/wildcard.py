@@ -176,15 +176,11 @@ class Wildcard:
             free: indices of the free parameters.
             scale: (free,) factors on their priors' widths.
         """
-        h = linear.h[:, free] * scale
-        factor = np.linalg.cholesky(np.eye(h.shape[1]) + h.T @ h)
-        inner = solve_triangular(factor, np.column_stack([h.T @ linear.y, h.T @ self.root]), lower=True)
-        y_part, root_part = inner[:, 0], inner[:, 1:]
-        quiet = linear.y @ linear.y - y_part @ y_part
-        cross = self.root.T @ linear.y - root_part.T @ y_part
-        gram = self._gram - root_part.T @ root_part
-        explained, log_size = _at_amplitudes(gram, cross, self.amplitudes)
-        return np.asarray(-0.5 * (quiet - explained) - 0.5 * log_size - np.log(np.diag(factor)).sum())
+        without = linear.posterior(free, scale)
+        absorbed = solve_triangular(without.factor, without.h.T @ self.root, lower=True)
+        gram = self._gram - absorbed.T @ absorbed
+        explained, log_size = _at_amplitudes(gram, self.root.T @ without.left, self.amplitudes)
+        return np.asarray(without.log_evidence + 0.5 * explained - 0.5 * log_size)
 
     def allowed_for(self, amplitude: float, columns: Floats) -> Floats:
         """Whitened columns (n, k) in the metric of noise and of this process with an amplitude together."""

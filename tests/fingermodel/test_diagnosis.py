@@ -18,10 +18,10 @@ from fingermodel.diagnosis.calibration import calibrate
 from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else, pairs_of, single
 from fingermodel.diagnosis.confounding import confounding
 from fingermodel.diagnosis.diagnose import enough
-from fingermodel.diagnosis.evidence import Other, Weighed, estimates_at
+from fingermodel.diagnosis.evidence import Other, Weighed, estimates_at, estimates_of
 from fingermodel.diagnosis.linear import Linear, log_mass
 from fingermodel.diagnosis.robustness import left_out
-from fingermodel.diagnosis.verdict import LEAST_CASES, Verdict, inclusion, judge
+from fingermodel.diagnosis.verdict import LEAST_CASES, Verdict, inclusion, judge, strained
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard
 from tests.settings import load_profile
 
@@ -35,13 +35,18 @@ def straight(seed: int, readings: int = 30, base: int = 6, effects: int = 5, one
     h = rng.normal(size=(readings, base + effects)) * rng.uniform(0.2, 3.0, base + effects)
     sided = np.zeros(base + effects, dtype=bool)
     sided[list(one_sided)] = True
-    return Linear(rng.normal(size=readings) * 2.0, h, np.arange(base), sided)
+    return Linear(rng.normal(size=readings) * 2.0, h, np.arange(base), sided, np.zeros(base + effects))
+
+
+def about(linear: Linear, x: Floats) -> Linear:
+    """The same, straightened out about another point (parameters,)."""
+    return replace(linear, residual=linear.residual - linear.h @ x, x=x)
 
 
 def log_density(linear: Linear, columns: list[int]) -> float:
     """ln N(y; 0, 1 + HHᵀ) over some columns, without the constant."""
-    h, n = linear.h[:, columns], len(linear.y)
-    value = multivariate_normal(np.zeros(n), np.eye(n) + h @ h.T).logpdf(linear.y)
+    h, n = linear.h[:, columns], len(linear.residual)
+    value = multivariate_normal(np.zeros(n), np.eye(n) + h @ h.T).logpdf(linear.residual)
     return float(value + 0.5 * n * np.log(2.0 * np.pi))
 
 
@@ -97,8 +102,43 @@ def test_the_wildcard_is_the_density_of_its_covariance(seed: int) -> None:
     h = linear.h[:, free] * scale
     for amplitude, value in zip(wildcard.amplitudes, wildcard.profile(linear, free, scale), strict=True):
         covariance = np.eye(30) + h @ h.T + amplitude**2 * columns @ columns.T
-        expected = multivariate_normal(np.zeros(30), covariance).logpdf(linear.y) + 15.0 * np.log(2.0 * np.pi)
+        expected = multivariate_normal(np.zeros(30), covariance).logpdf(linear.residual) + 15.0 * np.log(2.0 * np.pi)
         assert value == pytest.approx(expected, abs=1e-6)
+
+
+@given(st.integers(0, 10_000))
+def test_a_straight_line_is_the_same_about_any_of_its_points(seed: int) -> None:
+    linear = straight(seed, one_sided=(7,))
+    x = np.random.default_rng(seed + 1).normal(size=11) * 5.0
+    x[8:] = 0.0
+    moved, free = about(linear, x), np.arange(8)
+    wildcard = Wildcard.of(np.random.default_rng(seed + 2).normal(size=(30, 8)), np.array([0.0, 0.3, 2.0]))
+    assert moved.log_evidence_base == pytest.approx(linear.log_evidence_base, abs=1e-7)
+    assert moved.gain([6, 9]) == pytest.approx(linear.gain([6, 9]), abs=1e-7)
+    assert moved.mean([7])[1] == pytest.approx(linear.mean([7])[1], abs=1e-9)
+    assert moved.unexplained == pytest.approx(linear.unexplained, abs=1e-9)
+    width = np.linspace(1.0, 2.0, 8)
+    assert wildcard.profile(moved, free, width) == pytest.approx(wildcard.profile(linear, free, width), abs=1e-7)
+    for one, other in zip(
+        estimates_of(moved, free, width, wildcard, 0.3), estimates_of(linear, free, width, wildcard, 0.3), strict=True
+    ):
+        assert one == pytest.approx(other, abs=1e-8)
+
+
+def test_slopes_almost_without_bound_leave_no_misfit_below_none() -> None:
+    """Near a posture that transmits no force a tendon's point moves readings by 10⁶ uncertainties a prior width."""
+    linear, free = straight(3), np.arange(6)
+    wildcard = Wildcard.of(np.random.default_rng(4).normal(size=(30, 8)), np.array([0.0, 0.1]))
+    x = np.zeros(11)
+    x[:6] = 4.0
+    misfits = []
+    for steep in (1e4, 1e6):
+        h = linear.h.copy()
+        h[:, 0] *= steep
+        h[:, 1] = h[:, 0] * 1.001 + linear.h[:, 1]
+        misfits.append(estimates_of(replace(linear, h=h, x=x), free, np.ones(6), wildcard, 0.1)[0])
+    assert misfits[1] > 0.0
+    assert misfits[1] == pytest.approx(misfits[0], rel=1e-3)
 
 
 def candidates(count: int = 4, first: int = 6) -> tuple[Candidate, ...]:
@@ -122,7 +162,7 @@ def test_effects_that_do_the_same_are_one_class() -> None:
     linear = straight(5, effects=3)
     h = linear.h.copy()
     h[:, 7] = 2.0 * h[:, 6]
-    same = confounding(Linear(linear.y, 5.0 * h, linear.base, linear.one_sided), candidates(3))
+    same = confounding(replace(linear, h=5.0 * h), candidates(3))
     assert same.correlation[0, 1] == pytest.approx(1.0, abs=1e-6)
     assert same.classes == (("e0", "e1"),)
     assert same.alike("e0") == ("e1",)
@@ -133,14 +173,14 @@ def test_what_the_base_absorbs_cannot_be_detected() -> None:
     h = linear.h.copy()
     h[:, :6] *= 1e4
     h[:, 6] = h[:, 0] * 1e-4
-    shown = confounding(Linear(linear.y, h, linear.base, linear.one_sided), candidates(2))
+    shown = confounding(replace(linear, h=h), candidates(2))
     assert shown.detectability["e0"] < 0.01
     assert shown.detectability["e1"] > 1.0
 
 
 def test_stated_probabilities_come_true_on_simulated_sessions() -> None:
     linear = straight(7, readings=60, effects=6, one_sided=(8, 9))
-    found = calibrate(Linear(linear.y, 3.0 * linear.h, linear.base, linear.one_sided), candidates(6), draws=600)
+    found = calibrate(replace(linear, h=3.0 * linear.h), candidates(6), draws=600)
     assert found.false_finding_rate <= 0.02
     assert found.right is not None
     assert found.right >= 0.95
@@ -269,6 +309,10 @@ def test_a_companion_that_may_only_mend_the_form_is_not_named() -> None:
     assert verdict_of(probability, each=6.0, objective=1_000.0).effects == ("e0", "e1")
     # What noise alone would hardly leave needs its companion, little as that adds.
     assert verdict_of(probability, each=6.0, objective=10_000.0, implausible=(("e0",),)).effects == ("e0", "e1")
+    # Nor is one with which alone most of the error of the cases never fitted stays: that is no error of form.
+    for left, effects in ((0.09, ("e0",)), (0.12, ("e0", "e1"))):
+        foretold = {0: 0.15, 1: left, 2: 0.05}
+        assert verdict_of(probability, each=6.0, objective=10_000.0, held_out=foretold).effects == effects
     # A form that the readings show to be right within 2 % has little to mend.
     assert verdict_of(probability, each=6.0, objective=10_000.0, form_error=0.02).effects == ("e0", "e1")
 
@@ -322,7 +366,7 @@ def test_values_are_less_sure_where_the_form_may_be_otherwise_and_the_base_is_be
         inner=np.arange(3),
         objective=np.inf,
         explanation=Explanation(("e",), ("e",), (2,)),
-        linear=SimpleNamespace(h=h, y=h @ x),
+        linear=Linear(h @ x, h, np.arange(2), np.zeros(3, dtype=bool), np.zeros(3)),
     )
     form = Wildcard(root, FORM_ERRORS)
     misfit, plain, plain_sd = estimates_at(cast("Any", fitted), form, 1.0, 0.0)
@@ -344,6 +388,29 @@ def test_a_form_as_far_off_as_any_that_is_tried_concedes_little() -> None:
             form_error=error,
         )
         assert Weighed.leaves_too_much(cast("Any", weighed), cast("Any", nothing)) is too_much
+
+
+@pytest.mark.parametrize(
+    ("x", "allowing", "factor", "names"),
+    [
+        (6.0, 6.0, 1.0, ("point",)),
+        # Bent only to make up for the effect's form; within a budget that is larger; what the effect itself changes.
+        (6.0, 3.0, 1.0, ()),
+        (6.0, 6.0, 1.41, ()),
+        (0.0, 0.0, 1.0, ()),
+    ],
+)
+def test_an_explanation_that_needs_another_anatomy_is_not_believed(
+    x: float, allowing: float, factor: float, names: tuple[str, ...]
+) -> None:
+    table = SimpleNamespace(names=("point", "effect"))
+    weighed = SimpleNamespace(
+        fitted=SimpleNamespace(x=np.array([x, 9.0]), problem=SimpleNamespace(model=SimpleNamespace(parameters=table))),
+        explanation=Explanation(("e",), ("e",), (1,)),
+        x_allowing=np.array([allowing, 9.0]),
+        budget_factor=factor,
+    )
+    assert strained(cast("Any", weighed)) == names
 
 
 def test_inclusion_adds_up_over_explanations() -> None:
