@@ -65,8 +65,8 @@ class Questioned:
     wildcard: Wildcard
     candidates: tuple[Candidate, ...]
     covariance: Floats
-    noise: _Noise
-    asked: tuple[_Asked, ...]
+    noise: Noise
+    asked: tuple[Asked, ...]
 
     @classmethod
     def of(
@@ -81,8 +81,8 @@ class Questioned:
         named = [w for w in evidence.weighed if w.explanation.size][:ASKED]
         root = np.asarray(np.linalg.inv(problem.whitener), dtype=np.float64)
         covariance = root @ root.T
-        noise = _Noise.of(covariance)
-        asked = tuple(_Asked.of(w, root, noise) for w in (*named, evidence.nothing))
+        noise = Noise.of(covariance)
+        asked = tuple(Asked.of(w, root, noise) for w in (*named, evidence.nothing))
         return cls(problem, evidence, verdict, wildcard, candidates, covariance, noise, asked)
 
     def says(self, winner: Names) -> bool:
@@ -119,7 +119,7 @@ class Questioned:
         part = _part(self.problem, self.covariance, gone)
         if thorough:
             return self.favours(_refitted(part, [one.weighed for one in self.asked], self.candidates))
-        kept = _Noise.of(self.covariance, gone)
+        kept = Noise.of(self.covariance, gone)
         # Of whitened readings: what the noise of those left out would have added lacks in all refits alike.
         lacks = kept.log_size - self.noise.log_size
 
@@ -137,9 +137,9 @@ class Questioned:
 
     def without(self, gone: NDArray[np.bool_]) -> Values:
         """Log posteriors without some readings (n,), on the straightened models."""
-        return self.values(_Noise.of(self.covariance, gone))
+        return self.values(Noise.of(self.covariance, gone))
 
-    def values(self, noise: _Noise | None = None, budget: float | None = None, effect: float = 1.0) -> Values:
+    def values(self, noise: Noise | None = None, budget: float | None = None, effect: float = 1.0) -> Values:
         """Log posteriors under another assumption; explanations of the same names add up."""
         return _by_names((one.weighed, one.value(noise, budget, effect)) for one in self.asked)
 
@@ -150,7 +150,7 @@ class Questioned:
 
 
 @dataclass(frozen=True, eq=False)
-class _Noise:
+class Noise:
     """Noise of the readings that are kept.
 
     Attributes:
@@ -166,7 +166,7 @@ class _Noise:
     log_size: float
 
     @classmethod
-    def of(cls, covariance: Floats, gone: NDArray[np.bool_] | None = None) -> _Noise:
+    def of(cls, covariance: Floats, gone: NDArray[np.bool_] | None = None) -> Noise:
         """Of some readings' covariance (n, n) less those that are gone."""
         kept = np.ones(len(covariance), dtype=bool) if gone is None else ~gone
         own = covariance[np.ix_(kept, kept)]
@@ -175,7 +175,7 @@ class _Noise:
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
+class Asked:
     """An explanation straightened out about its optimum, the error of its form allowed for.
 
     Attributes:
@@ -200,7 +200,7 @@ class _Asked:
     rest: float
 
     @classmethod
-    def of(cls, weighed: Weighed, root: Floats, noise: _Noise) -> _Asked:
+    def of(cls, weighed: Weighed, root: Floats, noise: Noise) -> Asked:
         """Straighten out; `root` (n, n) takes whitened readings back to their units."""
         fitted, linear = weighed.fitted, weighed.fitted.linear
         own = [i for i in weighed.explanation.parameters if i in set(fitted.moving)]
@@ -216,7 +216,7 @@ class _Asked:
         return replace(straight, rest=weighed.log_evidence - straight.value())
 
     @staticmethod
-    def _read(columns: Floats, error: Floats | None, noise: _Noise) -> tuple[Floats, float]:
+    def _read(columns: Floats, error: Floats | None, noise: Noise) -> tuple[Floats, float]:
         """[r, A]ᵀ [r, A] of what is read with some noise, whitened; and what the noise adds to a log evidence."""
         kept = columns[noise.kept]
         if error is None:
@@ -226,7 +226,7 @@ class _Asked:
             white, log_size = solve_triangular(factor, kept, lower=True), -float(np.log(np.diag(factor)).sum())
         return white.T @ white, log_size
 
-    def value(self, noise: _Noise | None = None, budget: float | None = None, effect: float = 1.0) -> float:
+    def value(self, noise: Noise | None = None, budget: float | None = None, effect: float = 1.0) -> float:
         """Log evidence from what is read with some noise, with another budget, or an effect expected larger or smaller.
 
         Unless they are given, it is from all readings, and the budget's size is left open.
