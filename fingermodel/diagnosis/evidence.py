@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, logsumexp
 
 from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else, members
-from fingermodel.diagnosis.fitted import Fitted
+from fingermodel.diagnosis.fitted import Fitted, far_off
 from fingermodel.diagnosis.linear import Linear, Posterior
 from fingermodel.diagnosis.search import Search
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard, form_of, rms_of
@@ -41,8 +41,10 @@ CLEAR = 10.0
 LEAST_ELSE_N = 0.02
 # Things that rigs are known to do beyond the catalogue, and from which probability one of them is named.
 KNOWN_THINGS, KNOWN_SURE = 5, 0.9
-# How many explanations are weighed with all this.
-WEIGHED = 10
+# How many explanations are weighed with all this, in how many forms of the same effects at most; and how many where the
+# best leaves more than so much a reading.
+WEIGHED, FORMS = 10, 2
+FAR_WEIGHED, FAR = 16, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,9 +193,15 @@ def weigh(
 
 
 def _in_question(ranked: Sequence[Fitted]) -> list[Fitted]:
-    """The best explanations, and the best singles even where pairs are ahead of them all."""
-    singles = [f for f in ranked if f.explanation.size == 1][:4]
-    chosen = list(ranked[: WEIGHED - len(singles)])
+    """The best explanations, and the best singles even where pairs are ahead of them all; of each its best forms."""
+    several: list[Fitted] = []
+    for fitted in ranked:
+        if sum(f.explanation.names == fitted.explanation.names for f in several) < FORMS:
+            several.append(fitted)
+    singles = [f for f in several if f.explanation.size == 1][:4]
+    # Where much is left, an error of form decides, and may turn the order of these.
+    count = FAR_WEIGHED if ranked and far_off(ranked[0], FAR) else WEIGHED
+    chosen = several[: count - len(singles)]
     return chosen + [f for f in singles if f not in chosen]
 
 

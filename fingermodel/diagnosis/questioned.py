@@ -273,7 +273,7 @@ def _part(problem: Problem, covariance: Floats, gone: NDArray[np.bool_]) -> Prob
 def _refitted(part: Problem, again: Iterable[Weighed], candidates: tuple[Candidate, ...]) -> Values:
     """Log posteriors without some readings, each explanation refitted from where it stood."""
     fitter = Fitter(part)
-    fits = ((w, fitter.fit(w.explanation, [w.fitted.theta], REFIT)) for w in again)
+    fits = ((w, fitter.fit(w.explanation, [w.fitted.theta], REFIT, finely=True)) for w in again)
     values = ((w, weigh_one(part, fitted, candidates).log_evidence if fitted.sane else -np.inf) for w, fitted in fits)
     return _by_names(values)
 
@@ -287,7 +287,7 @@ def _refitted_at(
     out: Values = {}
     evidences: list[tuple[Weighed, float]] = []
     for w in again:
-        fitted = fitter.fit(w.explanation, [w.fitted.theta], REFIT)
+        fitted = fitter.fit(w.explanation, [w.fitted.theta], REFIT, finely=True)
         evidences.append((w, evidence_as_stated(wide, fitted, candidates) if fitted.sane else -np.inf))
         if fitted.sane and not w.explanation.size:
             out[None] = other_at_budget(fitted, wildcard, 1.0)[0] + log_prior_else()

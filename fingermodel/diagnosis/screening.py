@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fingermodel.diagnosis.candidates import NOTHING_MISSING, Candidate, Explanation, pair_of, pairs_of, single
+from fingermodel.diagnosis.candidates import NOTHING_MISSING, Candidate, Explanation, members, pair_of, pairs_of, single
 from fingermodel.diagnosis.fitted import Fitted
 
 
@@ -28,6 +28,22 @@ def pairs_about(host: Fitted, candidates: tuple[Candidate, ...]) -> Iterator[Exp
     forms = {c.name: best_form(host, c) for c in candidates}
     for first, second in pairs_of(candidates):
         yield from _together(forms[first.name], forms[second.name], candidates)
+
+
+def other_forms(explanation: Explanation, candidates: tuple[Candidate, ...]) -> Iterator[Explanation]:
+    """The same with one member in another form."""
+    by_name = {c.name: c for c in candidates}
+    own = members(explanation, candidates)
+    for k, member in enumerate(own):
+        candidate = by_name[member.names[0]]
+        for alternative in range(len(candidate.alternatives)):
+            other = single(candidate, alternative)
+            if other == member:
+                continue
+            if len(own) == 1:
+                yield other
+            else:
+                yield from _together(other, own[1 - k], candidates)
 
 
 def _together(one: Explanation, other: Explanation, candidates: tuple[Candidate, ...]) -> Iterator[Explanation]:

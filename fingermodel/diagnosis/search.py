@@ -20,7 +20,7 @@ from fingermodel.diagnosis.candidates import (
 )
 from fingermodel.diagnosis.fitted import Fitted, far_off
 from fingermodel.diagnosis.fitter import BASE_STARTS, FIRST, LAST, SECOND, WORTHWHILE, Fitter, fit_from, further
-from fingermodel.diagnosis.screening import best_form, companions, pairs_about
+from fingermodel.diagnosis.screening import best_form, companions, other_forms, pairs_about
 from fingermodel.problems import Problem
 
 Floats = NDArray[np.float64]
@@ -49,6 +49,8 @@ ABOVE = 12
 ROUNDS, RIVALS = 3, 8
 # Pairs whose members are tried alone.
 HALVED = 3
+# Explanations of which other forms are tried.
+FORMED = 12
 # An alternative is refitted if its screened evidence is within this much of the best one's.
 NEAR = 4.0
 
@@ -79,6 +81,7 @@ class Searcher(Fitter):
         self._finished: dict[Explanation, Fitted] = {}
         self._priors: dict[Explanation, float] = {}
         self._tried: set[Fitted] = set()
+        self._formed: set[Explanation] = set()
         self._all: Fitted | None = None
         self._lost = False
         self._progress = progress or (lambda _: None)
@@ -108,6 +111,7 @@ class Searcher(Fitter):
         self._nested(HOSTS * more)
         self._pairs(candidates, pairs)
         self._race(HOSTS * more, size=2)
+        self._forms(candidates)
         self._polish(candidates)
         self._neighbours(candidates)
         if not self._lost:
@@ -208,6 +212,7 @@ class Searcher(Fitter):
             leader = self._leader(candidates)
             for explanation in self._rivals(leader, candidates)[:RIVALS]:
                 self.fit(explanation, [self.expected(leader, explanation)], 2 * FIRST)
+            self._forms(candidates)
             self._polish(candidates)
             if self._leader(candidates) is leader:
                 break
@@ -231,6 +236,26 @@ class Searcher(Fitter):
         limit = self._value(leader.explanation, candidates) - 2.0 * CONTENDERS
         new = [e for e, v in promised.items() if v > max(self._value(e, candidates) + WORTHWHILE, limit)]
         return sorted(new, key=lambda e: -promised[e])
+
+    def _forms(self, candidates: tuple[Candidate, ...]) -> None:
+        """Try other forms of what is in question from where it stands.
+
+        Where an effect does not act its forms are all alike, so none of them promises more than another.
+        """
+        # Where all are far off, the right effect in a wrong form need not be near the leader.
+        margin = np.inf if far_off(self._leader(candidates), FAR) else 2.0 * CONTENDERS
+        for explanation in self._in_question(candidates, margin)[:FORMED]:
+            host = self.best[explanation]
+            offers = [e for e in other_forms(explanation, candidates) if e not in self._formed]
+            if not offers:
+                continue
+            base = host.log_evidence - host.everything.gain(explanation.parameters)
+            limit = self._limit(candidates, 2.0 * CONTENDERS)
+            for offer in offers:
+                promised = base + host.everything.gain(offer.parameters) + self._log_prior(offer, candidates)
+                if promised > max(self._value(offer, candidates) + WORTHWHILE, limit):
+                    self._formed.add(offer)
+                    self.fit(offer, [self.expected(host, offer)], 2 * FIRST)
 
     def _halves(self, candidates: tuple[Candidate, ...]) -> None:
         """Fit each member of the best pairs alone from where the pair stands: what it can do without is no member.

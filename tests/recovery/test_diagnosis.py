@@ -153,6 +153,17 @@ def test_a_valley_is_not_given_up_for_one_in_which_less_is_left_at_first(tmp_pat
     assert single > 420.0
 
 
+def test_another_form_is_tried_where_the_effect_acts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A coupling that yields: at its null nothing tells it from one that does not, and that fits badly."""
+    effects, _ = draw_truth("two", 3101)
+    draw_session(tmp_path, 3101, effects)
+    bench = open_bench(tmp_path, catalogue=True)
+    truth = {"hanger_mass", "fdp_fds_coupling"}
+    assert set(run_diagnosis(bench).verdict.effects) == truth
+    monkeypatch.setattr(Searcher, "_forms", lambda *_: None)
+    assert set(run_diagnosis(bench).verdict.effects) != truth
+
+
 def test_every_single_is_taken_to_its_end_where_readings_are_few() -> None:
     # With centres that move round the heads, the fit gains next to nothing for twenty evaluations, and then much.
     _, found = diagnosed("synek2019_H02")
