@@ -48,6 +48,11 @@ class Parameter:
             raise ValueError(f"{self.name}: initial {self.initial} outside [{self.lower}, {self.upper}]")
 
 
+def with_unit(number: str, unit: str) -> str:
+    """A number as text with its unit; what has no dimension (unit 1) has none to be written."""
+    return number if unit in ("1", "") else f"{number} {unit}"
+
+
 def one_sided(name: str, unit: str, maximum: float, bound: float | None = None) -> Parameter:
     """Declare an effect's parameter that is 0 or more: half a normal distribution, half the maximum wide."""
     upper = 2.0 * maximum if bound is None else bound

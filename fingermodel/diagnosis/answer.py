@@ -17,6 +17,7 @@ from fingermodel.diagnosis.fitted import Fitted
 from fingermodel.diagnosis.verdict import inclusion, out_of_range
 from fingermodel.diagnosis.where import where
 from fingermodel.effects.user import load_effect
+from fingermodel.parameters import with_unit
 
 Floats = NDArray[np.float64]
 
@@ -226,7 +227,7 @@ def sentence(d: Diagnosis) -> str:
     named = [f"{titles.get(e, e)} ({n})" for e, n in _named(d)]
     if verdict.kind == "found":
         values = ", ".join(
-            f"{p['name']} = {p['value']:.3g}" + (f" ± {p['sd']:.2g}" if p["sd"] else "") + f" {p['unit']}"
+            with_unit(f"{p['name']} = {p['value']:.3g}" + (f" ± {p['sd']:.2g}" if p["sd"] else ""), p["unit"])
             for p in _parameters(d.best.fitted, d.best)[:3]
         )
         return f"Found: {' and '.join(named)}; {values}; probability {verdict.probability:.2f}."

@@ -158,8 +158,9 @@ def _found(
         lacks.append(f"{_words(names)} acts, but not alone: perhaps with {companion}")
     if together < SURE:
         lacks.append(f"its probability is {together:.2f}, short of {SURE}")
+    explain = "explain" if len(names) > 1 else "explains"
     reason = (
-        f"{_words(names)} explains the readings: misfit {evidence.nothing.fitted.objective:.0f} falls to "
+        f"{_words(names)} {explain} the readings: misfit {evidence.nothing.fitted.objective:.0f} falls to "
         f"{chosen.fitted.objective:.0f} for {len(problem.rows)} readings; it changes the forces by "
         f"{chosen.size_N:.3f} N (RMS)."
     )

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fingermodel.parameters import with_unit
 from server.commands.twin import provenance
 from server.console import answer, progress, say, table
 from server.workflow import Bench, open_bench
@@ -128,7 +129,7 @@ def print_diagnosis(body: dict[str, Any]) -> None:
     rows = []
     for row in body["ranking"][:9]:
         first = row["parameters"][:3]
-        values = ", ".join(f"{p['name']} {p['value']:.3g} {p['unit']}" for p in first)
+        values = ", ".join(with_unit(f"{p['name']} {p['value']:.3g}", p["unit"]) for p in first)
         more = f" (+{len(row['parameters']) - 3})" if len(row["parameters"]) > 3 else ""
         rmse = row["validation_rmse_N"]
         name = " + ".join(row["candidates"]) or ("something else" if row["effects"] else "nothing missing")

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
+from fingermodel.parameters import with_unit
 from server.commands.diagnosis import diagnosis_body
 from server.console import answer, progress, say, table
 from server.workflow import open_bench
@@ -53,7 +54,9 @@ def diagnose_sessions(
             e.probability,
             e.log_evidence_shared,
             e.log_evidence_own,
-            ", ".join(f"{v:.3g} ± {s:.2g} {u}" for v, s, u in zip(e.value[:3], e.sd[:3], e.units[:3], strict=True)),
+            ", ".join(
+                with_unit(f"{v:.3g} ± {s:.2g}", u) for v, s, u in zip(e.value[:3], e.sd[:3], e.units[:3], strict=True)
+            ),
             " ".join(f"{gain:+.1f}" for gain, _, _ in e.each),
         ]
         for e in pooled.ranking[:8]

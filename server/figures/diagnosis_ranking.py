@@ -7,6 +7,7 @@ from typing import Any
 
 import plotly.graph_objects as go
 
+from fingermodel.parameters import with_unit
 from server.figures.diagnosis_answer import (
     EFFECT_COLOR,
     ELSE_COLOR,
@@ -190,7 +191,8 @@ def _hover(row: Answer) -> str:
     lines = [f"<b>{plain(explanation_name(row))}</b>", f"probability {plain(probability_text(row.get('probability')))}"]
     for parameter in rows(row, "parameters"):
         found, sd = with_sd(parameter.get("value"), parameter.get("sd"))
-        lines.append(plain(f"{parameter.get('name', '')} = {found} ± {sd} {parameter.get('unit', '')}"))
+        said = with_unit(f"{parameter.get('name', '')} = {found} ± {sd}", str(parameter.get("unit", "")))
+        lines.append(plain(said))
     return "<br>".join(lines)
 
 

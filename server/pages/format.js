@@ -5,6 +5,9 @@ export function number(value, digits = 3) {
   return value.toFixed(digits).replace("-", "−");
 }
 
+/** A number as text with its unit; what has no dimension (unit 1) has none to be written. */
+export const withUnit = (text, unit) => (unit === "1" || !unit ? text : `${text} ${unit}`);
+
 /** A value to as many digits as its uncertainty bears: 1.234 ± 0.056. */
 export function within(value, sd) {
   if (value === null || value === undefined) return "–";

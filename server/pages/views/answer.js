@@ -1,6 +1,6 @@
 // What a search found: the verdict in a sentence, where the model fails, what explains it, what to measure next.
 import { el, panel, quiet, table } from "../dom.js";
-import { masses, number, percent, within, words } from "../format.js";
+import { masses, number, percent, within, withUnit, words } from "../format.js";
 import { figure } from "../plot.js";
 
 const FIGURES = [["residual_map", "Where the model fails"], ["missing_torque", "The joint torque that is missing"], ["ranking", "Which explanation"],
@@ -77,7 +77,7 @@ function ruledOut(body, link) {
   ], rows.slice(0, 40), { caption: `${rows.length} single effects, each fitted by itself` });
 }
 
-const values = (r) => r.parameters.slice(0, 3).map((p) => `${p.name} ${within(p.value, p.sd)} ${p.unit === "1" ? "" : p.unit}`.trim()).join("; ");
+const values = (r) => r.parameters.slice(0, 3).map((p) => withUnit(`${p.name} ${within(p.value, p.sd)}`, p.unit)).join("; ");
 
 function why(r, best) {
   if (r.in_range === false) return "it would need a value beyond what is plausible";

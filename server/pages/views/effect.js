@@ -1,7 +1,7 @@
 // What an effect is: where it acts, its formula, parameters and source, and what it would change in these very data.
 import { at, get, post } from "../api.js";
 import { el, fill, panel, problem, quiet, table } from "../dom.js";
-import { compact, number, percent, within } from "../format.js";
+import { compact, number, percent, within, withUnit } from "../format.js";
 import { figure } from "../plot.js";
 import { stages } from "./stages.js";
 import { awaited } from "./work.js";
@@ -27,7 +27,7 @@ export async function view(main, { session, asked }) {
     el("div", { class: "row no-print" }, el("a", { class: "button", href: `${base}/find` }, "Back to what was found"), el("button", { class: "main", onclick: add }, "Add and refit")), work,
     row ? panel("In these data", el("p", {}, row.log_evidence_gain === null ? "It was fitted by itself, and explains less than others." :
       `Probability ${percent(row.probability)}; ln evidence ${number(row.log_evidence_gain, 1)} against nothing missing; it changes the forces by ${number(row.size_N, 2)} N (root mean square).`),
-    row.parameters?.length ? el("p", {}, row.parameters.map((p) => `${p.name} = ${within(p.value, p.sd)} ${p.unit}`).join("; "), ".") : null,
+    row.parameters?.length ? el("p", {}, row.parameters.map((p) => withUnit(`${p.name} = ${within(p.value, p.sd)}`, p.unit)).join("; "), ".") : null,
     row.indistinguishable_from?.length ? el("p", { class: "warn" }, `In this session it cannot be told from ${row.indistinguishable_from.join(", ")}.`) : null) : null,
     effects.map((e, i) => one(e, names[i])));
 

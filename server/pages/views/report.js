@@ -1,7 +1,7 @@
 // The report of a session on paper: every section and figure, printed or saved as PDF by the browser itself.
 import { at, get } from "../api.js";
 import { el, fill, problem, quiet, table } from "../dom.js";
-import { compact, masses, norm, number, percent, vector, when, within, words } from "../format.js";
+import { compact, masses, norm, number, percent, vector, when, within, withUnit, words } from "../format.js";
 import { figure } from "../plot.js";
 
 // Of a figure on the screen; on paper it is scaled down to the page.
@@ -75,7 +75,7 @@ function explanations(body) {
   return table([
     { title: "what is missing", cell: (r) => r.candidates.join(" + ") || (r.effects.length ? "something else" : "nothing") },
     { title: "probability", n: true, cell: (r) => percent(r.probability) }, { title: "ln evidence", n: true, cell: (r) => number(r.log_evidence_gain, 1) },
-    { title: "value", wrap: true, cell: (r) => r.parameters.slice(0, 3).map((p) => `${p.name} ${within(p.value, p.sd)} ${p.unit}`).join("; ") },
+    { title: "value", wrap: true, cell: (r) => r.parameters.slice(0, 3).map((p) => withUnit(`${p.name} ${within(p.value, p.sd)}`, p.unit)).join("; ") },
     { title: "cannot be told from", wrap: true, cell: (r) => r.indistinguishable_from?.join(", ") || "" },
   ], body.ranking.filter((r) => r.log_evidence_gain !== null).slice(0, 10));
 }
