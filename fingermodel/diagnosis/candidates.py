@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import reduce
 from itertools import combinations
 
 import numpy as np
@@ -100,10 +102,10 @@ def joined(a: Explanation, b: Explanation) -> Explanation:
     )
 
 
-def pair_of(a: Explanation, b: Explanation, candidates: tuple[Candidate, ...]) -> Explanation:
-    """Two candidates acting together, in the order in which they are searched."""
+def together(singles: Iterable[Explanation], candidates: tuple[Candidate, ...]) -> Explanation:
+    """Single candidates acting together, in the order in which they are searched; of none, nothing is missing."""
     order = [c.name for c in candidates]
-    return joined(*sorted((a, b), key=lambda e: order.index(e.names[0])))
+    return reduce(joined, sorted(singles, key=lambda e: order.index(e.names[0])), NOTHING_MISSING)
 
 
 def members(explanation: Explanation, candidates: tuple[Candidate, ...]) -> list[Explanation]:

@@ -29,6 +29,11 @@ from fingermodel.problems import Problem, map_problem
 
 Floats = NDArray[np.float64]
 
+# Why a finding does not stand that nothing could have refuted.
+UNTESTED = (
+    "no case was kept from the fit to test it: every case has the role identification; give some, such as combined "
+    "loads, role: validation"
+)
 # Rigs of which most lie within their budget seldom pass this multiple of it.
 LARGE_BUDGET = 2.0
 
@@ -172,7 +177,7 @@ def validation_rmse(problem: Problem, comparison: Comparison) -> float | None:
 
 
 def enough(problem: Problem, verdict: Verdict) -> Verdict:
-    """A few cases, or one posture, carry no verdict that names anything."""
+    """A few cases, one posture, or none that was kept from the fit carry no verdict that names anything."""
     observations = problem.observations
     cases = [i for i in np.unique(problem.rows // 6) if observations.roles[i] == "identification"]
     if len(cases) < LEAST_CASES:
@@ -181,6 +186,8 @@ def enough(problem: Problem, verdict: Verdict) -> Verdict:
     if len({observations.postures[i] for i in cases}) < 2 and verdict.kind == "found":
         short = "all cases were taken in one posture: what depends on posture cannot be told from what does not"
         return replace(verdict, kind="undecided", effects=(), short=(*verdict.short, short))
+    if "validation" not in observations.roles and verdict.kind == "found":
+        return replace(verdict, kind="undecided", effects=(), short=(*verdict.short, UNTESTED))
     return verdict
 
 

@@ -33,8 +33,9 @@ FORM_ERROR = 0.1
 IMPLAUSIBLE = 1e-3
 # A finding may leave a tenth of what it explains: no effect has exactly our form.
 LEFT_OVER = 0.1
-# Whatever its form: what explains less of the misfit than this much is not the explanation.
-LEFT_OVER_PLAIN = 0.45
+# Whatever its form: what leaves more of the misfit than this is not the explanation. More may be left where the readings
+# show the form to be no further off than is usual: the base, bent to do without the effect, then hides most of it.
+LEFT_OVER_PLAIN, LEFT_OVER_USUAL = 0.45, 0.75
 # Standard deviations at which an effect's form begins to matter.
 CLEAR = 10.0
 # Smallest amplitude [N] that would be something of its own.
@@ -98,8 +99,11 @@ class Weighed:
         excess = max(nothing.fitted.objective - readings, 1.0)
         if self.implausible and self.misfit - readings > LEFT_OVER * excess:
             return True
-        # An error of the form as large as any that is tried would be taken larger still: then little is conceded.
-        conceded = LEFT_OVER_PLAIN if self.form_error < FORM_ERRORS[-1] else LEFT_OVER
+        if self.form_error <= FORM_ERROR:
+            conceded = LEFT_OVER_USUAL
+        else:
+            # An error of the form as large as any that is tried would be taken larger still: then little is conceded.
+            conceded = LEFT_OVER_PLAIN if self.form_error < FORM_ERRORS[-1] else LEFT_OVER
         return bool(chdtrc(readings, self.plain_misfit) < IMPLAUSIBLE) and (
             self.plain_misfit - readings > conceded * excess
         )
@@ -153,12 +157,14 @@ class Evidence:
         other: what the catalogue does not hold.
         probability: by explanation's names; `()` is nothing missing, None is something else.
         together: χ² that all candidates at once leave, where that is too much for any few of them (see `Search`).
+        log_norm: log posterior of all of them together, of which the probabilities are shares.
     """
 
     weighed: tuple[Weighed, ...]
     other: Other
     probability: dict[tuple[str, ...] | None, float]
     together: float | None = None
+    log_norm: float = 0.0
 
     @property
     def nothing(self) -> Weighed:
@@ -254,9 +260,12 @@ def _form_columns(problem: Problem, fitted: Fitted, candidates: tuple[Candidate,
     return np.concatenate(columns, axis=1) if columns else np.zeros((len(problem.rows), 1))
 
 
-def scales(fitted: Fitted, factor: float) -> tuple[NDArray[np.intp], Floats]:
-    """Indices of what is free, and factors on the priors' widths with the budget so many times as large."""
-    free = fitted.inner
+def scales(fitted: Fitted, factor: float, free: NDArray[np.intp] | None = None) -> tuple[NDArray[np.intp], Floats]:
+    """Indices of what is free (by default what no bound holds), and factors on the priors' widths.
+
+    They are those of a budget so many times as large.
+    """
+    free = fitted.inner if free is None else free
     own = np.isin(free, list(fitted.explanation.parameters))
     return free, np.where(own, 1.0, factor)
 
@@ -341,7 +350,8 @@ def assemble(
     values = {names: float(logsumexp(v)) for names, v in total.items()}
     norm = float(logsumexp(list(values.values())))
     ranked = sorted(weighed, key=lambda w: (-values[w.explanation.names], -(w.log_evidence + w.log_prior)))
-    return Evidence(tuple(ranked), other, {n: float(np.exp(v - norm)) for n, v in values.items()}, together)
+    probability = {n: float(np.exp(v - norm)) for n, v in values.items()}
+    return Evidence(tuple(ranked), other, probability, together, norm)
 
 
 def change_of(problem: Problem, fitted: Fitted, parameters: Sequence[int]) -> Floats:

@@ -6,7 +6,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fingermodel.diagnosis.candidates import NOTHING_MISSING, Candidate, Explanation, members, pair_of, pairs_of, single
+from fingermodel.diagnosis.candidates import (
+    NOTHING_MISSING,
+    Candidate,
+    Explanation,
+    members,
+    pairs_of,
+    single,
+    together,
+)
 from fingermodel.diagnosis.fitted import Fitted
 
 
@@ -49,4 +57,4 @@ def other_forms(explanation: Explanation, candidates: tuple[Candidate, ...]) -> 
 def _together(one: Explanation, other: Explanation, candidates: tuple[Candidate, ...]) -> Iterator[Explanation]:
     """The pair of two, unless both free the same parameter."""
     if not set(one.parameters) & set(other.parameters):
-        yield pair_of(one, other, candidates)
+        yield together((one, other), candidates)

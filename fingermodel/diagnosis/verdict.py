@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fingermodel.diagnosis.candidates import Candidate
 from fingermodel.diagnosis.confounding import DETECTABLE, Confounding
 from fingermodel.diagnosis.evidence import LEFT_OVER_PLAIN, Evidence, Weighed
+from fingermodel.parameters import Parameter
 from fingermodel.problems import Problem
 
 Floats = NDArray[np.float64]
@@ -20,8 +21,8 @@ Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undec
 SURE = 0.9
 # Nothing is believed from here, if no effect by itself has a tenth of the probability.
 NOTHING_SURE = 0.8
-# Share of the misfit that an effect leaves when its form is off by 4 or 5 %: a companion may mend just that.
-FORM_SHARE = 2e-3
+# Share of the misfit that an effect leaves when its form is off by 6 or 7 %: a companion may mend just that.
+FORM_SHARE = 4e-3
 # Most names that `one_of` gives.
 MOST_NAMES = 4
 # A value is believed up to this multiple of its range: ranges are typical, not limits of nature.
@@ -201,7 +202,7 @@ def _without_passengers(
         name = w.explanation.names[0] if w.explanation.size == 1 else None
         if name not in certain or w.leaves_too_much(evidence.nothing):
             continue
-        if _rises(problem, validation_rmse(w), validation_rmse(pair)):
+        if rises(validation_rmse(w), validation_rmse(pair), typical_sd(problem)):
             worse.append(w)
         elif (
             name in laws
@@ -237,7 +238,7 @@ def _foretells_too_little(
 ) -> bool:
     """Whether the cases never fitted need the companion: far more of their error is left than one of form could be."""
     before, after = validation_rmse(evidence.nothing), validation_rmse(alone)
-    if before is None or after is None or not _rises(problem, validation_rmse(pair), after):
+    if before is None or after is None or not rises(validation_rmse(pair), after, typical_sd(problem)):
         return False
     noise = typical_sd(problem) ** 2
     return after**2 - noise > LEFT_OVER_PLAIN * (before**2 - noise)
@@ -295,11 +296,12 @@ def _worse(
     problem: Problem, evidence: Evidence, chosen: Weighed, validation_rmse: Callable[[Weighed], float | None]
 ) -> bool:
     """Whether the error of the cases that were never fitted rises beyond its uncertainty."""
-    return _rises(problem, validation_rmse(evidence.nothing), validation_rmse(chosen))
+    return rises(validation_rmse(evidence.nothing), validation_rmse(chosen), typical_sd(problem))
 
 
-def _rises(problem: Problem, before: float | None, after: float | None) -> bool:
-    return before is not None and after is not None and after > 1.1 * before + 2.0 * typical_sd(problem)
+def rises(before: float | None, after: float | None, sd: float) -> bool:
+    """Whether an error [N] of cases never fitted rises beyond its uncertainty, with readings known to `sd` [N]."""
+    return before is not None and after is not None and after > 1.1 * before + 2.0 * sd
 
 
 def typical_sd(problem: Problem) -> float:
@@ -311,17 +313,21 @@ def typical_sd(problem: Problem) -> float:
 def out_of_range(chosen: Weighed) -> tuple[str, ...]:
     """Names of the explanation's parameters that lie outside their plausible range, beyond their uncertainty."""
     fitted, table = chosen.fitted, chosen.fitted.problem.model.parameters.parameters
-    out = []
-    for i in fitted.explanation.parameters:
-        p, value, sd = table[i], float(fitted.theta[i]), chosen.sd(i) or 0.0
-        if p.plausible is None:
-            continue
-        low, high = p.plausible
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        reach = RANGE_MARGIN * half if low < 0.0 < high else RANGE_MARGIN * 2.0 * half - half
-        if abs(value - middle) > reach + 2.0 * sd:
-            out.append(p.name)
-    return tuple(out)
+    return tuple(
+        table[i].name
+        for i in fitted.explanation.parameters
+        if not believable(table[i], float(fitted.theta[i]), chosen.sd(i) or 0.0)
+    )
+
+
+def believable(parameter: Parameter, value: float, sd: float) -> bool:
+    """Whether a value lies within reach of a parameter's plausible range, its uncertainty allowed for."""
+    if parameter.plausible is None:
+        return True
+    low, high = parameter.plausible
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    reach = RANGE_MARGIN * half if low < 0.0 < high else RANGE_MARGIN * 2.0 * half - half
+    return abs(value - middle) <= reach + 2.0 * sd
 
 
 def strained(chosen: Weighed) -> tuple[str, ...]:

@@ -22,8 +22,9 @@ HALF_FLEXED = np.pi / 4.0
 @final
 @dataclass(frozen=True)
 class HoodShift(Effect):
-    """Flexion draws the hood distally: more of the extensor goes to the central slip, of the intrinsics to the bands.
+    """Flexion draws the hood distally, and its slips share tension otherwise.
 
+    As a rule more of the extensor goes to the central slip and of the intrinsics to the bands; or more of all, or less.
     The shift is counted from the half-flexed finger (PIP 45 deg, MCP 0 deg), to which the model's fractions belong, and
     a fraction stays between 0 and 1 however far the hood slides.
     """
@@ -31,20 +32,24 @@ class HoodShift(Effect):
     name = "hood_shift"
     stage = "sharing"
     title = "the hood slides with flexion"
-    formula = "f_ES += k_PIP (q_PIP - 45 deg) + k_MCP q_MCP for extensors, -= for intrinsics"
+    formula = "f_ES += a + b for extensors, a - b for intrinsics; a, b = k_PIP (q_PIP - 45 deg) + k_MCP q_MCP"
     source = "form after the hood of Zancolli 1979, its shift assumed linear; range assumed: 0-1 per rad"
     tell = "RI, UI, LU and EDC across PIP angles"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
-        """Change of the fractions per rad of PIP and of MCP flexion; none where the hood has no such fractions."""
+        """Change of the fractions per rad of PIP and of MCP flexion, first in opposite directions, then in the same.
+
+        None where the hood has no such fractions.
+        """
         if not isinstance(topology.hood, Hood) or flexion_of(topology, "PIP") is None:
             return ()
-        return (two_sided("hood_shift.PIP", "1/rad", 1.0), two_sided("hood_shift.MCP", "1/rad", 1.0))
+        names = ("hood_shift.PIP", "hood_shift.MCP", "hood_shift.alike.PIP", "hood_shift.alike.MCP")
+        return tuple(two_sided(name, "1/rad", 1.0) for name in names)
 
     def variants(self, topology: Topology, layout: Layout) -> Mapping[str, tuple[tuple[str, ...], ...]]:
-        """By the PIP joint alone, or by both joints."""
+        """By the PIP joint alone or by both joints, extensor against intrinsics; by both, all of them alike."""
         names = tuple(p.name for p in self.parameters(topology, layout))
-        return {self.name: (names[:1], names)} if names else {}
+        return {self.name: (names[:1], names[:2], names[2:])} if names else {}
 
     def sharing(self, p: Array, case: LoadCaseInput, state: State) -> State:
         """Share the tensions anew."""
@@ -54,8 +59,8 @@ class HoodShift(Effect):
             return state
         sign = np.array([_direction(topology.hood, name) for name in topology.fractions])
         fraction = jnp.asarray(state.values.fraction)
-        shift = p[0] * (state.posture[pip] - HALF_FLEXED) + p[1] * state.posture[mcp]
-        moved = jnp.where(sign != 0.0, jnp.clip(fraction + sign * shift, 0.0, 1.0), fraction)
+        opposite, alike = p.reshape(2, 2) @ jnp.stack([state.posture[pip] - HALF_FLEXED, state.posture[mcp]])
+        moved = jnp.where(sign != 0.0, jnp.clip(fraction + sign * opposite + alike, 0.0, 1.0), fraction)
         values = state.values._replace(fraction=moved)
         return state._replace(values=values, segment_tension=segment_tensions(topology, values, state.tension))
 

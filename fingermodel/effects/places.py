@@ -63,14 +63,17 @@ def flexions(topology: Topology) -> NDArray[np.float64]:
     return spread([r for r in rows if r is not None], len(topology.rotations))
 
 
-def shifted(state: State, segments: Sequence[int], dorsal: Array) -> State:
-    """Move both points of some segments along y of their bones [mm]: all as far, or each (segments,) by its own."""
+def shifted(state: State, segments: Sequence[int], dorsal: Array, distal: Array | float = 1.0) -> State:
+    """Move both points of some segments along y of their bones [mm]: all as far, or each (segments,) by its own.
+
+    The distal points move by that share.
+    """
     values = state.values
     each = (dorsal * np.ones(len(segments))) @ spread(segments, len(state.topology.segments))
     moved = each[:, None] * np.array([0.0, 1.0, 0.0])
     return state._replace(
         values=values._replace(
             proximal_point=values.proximal_point + moved,
-            distal_point=values.distal_point + moved,
+            distal_point=values.distal_point + distal * moved,
         )
     )

@@ -12,7 +12,8 @@ from server.console import answer, progress, say, table
 from server.workflow import open_bench
 
 if TYPE_CHECKING:
-    from fingermodel.diagnosis.pooled import Pooled, SharedEffect
+    from fingermodel.diagnosis.pooled import Pooled
+    from fingermodel.diagnosis.shared import SharedEffect
 
 
 def diagnose_sessions(
@@ -47,25 +48,31 @@ def diagnose_sessions(
         body["figures"] = [str(draw_diagnosis(own, figures / name)) for name, own in each.items()]
     if answer("diagnose", body, json):
         return
-    say(pooled.sentence)
+    say(pooled.verdict.sentence)
+    if pooled.verdict.short:
+        say(f"  Short of more: {'; '.join(pooled.verdict.short)}.")
+    if pooled.verdict.rests_on:
+        say(f"  Without {' or '.join(pooled.verdict.rests_on)} it would not be found.")
     rows = [
         [
-            e.name,
+            " + ".join(e.names),
             e.probability,
             e.log_evidence_shared,
             e.log_evidence_own,
             ", ".join(
-                with_unit(f"{v:.3g} ± {s:.2g}", u) for v, s, u in zip(e.value[:3], e.sd[:3], e.units[:3], strict=True)
+                with_unit(f"{v:.3g} ± {s:.2g}", p.unit)
+                for v, s, p in zip(e.value[:3], e.sd[:3], e.parameters[:3], strict=True)
             ),
-            " ".join(f"{gain:+.1f}" for gain, _, _ in e.each),
+            " ".join(f"{each.gain:+.1f}" for each in e.each),
         ]
         for e in pooled.ranking[:8]
     ]
     table(
-        f"Together: {', '.join(pooled.sessions)}",
-        ["effect", "probability", "ln evidence, one size", "own sizes", "shared value", "by session"],
+        f"Shared by {', '.join(pooled.sessions)}",
+        ["effect", "probability", "ln evidence, one size", "own sizes", "value of all", "by session"],
         rows,
-        f"nothing missing {pooled.p_nothing:.3f}, something else {pooled.p_other:.3f}",
+        f"nothing shared {pooled.p_apart:.3f}; of that, nothing missing in any {pooled.p_nothing:.3f}, something else "
+        f"in each {pooled.p_other:.3f}",
     )
     for name, own in each.items():
         say(f"{name}: {own['sentence']}")
@@ -77,15 +84,20 @@ def diagnose_sessions(
 
 def pooled_body(pooled: Pooled) -> dict[str, Any]:
     """The contract's answer for the sessions together."""
-    by_name = {e.name: e for e in pooled.ranking}
+    verdict = pooled.verdict
+    effect_of = {c.name: c.effect for c in pooled.diagnoses[0].candidates}
+    named = verdict.names if verdict.kind in ("found", "one_of") else ()
     return {
         "sessions": list(pooled.sessions),
-        "verdict": pooled.verdict,
-        "effects": list(dict.fromkeys(by_name[n].effect for n in pooled.names)),
-        "candidates": list(pooled.names),
-        "probability": pooled.probability,
+        "verdict": verdict.kind,
+        "effects": list(dict.fromkeys(effect_of[n] for n in named)),
+        "candidates": list(verdict.names),
+        "probability": verdict.probability,
         "confirmed": None,
-        "sentence": pooled.sentence,
+        "sentence": verdict.sentence,
+        "short": list(verdict.short),
+        "rests_on": list(verdict.rests_on),
+        "p_nothing_shared": pooled.p_apart,
         "p_nothing": pooled.p_nothing,
         "p_other": pooled.p_other,
         "ranking": [_row(pooled, e) for e in pooled.ranking],
@@ -95,22 +107,24 @@ def pooled_body(pooled: Pooled) -> dict[str, Any]:
 
 def _row(pooled: Pooled, effect: SharedEffect) -> dict[str, Any]:
     return {
-        "effects": [effect.effect],
-        "candidates": [effect.name],
+        "effects": list(effect.explanation.effects),
+        "candidates": list(effect.names),
         "probability": effect.probability,
         "log_evidence_gain": effect.log_evidence_shared,
         "log_evidence_gain_own_sizes": effect.log_evidence_own,
         "same_in_all": effect.shared,
+        "one_size": list(effect.same),
         "parameters": [
-            {"name": n, "value": float(v), "sd": float(s), "unit": u}
-            for n, v, s, u in zip(effect.parameters, effect.value, effect.sd, effect.units, strict=True)
+            {"name": p.name, "value": float(v), "sd": float(s), "unit": p.unit}
+            for p, v, s in zip(effect.parameters, effect.value, effect.sd, strict=True)
         ],
         "each": {
             session: {
-                "log_evidence_gain": gain,
-                "values": [float(v) for v in values],
-                "sd": [float(s) if s == s else None for s in sds],  # noqa: PLR0124 - NaN is not equal to itself
+                "log_evidence_gain": each.gain,
+                "values": [float(v) for v in each.values],
+                "sd": [float(s) if s == s else None for s in each.sd],  # noqa: PLR0124 - NaN is not equal to itself
+                "beside": None if each.beside.own is None else list(each.beside.own),
             }
-            for session, (gain, values, sds) in zip(pooled.sessions, effect.each, strict=True)
+            for session, each in zip(pooled.sessions, effect.each, strict=True)
         },
     }

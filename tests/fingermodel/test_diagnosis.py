@@ -262,13 +262,20 @@ def test_only_a_mounts_readings_are_a_whole_mount() -> None:
 
 
 @pytest.mark.parametrize(
-    ("cases", "postures", "short"),
-    [(LEAST_CASES - 1, 3, "too few"), (LEAST_CASES, 1, "one posture"), (LEAST_CASES, 2, None)],
+    ("cases", "postures", "kept", "short"),
+    [
+        (LEAST_CASES - 1, 3, 40, "too few"),
+        (LEAST_CASES, 1, 40, "one posture"),
+        (LEAST_CASES, 2, 0, "kept from the fit"),
+        (LEAST_CASES, 2, 1, None),
+    ],
 )
-def test_a_few_cases_or_one_posture_name_nothing(cases: int, postures: int, short: str | None) -> None:
+def test_a_few_cases_one_posture_or_none_kept_name_nothing(
+    cases: int, postures: int, kept: int, short: str | None
+) -> None:
     held = SimpleNamespace(
-        roles=("identification",) * cases + ("validation",) * 40,
-        postures=tuple(f"p{i % postures}" for i in range(cases)) + ("q",) * 40,
+        roles=("identification",) * cases + ("validation",) * kept,
+        postures=tuple(f"p{i % postures}" for i in range(cases)) + ("q",) * kept,
     )
     problem = cast("Any", SimpleNamespace(rows=np.arange(6 * cases), observations=held))
     found = enough(problem, Verdict("found", ("e0",), ("e0",), 0.97))
