@@ -33,7 +33,7 @@ FORM_ERROR = 0.1
 IMPLAUSIBLE = 1e-3
 # A finding may leave a tenth of what it explains: no effect has exactly our form.
 LEFT_OVER = 0.1
-# Whatever its form: what leaves more of the misfit than this is not the explanation. More may be left where the readings
+# Whatever its form: what leaves more of the misfit than this is not the explanation. More may be left where readings
 # show the form to be no further off than is usual: the base, bent to do without the effect, then hides most of it.
 LEFT_OVER_PLAIN, LEFT_OVER_USUAL = 0.45, 0.75
 # Standard deviations at which an effect's form begins to matter.

@@ -112,7 +112,7 @@ def _found(
 ) -> PooledVerdict:
     stands = [k for k, each in enumerate(effect.each) if each.beside.own is not None]
     unknown = [s for k, s in enumerate(sessions) if k not in stands]
-    if len(stands) < max(2, (len(sessions) + 1) // 2):
+    if len(stands) < max(2, len(sessions) // 2 + 1):
         text = (
             f"Something is missing that no effect here describes, in {_words(unknown)}. With {_words(effect.names)} "
             "beside it less would be left, which is no reason to believe in that."
@@ -173,11 +173,11 @@ def _unbelievable(
         for parameter, value, sd in zip(effect.parameters, values, np.nan_to_num(sds), strict=True):
             if not believable(parameter, float(value), float(sd)):
                 out.append(f"{parameter.name} of {where} lies outside what is plausible")
-    errors = [_held_out(diagnoses[k], effect.each[k]) for k in stands]
+    errors = [_held_out(d, each) for d, each in zip(diagnoses, effect.each, strict=True)]
     tested = [e for e in errors if e is not None]
     if tested:
         before, after = np.sqrt(np.mean(np.square(tested), axis=0))
-        if rises(before, after, float(np.median([typical_sd(diagnoses[k].problem) for k in stands]))):
+        if rises(before, after, float(np.median([typical_sd(d.problem) for d in diagnoses]))):
             out.append(f"the error of the cases never fitted rises from {before:.3f} to {after:.3f} N")
     return out
 
