@@ -131,8 +131,8 @@ def _found(
         else:
             rests.append(session)
     beside = [
-        f"{_words(each.beside.own) if each.beside.own else 'something that no effect here describes'} in {session}"
-        for session, each in zip(sessions, effect.each, strict=True)
+        f"{_own(each.beside.own, d.verdict.names)} in {session}"
+        for session, d, each in zip(sessions, diagnoses, effect.each, strict=True)
         if each.beside.own != ()
     ]
     also = f" Beside it acts {'; '.join(beside)}." if beside else ""
@@ -141,6 +141,13 @@ def _found(
         return PooledVerdict("undecided", effect.names, probability, text, tuple(lacks), tuple(rests))
     text = f"Found in all sessions together: {_words(effect.names)}, {_sizes(effect)}.{also}"
     return PooledVerdict("found", effect.names, probability, text, (), tuple(rests))
+
+
+def _own(names: tuple[str, ...] | None, named: Sequence[str]) -> str:
+    """What acts in one session alone; only perhaps, where its own diagnosis does not name it."""
+    if names is None:
+        return "something that no effect here describes"
+    return _words(names) if set(names) <= set(named) else f"perhaps {_words(names)}"
 
 
 def _sizes(effect: SharedEffect) -> str:

@@ -103,10 +103,11 @@ def _without_predictions(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_is_shared_is_named_with_what_acts_beside_it() -> None:
-    found = judged([shared(("rig",), 0.98, owns=((), ("own",), None))])
+    ranking = [shared(("rig",), 0.98, owns=(("vague",), ("own",), None))]
+    found = judged(ranking, [session(), session("found", ("rig", "own")), session()])
     assert (found.kind, found.names) == ("found", ("rig",))
     assert "of one size in all sessions" in found.sentence
-    assert "own in B" in found.sentence
+    assert "acts perhaps vague in A; own in B;" in found.sentence
     assert "something that no effect here describes in C" in found.sentence
 
 
