@@ -33,8 +33,9 @@ FORM_ERROR = 0.1
 IMPLAUSIBLE = 1e-3
 # A finding may leave a tenth of what it explains: no effect has exactly our form.
 LEFT_OVER = 0.1
-# Whatever its form: what leaves more of the misfit than this is not the explanation. More may be left where readings
-# show the form to be no further off than is usual: the base, bent to do without the effect, then hides most of it.
+# Whatever its form: what leaves more of the misfit than this is not the explanation. More may be left by what is so by
+# definition, if the readings show it to be no further off than is usual (another angle at each tendon, say): the base,
+# bent to do without the effect, hides most of it. A law that leaves as much may be another law.
 LEFT_OVER_PLAIN, LEFT_OVER_USUAL = 0.45, 0.75
 # Standard deviations at which an effect's form begins to matter.
 CLEAR = 10.0
@@ -62,6 +63,7 @@ class Weighed:
         misfit: χ² with the budget and the error of the form as large as is most probable.
         plain_misfit: the same without any error of the form.
         log_prior: of the explanation.
+        defined: whether all its members are what they are by definition, and none is a law.
         x_allowing: (parameters,) in prior widths, where the error of the form and the budget's size are allowed for.
         sd_allowing: (parameters,) of these; zero where nothing moves.
     """
@@ -75,6 +77,7 @@ class Weighed:
     misfit: float
     plain_misfit: float
     log_prior: float
+    defined: bool
     x_allowing: Floats
     sd_allowing: Floats
 
@@ -99,7 +102,7 @@ class Weighed:
         excess = max(nothing.fitted.objective - readings, 1.0)
         if self.implausible and self.misfit - readings > LEFT_OVER * excess:
             return True
-        if self.form_error <= FORM_ERROR:
+        if self.defined and self.form_error <= FORM_ERROR:
             conceded = LEFT_OVER_USUAL
         else:
             # An error of the form as large as any that is tried would be taken larger still: then little is conceded.
@@ -229,6 +232,7 @@ def weigh_one(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...
         misfit,
         estimates_at(fitted, form, factor, 0.0)[0],
         log_prior(fitted.explanation, candidates),
+        not any(c.constitutive for c in candidates if c.name in fitted.explanation.names),
         x,
         sd,
     )

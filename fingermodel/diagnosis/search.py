@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -99,15 +99,17 @@ class Searcher(Fitter):
         far = far_off(nothing, FAR)
         self._lost = far and not thorough and self._hopeless(candidates)
         host = self._above(candidates) if far and not self._lost else nothing
+        whole = thorough or len(self.problem.rows) <= FEW
         for done, candidate in enumerate(candidates):
-            self._single(candidate, host)
+            if whole:
+                self._wholly(candidate, (host, nothing) if host is not nothing else (host,))
+            else:
+                self._single(candidate, host)
             self._progress(0.5 * (done + 1) / len(candidates))
         if host is not nothing and far_off(self._leader(candidates), FAR):
             self._from(host, candidates, ABOVE * more)
             pairs -= ABOVE * more
         self._race(HOSTS * more)
-        if thorough or len(self.problem.rows) <= FEW:
-            self._finish(1)
         self._nested(HOSTS * more)
         self._pairs(candidates, pairs)
         self._race(HOSTS * more, size=2)
@@ -171,6 +173,12 @@ class Searcher(Fitter):
                 explanation = single(candidate, k)
                 self.fit(explanation, [self.expected(host, explanation)])
 
+    def _wholly(self, candidate: Candidate, hosts: Sequence[Fitted]) -> None:
+        """Take every form of a candidate to its end from each host: some valleys look no better until far down."""
+        for k in range(len(candidate.alternatives)):
+            explanation = single(candidate, k)
+            self.fit(explanation, [self.expected(host, explanation) for host in hosts], LAST, finely=True)
+
     def _race(self, count: int, size: int = 1) -> None:
         """Take those of a size further that may still win: in each heat longer, and fewer."""
         for evaluations, share, at_least in HEATS:
@@ -188,11 +196,6 @@ class Searcher(Fitter):
                         continue
                     if place < forced or valley.promise > best.log_evidence - RACE / size:
                         self.go_on(valley, evaluations)
-
-    def _finish(self, size: int) -> None:
-        """Take all of a size to their end: some valleys look no better than others until far down."""
-        for one in [f for f in self.best.values() if f.explanation.size == size and not f.converged]:
-            self.go_on(one, LAST, finely=True)
 
     def _log_prior(self, explanation: Explanation, candidates: tuple[Candidate, ...]) -> float:
         """Asked for thousands of times in a search."""
