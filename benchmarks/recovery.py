@@ -1,10 +1,12 @@
 """How often a diagnosis is right, on sessions of the independent simulator: figures with Wilson intervals.
 
-    python -m benchmarks.recovery [--sessions 120] [--workers 2] [--kinds none,one,two,outside] [--out FILE] [--resume]
+    python -m benchmarks.recovery [--sessions 120] [--workers 2] [--kinds none,one,two,outside] [--first 9000]
+                                  [--second] [--out FILE] [--resume]
 
-The simulator (`tests/simulator`) shares no code with the model; its effects have other forms than the catalogue's, its
-small errors are 0.5 to 2 times the budget. Writes `benchmarks/recovery.md` and keeps every session's outcome beside it,
-so that a run that was stopped can be resumed, or reported as far as it went (`--resume --sessions 0`).
+The simulators (`tests/simulator` and, with `--second`, `tests/second_simulator`) share no code with the model; their
+effects have other forms than the catalogue's, their small errors are 0.5 to 2 times the budget. Writes
+`benchmarks/recovery.md` and keeps every session's outcome beside it, so that a run that was stopped can be resumed, or
+reported as far as it went (`--resume --sessions 0`).
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import tempfile
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from benchmarks.machine import commit, use_all_cores
 from tests.simulator import Kind
@@ -28,7 +30,33 @@ HERE = Path(__file__).parent
 BINS = ((0.0, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 0.99), (0.99, 1.01))
 
 
-def one_session(kind: Kind, seed: int) -> dict[str, Any]:
+class Drawn(NamedTuple):
+    """What is hidden in a session."""
+
+    effects: list[str]
+    outside: str | None
+    protocol: str
+    nuisance_scale: float
+    change_N: float
+
+
+def draw(folder: Path, kind: Kind, seed: int, second: bool) -> Drawn:
+    """Write a session of one simulator."""
+    from tests.simulator import draw_session, draw_truth
+
+    if second:
+        from tests.second_simulator import write_session
+
+        made = write_session(folder, kind, seed)
+        change = sum(c**2 for c in made.rms_change_N.values()) ** 0.5
+        return Drawn(sorted(made.effects), made.outside, made.protocol, made.budget_factor, change)
+    effects, outside = draw_truth(kind, seed)
+    truth = draw_session(folder, seed, effects, outside, protocol_of(seed))
+    names = sorted({name.split(".")[0] for name in effects})
+    return Drawn(names, outside, protocol_of(seed), truth.nuisance_scale, float(truth.change_N))
+
+
+def one_session(kind: Kind, seed: int, second: bool = False) -> dict[str, Any]:
     """Draw a session, diagnose it, and say what came out."""
     import numpy as np
 
@@ -36,27 +64,24 @@ def one_session(kind: Kind, seed: int) -> dict[str, Any]:
     from fingermodel.diagnosis.diagnose import diagnose
     from fingermodel.diagnosis.verdict import inclusion
     from server.workflow import open_bench
-    from tests.simulator import draw_session, draw_truth
 
-    protocol = protocol_of(seed)
-    effects, outside = draw_truth(kind, seed)
     with tempfile.TemporaryDirectory() as folder:
-        truth = draw_session(Path(folder), seed, effects, outside, protocol)
+        drawn = draw(Path(folder), kind, seed, second)
         bench = open_bench(folder, catalogue=True)
         found = diagnose(bench.model, bench.observations)
         rows = [w for w in found.evidence.weighed if w.explanation.size]
         singles = [w.explanation.effects[0] for w in rows if w.explanation.size == 1]
-        true = sorted({name.split(".")[0] for name in effects})
+        true = drawn.effects
         best = found.best
         out: dict[str, Any] = {
             "kind": kind,
             "seed": seed,
             "commit": commit(),
-            "protocol": protocol,
+            "protocol": drawn.protocol,
             "truth": true,
-            "outside": outside,
-            "nuisance_scale": truth.nuisance_scale,
-            "change_N": float(truth.change_N),
+            "outside": drawn.outside,
+            "nuisance_scale": drawn.nuisance_scale,
+            "change_N": drawn.change_N,
             "verdict": found.verdict.kind,
             "effects": sorted(found.verdict.effects),
             "names": list(found.verdict.names),
@@ -115,7 +140,7 @@ def _rate(what: str, aim: str, outcomes: Iterable[bool]) -> str:
     return f"| {what} | {share} | {100 * low:.1f}–{100 * high:.1f} % | {sum(values)}/{len(values)} | {aim} |"
 
 
-def report(rows: Sequence[dict[str, Any]], command: str) -> str:
+def report(rows: Sequence[dict[str, Any]], command: str, simulator: str = "tests/simulator") -> str:
     """The figures as Markdown."""
     of = {kind: [r for r in rows if r["kind"] == kind] for kind in KINDS}
     shown = [r for r in of["one"] if r.get("truth_gain") is not None and r["truth_gain"] > 3.0]
@@ -133,11 +158,10 @@ def report(rows: Sequence[dict[str, Any]], command: str) -> str:
         "",
         f"Made by `{command}` on {dt.datetime.now(dt.UTC).date()}, commit {commits}; "
         f"{', '.join(f'{len(v)} sessions with {k}' for k, v in of.items() if v)}.",
-        "The sessions come from `tests/simulator`: plain NumPy, no code shared with the model, other forms of every",
-        "effect, small errors of 0.5 to 2 times the budget, two protocols. An effect counts as shown if adding the",
-        "true one gains more than 3 in log evidence (of two, each beside the other); the others changed the readings",
-        "by less than noise and budget. Some of the catalogue's alternative forms were added after sessions of this",
-        "simulator had shown that they were lacking: on its effects the figures are not blind.",
+        f"The sessions come from `{simulator}`: plain NumPy, no code shared with the model, other forms of every",
+        "effect, small errors of 0.5 to 2 times the budget. An effect counts as shown if adding the true one gains",
+        "more than 3 in log evidence (of two, each beside the other); the others changed the readings by less than",
+        "noise and budget.",
         "",
         "| figure | rate | 95 % (Wilson) | count | aim |",
         "|---|---|---|---|---|",
@@ -192,19 +216,20 @@ def main() -> None:
     parser.add_argument("--sessions", type=int, default=120)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--kinds", default=",".join(KINDS))
-    parser.add_argument("--first", type=int, default=1000)
+    parser.add_argument("--first", type=int, default=9000, help="seed of the first session")
+    parser.add_argument("--second", action="store_true", help="sessions of the second simulator")
     parser.add_argument("--out", type=Path, default=HERE / "recovery.md")
     parser.add_argument("--resume", action="store_true", help="keep the outcomes that there are")
     given = parser.parse_args()
     use_all_cores()
     kinds = [kind for kind in KINDS if kind in given.kinds.split(",")]
-    jobs = [(kind, given.first + seed) for seed in range(given.sessions) for kind in kinds]
+    jobs = [(kind, given.first + seed, given.second) for seed in range(given.sessions) for kind in kinds]
     rows: list[dict[str, Any]] = []
     keep = given.out.with_suffix(".jsonl")
     if given.resume and keep.exists():
         rows = [json.loads(line) for line in keep.read_text(encoding="utf-8").splitlines()]
         done_before = {(r["kind"], r["seed"]) for r in rows}
-        jobs = [job for job in jobs if job not in done_before]
+        jobs = [job for job in jobs if job[:2] not in done_before]
     with ProcessPoolExecutor(given.workers) as pool, keep.open("a" if given.resume else "w", encoding="utf-8") as log:
         for done, future in enumerate(as_completed([pool.submit(one_session, *job) for job in jobs])):
             if future.exception() is not None:
@@ -215,8 +240,10 @@ def main() -> None:
             if done % 20 == 19:
                 print(f"{done + 1} of {len(jobs)}", flush=True)
     rows.sort(key=lambda r: (KINDS.index(r["kind"]), r["seed"]))
-    command = f"python -m benchmarks.recovery --sessions {given.sessions} --kinds {given.kinds}"
-    given.out.write_text(report(rows, command), encoding="utf-8")
+    command = f"python -m benchmarks.recovery --sessions {given.sessions} --first {given.first} --kinds {given.kinds}"
+    command += " --second" if given.second else ""
+    simulator = "tests/second_simulator" if given.second else "tests/simulator"
+    given.out.write_text(report(rows, command, simulator), encoding="utf-8")
     print(given.out.read_text(encoding="utf-8"))
 
 

@@ -6,7 +6,7 @@ everything. All effects live in it at their null values, so choosing effects is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -77,7 +77,7 @@ class Model:
         finger: with the numbers before any fit.
         layout: settings and mountings for which there are parameters.
         budget: priors of the errors that every rig has.
-        effects: after the budget's own.
+        effects: beside the budget's own, before which they act unless they are `after_mounting`.
     """
 
     finger: Finger
@@ -87,7 +87,9 @@ class Model:
     _all: tuple[Effect, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_all", (*self.effects, *budget_effects(self.budget)))
+        before = (e for e in self.effects if not e.after_mounting)
+        after = (e for e in self.effects if e.after_mounting)
+        object.__setattr__(self, "_all", (*before, *budget_effects(self.budget), *after))
 
     @cached_property
     def parameters(self) -> ParameterTable:
@@ -207,11 +209,22 @@ def predict_parts(
             for i, (effect, p) in enumerate(zip(structure.effects, parts[1:], strict=True))
             if getattr(getattr(effect, stage), "__func__", None) is not getattr(Effect, stage)
         }
-        if active is not None and (asked := [i for i in changes if _is_optional(structure, i)]):
-            optional = {i: partial(_if, active[i], changes.pop(i)) for i in asked}
-            # Asked of all together first: most fits have one effect, and every answer copies what it might change.
-            state = _if(jnp.any(picked(active, asked)), partial(_one_by_one, optional.values()), state)
-        return _one_by_one(changes.values(), state)
+        if active is None:
+            return _one_by_one(changes.values(), state)
+        first, always, last = list[int](), list[int](), list[int]()
+        for i in changes:
+            after = structure.effects[i].after_mounting
+            (last if after else first if _is_optional(structure, i) else always).append(i)
+        state = if_any(first, changes, state)
+        state = _one_by_one([changes[i] for i in always], state)
+        return if_any(last, changes, state)
+
+    def if_any(asked: list[int], changes: Mapping[int, Callable[[State], State]], state: State) -> State:
+        """Asked of all together first: most fits have one effect, and every answer copies what it might change."""
+        if active is None or not asked:
+            return state
+        optional = [partial(_if, active[i], changes[i]) for i in asked]
+        return _if(jnp.any(picked(active, asked)), partial(_one_by_one, optional), state)
 
     state = State(topology, case.posture, with_anatomy(topology, values, parts[0]), case.tension)
     state = act("tension", state)

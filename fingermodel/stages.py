@@ -117,6 +117,8 @@ class Effect:
         constitutive: whether it is a law of tissue, contact or time, whose exact form nobody knows; a mass, a length,
             an angle, a constant or a matrix is what it is by definition.
         always: whether it is part of every model, so that nothing is gained by asking whether it acts.
+        after_mounting: whether it is an error of what the cell says, and no force: a mounting that is a little off, as
+            the budget allows, neither turns nor levers it.
         rests_on_clamp_assumption: whether only out-of-plane forces can support it, which a real clamp carries in part.
     """
 
@@ -128,6 +130,7 @@ class Effect:
     tell: ClassVar[str] = ""
     constitutive: ClassVar[bool] = True
     rests_on_clamp_assumption: ClassVar[bool] = False
+    after_mounting: ClassVar[bool] = False
     always: ClassVar[bool] = False
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -21,6 +21,7 @@ class TareDrift(Effect):
 
     name = "tare_drift"
     stage = "reading"
+    after_mounting = True
     title = "the cell's zero drifts after the tare"
     formula = "F += d (g(t) - g(t_tare)), g(t) = t + t (1 - t) (b + c (1 - 2 t)), t from 0 to 1 over the session"
     source = "thermal drift of a strain-gauge cell; range assumed: 1 N over the session, each axis"

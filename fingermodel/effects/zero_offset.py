@@ -22,6 +22,7 @@ class ZeroOffset(Effect):
 
     name = "zero_offset"
     stage = "reading"
+    after_mounting = True
     constitutive = False
     title = "the tare missed a constant force"
     formula = "F += f0 at one mount"

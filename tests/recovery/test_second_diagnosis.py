@@ -1,0 +1,42 @@
+"""Sessions of the second simulator, read: a small sample of `python -m benchmarks.recovery --second`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from server.commands.diagnosis import run_diagnosis
+from server.workflow import open_bench
+from tests.second_simulator import Kind, write_session
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "effects"),
+    [
+        # A zero that the mounting does not lever: its moment is not a tip elsewhere.
+        ("one", 21, ("zero_offset",)),
+        # A drift that swings, and flexors held beyond a joint and pressed on an extended one.
+        ("one", 22, ("tare_drift",)),
+        ("one", 31, ("bowstringing",)),
+        # Sutures that meet in one eyelet, as far behind the joint as they truly are.
+        ("one", 41, ("suture_angle",)),
+    ],
+)
+def test_an_effect_of_another_form_is_named(tmp_path: Path, kind: Kind, seed: int, effects: tuple[str, ...]) -> None:
+    truth = write_session(tmp_path, kind, seed)
+    assert truth.effects == effects
+    bench = open_bench(tmp_path, catalogue=True)
+    found = run_diagnosis(bench)
+    assert (found.verdict.kind, found.verdict.effects) == ("found", effects), found.verdict
+    if effects == ("suture_angle",):
+        index = bench.model.parameters.index["suture_angle.convergence"]
+        assert found.best.fitted.theta[index] == pytest.approx(1000.0 / 140.0, abs=0.5)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("seed", [2, 4, 8])
+def test_what_the_catalogue_does_not_hold_is_not_named(tmp_path: Path, seed: int) -> None:
+    truth = write_session(tmp_path, "outside", seed)
+    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    assert (found.verdict.kind, found.verdict.effects) == ("none_of_catalogue", ()), truth.outside
