@@ -384,17 +384,32 @@ def test_values_are_less_sure_where_the_form_may_be_otherwise_and_the_base_is_be
     assert abs(allowing[1]) < 0.7 * abs(plain[1])
 
 
-def test_a_form_as_far_off_as_any_that_is_tried_concedes_little() -> None:
+@pytest.mark.parametrize(
+    ("left", "error", "defined", "too_much"),
+    [
+        # A third of the misfit: an error of a law's form, unless it is as large as any that is tried.
+        (3500.0, 0.1, False, False),
+        (3500.0, float(FORM_ERRORS[-1]), False, True),
+        # Two thirds: only by what has no law to be off, and is little off.
+        (7000.0, 0.1, False, True),
+        (7000.0, 0.1, True, False),
+        (7000.0, float(FORM_ERRORS[-2]), True, True),
+        (9000.0, 0.1, True, True),
+    ],
+)
+def test_how_much_may_be_left_hangs_on_what_the_form_is_and_how_far_it_is_off(
+    left: float, error: float, defined: bool, too_much: bool
+) -> None:
     nothing = SimpleNamespace(fitted=SimpleNamespace(objective=10_000.0))
-    for error, too_much in ((0.1, False), (float(FORM_ERRORS[-1]), True)):
-        weighed = SimpleNamespace(
-            fitted=SimpleNamespace(problem=SimpleNamespace(rows=np.arange(200))),
-            implausible=False,
-            misfit=200.0,
-            plain_misfit=3500.0,
-            form_error=error,
-        )
-        assert Weighed.leaves_too_much(cast("Any", weighed), cast("Any", nothing)) is too_much
+    weighed = SimpleNamespace(
+        fitted=SimpleNamespace(problem=SimpleNamespace(rows=np.arange(200))),
+        implausible=False,
+        misfit=200.0,
+        plain_misfit=left,
+        form_error=error,
+        defined=defined,
+    )
+    assert Weighed.leaves_too_much(cast("Any", weighed), cast("Any", nothing)) is too_much
 
 
 @pytest.mark.parametrize(
