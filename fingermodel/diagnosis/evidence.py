@@ -347,7 +347,7 @@ def assemble(
     none = next(w for w in weighed if w.explanation.size == 0)
     total: dict[tuple[str, ...] | None, list[float]] = {None: [other.log_evidence + log_prior_else(nothing)]}
     for w in weighed:
-        if w.explanation.size and (together is not None or (none.implausible and w.leaves_too_much(none))):
+        if w.explanation.size and (together is not None or struck_out(w, none)):
             total.setdefault(w.explanation.names, [-np.inf])
             continue
         total.setdefault(w.explanation.names, []).append(w.log_evidence + w.log_prior)
@@ -356,6 +356,11 @@ def assemble(
     ranked = sorted(weighed, key=lambda w: (-values[w.explanation.names], -(w.log_evidence + w.log_prior)))
     probability = {n: float(np.exp(v - norm)) for n, v in values.items()}
     return Evidence(tuple(ranked), other, probability, together, norm)
+
+
+def struck_out(weighed: Weighed, nothing: Weighed) -> bool:
+    """Whether an explanation counts for none: the base model does not fit, and what it leaves is too much."""
+    return nothing.implausible and weighed.leaves_too_much(nothing)
 
 
 def change_of(problem: Problem, fitted: Fitted, parameters: Sequence[int]) -> Floats:

@@ -28,14 +28,12 @@ class InSession:
         values: (k,) of its parameters, in their units, by this session alone.
         sd: (k,) of them; NaN where a value is held at a bound.
         beside: its likeliest fit there.
-        log_posterior: of its acting there, beside whatever else.
     """
 
     gain: float
     values: Floats
     sd: Floats
     beside: Beside
-    log_posterior: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +142,8 @@ class Hypothesis:
             own + tied[whole],
             own,
             tuple(
-                InSession(gain, *_values(s.here(self.shared), found[0]), found[0], each)
-                for gain, s, found, each in zip(gains, self._sharers, self._besides, self._each, strict=True)
+                InSession(gain, *_values(s.here(self.shared), found[0]), found[0])
+                for gain, s, found in zip(gains, self._sharers, self._besides, strict=True)
             ),
             self.log_posterior,
         )

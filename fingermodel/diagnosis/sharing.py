@@ -24,7 +24,7 @@ from fingermodel.diagnosis.candidates import (
     together,
 )
 from fingermodel.diagnosis.diagnose import Diagnosis
-from fingermodel.diagnosis.evidence import Weighed, estimates_of, other_evidence, scales, weigh_one
+from fingermodel.diagnosis.evidence import Weighed, estimates_of, other_evidence, scales, struck_out, weigh_one
 from fingermodel.diagnosis.fitted import Fitted
 from fingermodel.diagnosis.fitter import LAST, SECOND, Fitter
 from fingermodel.diagnosis.linear import log_mass
@@ -101,7 +101,6 @@ class Sharer:
         self._fitter = Fitter(diagnosis.problem)
         self._fitter.best.update((f.explanation, f) for f in diagnosis.search.fitted)
         self._weighed = {w.explanation: w for w in diagnosis.evidence.weighed}
-        self._asked: dict[Explanation, tuple[Beside, ...]] = {}
 
     @cached_property
     def _wildcard(self) -> Wildcard:
@@ -149,15 +148,12 @@ class Sharer:
     def beside(self, shared: Explanation) -> tuple[Beside, ...]:
         """Fit what is shared alone, beside what else acts here, and beside something unknown; the likeliest first."""
         shared = self.here(shared)
-        if shared not in self._asked:
-            owns = [NOTHING_MISSING, *(self._own(w.explanation, shared) for w in self.hosts)]
-            found = [self._beside(shared, own) for own in dict.fromkeys(owns) if own is not None]
-            alone = found[0].weighed
-            unknown = other_evidence(alone.fitted, self._wildcard).log_evidence + log_prior_else()
-            kept = [f for f in found if not self._struck(f.weighed)]
-            ranked = sorted([*kept, Beside(alone, None, unknown)], key=lambda b: -b.log_posterior)
-            self._asked[shared] = tuple(ranked)
-        return self._asked[shared]
+        owns = [NOTHING_MISSING, *(self._own(w.explanation, shared) for w in self.hosts)]
+        found = [self._beside(shared, own) for own in dict.fromkeys(owns) if own is not None]
+        alone = found[0].weighed
+        unknown = other_evidence(alone.fitted, self._wildcard).log_evidence + log_prior_else()
+        kept = [f for f in found if not struck_out(f.weighed, self.diagnosis.evidence.nothing)]
+        return tuple(sorted([*kept, Beside(alone, None, unknown)], key=lambda b: -b.log_posterior))
 
     def size(self, shared: Explanation, found: Beside) -> Size:
         """What a fit says of the size of what is shared; errors of form and the budget's size are allowed for."""
@@ -196,7 +192,3 @@ class Sharer:
         starts = [self._fitter.expected(near, both), near.theta, *([] if known is None else [known.theta])]
         found = self._fitter.fit(both, starts, SECOND)
         return found if found.converged else self._fitter.go_on(found, LAST, finely=True)
-
-    def _struck(self, weighed: Weighed) -> bool:
-        nothing = self.diagnosis.evidence.nothing
-        return nothing.implausible and weighed.leaves_too_much(nothing)

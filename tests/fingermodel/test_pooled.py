@@ -70,7 +70,6 @@ def shared(
             values=np.array([value]),
             sd=np.array([0.1]),
             beside=SimpleNamespace(own=own, weighed=SimpleNamespace(fitted=SimpleNamespace(theta=None))),
-            log_posterior=0.0,
         )
         for own, gain in zip(owns, gains, strict=True)
     )
