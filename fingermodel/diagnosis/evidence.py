@@ -193,7 +193,7 @@ def weigh(
     """
     sane = [f for f in search.fitted if f.sane]
     ranked = sorted(sane, key=lambda f: -(f.log_evidence + log_prior(f.explanation, candidates)))
-    chosen = _in_question(ranked)
+    chosen = _in_question(ranked, lost=search.together is not None)
     if search.nothing not in chosen:
         chosen.append(search.nothing)
     weighed = [weigh_one(problem, fitted, candidates) for fitted in chosen]
@@ -201,15 +201,20 @@ def weigh(
     return assemble(weighed, other_evidence(nothing.fitted, wildcard, known), together=search.together)
 
 
-def _in_question(ranked: Sequence[Fitted]) -> list[Fitted]:
-    """The best explanations, and the best singles even where pairs are ahead of them all; of each its best forms."""
+def _in_question(ranked: Sequence[Fitted], *, lost: bool) -> list[Fitted]:
+    """The best explanations, and the best singles even where pairs are ahead of them all; of each its best forms.
+
+    Args:
+        ranked: by their posterior, best first.
+        lost: whether no few of them can explain the readings: then none of them counts, whatever its form.
+    """
     several: list[Fitted] = []
     for fitted in ranked:
         if sum(f.explanation.names == fitted.explanation.names for f in several) < FORMS:
             several.append(fitted)
     singles = [f for f in several if f.explanation.size == 1][:4]
     # Where much is left, an error of form decides, and may turn the order of these.
-    count = FAR_WEIGHED if ranked and far_off(ranked[0], FAR) else WEIGHED
+    count = FAR_WEIGHED if ranked and not lost and far_off(ranked[0], FAR) else WEIGHED
     chosen = several[: count - len(singles)]
     return chosen + [f for f in singles if f not in chosen]
 
@@ -222,6 +227,8 @@ def weigh_one(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...
     best = int(np.argmax(total))
     factor, error = float(BUDGET_FACTORS[best]), each[best][1]
     misfit, x, sd = estimates_at(fitted, form, factor, error)
+    free, scale = scales(fitted, factor)
+    plain_misfit = min(fitted.linear.posterior(free, scale).misfit, fitted.objective)
     return Weighed(
         fitted,
         form,
@@ -230,7 +237,7 @@ def weigh_one(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...
         error,
         factor,
         misfit,
-        estimates_at(fitted, form, factor, 0.0)[0],
+        plain_misfit,
         log_prior(fitted.explanation, candidates),
         not any(c.constitutive for c in candidates if c.name in fitted.explanation.names),
         x,

@@ -134,9 +134,7 @@ class Fitted:
         mean = self.x[free] - solve_triangular(factor, step, lower=True, trans="T")
         at = np.searchsorted(free, own)
         columns = solve_triangular(factor, np.eye(len(free))[:, at], lower=True)
-        return value + log_mass(
-            mean[at], np.asarray(np.linalg.inv(columns.T @ columns), dtype=np.float64), one_sided[own]
-        )
+        return value + log_mass(mean[at], columns.T @ columns, one_sided[own])
 
     @cached_property
     def _factor(self) -> Floats:

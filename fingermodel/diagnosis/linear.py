@@ -95,16 +95,45 @@ class Linear:
         """
         chosen = np.array(parameters, dtype=int)
         full, score = self.information
-        a, s = full[np.ix_(chosen, chosen)] * scale**2, score[chosen] * scale
-        hessian = np.eye(len(chosen)) + a
-        mean = np.linalg.solve(hessian, s)
-        value = 0.5 * s @ mean - 0.5 * np.linalg.slogdet(hessian)[1]
-        return float(value) + log_mass(mean, hessian, self.one_sided[chosen])
+        size = Size(full[np.ix_(chosen, chosen)] * scale**2, score[chosen] * scale)
+        return size.log_evidence(self.one_sided[chosen])
 
     def mean(self, parameters: Sequence[int]) -> tuple[Ints, Floats]:
         """Most probable values of the base and some effect parameters: their indices, and values in prior widths."""
         free = np.concatenate([self.base, np.array(parameters, dtype=int)]).astype(np.intp)
         return free, self.posterior(free).values
+
+
+@dataclass(frozen=True, eq=False)
+class Size:
+    """What readings say of some effect parameters, everything else left open, as a Gaussian likelihood.
+
+    Attributes:
+        information: (k, k) in prior widths.
+        score: (k,).
+    """
+
+    information: Floats
+    score: Floats
+
+    def __add__(self, other: Size) -> Size:
+        """What two sessions say, if the parameters are the same in both."""
+        return Size(self.information + other.information, self.score + other.score)
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """(k, k) of the most probable values."""
+        return np.asarray(np.linalg.inv(np.eye(len(self.score)) + self.information), dtype=np.float64)
+
+    @cached_property
+    def mean(self) -> Floats:
+        """(k,) most probable, in prior widths."""
+        return self.covariance @ self.score
+
+    def log_evidence(self, one_sided: NDArray[np.bool_]) -> float:
+        """What it adds to a log evidence over the parameters at their null."""
+        value = 0.5 * self.score @ self.mean + 0.5 * np.linalg.slogdet(self.covariance)[1]
+        return float(value) + log_mass(self.mean, self.covariance, one_sided)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,21 +187,21 @@ class Posterior:
         return -0.5 * self.misfit - float(np.log(np.diag(self.factor)).sum())
 
 
-def log_mass(mean: Floats, precision: Floats, one_sided: NDArray[np.bool_]) -> float:
+def log_mass(mean: Floats, covariance: Floats, one_sided: NDArray[np.bool_]) -> float:
     """Ln of 2ⁿ times the Gaussian's mass where the n one-sided coordinates are positive (their null is 0).
 
     Args:
         mean: (k,) of the Gaussian, before any bound.
-        precision: (k, k).
+        covariance: (k, k).
         one_sided: (k,).
     """
     which = np.flatnonzero(one_sided)
     if len(which) == 0:
         return 0.0
-    covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)[np.ix_(which, which)]
     if len(which) == 1:
-        return float(np.log(2.0) + log_ndtr(mean[which[0]] / np.sqrt(covariance[0, 0])))
-    return float(len(which) * np.log(2.0) + _log_orthant(mean[which], covariance))
+        i = which[0]
+        return float(np.log(2.0) + log_ndtr(mean[i] / np.sqrt(covariance[i, i])))
+    return float(len(which) * np.log(2.0) + _log_orthant(mean[which], covariance[np.ix_(which, which)]))
 
 
 def _log_orthant(mean: Floats, covariance: Floats, draws: int = 512) -> float:

@@ -251,7 +251,7 @@ class Asked:
             return value
         spread = explained[:, 1:].T @ explained[:, 1:]
         mean = x[: self.own] + explained[:, 1:].T @ explained[:, 0]
-        return value + log_mass(mean, np.linalg.inv(spread), self.one_sided)
+        return value + log_mass(mean, spread, self.one_sided)
 
 
 def _by_names(evidences: Iterable[tuple[Weighed, float]]) -> Values:

@@ -112,7 +112,8 @@ class Searcher(Fitter):
         self._race(HOSTS * more)
         self._nested(HOSTS * more)
         self._pairs(candidates, pairs)
-        self._race(HOSTS * more, size=2)
+        if not self._lost:
+            self._race(HOSTS * more, size=2)
         self._forms(candidates)
         self._polish(candidates)
         self._neighbours(candidates)
@@ -123,7 +124,7 @@ class Searcher(Fitter):
         self._progress(1.0)
         searched = 1 + len(candidates) + len(pairs_of(candidates))
         # Fitted as far as what is held against it.
-        together = further(self._together(candidates), LAST, finely=True).chi2 if self._lost else None
+        together = further(self._together(candidates), SECOND, finely=True).chi2 if self._lost else None
         return Search(self.best[NOTHING_MISSING], tuple(self.best.values()), searched, together)
 
     def _hopeless(self, candidates: tuple[Candidate, ...]) -> bool:
@@ -181,7 +182,7 @@ class Searcher(Fitter):
 
     def _race(self, count: int, size: int = 1) -> None:
         """Take those of a size further that may still win: in each heat longer, and fewer."""
-        for evaluations, share, at_least in HEATS:
+        for evaluations, share, at_least in HEATS[:1] if self._lost else HEATS:
             runners = [f for f in self.best.values() if f.explanation.size == size]
             ranked = sorted(runners, key=lambda f: -f.promise)
             if not runners:
@@ -211,7 +212,7 @@ class Searcher(Fitter):
 
         A rival that was left in another valley would make the leader look sure.
         """
-        for _ in range(ROUNDS):
+        for _ in range(1 if self._lost else ROUNDS):
             leader = self._leader(candidates)
             for explanation in self._rivals(leader, candidates)[:RIVALS]:
                 self.fit(explanation, [self.expected(leader, explanation)], 2 * FIRST)

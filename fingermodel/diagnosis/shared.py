@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from fingermodel.diagnosis.candidates import Candidate, Explanation, joined, log_prior, members
-from fingermodel.diagnosis.sharing import Beside, Sharer, Size
+from fingermodel.diagnosis.linear import Size
+from fingermodel.diagnosis.sharing import Beside, Sharer
 from fingermodel.parameters import Parameter
 
 Floats = NDArray[np.float64]

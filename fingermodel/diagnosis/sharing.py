@@ -27,7 +27,7 @@ from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.evidence import Weighed, estimates_of, other_evidence, scales, struck_out, weigh_one
 from fingermodel.diagnosis.fitted import Fitted
 from fingermodel.diagnosis.fitter import LAST, SECOND, Fitter
-from fingermodel.diagnosis.linear import log_mass
+from fingermodel.diagnosis.linear import Size
 from fingermodel.diagnosis.wildcard import AMPLITUDES_N, Wildcard, anything
 
 Floats = NDArray[np.float64]
@@ -50,42 +50,6 @@ class Beside:
     weighed: Weighed
     own: Names
     log_posterior: float
-
-
-@dataclass(frozen=True, eq=False)
-class Size:
-    """What one session says of some parameters, everything else in it left open, as a Gaussian likelihood.
-
-    Attributes:
-        information: (k, k) in prior widths.
-        score: (k,).
-    """
-
-    information: Floats
-    score: Floats
-
-    def __add__(self, other: Size) -> Size:
-        """What two sessions say, if the parameters are the same in both."""
-        return Size(self.information + other.information, self.score + other.score)
-
-    @property
-    def _precision(self) -> Floats:
-        return np.asarray(np.eye(len(self.score)) + self.information, dtype=np.float64)
-
-    @property
-    def mean(self) -> Floats:
-        """(k,) most probable, in prior widths."""
-        return np.asarray(np.linalg.solve(self._precision, self.score), dtype=np.float64)
-
-    @property
-    def covariance(self) -> Floats:
-        """(k, k) of it."""
-        return np.asarray(np.linalg.inv(self._precision), dtype=np.float64)
-
-    def log_evidence(self, one_sided: NDArray[np.bool_]) -> float:
-        """What it adds to a log evidence over the parameters at their null."""
-        value = 0.5 * float(self.score @ self.mean) - 0.5 * float(np.linalg.slogdet(self._precision)[1])
-        return value + log_mass(self.mean, self._precision, one_sided)
 
 
 class Sharer:

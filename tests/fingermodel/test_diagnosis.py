@@ -60,7 +60,7 @@ def test_the_gain_is_the_ratio_of_exact_evidences(seed: int, freed: set[int]) ->
 
 @given(st.floats(-3.0, 3.0), st.floats(0.2, 5.0))
 def test_a_one_sided_prior_doubles_what_lies_on_its_side(mean: float, precision: float) -> None:
-    value = log_mass(np.array([mean]), np.array([[precision]]), np.array([True]))
+    value = log_mass(np.array([mean]), np.array([[1.0 / precision]]), np.array([True]))
     assert value == pytest.approx(np.log(2.0) + norm.logcdf(mean * np.sqrt(precision)), abs=1e-9)
 
 
@@ -70,7 +70,7 @@ def test_several_one_sided_priors_count_with_their_orthant() -> None:
     covariance, mean = root @ root.T, np.array([1.0, -0.5, 2.0])
     draws = mean + rng.normal(size=(400_000, 3)) @ root.T
     expected = np.log(8.0 * np.mean(np.all(draws > 0.0, axis=1)))
-    value = log_mass(mean, np.asarray(np.linalg.inv(covariance)), np.array([True] * 3))
+    value = log_mass(mean, covariance, np.array([True] * 3))
     assert value == pytest.approx(expected, abs=0.02)
 
 
@@ -89,8 +89,8 @@ def test_what_is_held_at_its_null_counts_however_hard_it_is_pulled(
     given_a = mean[1] + correlation * (a - mean[0])
     logs = norm.logpdf(a, mean[0]) + norm.logcdf(given_a / spread)
     expected = logs.max() + np.log(trapezoid(np.exp(logs - logs.max()), a)) + 2.0 * np.log(2.0)
-    precision = np.asarray(np.linalg.inv(covariance[np.ix_(order, order)]))
-    assert log_mass(mean[order], precision, np.array([True, True])) == pytest.approx(expected, abs=0.01)
+    value = log_mass(mean[order], covariance[np.ix_(order, order)], np.array([True, True]))
+    assert value == pytest.approx(expected, abs=0.01)
 
 
 @given(st.integers(0, 10_000))

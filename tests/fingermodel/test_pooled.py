@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from fingermodel.diagnosis.candidates import Explanation
 from fingermodel.diagnosis.diagnose import UNTESTED
+from fingermodel.diagnosis.linear import Size
 from fingermodel.diagnosis.pooled_verdict import PooledVerdict, judge_together
 from fingermodel.diagnosis.shared import SharedEffect
-from fingermodel.diagnosis.sharing import Size
 from fingermodel.parameters import two_sided
 
 Names = tuple[str, ...] | None
