@@ -96,6 +96,11 @@ class Weighed:
         """Whether noise would leave a larger misfit less than once in a thousand times."""
         return bool(chdtrc(len(self.fitted.problem.rows), self.misfit) < IMPLAUSIBLE)
 
+    @property
+    def may_be_another_law(self) -> bool:
+        """Whether an error of a law's form would be taken larger than any that is tried."""
+        return not self.defined and self.form_error >= FORM_ERRORS[-1]
+
     def leaves_too_much(self, nothing: Weighed) -> bool:
         """Whether far more of the misfit is left than an error of its form could be: then it is not the explanation."""
         readings = len(self.fitted.problem.rows)
@@ -104,8 +109,10 @@ class Weighed:
             return True
         if self.defined and self.form_error <= FORM_ERROR:
             conceded = LEFT_OVER_USUAL
+        elif self.may_be_another_law:
+            # No more is conceded than the largest error that is tried leaves.
+            conceded = float(FORM_ERRORS[-1] ** 2)
         else:
-            # An error of the form as large as any that is tried would be taken larger still: then little is conceded.
             conceded = LEFT_OVER_PLAIN if self.form_error < FORM_ERRORS[-1] else LEFT_OVER
         return bool(chdtrc(readings, self.plain_misfit) < IMPLAUSIBLE) and (
             self.plain_misfit - readings > conceded * excess

@@ -264,8 +264,13 @@ class Searcher(Fitter):
     def _halves(self, candidates: tuple[Candidate, ...]) -> None:
         """Fit each member of the best pairs alone from where the pair stands: what it can do without is no member.
 
-        An error of its form may yet decide for the single, which these evidences do not know.
+        An error of its form may yet decide for the single, which these evidences do not know. Where even the leader is
+        far off, its members are begun anew as well: their fits may have been left in a wrong valley.
         """
+        leader, nothing = self._leader(candidates), self.best[NOTHING_MISSING]
+        if leader.explanation.size > 1 and far_off(leader, FAR):
+            for alone in members(leader.explanation, candidates):
+                self.fit(alone, [self.expected(nothing, alone)], LAST, finely=True)
         for pair in self._ranked(2)[:HALVED]:
             for alone in members(pair.explanation, candidates):
                 known = self.best.get(alone)

@@ -276,10 +276,15 @@ def _unsettled(evidence: Evidence, certain: tuple[str, ...]) -> tuple[str, ...]:
 def conditions(
     problem: Problem, evidence: Evidence, chosen: Weighed, validation_rmse: Callable[[Weighed], float | None]
 ) -> tuple[str, ...]:
-    """What a finding lacks: a fit, a held-out error that does not rise, a value within its range, a sane anatomy."""
+    """What a finding lacks: a fit, its form, a held-out error that does not rise, a value in range, a sane anatomy."""
     out = []
     if chosen.leaves_too_much(evidence.nothing):
         out.append(f"a misfit of {chosen.plain_misfit:.0f} is left for {len(problem.rows)} readings")
+    if chosen.may_be_another_law:
+        out.append(
+            f"its form would be off by {100.0 * chosen.form_error:.0f} % or more, the largest error that is tried: "
+            "it may be another law"
+        )
     if _worse(problem, evidence, chosen, validation_rmse):
         before, after = validation_rmse(evidence.nothing), validation_rmse(chosen)
         out.append(f"the error of the cases never fitted rises from {before:.3f} to {after:.3f} N")

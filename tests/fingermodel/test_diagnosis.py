@@ -196,14 +196,15 @@ def verdict_of(
     form_error: float = 0.1,
     held_out: dict[int, float] | None = None,
     left: tuple[tuple[str, ...], ...] = (),
+    another_law: tuple[tuple[str, ...], ...] = (),
     implausible: tuple[tuple[str, ...], ...] = (),
     together: float | None = None,
 ) -> Any:
     """The verdict where only probabilities speak: everything fits, nothing is strained.
 
     `each` is the log evidence of each effect, `held_out` the error [N] of cases never fitted by the number of effects,
-    `left` are explanations that leave too much, `implausible` those that leave more than noise would, and `together` is
-    what all at once leave.
+    `left` are explanations that leave too much, `another_law` those whose form is too far off, `implausible` those that
+    leave more than noise would, and `together` is what all at once leave.
     """
     model = SimpleNamespace(parameters=SimpleNamespace(parameters=(), names=()))
     blocks = SimpleNamespace(case_covariance=np.tile(0.005**2 * np.eye(6), (10, 1, 1)))
@@ -228,6 +229,7 @@ def verdict_of(
                     budget_factor=1.0,
                     x_allowing=np.zeros(0),
                     leaves_too_much=lambda _, too_much=names in left: too_much,
+                    may_be_another_law=names in another_law,
                 )
             )
     nothing = next(r for r in rows if r.explanation.size == 0)
@@ -384,12 +386,25 @@ def test_values_are_less_sure_where_the_form_may_be_otherwise_and_the_base_is_be
     assert abs(allowing[1]) < 0.7 * abs(plain[1])
 
 
+def test_a_law_of_which_another_form_is_needed_is_not_found() -> None:
+    probability: dict[tuple[str, ...] | None, float] = {("e0",): 0.97, (): 0.02, None: 0.01}
+    assert verdict_of(probability).kind == "found"
+    verdict = verdict_of(probability, another_law=(("e0",),))
+    assert verdict.kind == "undecided"
+    assert verdict.names == ("e0",)
+    assert "another law" in verdict.short[0]
+
+
 @pytest.mark.parametrize(
     ("left", "error", "defined", "too_much"),
     [
         # A third of the misfit: an error of a law's form, unless it is as large as any that is tried.
         (3500.0, 0.1, False, False),
         (3500.0, float(FORM_ERRORS[-1]), False, True),
+        # Then a law leaves what such an error does, its square, and what has no law a little more.
+        (500.0, float(FORM_ERRORS[-1]), False, False),
+        (900.0, float(FORM_ERRORS[-1]), False, True),
+        (900.0, float(FORM_ERRORS[-1]), True, False),
         # Two thirds: only by what has no law to be off, and is little off.
         (7000.0, 0.1, False, True),
         (7000.0, 0.1, True, False),
@@ -401,15 +416,21 @@ def test_how_much_may_be_left_hangs_on_what_the_form_is_and_how_far_it_is_off(
     left: float, error: float, defined: bool, too_much: bool
 ) -> None:
     nothing = SimpleNamespace(fitted=SimpleNamespace(objective=10_000.0))
-    weighed = SimpleNamespace(
-        fitted=SimpleNamespace(problem=SimpleNamespace(rows=np.arange(200))),
-        implausible=False,
+    weighed = Weighed(
+        fitted=cast("Any", SimpleNamespace(problem=SimpleNamespace(rows=np.arange(200)))),
+        form=Wildcard(np.zeros((200, 1)), FORM_ERRORS),
+        size_N=0.1,
+        log_evidence=0.0,
+        form_error=error,
+        budget_factor=1.0,
         misfit=200.0,
         plain_misfit=left,
-        form_error=error,
+        log_prior=0.0,
         defined=defined,
+        x_allowing=np.zeros(0),
+        sd_allowing=np.zeros(0),
     )
-    assert Weighed.leaves_too_much(cast("Any", weighed), cast("Any", nothing)) is too_much
+    assert weighed.leaves_too_much(cast("Any", nothing)) is too_much
 
 
 @pytest.mark.parametrize(

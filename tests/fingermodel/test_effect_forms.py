@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fingermodel.effects.bowstringing import Bowstringing
 from fingermodel.effects.hood_shift import HoodShift
+from fingermodel.effects.intrinsic_bowstring import IntrinsicBowstring
 from fingermodel.effects.suture_angle import SutureAngle
 from fingermodel.effects.tare_drift import TareDrift
 from fingermodel.finger_files import read_finger
@@ -74,6 +75,21 @@ def test_flexors_that_press_on_an_extended_joint_do_not_lift_there_and_lift_as_b
 def test_what_holds_the_flexors_beyond_a_joint_takes_its_share_of_the_lift_there(held: float) -> None:
     proximal, distal = lifted([0.5, 0.1, 0.1, 0.5, held], [50.0, 60.0, 30.0])
     assert distal == pytest.approx((1.0 - held) * proximal)
+
+
+@given(late=st.floats(0.0, 1.0), flexion_deg=st.floats(1.0, 89.0))
+def test_intrinsics_that_lift_late_come_to_the_same_lift_at_a_right_angle_and_lag_before(
+    late: float, flexion_deg: float
+) -> None:
+    def lift(late: float, flexion_deg: float) -> float:
+        before = state_of(FINGER, [flexion_deg, 0.0, 0.0], 1.0)
+        after = IntrinsicBowstring().geometry(jnp.asarray([4.0, late]), case_of(), before)
+        return float(jnp.max(before.values.proximal_point - after.values.proximal_point))
+
+    assert lift(late, 90.0) == pytest.approx(4.0)
+    assert lift(late, -20.0) == pytest.approx(0.0, abs=1e-9)
+    # Never ahead of what lifts from the beginning, nor behind what is slack at first.
+    assert lift(1.0, flexion_deg) - 1e-9 <= lift(late, flexion_deg) <= lift(0.0, flexion_deg) + 1e-9
 
 
 @given(far=st.floats(1.0, 10.0), which=st.integers(0, 5))

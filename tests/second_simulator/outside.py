@@ -123,11 +123,10 @@ def osteophyte(s: Situation, a: Acting) -> None:
     s.torque[2] -= a.value * touches * max(float(s.torque[2]), 0.0)
 
 
-@form("hysteresis", "tension")
+@form("hysteresis", "torque")
 def lags(s: Situation, a: Acting) -> None:
-    """T (1 - h) on loading, T (1 + h) on unloading."""
-    by = 1.0 + a.value if s.unloading else 1.0 - a.value
-    s.pull = {m: pull * by for m, pull in s.pull.items()}
+    """Soft tissue: the joints' torques times 1 - h on loading, 1 + h on unloading; the tensions are what they are."""
+    s.torque = s.torque * (1.0 + a.value if s.unloading else 1.0 - a.value)
 
 
 @form("web_tether", "torque")
