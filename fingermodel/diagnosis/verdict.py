@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fingermodel.diagnosis.candidates import Candidate
 from fingermodel.diagnosis.confounding import DETECTABLE, Confounding
-from fingermodel.diagnosis.evidence import LEFT_OVER_PLAIN, Evidence, Weighed
+from fingermodel.diagnosis.evidence import Evidence, Weighed
 from fingermodel.parameters import Parameter
 from fingermodel.problems import Problem
 
@@ -23,6 +23,8 @@ SURE = 0.9
 NOTHING_SURE = 0.8
 # Share of the misfit that an effect leaves when its form is off by 6 or 7 %: a companion may mend just that.
 FORM_SHARE = 4e-3
+# Of their error without a companion, what the cases never fitted may have with it for it to do more than that.
+FORETOLD = 0.7
 # Most names that `one_of` gives.
 MOST_NAMES = 4
 # A value is believed up to this multiple of its range: ranges are typical, not limits of nature.
@@ -167,8 +169,9 @@ def _found(
     )
     reasons = (reason, *passengers, *_unsettled(evidence, certain))
     strange = (bool(out_of_range(chosen)), _worse(problem, evidence, chosen, validation_rmse))
-    # Of a pair, neither all of it nor what is left without a passenger is believable then.
-    if all(strange) or (len(both) > 1 and any(strange)):
+    # Of a pair, neither all of it nor what is left without a passenger is believable then. A law that is so far off is
+    # not the catalogue's, whatever it fits.
+    if all(strange) or (len(both) > 1 and any(strange)) or chosen.may_be_another_law:
         said = f"What comes nearest to the readings, {_words(names)}, is not believable: {lacks[0]}."
         return Verdict("none_of_catalogue", (), (), together, (said,))
     if lacks:
@@ -186,8 +189,9 @@ def _without_passengers(
     """Leave out a companion where one effect alone fits, and say why: it may only mend that effect's form.
 
     So it is if it makes the prediction of the cases never fitted worse, where the one alone leaves no more than an
-    error of its form would; or, beside a law that leaves no more than noise would and foretells those cases, if it adds
-    little. What is so by definition, such as a mass or an angle, has no form to mend.
+    error of its form would; or, beside a law that leaves no more than noise would, if it adds little and the cases
+    never fitted are foretold about as well without it. What is so by definition, such as a mass or an angle, has no
+    form to mend.
     """
     laws = {c.name for c in candidates if c.constitutive}
     pair = max(
@@ -207,7 +211,7 @@ def _without_passengers(
         elif (
             name in laws
             and not w.implausible
-            and not _foretells_too_little(problem, evidence, w, pair, validation_rmse)
+            and not _foretells_better(validation_rmse(w), validation_rmse(pair))
             and pair.log_evidence - w.log_evidence < _mending(evidence, w)
         ):
             mended.append(w)
@@ -229,19 +233,9 @@ def _without_passengers(
     return alone.explanation.names, (why,)
 
 
-def _foretells_too_little(
-    problem: Problem,
-    evidence: Evidence,
-    alone: Weighed,
-    pair: Weighed,
-    validation_rmse: Callable[[Weighed], float | None],
-) -> bool:
-    """Whether the cases never fitted need the companion: far more of their error is left than one of form could be."""
-    before, after = validation_rmse(evidence.nothing), validation_rmse(alone)
-    if before is None or after is None or not rises(validation_rmse(pair), after, typical_sd(problem)):
-        return False
-    noise = typical_sd(problem) ** 2
-    return after**2 - noise > LEFT_OVER_PLAIN * (before**2 - noise)
+def _foretells_better(alone: float | None, pair: float | None) -> bool:
+    """Whether the cases never fitted are foretold far better with a companion: what mends a form does not do so."""
+    return alone is not None and pair is not None and pair < FORETOLD * alone
 
 
 def _mending(evidence: Evidence, alone: Weighed) -> float:
