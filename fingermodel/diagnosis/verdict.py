@@ -168,11 +168,10 @@ def _found(
         f"{chosen.size_N:.3f} N (RMS)."
     )
     reasons = (reason, *passengers, *_unsettled(evidence, certain))
-    strange = (bool(out_of_range(chosen)), _worse(problem, evidence, chosen, validation_rmse))
-    # Of a pair, neither all of it nor what is left without a passenger is believable then. A law that is so far off is
-    # not the catalogue's, whatever it fits.
-    if all(strange) or (len(both) > 1 and any(strange)) or chosen.may_be_another_law:
-        said = f"What comes nearest to the readings, {_words(names)}, is not believable: {lacks[0]}."
+    # Of a pair whose held-out error rises neither all of it nor what is left without a passenger is believable.
+    worse = len(both) > 1 and _worse(problem, evidence, chosen, validation_rmse)
+    if worse or out_of_range(chosen) or _of_another_law(evidence) >= SURE:
+        said = f"What comes nearest to the readings, {_words(names)}, is not believable: {'; '.join(lacks)}."
         return Verdict("none_of_catalogue", (), (), together, (said,))
     if lacks:
         return Verdict("undecided", names, (), together, reasons, tuple(lacks))
@@ -231,6 +230,14 @@ def _without_passengers(
             "would; a load case that tells the two apart (`fingertwin next`) can show whether it acts too."
         )
     return alone.explanation.names, (why,)
+
+
+def _of_another_law(evidence: Evidence) -> float:
+    """Probability of all explanations whose law would have to be another: that is not the catalogue's, if it fits."""
+    best: dict[tuple[str, ...], Weighed] = {}
+    for w in sorted(evidence.weighed, key=lambda w: w.log_evidence):
+        best[w.explanation.names] = w
+    return sum(evidence.probability.get(names, 0.0) for names, w in best.items() if w.may_be_another_law)
 
 
 def _foretells_better(alone: float | None, pair: float | None) -> bool:

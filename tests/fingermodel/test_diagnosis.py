@@ -23,6 +23,7 @@ from fingermodel.diagnosis.linear import Linear, log_mass
 from fingermodel.diagnosis.robustness import left_out
 from fingermodel.diagnosis.verdict import LEAST_CASES, Verdict, inclusion, judge, strained
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard
+from fingermodel.parameters import one_sided
 from tests.settings import load_profile
 
 load_profile()
@@ -197,25 +198,28 @@ def verdict_of(
     held_out: dict[int, float] | None = None,
     left: tuple[tuple[str, ...], ...] = (),
     another_law: tuple[tuple[str, ...], ...] = (),
+    impossible: tuple[tuple[str, ...], ...] = (),
     implausible: tuple[tuple[str, ...], ...] = (),
     together: float | None = None,
 ) -> Any:
     """The verdict where only probabilities speak: everything fits, nothing is strained.
 
     `each` is the log evidence of each effect, `held_out` the error [N] of cases never fitted by the number of effects,
-    `left` are explanations that leave too much, `another_law` those whose form is too far off, `implausible` those that
-    leave more than noise would, and `together` is what all at once leave.
+    `left` are explanations that leave too much, `another_law` those whose form is too far off, `impossible` those with
+    a value far beyond its range, `implausible` those that leave more than noise would, and `together` is what all at
+    once leave.
     """
-    model = SimpleNamespace(parameters=SimpleNamespace(parameters=(), names=()))
+    model = SimpleNamespace(parameters=SimpleNamespace(parameters=(one_sided("e.size", "mm", 1.0),), names=("e.size",)))
     blocks = SimpleNamespace(case_covariance=np.tile(0.005**2 * np.eye(6), (10, 1, 1)))
     problem = SimpleNamespace(rows=np.arange(50), model=model, observations=blocks)
     fitted = SimpleNamespace(
-        objective=objective, problem=problem, explanation=Explanation((), (), ()), theta=np.zeros(0), x=np.zeros(0)
+        objective=objective, problem=problem, explanation=Explanation((), (), ()), theta=np.full(1, 9.0), x=np.zeros(0)
     )
     rows = []
     for names in probability:
         if names is not None:
-            own = SimpleNamespace(**{**fitted.__dict__, "explanation": Explanation(names, names, ())})
+            freed = (0,) if names in impossible else ()
+            own = SimpleNamespace(**{**fitted.__dict__, "explanation": Explanation(names, names, freed)})
             rows.append(
                 SimpleNamespace(
                     explanation=own.explanation,
@@ -230,6 +234,7 @@ def verdict_of(
                     x_allowing=np.zeros(0),
                     leaves_too_much=lambda _, too_much=names in left: too_much,
                     may_be_another_law=names in another_law,
+                    sd=lambda _: 0.1,
                 )
             )
     nothing = next(r for r in rows if r.explanation.size == 0)
@@ -386,6 +391,13 @@ def test_values_are_less_sure_where_the_form_may_be_otherwise_and_the_base_is_be
     assert abs(allowing[1]) < 0.7 * abs(plain[1])
 
 
+def test_what_would_need_an_impossible_value_is_none_of_the_catalogue() -> None:
+    probability: dict[tuple[str, ...] | None, float] = {("e0",): 0.97, (): 0.02, None: 0.01}
+    verdict = verdict_of(probability, impossible=(("e0",),))
+    assert (verdict.kind, verdict.names) == ("none_of_catalogue", ())
+    assert "e0, is not believable: e.size lies outside what is plausible" in verdict.reasons[0]
+
+
 def test_a_law_that_would_have_to_be_another_is_none_of_the_catalogue() -> None:
     probability: dict[tuple[str, ...] | None, float] = {("e0",): 0.97, (): 0.02, None: 0.01}
     assert verdict_of(probability).kind == "found"
@@ -394,6 +406,17 @@ def test_a_law_that_would_have_to_be_another_is_none_of_the_catalogue() -> None:
     assert verdict.names == ()
     assert "e0, is not believable" in verdict.reasons[0]
     assert "another law" in verdict.reasons[0]
+    # With a companion that the readings do not name the form of both is in question no more.
+    open_pair: dict[tuple[str, ...] | None, float] = {
+        ("e0",): 0.3,
+        ("e0", "e1"): 0.4,
+        ("e0", "e2"): 0.28,
+        (): 0.02,
+        None: 0.0,
+    }
+    verdict = verdict_of(open_pair, another_law=(("e0",),))
+    assert (verdict.kind, verdict.names) == ("undecided", ("e0",))
+    assert any("another law" in short for short in verdict.short)
 
 
 @pytest.mark.parametrize(
