@@ -10,14 +10,18 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from fingermodel.effects.bowstringing import Bowstringing
+from fingermodel.effects.clamp_compliance import ClampCompliance
 from fingermodel.effects.hood_shift import HoodShift
 from fingermodel.effects.intrinsic_bowstring import IntrinsicBowstring
+from fingermodel.effects.lateral_band_slip import LateralBandSlip
+from fingermodel.effects.rig_friction import RigFriction
 from fingermodel.effects.suture_angle import SutureAngle
 from fingermodel.effects.tare_drift import TareDrift
+from fingermodel.effects.worn_pulley import WornPulley
 from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Finger
 from fingermodel.model import jax_values
-from fingermodel.stages import LoadCaseInput, State
+from fingermodel.stages import Effect, LoadCaseInput, State
 
 Floats = NDArray[np.float64]
 FINGER = read_finger("an1979_middle")
@@ -77,19 +81,51 @@ def test_what_holds_the_flexors_beyond_a_joint_takes_its_share_of_the_lift_there
     assert distal == pytest.approx((1.0 - held) * proximal)
 
 
+@pytest.mark.parametrize(("effect", "joint"), [(IntrinsicBowstring(), 0), (LateralBandSlip(), 1)])
 @given(late=st.floats(0.0, 1.0), flexion_deg=st.floats(1.0, 89.0))
-def test_intrinsics_that_lift_late_come_to_the_same_lift_at_a_right_angle_and_lag_before(
-    late: float, flexion_deg: float
+def test_what_moves_late_comes_as_far_at_a_right_angle_and_lags_before(
+    effect: Effect, joint: int, late: float, flexion_deg: float
 ) -> None:
-    def lift(late: float, flexion_deg: float) -> float:
-        before = state_of(FINGER, [flexion_deg, 0.0, 0.0], 1.0)
-        after = IntrinsicBowstring().geometry(jnp.asarray([4.0, late]), case_of(), before)
+    def palmar(late: float, flexion_deg: float) -> float:
+        before = state_of(FINGER, [flexion_deg if k == joint else 0.0 for k in range(3)], 1.0)
+        after = effect.geometry(jnp.asarray([4.0, late]), case_of(), before)
         return float(jnp.max(before.values.proximal_point - after.values.proximal_point))
 
-    assert lift(late, 90.0) == pytest.approx(4.0)
-    assert lift(late, -20.0) == pytest.approx(0.0, abs=1e-9)
-    # Never ahead of what lifts from the beginning, nor behind what is slack at first.
-    assert lift(1.0, flexion_deg) - 1e-9 <= lift(late, flexion_deg) <= lift(0.0, flexion_deg) + 1e-9
+    assert palmar(late, 90.0) == pytest.approx(4.0)
+    assert palmar(late, -20.0) == pytest.approx(0.0, abs=1e-9)
+    # Never ahead of what moves from the beginning, nor behind what is slack at first.
+    assert palmar(1.0, flexion_deg) - 1e-9 <= palmar(late, flexion_deg) <= palmar(0.0, flexion_deg) + 1e-9
+
+
+@given(light=st.floats(-1.0, 1.0), pull=st.floats(0.1, 20.0))
+def test_a_bearing_loses_another_share_of_a_light_load_and_the_same_of_a_heavy_one(light: float, pull: float) -> None:
+    count = len(FINGER.topology.muscles)
+
+    def lost(effect: Effect, p: list[float], pull: float) -> float:
+        before = state_of(FINGER, [0.0, 0.0, 0.0], pull)
+        return float(1.0 - effect.tension(jnp.asarray(p), case_of(), before).tension[0] / pull)
+
+    for effect, p in ((RigFriction(), [-10.0, light]), (WornPulley(), [10.0] * count + [light])):
+        share = lost(effect, p, pull)
+        assert share == pytest.approx(0.1 * (1.0 + light / (1.0 + pull / 2.0)))
+        assert lost(effect, p, 1e6) == pytest.approx(0.1, rel=1e-4)
+        # The more light loads lose, the less the next heavier one does.
+        assert (lost(effect, p, 2.0 * pull) - share) * light <= 1e-12
+
+
+@given(stiffening=st.floats(0.0, 0.02), pull=st.floats(0.5, 10.0))
+def test_a_clamp_that_stiffens_gives_less_of_a_large_torque_and_never_turns_back(
+    stiffening: float, pull: float
+) -> None:
+    def turned(stiffening: float, pull: float) -> Floats:
+        before = state_of(FINGER, [30.0, 30.0, 20.0], pull)
+        p = jnp.asarray([1e-3, 1e-3, 1e-3, stiffening])
+        return np.abs(np.asarray(ClampCompliance().geometry(p, case_of(), before).posture - before.posture))
+
+    spring, stiff = turned(0.0, pull), turned(stiffening, pull)
+    assert np.all(stiff <= spring + 1e-12)
+    assert np.all(turned(stiffening, 2.0 * pull) >= stiff - 1e-12)
+    assert spring == pytest.approx(turned(0.0, 1.0) * pull)
 
 
 @given(far=st.floats(1.0, 10.0), which=st.integers(0, 5))
