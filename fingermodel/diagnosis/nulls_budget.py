@@ -149,6 +149,7 @@ class Readings:
         used = np.flatnonzero(flat.any(axis=0))
         w = flat[:, used]
         own = self.observations.covariance[np.ix_(used, used)] + np.diag(_FLOOR[used % 6] ** 2)
+        own += self._noise_by_lever[np.ix_(used, used)]
         noise = w @ own @ w.T
         spread = [w @ self.spread[used], *self._by_angles(weights, w, used)]
         if extra is not None:
@@ -185,6 +186,34 @@ class Readings:
             scatter = np.einsum("nc,nm->ncm", b.tension_factor_case_sd * self.wrench, np.eye(n))
             columns.append(scatter.reshape(6 * n, n))
         return np.hstack(columns)
+
+    @cached_property
+    def _noise_by_lever(self) -> Floats:
+        """(6 n, 6 n) covariance of the moments at the tip: the noise of each force has the cell's offset for a lever.
+
+        Moments are read so finely that this may be the most of it. The offset is that of which the moments speak which
+        the clamp does not carry.
+        """
+        b, n = self.model.budget, len(self.wrench)
+        out = np.zeros((n, 6, n, 6))
+        free = [c for c in range(3) if c + 3 not in self.model.finger.topology.reactions]
+        turned = np.einsum("abc,nkc->nkba", _CROSS, self.wrench.reshape(n, 2, 3))
+        widths = self.budget_factor * np.repeat([np.deg2rad(b.cell_rotation_sd_deg), b.mount_offset_sd_mm], 3)
+        tips = [i for i in self.at("tip") if self.read[i, 3:].all()]
+        for cases in self.groups(tips, lambda i: self.mounting[i]).values():
+            noise = np.hypot(np.sqrt(self._variance[cases, 3:]), _FLOOR[3:])[:, free]
+            h = np.concatenate([turned[cases, 1], turned[cases, 0]], axis=2)[:, free] * widths / noise[:, :, None]
+            flat, read = h.reshape(-1, 6), (self.wrench[cases, 3:][:, free] / noise).reshape(-1)
+            offset = (widths * np.linalg.solve(np.eye(6) + flat.T @ flat, flat.T @ read))[3:]
+            lever = np.einsum("abc,a->bc", _CROSS, offset)
+            force = self.observations.case_covariance[cases, :3, :3]
+            out[cases, 3:, cases, 3:] = lever @ force @ lever.T
+        return out.reshape(6 * n, 6 * n)
+
+    @cached_property
+    def _variance(self) -> Floats:
+        """(n, 6) of the readings' noise."""
+        return np.diagonal(self.observations.covariance).reshape(-1, 6)
 
     def _mountings(self) -> Floats:
         """(6 n, errors) by the cell's rotation, zero and offset in each mounting.
