@@ -59,9 +59,10 @@ def one_sided(name: str, unit: str, maximum: float, bound: float | None = None) 
     return Parameter(name, unit, 0.0, 0.5 * maximum, 0.0, upper, "effect", plausible=(0.0, maximum))
 
 
-def two_sided(name: str, unit: str, reach: float) -> Parameter:
+def two_sided(name: str, unit: str, reach: float, bound: float | None = None) -> Parameter:
     """Declare an effect's parameter of either sign: normal about 0, half the reach wide."""
-    return Parameter(name, unit, 0.0, 0.5 * reach, -2.0 * reach, 2.0 * reach, "effect", plausible=(-reach, reach))
+    upper = 2.0 * reach if bound is None else bound
+    return Parameter(name, unit, 0.0, 0.5 * reach, -upper, upper, "effect", plausible=(-reach, reach))
 
 
 class ParameterTable:

@@ -121,19 +121,24 @@ class Size:
         return Size(self.information + other.information, self.score + other.score)
 
     @cached_property
-    def covariance(self) -> Floats:
-        """(k, k) of the most probable values."""
-        return np.asarray(np.linalg.inv(np.eye(len(self.score)) + self.information), dtype=np.float64)
+    def _precision(self) -> Floats:
+        return np.asarray(np.eye(len(self.score)) + self.information, dtype=np.float64)
 
     @cached_property
     def mean(self) -> Floats:
         """(k,) most probable, in prior widths."""
-        return self.covariance @ self.score
+        return np.asarray(np.linalg.solve(self._precision, self.score), dtype=np.float64)
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """(k, k) of it."""
+        return np.asarray(np.linalg.inv(self._precision), dtype=np.float64)
 
     def log_evidence(self, one_sided: NDArray[np.bool_]) -> float:
         """What it adds to a log evidence over the parameters at their null."""
-        value = 0.5 * self.score @ self.mean + 0.5 * np.linalg.slogdet(self.covariance)[1]
-        return float(value) + log_mass(self.mean, self.covariance, one_sided)
+        # Not from the inverse: where columns are nearly alike and steep, its digits are lost.
+        value = float(0.5 * self.score @ self.mean - 0.5 * np.linalg.slogdet(self._precision)[1])
+        return value + log_mass(self.mean, self.covariance, one_sided) if one_sided.any() else value
 
 
 @dataclass(frozen=True, eq=False)

@@ -119,6 +119,9 @@ def _found(
         )
         return PooledVerdict("none_of_catalogue", (), probability, text)
     lacks = [*_thin(diagnoses), *_unbelievable(sessions, diagnoses, effect, stands)]
+    other_law = [sessions[k] for k in stands if effect.each[k].beside.weighed.may_be_another_law]
+    if 2 * len(other_law) > len(stands):
+        lacks.append(f"in {_words(other_law)} its law would have to be another, so far off would its form be")
     apart = [s for s, each in zip(sessions, effect.each, strict=True) if each.gain < CLEAR_GAIN]
     if apart and not effect.shared:
         lacks.append(f"it does not show in {_words(apart)}, and has no one size in all")

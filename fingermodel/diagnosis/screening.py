@@ -17,11 +17,14 @@ from fingermodel.diagnosis.candidates import (
 )
 from fingermodel.diagnosis.fitted import Fitted
 
+# Forms are alike where what tells them apart has no slope, but for rounding.
+EQUAL = 1e-6
+
 
 def best_form(host: Fitted, candidate: Candidate, kept: Explanation = NOTHING_MISSING) -> Explanation:
-    """The alternative of a candidate that gains most beside what is kept, about a host's optimum."""
-    gains = [host.everything.gain((*kept.parameters, *p)) for p in candidate.alternatives]
-    return single(candidate, int(np.argmax(gains)))
+    """The first alternative of a candidate that gains most beside what is kept, about a host's optimum."""
+    gains = np.array([host.everything.gain((*kept.parameters, *p)) for p in candidate.alternatives])
+    return single(candidate, int(np.flatnonzero(gains >= gains.max() - EQUAL)[0]))
 
 
 def companions(host: Fitted, kept: Explanation, candidates: tuple[Candidate, ...]) -> Iterator[Explanation]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fingermodel.diagnosis.candidates import Candidate
 from fingermodel.diagnosis.confounding import DETECTABLE, Confounding
-from fingermodel.diagnosis.evidence import Evidence, Weighed
+from fingermodel.diagnosis.evidence import Evidence, Weighed, struck_out
 from fingermodel.parameters import Parameter
 from fingermodel.problems import Problem
 
@@ -154,7 +154,7 @@ def _found(
     if not exact:
         short = f"{_words(names)} acts, but with a companion that the data do not name"
         return Verdict("undecided", names, (), together, (), (short,))
-    chosen = max(exact, key=lambda w: w.log_evidence)
+    chosen = max(exact, key=lambda w: (not struck_out(w, evidence.nothing), w.log_evidence))
     lacks = list(conditions(problem, evidence, chosen, validation_rmse))
     companion = next((name for name in inclusion(evidence) if name not in certain), None)
     if companion is not None and 0.5 <= inclusion(evidence)[companion] < SURE and chosen.implausible:
@@ -168,10 +168,19 @@ def _found(
         f"{chosen.size_N:.3f} N (RMS)."
     )
     reasons = (reason, *passengers, *_unsettled(evidence, certain))
-    # Of a pair whose held-out error rises neither all of it nor what is left without a passenger is believable.
-    worse = len(both) > 1 and _worse(problem, evidence, chosen, validation_rmse)
-    if worse or out_of_range(chosen) or _of_another_law(evidence) >= SURE:
-        said = f"What comes nearest to the readings, {_words(names)}, is not believable: {'; '.join(lacks)}."
+    worse = False
+    if len(certain) < len(both):
+        # A companion was left out: what is left stands for both.
+        impossible, another = bool(out_of_range(chosen)), chosen.may_be_another_law
+    else:
+        impossible = _share(evidence, lambda w: bool(out_of_range(w))) >= SURE
+        another = _share(evidence, lambda w: w.may_be_another_law) >= SURE
+    if len(both) > 1:
+        # Neither all of it nor what is left without a companion is believable then.
+        worse = _worse(problem, evidence, chosen, validation_rmse)
+    if impossible or another or worse:
+        why = "; ".join(lacks) or "with what acts beside it, it needs another law or a value that is not plausible"
+        said = f"What comes nearest to the readings, {_words(names)}, is not believable: {why}."
         return Verdict("none_of_catalogue", (), (), together, (said,))
     if lacks:
         return Verdict("undecided", names, (), together, reasons, tuple(lacks))
@@ -210,7 +219,7 @@ def _without_passengers(
         elif (
             name in laws
             and not w.implausible
-            and not _foretells_better(validation_rmse(w), validation_rmse(pair))
+            and not _foretells_better(validation_rmse(w), validation_rmse(pair), typical_sd(problem))
             and pair.log_evidence - w.log_evidence < _mending(evidence, w)
         ):
             mended.append(w)
@@ -232,17 +241,20 @@ def _without_passengers(
     return alone.explanation.names, (why,)
 
 
-def _of_another_law(evidence: Evidence) -> float:
-    """Probability of all explanations whose law would have to be another: that is not the catalogue's, if it fits."""
+def _share(evidence: Evidence, that: Callable[[Weighed], bool]) -> float:
+    """Probability of all explanations whose best form is so."""
     best: dict[tuple[str, ...], Weighed] = {}
-    for w in sorted(evidence.weighed, key=lambda w: w.log_evidence):
+    for w in sorted(evidence.weighed, key=lambda w: (not struck_out(w, evidence.nothing), w.log_evidence)):
         best[w.explanation.names] = w
-    return sum(evidence.probability.get(names, 0.0) for names, w in best.items() if w.may_be_another_law)
+    return sum(evidence.probability.get(names, 0.0) for names, w in best.items() if names and that(w))
 
 
-def _foretells_better(alone: float | None, pair: float | None) -> bool:
-    """Whether the cases never fitted are foretold far better with a companion: what mends a form does not do so."""
-    return alone is not None and pair is not None and pair < FORETOLD * alone
+def _foretells_better(alone: float | None, pair: float | None, sd: float) -> bool:
+    """Whether cases never fitted are foretold far better with a companion, which what mends a form does not do.
+
+    Beyond half the uncertainty `sd` [N] of the readings.
+    """
+    return alone is not None and pair is not None and pair < min(FORETOLD * alone, alone - 0.5 * sd)
 
 
 def _mending(evidence: Evidence, alone: Weighed) -> float:

@@ -24,7 +24,7 @@ class IntrinsicBowstring(Effect):
     stage = "geometry"
     title = "the intrinsics lift palmar at the MCP joint"
     formula = "y(RI, UI, LU at MCP) -= h sin(q_MCP), in flexion; or late: h ((1 - l) sin(q_MCP) + l (1 - cos(q_MCP)))"
-    source = "interosseous hood cut in dissection; range assumed: 0-10 mm"
+    source = "interosseous hood cut in dissection; ranges assumed: 0-10 mm, late by any share"
     tell = "RI, UI and LU at high MCP flexion"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
@@ -33,7 +33,7 @@ class IntrinsicBowstring(Effect):
             return ()
         return (
             one_sided("intrinsic_bowstring.lift", "mm", 10.0),
-            one_sided("intrinsic_bowstring.late", "1", 1.0, 1.5),
+            one_sided("intrinsic_bowstring.late", "1", 1.0, 1.0),
         )
 
     def variants(self, topology: Topology, layout: Layout) -> Mapping[str, tuple[tuple[str, ...], ...]]:

@@ -26,14 +26,14 @@ class LateralBandSlip(Effect):
     formula = (
         "y(bands at PIP) -= s q_PIP / 90 deg, in flexion; or late: s ((1 - l) q_PIP / 90 deg + l (1 - cos(q_PIP)))"
     )
-    source = "bands without their retinacular restraint; range assumed: 0-9 mm at 90 deg"
+    source = "bands without their retinacular restraint; ranges assumed: 0-9 mm at 90 deg, late by any share"
     tell = "PIP torque of RI, UI, LU and EDC across PIP angles"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """Drop at 90 deg of PIP flexion [mm], and how late it comes: 1 where what still holds is slack at first."""
         if topology.hood is None or flexion_of(topology, "PIP") is None:
             return ()
-        return one_sided("lateral_band_slip.drop", "mm", 9.0), one_sided("lateral_band_slip.late", "1", 1.0, 1.5)
+        return one_sided("lateral_band_slip.drop", "mm", 9.0), one_sided("lateral_band_slip.late", "1", 1.0, 1.0)
 
     def variants(self, topology: Topology, layout: Layout) -> Mapping[str, tuple[tuple[str, ...], ...]]:
         """From the beginning, or late."""

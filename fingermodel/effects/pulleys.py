@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jax import Array
 
-# Tension [N] at which a bearing is half way from a light load to a heavy one: less than the least weight that is hung.
+# Tension [N] at which a bearing is half way from a light load to a heavy one: assumed, among the lighter weights hung.
 LIGHT_N = 2.0
 
 

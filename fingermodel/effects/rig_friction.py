@@ -27,12 +27,12 @@ class RigFriction(Effect):
     stage = "tension"
     title = "the pulleys' friction differs from the session's factor"
     formula = "T *= 1 + d on loading, 1 - d on unloading; d = delta, or delta (1 + l / (1 + T / 2 N))"
-    source = "Synek et al. 2019, Eq 1: c = 0.79 to 0.91 between specimens"
-    tell = "all forces scale alike; the balance of tip and bone against the tensions"
+    source = "Synek et al. 2019, Eq 1: c = 0.79 to 0.91 between specimens; assumed: none to twice that of a light load"
+    tell = "all forces scale nearly alike; the balance of tip and bone against the tensions"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """One relative deviation of the friction factor [%], and by how much more of it a light load has."""
-        return two_sided("rig_friction.delta", "%", 20.0), two_sided("rig_friction.light", "1", 1.0)
+        return two_sided("rig_friction.delta", "%", 20.0), two_sided("rig_friction.light", "1", 1.0, 1.0)
 
     def variants(self, topology: Topology, layout: Layout) -> Mapping[str, tuple[tuple[str, ...], ...]]:
         """The same share of every load, or another of a light one."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
 
+import jax.numpy as jnp
 from jax import Array
 
 from fingermodel.effects.pulleys import of_the_load
@@ -26,20 +27,21 @@ class WornPulley(Effect):
     stage = "tension"
     title = "one tendon's pulley loses more"
     formula = "T_i *= 1 - w_i; w_i = loss_i, or loss_i (1 + l / (1 + T_i / 2 N))"
-    source = "range assumed: 0-35 %, of a worn or misaligned pulley"
+    source = "ranges assumed: 0-35 %, of a worn or misaligned pulley; none to twice that of a light load"
     tell = "that tendon alone, in every posture and at both clamps"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
-        """One loss for each tendon [%], and by how much more of it a light load has."""
+        """One loss for each tendon [%]; and for each, by how much more of it a light load has."""
         losses = tuple(one_sided(f"worn_pulley.{m}", "%", 35.0) for m in topology.muscles)
-        return (*losses, two_sided("worn_pulley.light", "1", 1.0))
+        return (*losses, *(two_sided(f"worn_pulley.{m}.light", "1", 1.0, 1.0) for m in topology.muscles))
 
     def variants(self, topology: Topology, layout: Layout) -> Mapping[str, tuple[tuple[str, ...], ...]]:
         """Each pulley alone, with the same share of every load or another of a light one."""
         names = [f"worn_pulley.{m}" for m in topology.muscles]
-        return {name: ((name,), (name, "worn_pulley.light")) for name in names}
+        return {name: ((name,), (name, f"{name}.light")) for name in names}
 
     def tension(self, p: Array, case: LoadCaseInput, state: State) -> State:
         """Take each pulley's loss."""
-        loss = 0.01 * p[:-1] * of_the_load(p[-1], state.tension)
+        losses, light = p.reshape(2, -1)
+        loss = jnp.minimum(0.01 * losses * of_the_load(light, state.tension), 1.0)
         return state._replace(tension=state.tension * (1.0 - loss))

@@ -207,7 +207,7 @@ def test_a_finger_of_other_joints_has_fewer_effects_and_none_that_fails() -> Non
     lengths = {name: len(with_all.slice_of(name)) for name in (e.name for e in CATALOGUE)}
     assert lengths["hood_shift"] == lengths["volar_plate"] == lengths["fdp_fds_coupling"] == 0
     # One for each tendon, and what a light load has of it.
-    assert lengths["worn_pulley"] == 7
+    assert lengths["worn_pulley"] == 12
     rng = np.random.default_rng(6)
     case = case_of(rng.uniform(-0.5, 1.0, 6), rng.uniform(0.0, 9.0, 6), rng)
     assert jax.eval_shape(with_all.reading, jnp.asarray(with_all.null), case).shape == (6,)

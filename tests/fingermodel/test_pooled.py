@@ -63,15 +63,18 @@ def shared(
     gains: Sequence[float] = (20.0, 20.0, 20.0),
     value: float = 0.5,
     same: bool = True,
+    another_law: Sequence[bool] = (False, False, False),
 ) -> SharedEffect:
     each = tuple(
         SimpleNamespace(
             gain=gain,
             values=np.array([value]),
             sd=np.array([0.1]),
-            beside=SimpleNamespace(own=own, weighed=SimpleNamespace(fitted=SimpleNamespace(theta=None))),
+            beside=SimpleNamespace(
+                own=own, weighed=SimpleNamespace(fitted=SimpleNamespace(theta=None), may_be_another_law=off)
+            ),
         )
-        for own, gain in zip(owns, gains, strict=True)
+        for own, gain, off in zip(owns, gains, another_law, strict=True)
     )
     return SharedEffect(
         Explanation(names, names, (0,)),
@@ -138,6 +141,10 @@ def test_an_effect_with_sizes_of_its_own_must_show_in_every_session() -> None:
 
 def test_a_finding_needs_a_believable_size_and_cases_to_test_it() -> None:
     assert any("outside what is plausible" in s for s in judged([shared(("a",), 0.99, value=2.0)]).short)
+    assert judged([shared(("a",), 0.99, another_law=(True, False, False))]).kind == "found"
+    off = judged([shared(("a",), 0.99, another_law=(True, True, False))])
+    assert off.kind == "undecided"
+    assert any("in A and B its law would have to be another" in s for s in off.short)
     untested = [session(roles=("identification",) * 20)] * 3
     found = judged([shared(("a",), 0.99)], untested)
     assert found.kind == "undecided"

@@ -196,6 +196,22 @@ def test_what_would_need_an_impossible_value_is_none_of_the_catalogue() -> None:
     verdict = verdict_of(probability, impossible=(("e0",),))
     assert (verdict.kind, verdict.names) == ("none_of_catalogue", ())
     assert "e0, is not believable: e.size lies outside what is plausible" in verdict.reasons[0]
+    # Only if that is what the readings say: a pair that can be believed stands for itself.
+    open_pair: dict[tuple[str, ...] | None, float] = {
+        ("e0",): 0.04,
+        ("e0", "e1"): 0.5,
+        ("e0", "e2"): 0.44,
+        (): 0.02,
+        None: 0.0,
+    }
+    verdict = verdict_of(open_pair, impossible=(("e0",),))
+    assert (verdict.kind, verdict.names) == ("undecided", ("e0",))
+    # What is left when a companion is left out stands for both.
+    mended: dict[tuple[str, ...] | None, float] = {("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}
+    verdict = verdict_of(mended, each=6.0, objective=10_000.0, impossible=(("e0",),))
+    assert verdict.kind == "none_of_catalogue"
+    verdict = verdict_of(mended, each=6.0, objective=10_000.0, another_law=(("e0", "e1"),))
+    assert (verdict.kind, verdict.effects) == ("found", ("e0",))
 
 
 def test_a_law_that_would_have_to_be_another_is_none_of_the_catalogue() -> None:
