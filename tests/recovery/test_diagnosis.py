@@ -148,9 +148,8 @@ def test_a_valley_is_not_given_up_for_one_in_which_less_is_left_at_first(tmp_pat
     found = run_diagnosis(open_bench(tmp_path, catalogue=True))
     pair = {"fdp_fds_coupling", "intrinsic_bowstring"}
     # Begun from the single, the pair gains nothing more; begun from where all candidates fit, it takes longer.
-    assert min(f.objective for f in found.search.fitted if set(f.explanation.names) == pair) < 400.0
     single = min(f.objective for f in found.search.fitted if f.explanation.names == ("intrinsic_bowstring",))
-    assert single > 420.0
+    assert min(f.objective for f in found.search.fitted if set(f.explanation.names) == pair) < 0.9 * single
 
 
 def test_another_form_is_tried_where_the_effect_acts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -339,7 +338,8 @@ def test_a_fault_of_the_rig_shows_beside_what_is_a_specimens_own(tmp_path: Path)
     assert (pooled.verdict.kind, pooled.verdict.names) == ("found", ("hanger_mass",)), pooled.verdict
     best = pooled.ranking[0]
     assert best.shared
-    assert best.value == pytest.approx([25.0], abs=3.0)
+    # Its mass; then by how much each hanger differs, which the simulator's do by up to a tenth.
+    assert best.value[0] == pytest.approx(25.0, abs=3.0)
     assert [each.beside.own for each in best.each] == [(), ("bowstringing",)]
     assert "bowstringing in SIM-00022" in pooled.verdict.sentence
 
