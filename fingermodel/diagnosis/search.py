@@ -264,13 +264,17 @@ class Searcher(Fitter):
     def _halves(self, candidates: tuple[Candidate, ...]) -> None:
         """Fit each member of the best pairs alone from where the pair stands: what it can do without is no member.
 
-        An error of its form may yet decide for the single, which these evidences do not know. Where even the leader is
-        far off, its members are begun anew as well: their fits may have been left in a wrong valley.
+        An error of its form may yet decide for the single, which these evidences do not know. A leading pair and its
+        members are begun anew as well, from the priors' centre: what all candidates together led to may be another
+        valley for fewer of them, and a companion would then make up for that.
         """
         leader, nothing = self._leader(candidates), self.best[NOTHING_MISSING]
-        if leader.explanation.size > 1 and far_off(leader, FAR):
-            for alone in members(leader.explanation, candidates):
-                self.fit(alone, [self.expected(nothing, alone)], LAST, finely=True)
+        if leader.explanation.size > 1:
+            starts = [self.problem.centre]
+            for anew in (leader.explanation, *members(leader.explanation, candidates)):
+                if far_off(leader, FAR):
+                    starts = [self.problem.centre, self.expected(nothing, anew)]
+                self.fit(anew, starts, LAST, finely=True)
         for pair in self._ranked(2)[:HALVED]:
             for alone in members(pair.explanation, candidates):
                 known = self.best.get(alone)
