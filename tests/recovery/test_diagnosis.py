@@ -152,6 +152,17 @@ def test_a_valley_is_not_given_up_for_one_in_which_less_is_left_at_first(tmp_pat
     assert min(f.objective for f in found.search.fitted if set(f.explanation.names) == pair) < 0.9 * single
 
 
+def test_no_companion_makes_up_for_a_single_that_was_left_in_another_valley(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    draw_session(tmp_path, 13016, draw_truth("one", 13016)[0])
+    bench = open_bench(tmp_path, catalogue=True)
+    assert run_diagnosis(bench).verdict.effects == ("sheath_friction",)
+    # The pair's members are not begun anew: centres that move are named besides, with certainty.
+    monkeypatch.setattr(Searcher, "_halves", lambda *_: None)
+    assert len(run_diagnosis(bench).verdict.effects) == 2
+
+
 def test_another_form_is_tried_where_the_effect_acts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A coupling that yields: at its null nothing tells it from one that does not, and that fits badly."""
     effects, _ = draw_truth("two", 3101)
