@@ -109,11 +109,11 @@ class Weighed:
             return True
         if self.defined and self.form_error <= FORM_ERROR:
             conceded = LEFT_OVER_USUAL
-        elif self.may_be_another_law:
-            # No more is conceded than the largest error that is tried leaves.
-            conceded = float(FORM_ERRORS[-1] ** 2)
+        elif self.form_error < FORM_ERRORS[-1]:
+            conceded = LEFT_OVER_PLAIN
         else:
-            conceded = LEFT_OVER_PLAIN if self.form_error < FORM_ERRORS[-1] else LEFT_OVER
+            # It would be taken larger still: no more is conceded to a law than the largest that is tried leaves.
+            conceded = LEFT_OVER if self.defined else float(FORM_ERRORS[-1] ** 2)
         return bool(chdtrc(readings, self.plain_misfit) < IMPLAUSIBLE) and (
             self.plain_misfit - readings > conceded * excess
         )

@@ -197,23 +197,28 @@ class Readings:
         b, n = self.model.budget, len(self.wrench)
         out = np.zeros((n, 6, n, 6))
         free = [c for c in range(3) if c + 3 not in self.model.finger.topology.reactions]
-        turned = np.einsum("abc,nkc->nkba", _CROSS, self.wrench.reshape(n, 2, 3))
         widths = self.budget_factor * np.repeat([np.deg2rad(b.cell_rotation_sd_deg), b.mount_offset_sd_mm], 3)
         tips = [i for i in self.at("tip") if self.read[i, 3:].all()]
         for cases in self.groups(tips, lambda i: self.mounting[i]).values():
-            noise = np.hypot(np.sqrt(self._variance[cases, 3:]), _FLOOR[3:])[:, free]
-            h = np.concatenate([turned[cases, 1], turned[cases, 0]], axis=2)[:, free] * widths / noise[:, :, None]
+            covariance = self.observations.case_covariance[cases]
+            variance = np.diagonal(covariance, axis1=1, axis2=2)[:, 3:]
+            noise = np.sqrt(variance + _FLOOR[3:] ** 2)[:, free]
+            h = (
+                np.concatenate([self._turned[cases, 1], self._turned[cases, 0]], axis=2)[:, free]
+                * widths
+                / noise[:, :, None]
+            )
             flat, read = h.reshape(-1, 6), (self.wrench[cases, 3:][:, free] / noise).reshape(-1)
             offset = (widths * np.linalg.solve(np.eye(6) + flat.T @ flat, flat.T @ read))[3:]
             lever = np.einsum("abc,a->bc", _CROSS, offset)
-            force = self.observations.case_covariance[cases, :3, :3]
-            out[cases, 3:, cases, 3:] = lever @ force @ lever.T
+            out[cases, 3:, cases, 3:] = lever @ covariance[:, :3, :3] @ lever.T
         return out.reshape(6 * n, 6 * n)
 
     @cached_property
-    def _variance(self) -> Floats:
-        """(n, 6) of the readings' noise."""
-        return np.diagonal(self.observations.covariance).reshape(-1, 6)
+    def _turned(self) -> Floats:
+        """(n, force or moment, component, axis) what a turn about each axis makes of every force and moment."""
+        out: Floats = np.einsum("abc,nkc->nkba", _CROSS, self.wrench.reshape(-1, 2, 3))
+        return out
 
     def _mountings(self) -> Floats:
         """(6 n, errors) by the cell's rotation, zero and offset in each mounting.
@@ -229,7 +234,7 @@ class Readings:
         # [case, force or moment, component, error]
         own = np.zeros((n, 2, 3, 39))
         both = self.wrench.reshape(n, 2, 3)
-        turned = np.einsum("abc,nkc->nkba", _CROSS, both)
+        turned = self._turned
         own[..., :3] = rotation_sd * turned
         twice = np.einsum("abc,nkcd->nkbad", _CROSS, turned).reshape(n, 2, 3, 9)
         own[..., 3:12] = _PRODUCT * rotation_sd**2 * twice

@@ -118,6 +118,7 @@ class Searcher(Fitter):
         self._polish(candidates)
         self._neighbours(candidates)
         if not self._lost:
+            self._anew(candidates)
             self._halves(candidates)
         self._nested(2)
         self._polish(candidates)
@@ -261,20 +262,25 @@ class Searcher(Fitter):
                     self._formed.add(offer)
                     self.fit(offer, [self.expected(host, offer)], 2 * FIRST)
 
+    def _anew(self, candidates: tuple[Candidate, ...]) -> None:
+        """Begin a leading pair and each of its members alone from the priors' centre, and take them to their end.
+
+        What all candidates together led to may be another valley for fewer of them, and a companion would then make up
+        for that.
+        """
+        leader, nothing = self._leader(candidates), self.best[NOTHING_MISSING]
+        if leader.explanation.size < 2:
+            return
+        far = far_off(leader, FAR)
+        for explanation in (leader.explanation, *members(leader.explanation, candidates)):
+            starts = [self.problem.centre, *([self.expected(nothing, explanation)] if far else [])]
+            self.fit(explanation, starts, LAST, finely=True)
+
     def _halves(self, candidates: tuple[Candidate, ...]) -> None:
         """Fit each member of the best pairs alone from where the pair stands: what it can do without is no member.
 
-        An error of its form may yet decide for the single, which these evidences do not know. A leading pair and its
-        members are begun anew as well, from the priors' centre: what all candidates together led to may be another
-        valley for fewer of them, and a companion would then make up for that.
+        An error of its form may yet decide for the single, which these evidences do not know.
         """
-        leader, nothing = self._leader(candidates), self.best[NOTHING_MISSING]
-        if leader.explanation.size > 1:
-            starts = [self.problem.centre]
-            for anew in (leader.explanation, *members(leader.explanation, candidates)):
-                if far_off(leader, FAR):
-                    starts = [self.problem.centre, self.expected(nothing, anew)]
-                self.fit(anew, starts, LAST, finely=True)
         for pair in self._ranked(2)[:HALVED]:
             for alone in members(pair.explanation, candidates):
                 known = self.best.get(alone)

@@ -154,7 +154,7 @@ def _found(
     if not exact:
         short = f"{_words(names)} acts, but with a companion that the data do not name"
         return Verdict("undecided", names, (), together, (), (short,))
-    chosen = max(exact, key=lambda w: (not struck_out(w, evidence.nothing), w.log_evidence))
+    chosen = max(exact, key=_standing(evidence))
     lacks = list(conditions(problem, evidence, chosen, validation_rmse))
     companion = next((name for name in inclusion(evidence) if name not in certain), None)
     if companion is not None and 0.5 <= inclusion(evidence)[companion] < SURE and chosen.implausible:
@@ -168,16 +168,14 @@ def _found(
         f"{chosen.size_N:.3f} N (RMS)."
     )
     reasons = (reason, *passengers, *_unsettled(evidence, certain))
-    worse = False
     if len(certain) < len(both):
         # A companion was left out: what is left stands for both.
         impossible, another = bool(out_of_range(chosen)), chosen.may_be_another_law
     else:
         impossible = _share(evidence, lambda w: bool(out_of_range(w))) >= SURE
         another = _share(evidence, lambda w: w.may_be_another_law) >= SURE
-    if len(both) > 1:
-        # Neither all of it nor what is left without a companion is believable then.
-        worse = _worse(problem, evidence, chosen, validation_rmse)
+    # Of a pair, neither all of it nor what is left without a companion is believable then.
+    worse = len(both) > 1 and _worse(problem, evidence, chosen, validation_rmse)
     if impossible or another or worse:
         why = "; ".join(lacks) or "with what acts beside it, it needs another law or a value that is not plausible"
         said = f"What comes nearest to the readings, {_words(names)}, is not believable: {why}."
@@ -241,10 +239,15 @@ def _without_passengers(
     return alone.explanation.names, (why,)
 
 
+def _standing(evidence: Evidence) -> Callable[[Weighed], tuple[bool, float]]:
+    """Key that puts the best form last: one that is struck out never stands before one that is not."""
+    return lambda w: (not struck_out(w, evidence.nothing), w.log_evidence)
+
+
 def _share(evidence: Evidence, that: Callable[[Weighed], bool]) -> float:
     """Probability of all explanations whose best form is so."""
     best: dict[tuple[str, ...], Weighed] = {}
-    for w in sorted(evidence.weighed, key=lambda w: (not struck_out(w, evidence.nothing), w.log_evidence)):
+    for w in sorted(evidence.weighed, key=_standing(evidence)):
         best[w.explanation.names] = w
     return sum(evidence.probability.get(names, 0.0) for names, w in best.items() if names and that(w))
 

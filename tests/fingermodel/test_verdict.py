@@ -22,10 +22,11 @@ from tests.settings import load_profile
 
 load_profile()
 Floats = NDArray[np.float64]
+Probability = dict[tuple[str, ...] | None, float]
 
 
 def verdict_of(
-    probability: dict[tuple[str, ...] | None, float],
+    probability: Probability,
     each: float = 20.0,
     objective: float = 45.0,
     searched: tuple[Candidate, ...] = (),
@@ -127,15 +128,13 @@ def test_a_few_cases_one_posture_or_none_kept_name_nothing(
         ({("e0",): 0.3, (): 0.05, None: 0.65}, "undecided", ()),
     ],
 )
-def test_a_verdict_needs_its_probability(
-    probability: dict[tuple[str, ...] | None, float], kind: str, effects: tuple[str, ...]
-) -> None:
+def test_a_verdict_needs_its_probability(probability: Probability, kind: str, effects: tuple[str, ...]) -> None:
     verdict = verdict_of(probability)
     assert (verdict.kind, verdict.effects) == (kind, effects)
 
 
 def test_a_companion_that_may_only_mend_the_form_is_not_named() -> None:
-    probability: dict[tuple[str, ...] | None, float] = {("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}
+    probability: Probability = {("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}
     verdict = verdict_of(probability, each=6.0, objective=10_000.0)
     assert (verdict.kind, verdict.effects) == ("found", ("e0",))
     assert any(reason.startswith("e1 beside it") for reason in verdict.reasons)
@@ -154,7 +153,7 @@ def test_a_companion_that_may_only_mend_the_form_is_not_named() -> None:
 
 
 def test_a_companion_that_foretells_worse_than_one_effect_alone_is_not_named() -> None:
-    probability: dict[tuple[str, ...] | None, float] = {("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}
+    probability: Probability = {("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}
     worse, hardly = {0: 0.15, 1: 0.05, 2: 0.09}, {0: 0.15, 1: 0.05, 2: 0.06}
     verdict = verdict_of(probability, held_out=worse)
     assert (verdict.kind, verdict.effects) == ("found", ("e0",))
@@ -170,7 +169,7 @@ def test_a_companion_that_foretells_worse_than_one_effect_alone_is_not_named() -
 
 
 def test_what_was_fitted_half_is_not_held_up_as_the_best_of_the_catalogue() -> None:
-    probability: dict[tuple[str, ...] | None, float] = {("e0",): 0.0, (): 0.0, None: 1.0}
+    probability: Probability = {("e0",): 0.0, (): 0.0, None: 1.0}
     usual, given_up = verdict_of(probability), verdict_of(probability, together=2_000.0)
     assert (usual.kind, given_up.kind) == ("none_of_catalogue", "none_of_catalogue")
     assert "the best of the catalogue (e0) leaves a misfit of 45" in usual.reasons[0]
@@ -181,7 +180,7 @@ def test_what_was_fitted_half_is_not_held_up_as_the_best_of_the_catalogue() -> N
 @pytest.mark.parametrize(("alone", "said"), [(0.03, True), (0.2, False)])
 def test_a_companion_whose_name_is_open_is_spoken_of(alone: float, said: bool) -> None:
     rest = 0.98 - alone
-    probability: dict[tuple[str, ...] | None, float] = {
+    probability: Probability = {
         ("e0", "e1"): 0.6 * rest, ("e0", "e2"): 0.4 * rest, ("e0",): alone, (): 0.01, None: 0.01
     }  # fmt: skip
     verdict = verdict_of(probability)
@@ -192,22 +191,16 @@ def test_a_companion_whose_name_is_open_is_spoken_of(alone: float, said: bool) -
 
 
 def test_what_would_need_an_impossible_value_is_none_of_the_catalogue() -> None:
-    probability: dict[tuple[str, ...] | None, float] = {("e0",): 0.97, (): 0.02, None: 0.01}
+    probability: Probability = {("e0",): 0.97, (): 0.02, None: 0.01}
     verdict = verdict_of(probability, impossible=(("e0",),))
     assert (verdict.kind, verdict.names) == ("none_of_catalogue", ())
     assert "e0, is not believable: e.size lies outside what is plausible" in verdict.reasons[0]
     # Only if that is what the readings say: a pair that can be believed stands for itself.
-    open_pair: dict[tuple[str, ...] | None, float] = {
-        ("e0",): 0.04,
-        ("e0", "e1"): 0.5,
-        ("e0", "e2"): 0.44,
-        (): 0.02,
-        None: 0.0,
-    }
+    open_pair: Probability = {("e0",): 0.04, ("e0", "e1"): 0.5, ("e0", "e2"): 0.44, (): 0.02, None: 0.0}
     verdict = verdict_of(open_pair, impossible=(("e0",),))
     assert (verdict.kind, verdict.names) == ("undecided", ("e0",))
     # What is left when a companion is left out stands for both.
-    mended: dict[tuple[str, ...] | None, float] = {("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}
+    mended: Probability = {("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}
     verdict = verdict_of(mended, each=6.0, objective=10_000.0, impossible=(("e0",),))
     assert verdict.kind == "none_of_catalogue"
     verdict = verdict_of(mended, each=6.0, objective=10_000.0, another_law=(("e0", "e1"),))
@@ -215,7 +208,7 @@ def test_what_would_need_an_impossible_value_is_none_of_the_catalogue() -> None:
 
 
 def test_a_law_that_would_have_to_be_another_is_none_of_the_catalogue() -> None:
-    probability: dict[tuple[str, ...] | None, float] = {("e0",): 0.97, (): 0.02, None: 0.01}
+    probability: Probability = {("e0",): 0.97, (): 0.02, None: 0.01}
     assert verdict_of(probability).kind == "found"
     verdict = verdict_of(probability, another_law=(("e0",),))
     assert verdict.kind == "none_of_catalogue"
@@ -223,13 +216,7 @@ def test_a_law_that_would_have_to_be_another_is_none_of_the_catalogue() -> None:
     assert "e0, is not believable" in verdict.reasons[0]
     assert "another law" in verdict.reasons[0]
     # With a companion that the readings do not name the form of both is in question no more.
-    open_pair: dict[tuple[str, ...] | None, float] = {
-        ("e0",): 0.3,
-        ("e0", "e1"): 0.4,
-        ("e0", "e2"): 0.28,
-        (): 0.02,
-        None: 0.0,
-    }
+    open_pair: Probability = {("e0",): 0.3, ("e0", "e1"): 0.4, ("e0", "e2"): 0.28, (): 0.02, None: 0.0}
     verdict = verdict_of(open_pair, another_law=(("e0",),))
     assert (verdict.kind, verdict.names) == ("undecided", ("e0",))
     assert any("another law" in short for short in verdict.short)

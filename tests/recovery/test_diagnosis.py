@@ -159,7 +159,7 @@ def test_no_companion_makes_up_for_a_single_that_was_left_in_another_valley(
     bench = open_bench(tmp_path, catalogue=True)
     assert run_diagnosis(bench).verdict.effects == ("sheath_friction",)
     # The pair's members are not begun anew: centres that move are named besides, with certainty.
-    monkeypatch.setattr(Searcher, "_halves", lambda *_: None)
+    monkeypatch.setattr(Searcher, "_anew", lambda *_: None)
     assert len(run_diagnosis(bench).verdict.effects) == 2
 
 
@@ -351,6 +351,7 @@ def test_a_fault_of_the_rig_shows_beside_what_is_a_specimens_own(tmp_path: Path)
     assert best.shared
     # Its mass; then by how much each hanger differs, which the simulator's do by up to a tenth.
     assert best.value[0] == pytest.approx(25.0, abs=3.0)
+    assert best.value[1:] == pytest.approx(np.zeros(6), abs=0.2)
     assert [each.beside.own for each in best.each] == [(), ("bowstringing",)]
     assert "bowstringing in SIM-00022" in pooled.verdict.sentence
 
