@@ -336,9 +336,11 @@ class Searcher(Fitter):
 
     def _ranked(self, size: int) -> list[Fitted]:
         """Best optimum of each different set of names of a size, best first."""
-        of_size = [f for f in self.best.values() if f.explanation.size == size]
-        ranked = sorted(of_size, key=lambda f: -f.log_evidence)
-        return list({f.explanation.names: f for f in reversed(ranked)}.values())[::-1]
+        best: dict[tuple[str, ...], Fitted] = {}
+        for fitted in sorted(self.best.values(), key=lambda f: -f.log_evidence):
+            if fitted.explanation.size == size:
+                best.setdefault(fitted.explanation.names, fitted)
+        return list(best.values())
 
     def _nested(self, count: int) -> None:
         """Try to fit without what the best explanations have: an effect that a base optimum can do without is none."""
