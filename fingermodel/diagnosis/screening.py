@@ -29,8 +29,15 @@ def best_form(host: Fitted, candidate: Candidate, kept: Explanation = NOTHING_MI
 
 def companions(host: Fitted, kept: Explanation, candidates: tuple[Candidate, ...]) -> Iterator[Explanation]:
     """Pairs of what is kept of a host and what the host has not, in the form that promises most beside it."""
+    for pair in beside(host, kept, candidates):
+        if not (set(pair.names) - set(kept.names)) & set(host.explanation.names):
+            yield pair
+
+
+def beside(host: Fitted, kept: Explanation, candidates: tuple[Candidate, ...]) -> Iterator[Explanation]:
+    """Pairs of what is kept and any other, in the form that promises most beside it about a host's optimum."""
     for candidate in candidates:
-        if candidate.name not in host.explanation.names:
+        if candidate.name not in kept.names:
             yield from _together(kept, best_form(host, candidate, kept), candidates)
 
 

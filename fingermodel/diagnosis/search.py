@@ -20,7 +20,7 @@ from fingermodel.diagnosis.candidates import (
 )
 from fingermodel.diagnosis.fitted import Fitted, far_off
 from fingermodel.diagnosis.fitter import BASE_STARTS, FIRST, LAST, SECOND, WORTHWHILE, Fitter, fit_from, further
-from fingermodel.diagnosis.screening import best_form, companions, other_forms, pairs_about
+from fingermodel.diagnosis.screening import beside, best_form, companions, other_forms, pairs_about
 from fingermodel.problems import Problem
 
 Floats = NDArray[np.float64]
@@ -45,6 +45,8 @@ FAR = 2.0
 HOPELESS, HOPELESS_SHARE, TOGETHER = 30.0, 0.25, 40
 # Singles and pairs that are fitted from there where they leave the readings far off.
 ABOVE = 12
+# Companions of each of the best singles that are.
+BESIDE = 2
 # Of the leader against its neighbours.
 ROUNDS, RIVALS = 3, 8
 # Pairs whose members are tried alone.
@@ -112,6 +114,8 @@ class Searcher(Fitter):
         self._race(HOSTS * more)
         self._nested(HOSTS * more)
         self._pairs(candidates, pairs)
+        if host is not nothing:
+            self._beside(host, candidates, HOSTS * more)
         if not self._lost:
             self._race(HOSTS * more, size=2)
         self._forms(candidates)
@@ -167,6 +171,18 @@ class Searcher(Fitter):
         promise = {e: host.everything.gain(e.parameters) + self._log_prior(e, candidates) for e in offers}
         for explanation in sorted(offers, key=lambda e: -promise[e])[:count]:
             self.fit(explanation, [self.expected(host, explanation)], 2 * FIRST)
+
+    def _beside(self, host: Fitted, candidates: tuple[Candidate, ...], count: int) -> None:
+        """Fit what promises most beside each of the best singles about a host's optimum.
+
+        From a single's own optimum, which bends the rest to do without the other, that may lie beyond a ridge.
+        """
+        for kept in self._ranked(1)[:count]:
+            offers = list(beside(host, kept.explanation, candidates))
+            promise = {e: host.everything.gain(e.parameters) + self._log_prior(e, candidates) for e in offers}
+            for pair in sorted(offers, key=lambda e: -promise[e])[:BESIDE]:
+                if pair not in self.best or far_off(self.best[pair], FAR):
+                    self.fit(pair, [self.expected(host, pair)], SECOND)
 
     def _single(self, candidate: Candidate, host: Fitted) -> None:
         gains = [host.everything.gain(parameters) for parameters in candidate.alternatives]

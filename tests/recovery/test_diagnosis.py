@@ -13,13 +13,13 @@ import pytest
 from daq.errors import ModelError, SessionError
 from daq.sessions import read_session, write_session
 from fingermodel.diagnosis.addition import add_effects
-from fingermodel.diagnosis.candidates import NOTHING_MISSING
+from fingermodel.diagnosis.candidates import NOTHING_MISSING, candidates_of
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.frozen import freeze, read_frozen, score, write_frozen
 from fingermodel.diagnosis.next_cases import PlannedReading, name_of, plan_next
 from fingermodel.diagnosis.pooled import diagnose_pooled
 from fingermodel.diagnosis.search import Searcher
-from fingermodel.problems import Problem
+from fingermodel.problems import Problem, map_problem
 from fingermodel.solver import Solution
 from server.commands.diagnosis import run_diagnosis
 from server.workflow import Bench, open_bench
@@ -161,6 +161,33 @@ def test_no_companion_makes_up_for_a_single_that_was_left_in_another_valley(
     # The pair's members are not begun anew: centres that move are named besides, with certainty.
     monkeypatch.setattr(Searcher, "_anew", lambda *_: None)
     assert len(run_diagnosis(bench).verdict.effects) == 2
+
+
+def test_the_best_singles_lead_whatever_their_other_forms_come_to(tmp_path: Path) -> None:
+    """A coupling that yields fits best of all singles, one that does not worst: pairs were not looked for about it."""
+    draw_session(tmp_path, 13116, draw_truth("two", 13116)[0])
+    bench = open_bench(tmp_path, catalogue=True)
+    problem, candidates = map_problem(bench.model, bench.observations), candidates_of(bench.model)
+    searcher = Searcher(problem)
+    best = searcher.run(candidates).fitted
+    singles = searcher._ranked(1)
+    evidences = [f.log_evidence for f in singles]
+    assert evidences == sorted(evidences, reverse=True)
+    assert len({f.explanation.names for f in singles}) == len(singles)
+    assert singles[0].explanation.names == ("fdp_fds_coupling",)
+    pairs = [f for f in best if f.explanation.size == 2]
+    assert set(max(pairs, key=lambda f: f.log_evidence).explanation.names) == {"fdp_fds_coupling", "cell_rotation"}
+
+
+def test_companions_of_the_best_singles_are_begun_from_where_all_candidates_fit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    draw_session(tmp_path, 13093, draw_truth("two", 13093)[0])
+    bench = open_bench(tmp_path, catalogue=True)
+    assert set(run_diagnosis(bench).verdict.effects) == {"fdp_fds_coupling", "sheath_friction"}
+    # From the coupling's own optimum friction in the sheath promises nothing.
+    monkeypatch.setattr(Searcher, "_beside", lambda *_: None)
+    assert "sheath_friction" not in run_diagnosis(bench).verdict.effects
 
 
 def test_another_form_is_tried_where_the_effect_acts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
