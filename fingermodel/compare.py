@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -217,7 +216,7 @@ def _padded(inputs: LoadCaseInput) -> LoadCaseInput:
     """Repeat the last case up to a multiple of PORTION: a session that grows is not compiled anew with each case."""
     n = inputs.posture.shape[0]
     rows = np.minimum(np.arange(-(-n // PORTION) * PORTION), n - 1)
-    return LoadCaseInput(*(jnp.asarray(np.asarray(field)[rows]) for field in inputs))
+    return inputs.rows(rows)
 
 
 def _norms(residuals: Floats, covariances: Floats) -> list[float | None]:

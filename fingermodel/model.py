@@ -134,7 +134,7 @@ class Model:
         initial = self.parameters.initial
         vector = initial if theta is None else np.asarray(theta)
         # What is at its null changes nothing, and need not be gone through.
-        return predict_batch(self.structure, self.values, jnp.asarray(vector), cases, self.acting(vector != initial))
+        return predict_batch(self.structure, self.values, vector, cases, self.acting(vector != initial))
 
     def jacobian(self, cases: LoadCaseInput, theta: NDArray[np.float64] | None = None) -> Array:
         """Derivative of every reading with respect to every parameter: (cases, 6, parameters)."""
@@ -150,7 +150,7 @@ class Model:
 
 def jax_values(values: FingerValues) -> FingerValues:
     """The same numbers as JAX arrays."""
-    return FingerValues(*(jnp.asarray(v) for v in values))
+    return jax.device_put(FingerValues(*(np.asarray(v, dtype=float) for v in values)))
 
 
 def with_anatomy(topology: Topology, values: FingerValues, theta: Array) -> FingerValues:

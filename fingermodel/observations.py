@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -132,20 +131,18 @@ def observe(measured: MeasuredSession, finger: Finger, budget: Budget) -> Observ
         at = slice(6 * (n + i), 6 * (n + i) + 6)
         covariance[at, at] = check.covariance
     since_tare, elapsed = _clock(measured)
-    inputs = LoadCaseInput(
-        posture=jnp.asarray(posture),
-        tension=jnp.asarray(tension),
-        at_bone=jnp.asarray([x == "bone" for x in locations]),
-        known_force=jnp.asarray(known),
-        is_check=jnp.asarray([False] * n + [True] * k),
-        setting=jnp.asarray(
-            [layout.settings.index((m.case.posture, m.case.setting)) for m in measured.cases] + [0] * k
-        ),
-        mounting=jnp.asarray(mountings),
-        weight=jnp.asarray([weight] * n + [0.0] * k),
-        unloading=jnp.asarray([m.case.direction == "unloading" for m in measured.cases] + [False] * k),
-        since_tare=jnp.asarray([*since_tare, *[0.0] * k]),
-        elapsed=jnp.asarray([*elapsed, *[0.0] * k]),
+    inputs = LoadCaseInput.batch(
+        posture=posture,
+        tension=tension,
+        at_bone=[x == "bone" for x in locations],
+        known_force=known,
+        is_check=[False] * n + [True] * k,
+        setting=[layout.settings.index((m.case.posture, m.case.setting)) for m in measured.cases] + [0] * k,
+        mounting=mountings,
+        weight=[weight] * n + [0.0] * k,
+        unloading=[m.case.direction == "unloading" for m in measured.cases] + [False] * k,
+        since_tare=[*since_tare, *[0.0] * k],
+        elapsed=[*elapsed, *[0.0] * k],
     )
     return Observations(
         ids=tuple(m.case.id for m in measured.cases) + tuple(f"check{i}" for i in range(k)),
@@ -179,7 +176,7 @@ def _clock(measured: MeasuredSession) -> tuple[Floats, Floats]:
 def singular_postures(finger: Finger, postures: Mapping[str, Floats]) -> list[str]:
     """Names of postures (rotations,) [rad] that leave the finger straight: torques do not give the tip force."""
     topology = finger.topology
-    batch = jnp.asarray(np.array(list(postures.values())).reshape(-1, len(topology.rotations)))
+    batch = np.array(list(postures.values())).reshape(-1, len(topology.rotations))
     jacobians = np.asarray(tip_kinematics_batch(topology, jax_values(finger.values), batch).jacobian)
     # A typical lever makes rows of force and of moment comparable.
     unit = np.array([[1.0 if c < 3 else 20.0] for c in topology.reactions])

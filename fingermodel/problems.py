@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jax import Array
 from numpy.typing import NDArray
@@ -63,10 +63,10 @@ class FittedReadings:
         more = -len(rows) % ROWS_STEP
         return cls(
             problem.source,
-            LoadCaseInput(*(jnp.asarray(column) for column in observations.inputs)),
-            LoadCaseInput(*(jnp.asarray(np.asarray(column)[filled]) for column in observations.inputs)),
-            jnp.eye(6)[components],
-            jnp.asarray(np.pad(case * len(components) + component, (0, more))),
+            observations.inputs,
+            observations.inputs.rows(filled),
+            jax.device_put(np.eye(6)[components]),
+            jax.device_put(np.pad(case * len(components) + component, (0, more))),
             np.nan_to_num(observations.wrench).reshape(-1)[rows],
             Tiles.of(problem.whitener),
             problem.model.values,

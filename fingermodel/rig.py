@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -124,18 +123,18 @@ def _inputs(
         for muscle, mass in case.masses_g.items():
             tension[i, muscles.index(muscle)] = mass * 9.81e-3 * tension_factor * (1.0 + held)
     postures = {n: posture_rad(finger.topology, p, f"posture {n}") for n, p in protocol.postures_deg.items()}
-    return LoadCaseInput(
-        posture=jnp.asarray(np.array([postures[c.posture] for c in cases])),
-        tension=jnp.asarray(tension),
-        at_bone=jnp.asarray([c.location == "bone" for c in cases]),
-        known_force=jnp.zeros((len(cases), 3)),
-        is_check=jnp.zeros(len(cases), bool),
-        setting=jnp.asarray([layout.settings.index((c.posture, 0)) for c in cases]),
-        mounting=jnp.asarray([layout.mountings.index((c.location, 0)) for c in cases]),
-        weight=jnp.full(len(cases), 9.81e-3 * tension_factor),
-        unloading=jnp.asarray(unloading),
-        since_tare=jnp.asarray([(np.mean(c.loaded_s) - np.mean(c.unloaded_s)) / end_s for c in cases]),
-        elapsed=jnp.asarray([np.mean(c.loaded_s) / end_s for c in cases]),
+    return LoadCaseInput.batch(
+        posture=[postures[c.posture] for c in cases],
+        tension=tension,
+        at_bone=[c.location == "bone" for c in cases],
+        known_force=np.zeros((len(cases), 3)),
+        is_check=np.zeros(len(cases), bool),
+        setting=[layout.settings.index((c.posture, 0)) for c in cases],
+        mounting=[layout.mountings.index((c.location, 0)) for c in cases],
+        weight=np.full(len(cases), 9.81e-3 * tension_factor),
+        unloading=unloading,
+        since_tare=[(np.mean(c.loaded_s) - np.mean(c.unloaded_s)) / end_s for c in cases],
+        elapsed=[np.mean(c.loaded_s) / end_s for c in cases],
     )
 
 

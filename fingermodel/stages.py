@@ -12,7 +12,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple
 
+import jax
+import numpy as np
 from jax import Array
+from numpy.typing import ArrayLike, NDArray
 
 from fingermodel.fingers import FingerValues, Topology
 from fingermodel.kinematics import JointPose
@@ -74,6 +77,19 @@ class LoadCaseInput(NamedTuple):
     unloading: Array
     since_tare: Array
     elapsed: Array
+
+    @classmethod
+    def batch(cls, **columns: ArrayLike) -> LoadCaseInput:
+        """Many load cases, every field by its name with a leading axis.
+
+        Transferred, not made by JAX: it would compile a program for each new shape, some 10 ms each.
+        """
+        batch: LoadCaseInput = jax.device_put(cls(**{name: np.asarray(column) for name, column in columns.items()}))  # type: ignore[arg-type]
+        return batch
+
+    def rows(self, index: NDArray[np.intp]) -> LoadCaseInput:
+        """Some load cases of a batch."""
+        return self.batch(**{name: np.asarray(column)[index] for name, column in self._asdict().items()})
 
 
 class State(NamedTuple):

@@ -60,15 +60,12 @@ def invert_bench(bench: Bench, closure: str = "chao", seed: int = 0) -> Inversio
 
 def _modelled_contacts(bench: Bench) -> Floats:
     """Magnitude of the contact forces (n, joints) that the model makes of the weights that hung [N]."""
-    import jax.numpy as jnp
-
     from fingermodel.compare import PORTION
-    from fingermodel.stages import LoadCaseInput
 
     inputs, n = bench.observations.inputs, len(bench.observations.ids)
     # Whole portions, as in a comparison, whose compiled program is then used.
     rows = np.minimum(np.arange(-(-n // PORTION) * PORTION), n - 1)
-    padded = LoadCaseInput(*(jnp.asarray(np.asarray(x)[rows]) for x in inputs))
+    padded = inputs.rows(rows)
     joint = np.asarray(bench.model.predict(padded, bench.theta).joint)[:n]
     size: Floats = np.linalg.norm(joint, axis=2)
     return size

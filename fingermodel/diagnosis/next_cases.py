@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -225,18 +224,18 @@ def inputs_of(diagnosis: Diagnosis, cases: Sequence[PlannedReading]) -> LoadCase
     settings = {name: k for k, (name, _) in enumerate(layout.settings)}
     mountings = {name: k for k, (name, _) in enumerate(layout.mountings)}
     n = len(cases)
-    return LoadCaseInput(
-        posture=jnp.asarray(np.array([observations.posture_angles[c.posture] for c in cases])),
-        tension=jnp.asarray(tension),
-        at_bone=jnp.asarray([c.location == "bone" for c in cases]),
-        known_force=jnp.zeros((n, 3)),
-        is_check=jnp.zeros(n, bool),
-        setting=jnp.asarray([settings[c.posture] for c in cases]),
-        mounting=jnp.asarray([mountings[c.location] for c in cases]),
-        weight=jnp.full(n, weight),
-        unloading=jnp.zeros(n, bool),
-        since_tare=jnp.full(n, 0.02),
-        elapsed=jnp.full(n, 1.0),
+    return LoadCaseInput.batch(
+        posture=[observations.posture_angles[c.posture] for c in cases],
+        tension=tension,
+        at_bone=[c.location == "bone" for c in cases],
+        known_force=np.zeros((n, 3)),
+        is_check=np.zeros(n, bool),
+        setting=[settings[c.posture] for c in cases],
+        mounting=[mountings[c.location] for c in cases],
+        weight=np.full(n, weight),
+        unloading=np.zeros(n, bool),
+        since_tare=np.full(n, 0.02),
+        elapsed=np.full(n, 1.0),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +19,7 @@ from fingermodel.model import Model
 from fingermodel.problems import map_problem, residual_at
 from fingermodel.programs import stored
 from fingermodel.refit import solve, whole_slopes
+from fingermodel.stages import LoadCaseInput
 from server.workflow import open_bench
 from tests.own_effect import python_file
 
@@ -118,3 +119,29 @@ def test_an_effect_that_does_not_act_is_skipped_without_a_trace() -> None:
     assert not skipped.jacobian[:, effects].any()
     assert np.abs(whole[:, effects]).sum() > 0.0
     assert len(CATALOGUE) == 23
+
+
+def test_preparing_load_cases_and_readings_compiles_nothing() -> None:
+    """A small program for each new shape takes some 10 ms; a session had fifty of them."""
+    bench = open_bench("DEV-01", catalogue=True)
+    inputs = bench.observations.inputs
+    events: list[str] = []
+
+    def listener(event: str, duration_secs: float, **_: str | int) -> None:
+        events.append(f"{event} took {duration_secs} s")
+
+    jax.monitoring.register_event_duration_secs_listener(listener)
+    try:
+        # Shapes that nothing else in these tests has.
+        odd = LoadCaseInput.batch(**{k: np.repeat(np.asarray(v), 3, axis=0) for k, v in inputs._asdict().items()})
+        part = odd.rows(np.arange(61))
+        problem = map_problem(bench.model, bench.observations)
+        thinner = replace(problem, rows=problem.rows[:77], whitener=problem.whitener[:77, :77], _fitted=[])
+        rows = thinner.fitted_readings.at
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listener)
+    assert not events
+    assert part.tension.shape == (61, len(bench.model.finger.topology.muscles))
+    assert part.setting.dtype == inputs.setting.dtype
+    np.testing.assert_array_equal(np.asarray(part.posture)[:3], np.asarray(inputs.posture)[[0, 0, 0]])
+    assert rows.shape[0] >= 77

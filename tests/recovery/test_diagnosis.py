@@ -191,11 +191,11 @@ def test_companions_of_the_best_singles_are_begun_from_where_all_candidates_fit(
 
 
 def test_another_form_is_tried_where_the_effect_acts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A coupling that yields: at its null nothing tells it from one that does not, and that fits badly."""
-    effects, _ = draw_truth("two", 3101)
-    draw_session(tmp_path, 3101, effects)
+    """A clamp that stiffens: at its null nothing tells it from one that does not, and that hides a coupling."""
+    effects, _ = draw_truth("two", 14102)
+    draw_session(tmp_path, 14102, effects)
     bench = open_bench(tmp_path, catalogue=True)
-    truth = {"hanger_mass", "fdp_fds_coupling"}
+    truth = {"clamp_compliance", "fdp_fds_coupling"}
     assert set(run_diagnosis(bench).verdict.effects) == truth
     monkeypatch.setattr(Searcher, "_forms", lambda *_: None)
     assert set(run_diagnosis(bench).verdict.effects) != truth
