@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 
 from fingermodel.model import Model
 from fingermodel.observations import Observations
-from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]
 PLANES = {"sagittal": 2, "space": 3}
-PORTION = 32
 
 
 @dataclass(frozen=True)
@@ -181,7 +179,7 @@ def compare(model: Model, observations: Observations, theta: Floats | None = Non
         observations: of the session.
         theta: (parameters,) fitted; by default the model before any fit.
     """
-    reading = np.asarray(model.predict(_padded(observations.inputs), theta).reading)[: len(observations.ids)]
+    reading = np.asarray(model.predict(observations.inputs, theta).reading)
     covariance = observations.case_covariance[:, :3, :3]
     residuals = observations.wrench[:, :3] - reading[:, :3]
     z, z_sagittal = _norms(residuals, covariance), _norms(residuals[:, :2], covariance[:, :2, :2])
@@ -210,13 +208,6 @@ def compare(model: Model, observations: Observations, theta: Floats | None = Non
             )
         )
     return Comparison(tuple(cases), observations.noise_assumed)
-
-
-def _padded(inputs: LoadCaseInput) -> LoadCaseInput:
-    """Repeat the last case up to a multiple of PORTION: a session that grows is not compiled anew with each case."""
-    n = inputs.posture.shape[0]
-    rows = np.minimum(np.arange(-(-n // PORTION) * PORTION), n - 1)
-    return inputs.rows(rows)
 
 
 def _norms(residuals: Floats, covariances: Floats) -> list[float | None]:

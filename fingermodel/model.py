@@ -111,6 +111,29 @@ class Model:
         return Structure(self.finger.topology, self._all, tuple(slices))
 
     @cached_property
+    def _roomy(self) -> tuple[ParameterTable, Structure]:
+        """Parameters and structure of a layout with spare settings."""
+        whole = Model(self.finger, self.layout.roomy, self.budget, self.effects)
+        return whole.parameters, whole.structure
+
+    @property
+    def compiled(self) -> Structure:
+        """The structure that programs are compiled for, which has spare settings; see `placed`."""
+        return self._roomy[1]
+
+    @cached_property
+    def places(self) -> NDArray[np.intp]:
+        """(parameters,) where each stands in a vector for `compiled`."""
+        index = self._roomy[0].index
+        return np.array([index[name] for name in self.parameters.names], dtype=np.intp)
+
+    def placed(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A vector for `compiled` from one of this model's parameters (parameters,); what is spare changes nothing."""
+        out = self._roomy[0].initial.copy()
+        out[self.places] = vector
+        return out
+
+    @cached_property
     def values(self) -> FingerValues:
         """The finger's numbers, as JAX arrays."""
         return jax_values(self.finger.values)
@@ -134,7 +157,13 @@ class Model:
         initial = self.parameters.initial
         vector = initial if theta is None else np.asarray(theta)
         # What is at its null changes nothing, and need not be gone through.
-        return predict_batch(self.structure, self.values, vector, cases, self.acting(vector != initial))
+        acting, filled = self.acting(vector != initial), cases.filled()
+        found = predict_batch(self.compiled, self.values, self.placed(vector), filled, acting)
+        if filled is cases:
+            return found
+        n = cases.posture.shape[0]
+        cut: Prediction = jax.tree.map(lambda x: np.asarray(x)[:n], found)
+        return cut
 
     def jacobian(self, cases: LoadCaseInput, theta: NDArray[np.float64] | None = None) -> Array:
         """Derivative of every reading with respect to every parameter: (cases, 6, parameters)."""

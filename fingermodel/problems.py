@@ -23,8 +23,8 @@ Floats = NDArray[np.float64]
 EQ5_WEIGHT = {"DIP": 10.0, "PIP": 10.0, "MCP": 1.0}
 
 
-# Shapes are rounded up, so that a session with a few cases more does not need a compilation of its own.
-CASES_STEP, ROWS_STEP = 8, 32
+# Rows too are rounded up (see `stages`).
+ROWS_STEP = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +35,8 @@ class FittedReadings:
 
     Attributes:
         of: rows, whitener, observations and finger that these are made of.
-        every_case: inputs of all cases, with a leading axis (cases).
-        inputs: of those that are used, with a leading axis (used cases).
+        every_case: inputs of all cases, with a leading axis (cases filled up,).
+        inputs: of those that are used, with a leading axis (used cases filled up,).
         components: (used components, 6) rows of the unit matrix.
         at: (rows filled up,) where each stands in the flattened (used cases, used components).
         measured: (rows,) without what they are filled up with [N, N mm].
@@ -59,12 +59,11 @@ class FittedReadings:
         rows, observations = problem.rows, problem.observations
         used, case = np.unique(rows // 6, return_inverse=True)
         components, component = np.unique(rows % 6, return_inverse=True)
-        filled = np.concatenate([used, np.repeat(used[:1], -len(used) % CASES_STEP)])
         more = -len(rows) % ROWS_STEP
         return cls(
             problem.source,
-            observations.inputs,
-            observations.inputs.rows(filled),
+            observations.inputs.filled(),
+            observations.inputs.rows(used).filled(),
             jax.device_put(np.eye(6)[components]),
             jax.device_put(np.pad(case * len(components) + component, (0, more))),
             np.nan_to_num(observations.wrench).reshape(-1)[rows],

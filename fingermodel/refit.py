@@ -90,14 +90,14 @@ def solve(
         bends: of `minimise`.
         begun: of `minimise`: an earlier answer for this problem, to go on from.
     """
-    scale, centre, fitted, structure = problem.scale, problem.centre, problem.fitted_readings, problem.model.structure
-    active, at = _active(problem), np.flatnonzero(problem.free)
+    scale, centre, fitted, model = problem.scale, problem.centre, problem.fitted_readings, problem.model
+    active, at = _active(problem), model.places[problem.free]
     # Of all cases, fitted or not: the program that predicts them is there anyway.
-    predict = predict_batch.program(structure, fitted.values, centre, fitted.every_case, active)
+    predict = predict_batch.program(model.compiled, fitted.values, model.placed(centre), fitted.every_case, active)
     differentiate = _slopes_program(problem, active)
 
     def residuals(x: Floats) -> Floats:
-        reading = predict(fitted.values, centre + scale * x, fitted.every_case, active).reading
+        reading = predict(fitted.values, model.placed(centre + scale * x), fitted.every_case, active).reading
         return fitted.whitener @ (fitted.measured - np.asarray(reading).reshape(-1)[problem.rows])
 
     def slopes(x: Floats) -> Floats:
@@ -124,15 +124,19 @@ def solve(
 def whole_slopes(problem: Problem, theta: Floats) -> Floats:
     """Whitened slopes (residuals, parameters) of all parameters, those of effects that are not free at their null."""
     every = np.ones(len(problem.model.structure.effects), dtype=bool)
-    return problem.fitted_readings.whitener @ _slopes_program(problem, every)(theta)
+    slopes = _slopes_program(problem, every)(theta)
+    return problem.fitted_readings.whitener @ np.take(slopes, problem.model.places, axis=1)
 
 
 def _slopes_program(problem: Problem, active: NDArray[np.bool_]) -> Callable[[Floats], Floats]:
-    """From parameters to slopes (residuals, parameters), of the effects that are active; zero for the others."""
-    fitted, count = problem.fitted_readings, len(problem.rows)
-    given = (fitted.values, fitted.inputs, fitted.components, fitted.at, problem.scale, active)
-    program = _slopes.program(problem.model.structure, *given, problem.centre)
-    return lambda theta: np.asarray(program(*given, theta))[:count]
+    """From parameters to slopes (residuals, places) of the effects that are active; zero for the others.
+
+    They stand where `Model.places` says.
+    """
+    fitted, model, count = problem.fitted_readings, problem.model, len(problem.rows)
+    given = (fitted.values, fitted.inputs, fitted.components, fitted.at, model.placed(problem.scale), active)
+    program = _slopes.program(model.compiled, *given, model.placed(problem.centre))
+    return lambda theta: np.asarray(program(*given, model.placed(theta)))[:count]
 
 
 def _active(problem: Problem) -> NDArray[np.bool_]:

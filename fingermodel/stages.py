@@ -25,6 +25,10 @@ from fingermodel.tendons import Pulls
 Stage = Literal["tension", "geometry", "sharing", "torque", "reading"]
 STAGES: tuple[Stage, ...] = ("tension", "geometry", "sharing", "torque", "reading")
 
+# Shapes are rounded up, so that a session with a few cases or settings more finds its programs compiled: at the bench
+# each further case would else take a compilation.
+CASES_STEP, SETTINGS_STEP = 16, 4
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -37,6 +41,12 @@ class Layout:
 
     settings: tuple[tuple[str, int], ...]
     mountings: tuple[tuple[str, int], ...]
+
+    @property
+    def roomy(self) -> Layout:
+        """The same with spare settings up to a round number, which no case has."""
+        spare = range(-len(self.settings) % SETTINGS_STEP)
+        return Layout((*self.settings, *(("spare setting", k) for k in spare)), self.mountings)
 
     def setting_name(self, index: int) -> str:
         """`hook`, or `hook#1` once the posture has been set anew."""
@@ -90,6 +100,13 @@ class LoadCaseInput(NamedTuple):
     def rows(self, index: NDArray[np.intp]) -> LoadCaseInput:
         """Some load cases of a batch."""
         return self.batch(**{name: np.asarray(column)[index] for name, column in self._asdict().items()})
+
+    def filled(self) -> LoadCaseInput:
+        """The same, its last case repeated up to a round number of cases; a batch of a few stays as it is."""
+        n = self.posture.shape[0]
+        if n <= CASES_STEP or n % CASES_STEP == 0:
+            return self
+        return self.rows(np.minimum(np.arange(n + -n % CASES_STEP), n - 1))
 
 
 class State(NamedTuple):

@@ -60,13 +60,7 @@ def invert_bench(bench: Bench, closure: str = "chao", seed: int = 0) -> Inversio
 
 def _modelled_contacts(bench: Bench) -> Floats:
     """Magnitude of the contact forces (n, joints) that the model makes of the weights that hung [N]."""
-    from fingermodel.compare import PORTION
-
-    inputs, n = bench.observations.inputs, len(bench.observations.ids)
-    # Whole portions, as in a comparison, whose compiled program is then used.
-    rows = np.minimum(np.arange(-(-n // PORTION) * PORTION), n - 1)
-    padded = inputs.rows(rows)
-    joint = np.asarray(bench.model.predict(padded, bench.theta).joint)[:n]
+    joint = np.asarray(bench.model.predict(bench.observations.inputs, bench.theta).joint)
     size: Floats = np.linalg.norm(joint, axis=2)
     return size
 

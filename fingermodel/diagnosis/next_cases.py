@@ -247,8 +247,8 @@ def _predict(
     model, observations = problem.model, problem.observations
     draws = fitted.draws(DRAWS, rng)
     angles = np.array([n.startswith("posture_angle.") for n in model.parameters.names])
-    # As many cases a call as the session has: no new program is compiled.
-    size = len(observations.ids)
+    # As many cases a call as the session's are filled up to: no new program is compiled.
+    size = len(observations.inputs.filled().setting)
     readings = np.zeros((DRAWS, len(cases), 4))
     for first in range(0, len(cases), size):
         part = list(cases[first : first + size])

@@ -15,13 +15,14 @@ import pytest
 from fingermodel.effects.catalogue import CATALOGUE
 from fingermodel.effects.user import load_effect
 from fingermodel.finger_files import read_finger
-from fingermodel.model import Model
+from fingermodel.model import Model, predict_case
 from fingermodel.problems import map_problem, residual_at
 from fingermodel.programs import stored
 from fingermodel.refit import solve, whole_slopes
 from fingermodel.stages import LoadCaseInput
 from server.workflow import open_bench
 from tests.own_effect import python_file
+from tests.simulator import draw_session
 
 
 class Answer(NamedTuple):
@@ -145,3 +146,40 @@ def test_preparing_load_cases_and_readings_compiles_nothing() -> None:
     assert part.setting.dtype == inputs.setting.dtype
     np.testing.assert_array_equal(np.asarray(part.posture)[:3], np.asarray(inputs.posture)[[0, 0, 0]])
     assert rows.shape[0] >= 77
+
+
+def test_a_session_that_grows_by_a_few_cases_finds_its_programs_compiled(tmp_path: Path) -> None:
+    further = [("pinch", "tip", {"FDP": 500.0}), ("claw", "bone", {"EDC": 500.0})]
+    for name, more in (("before", []), ("after", further)):
+        draw_session(tmp_path / name, 1, protocol="three_levels", further=more)
+    before, after = (open_bench(str(tmp_path / name), catalogue=True) for name in ("before", "after"))
+    grown = len(after.observations.ids) - len(before.observations.ids)
+    settings = len(after.observations.layout.settings) - len(before.observations.layout.settings)
+    assert (grown, settings) == (2, 2)
+    assert len(after.model.parameters) > len(before.model.parameters)
+    given = []
+    for bench in (before, after):
+        fitted = map_problem(bench.model, bench.observations).fitted_readings
+        given.append((fitted.every_case, fitted.inputs, fitted.components, fitted.at, bench.model.placed(bench.theta)))
+    assert before.model.compiled == after.model.compiled
+    assert jax.tree.map(np.shape, given[0]) == jax.tree.map(np.shape, given[1])
+
+
+def test_room_for_more_settings_and_cases_changes_no_answer(tmp_path: Path) -> None:
+    draw_session(tmp_path, 1, protocol="three_levels")
+    bench = open_bench(str(tmp_path), catalogue=True)
+    model, inputs = bench.model, bench.observations.inputs
+    assert len(model.placed(model.initial)) > len(model.parameters)
+    assert inputs.filled().setting.shape[0] > inputs.setting.shape[0]
+    problem = map_problem(model, bench.observations)
+    theta = np.clip(problem.centre + 0.2 * problem.scale, problem.lower, problem.upper)
+    # Of the model's own structure, case by case.
+    cases = [LoadCaseInput(*(field[i] for field in inputs)) for i in (0, 40, len(inputs.setting) - 1)]
+    alone = [predict_case(model.structure, model.values, jnp.asarray(theta), case).reading for case in cases]
+    reading = np.asarray(model.predict(inputs, theta).reading)
+    assert reading.shape == (len(bench.observations.ids), 6)
+    np.testing.assert_allclose(reading[[0, 40, -1]], alone, rtol=1e-9, atol=1e-9)
+    slopes = np.asarray(model.jacobian(inputs, theta)).reshape(-1, len(theta))[problem.rows]
+    np.testing.assert_allclose(
+        whole_slopes(problem, theta), -problem.whitener @ slopes * problem.scale, rtol=1e-7, atol=1e-7
+    )
