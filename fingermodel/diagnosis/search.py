@@ -263,9 +263,8 @@ class Searcher(Fitter):
 
         Where an effect does not act its forms are all alike, so none of them promises more than another.
         """
-        # Where all are far off, the right effect in a wrong form need not be near the leader.
-        margin = np.inf if far_off(self._leader(candidates), FAR) else 2.0 * CONTENDERS
-        for explanation in self._in_question(candidates, margin)[:FORMED]:
+        # The right effect in a wrong form need not be near the leader.
+        for explanation in self._in_question(candidates, np.inf)[:FORMED]:
             host = self.best[explanation]
             offers = [e for e in other_forms(explanation, candidates) if e not in self._formed]
             if not offers:
