@@ -97,6 +97,7 @@ def main() -> None:
         rows.append(carry_on(seed, given.most))
         print(rows[-1], flush=True)
     command = f"python -m benchmarks.further_cases --sessions {given.sessions} --first {given.first}"
+    command += f" --most {given.most}"
     given.out.write_text(report(rows, command), encoding="utf-8")
 
 

@@ -46,7 +46,7 @@ class Layout:
     def roomy(self) -> Layout:
         """The same with spare settings up to a round number, which no case has."""
         spare = range(-len(self.settings) % SETTINGS_STEP)
-        return Layout((*self.settings, *(("spare setting", k) for k in spare)), self.mountings)
+        return Layout((*self.settings, *(("spare", -1 - k) for k in spare)), self.mountings)
 
     def setting_name(self, index: int) -> str:
         """`hook`, or `hook#1` once the posture has been set anew."""
