@@ -124,6 +124,7 @@ class Searcher(Fitter):
         if not self._lost:
             self._anew(candidates)
             self._halves(candidates)
+            self._weighable(candidates)
         self._nested(2)
         self._polish(candidates)
         self._progress(1.0)
@@ -301,6 +302,17 @@ class Searcher(Fitter):
                 known = self.best.get(alone)
                 if known is None or known.objective > pair.objective + 20.0:
                     self.fit(alone, [pair.theta], SECOND)
+
+    def _weighable(self, candidates: tuple[Candidate, ...]) -> None:
+        """Take what will be weighed further where much is left: an error of its form may turn the order then.
+
+        The true effects in another form than ours may leave more than others that were bent to the readings.
+        """
+        if not far_off(self._leader(candidates), FAR):
+            return
+        for fitted in sorted(self._ranked(2), key=lambda f: -f.promise)[:FINISHED]:
+            if not fitted.converged:
+                self.go_on(fitted, SECOND, finely=True)
 
     def _polish(self, candidates: tuple[Candidate, ...]) -> None:
         """Finish the fits that are still in question, and the base model's.

@@ -106,22 +106,20 @@ class Predictor:
 
 def _inputs(q: Floats, t: Floats, weight: float) -> Any:
     """Load cases at the tip, taken at once after the tare."""
-    import jax.numpy as jnp
-
     from fingermodel.stages import LoadCaseInput
 
     n = len(q)
-    none = jnp.zeros(n)
-    return LoadCaseInput(
-        posture=jnp.asarray(q),
-        tension=jnp.asarray(t),
-        at_bone=jnp.zeros(n, bool),
-        known_force=jnp.zeros((n, 3)),
-        is_check=jnp.zeros(n, bool),
-        setting=jnp.zeros(n, int),
-        mounting=jnp.zeros(n, int),
-        weight=jnp.full(n, weight),
-        unloading=jnp.zeros(n, bool),
+    none, no, first = np.zeros(n), np.zeros(n, bool), np.zeros(n, int)
+    return LoadCaseInput.batch(
+        posture=q,
+        tension=t,
+        at_bone=no,
+        known_force=np.zeros((n, 3)),
+        is_check=no,
+        setting=first,
+        mounting=first,
+        weight=np.full(n, weight),
+        unloading=no,
         since_tare=none,
         elapsed=none,
     )
