@@ -177,6 +177,7 @@ class PostureAngles(Effect):
 
     budget: Budget = field(compare=False)  # only the declared priors depend on it, not what is compiled
     always = True
+    of_each_setting = True
     name = "posture_angle"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

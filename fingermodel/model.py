@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -30,6 +30,8 @@ from fingermodel.statics import ClampForces, clamp_forces, joint_loads, joint_to
 from fingermodel.tendons import joint_pulls, moment_arms
 
 jax.config.update("jax_enable_x64", True)
+
+Found = TypeVar("Found", bound=NamedTuple)
 
 
 # For predictions without a session: one setting, the cell at either end.
@@ -94,27 +96,30 @@ class Model:
     @cached_property
     def parameters(self) -> ParameterTable:
         """Anatomy first, then every effect's parameters in the order of `structure.effects`."""
-        declared = list(anatomy_parameters(self.finger, self.budget))
-        for effect in self._all:
-            declared += effect.parameters(self.finger.topology, self.layout)
-        return ParameterTable(declared)
+        return self._laid_out[0]
 
     @cached_property
     def structure(self) -> Structure:
         """The static part, hashable."""
-        start = len(anatomy_parameters(self.finger, self.budget))
-        slices = []
-        for effect in self._all:
-            count = len(effect.parameters(self.finger.topology, self.layout))
-            slices.append((start, start + count))
-            start += count
-        return Structure(self.finger.topology, self._all, tuple(slices))
+        return self._laid_out[1]
+
+    @cached_property
+    def _laid_out(self) -> tuple[ParameterTable, Structure]:
+        return self._lay_out(roomy=False)
 
     @cached_property
     def _roomy(self) -> tuple[ParameterTable, Structure]:
-        """Parameters and structure of a layout with spare settings."""
-        whole = Model(self.finger, self.layout.roomy, self.budget, self.effects)
-        return whole.parameters, whole.structure
+        return self._lay_out(roomy=True)
+
+    def _lay_out(self, *, roomy: bool) -> tuple[ParameterTable, Structure]:
+        """Parameters and structure, with spare settings or without."""
+        declared, slices = list(anatomy_parameters(self.finger, self.budget)), []
+        for effect in self._all:
+            layout = self.layout.roomy if roomy and effect.of_each_setting else self.layout
+            own = effect.parameters(self.finger.topology, layout)
+            slices.append((len(declared), len(declared) + len(own)))
+            declared += own
+        return ParameterTable(declared), Structure(self.finger.topology, self._all, tuple(slices))
 
     @property
     def compiled(self) -> Structure:
@@ -157,13 +162,9 @@ class Model:
         initial = self.parameters.initial
         vector = initial if theta is None else np.asarray(theta)
         # What is at its null changes nothing, and need not be gone through.
-        acting, filled = self.acting(vector != initial), cases.filled()
-        found = predict_batch(self.compiled, self.values, self.placed(vector), filled, acting)
-        if filled is cases:
-            return found
-        n = cases.posture.shape[0]
-        cut: Prediction = jax.tree.map(lambda x: np.asarray(x)[:n], found)
-        return cut
+        acting = self.acting(vector != initial)
+        found = predict_batch(self.compiled, self.values, self.placed(vector), cases.filled(), acting)
+        return _first(cases.posture.shape[0], found)
 
     def jacobian(self, cases: LoadCaseInput, theta: NDArray[np.float64] | None = None) -> Array:
         """Derivative of every reading with respect to every parameter: (cases, 6, parameters)."""
@@ -179,7 +180,8 @@ class Model:
 
 def jax_values(values: FingerValues) -> FingerValues:
     """The same numbers as JAX arrays."""
-    return jax.device_put(FingerValues(*(np.asarray(v, dtype=float) for v in values)))
+    # Copies: what is transferred may share its memory with JAX.
+    return jax.device_put(FingerValues(*(np.array(v, dtype=float) for v in values)))
 
 
 def with_anatomy(topology: Topology, values: FingerValues, theta: Array) -> FingerValues:
@@ -337,6 +339,19 @@ def posture_moment_arms(topology: Topology, values: FingerValues, posture: Array
 def tip_kinematics_batch(topology: Topology, values: FingerValues, posture: Array) -> TipKinematics:
     """Jacobian of the load point and orientation of the tip for postures (n, rotations) [rad]."""
     return jax.vmap(lambda q: tip_kinematics(topology, values, joint_poses(topology, values, q)))(posture)
+
+
+def tips_of(topology: Topology, values: FingerValues, cases: LoadCaseInput) -> TipKinematics:
+    """`tip_kinematics_batch` of the postures of a batch of load cases."""
+    return _first(cases.posture.shape[0], tip_kinematics_batch(topology, values, cases.filled().posture))
+
+
+def _first(count: int, found: Found) -> Found:
+    """Cut what a batch was filled up with off its answers."""
+    if jax.tree.leaves(found)[0].shape[0] == count:
+        return found
+    cut: Found = jax.tree.map(lambda x: np.asarray(x)[:count], found)
+    return cut
 
 
 # Cases a pass: their intermediate values stay in the cache.

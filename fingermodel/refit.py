@@ -155,7 +155,7 @@ def _slopes(
     active: Array,
     theta: Array,
 ) -> Array:
-    """Slopes of what is measured less what is predicted (rows, parameters), in scaled coordinates."""
+    """Slopes of what is measured less what is predicted (rows, places), in scaled coordinates."""
     count = cases.setting.shape[0]
 
     def readings(parts: tuple[Array, ...]) -> Array:

@@ -44,9 +44,9 @@ class Layout:
 
     @property
     def roomy(self) -> Layout:
-        """The same with spare settings up to a round number, which no case has."""
+        """The same with spare settings up to a round number, which no case has; see `Effect.of_each_setting`."""
         spare = range(-len(self.settings) % SETTINGS_STEP)
-        return Layout((*self.settings, *(("spare", -1 - k) for k in spare)), self.mountings)
+        return Layout((*self.settings, *((f"spare {k}", 0) for k in spare)), self.mountings)
 
     def setting_name(self, index: int) -> str:
         """`hook`, or `hook#1` once the posture has been set anew."""
@@ -92,9 +92,10 @@ class LoadCaseInput(NamedTuple):
     def batch(cls, **columns: ArrayLike) -> LoadCaseInput:
         """Many load cases, every field by its name with a leading axis.
 
-        Transferred, not made by JAX: it would compile a program for each new shape, some 10 ms each.
+        Transferred, not made by JAX: it would compile a program for each new shape, some 10 ms each. What is
+        transferred may share its memory with JAX, and so is a copy.
         """
-        batch: LoadCaseInput = jax.device_put(cls(**{name: np.asarray(column) for name, column in columns.items()}))  # type: ignore[arg-type]
+        batch: LoadCaseInput = jax.device_put(cls(**{name: np.array(column) for name, column in columns.items()}))  # type: ignore[arg-type]
         return batch
 
     def rows(self, index: NDArray[np.intp]) -> LoadCaseInput:
@@ -102,9 +103,9 @@ class LoadCaseInput(NamedTuple):
         return self.batch(**{name: np.asarray(column)[index] for name, column in self._asdict().items()})
 
     def filled(self) -> LoadCaseInput:
-        """The same, its last case repeated up to a round number of cases; a batch of a few stays as it is."""
+        """The same, its last case repeated up to a round number of cases; a batch of one stays as it is."""
         n = self.posture.shape[0]
-        if n <= CASES_STEP or n % CASES_STEP == 0:
+        if n <= 1 or n % CASES_STEP == 0:
             return self
         return self.rows(np.minimum(np.arange(n + -n % CASES_STEP), n - 1))
 
@@ -150,6 +151,7 @@ class Effect:
         constitutive: whether it is a law of tissue, contact or time, whose exact form nobody knows; a mass, a length,
             an angle, a constant or a matrix is what it is by definition.
         always: whether it is part of every model, so that nothing is gained by asking whether it acts.
+        of_each_setting: whether it has parameters for each setting, all alike, so that programs may have room for more.
         after_mounting: whether it is an error of what the cell says, and no force: a mounting that is a little off, as
             the budget allows, neither turns nor levers it.
         rests_on_clamp_assumption: whether only out-of-plane forces can support it, which a real clamp carries in part.
@@ -165,6 +167,7 @@ class Effect:
     rests_on_clamp_assumption: ClassVar[bool] = False
     after_mounting: ClassVar[bool] = False
     always: ClassVar[bool] = False
+    of_each_setting: ClassVar[bool] = False
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """Declare the parameters for this finger and session; none where the finger lacks what the effect acts on."""

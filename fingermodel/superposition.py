@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.compare import Comparison
-from fingermodel.model import Model, jax_values, tip_kinematics_batch
+from fingermodel.model import Model, jax_values, tips_of
 from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
@@ -40,7 +40,7 @@ def superposition(model: Model, observations: Observations, comparison: Comparis
             if total > 0:
                 per_tension[case.posture, case.muscles].append(case.measured_N / total)
     finger = model.finger
-    tips = tip_kinematics_batch(finger.topology, jax_values(finger.values), observations.inputs.posture)
+    tips = tips_of(finger.topology, jax_values(finger.values), observations.inputs)
     to_base = np.asarray(tips.to_base)
     out = []
     muscles = model.finger.topology.muscles

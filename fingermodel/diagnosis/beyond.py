@@ -11,7 +11,6 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, logsumexp
@@ -31,7 +30,7 @@ from fingermodel.diagnosis.evidence import (
 from fingermodel.diagnosis.fitted import Fitted, far_off, objective_of
 from fingermodel.diagnosis.linear import Linear, Posterior
 from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard, form_of, rms_of
-from fingermodel.model import tip_kinematics_batch
+from fingermodel.model import tips_of
 from fingermodel.problems import Problem
 from fingermodel.refit import solve
 
@@ -243,7 +242,7 @@ def torque_answer(problem: Problem) -> Floats:
     """(n, rotations, 6) change of every reading per N mm of torque about a rotation."""
     model, inputs = problem.model, problem.observations.inputs
     topology = model.finger.topology
-    tip = tip_kinematics_batch(topology, model.values, jnp.asarray(inputs.posture))
+    tip = tips_of(topology, model.values, inputs)
     jacobian, to_base = np.asarray(tip.jacobian), np.asarray(tip.to_base)
     rows = list(topology.reactions)
     inverse = np.linalg.inv(np.swapaxes(jacobian[:, rows], 1, 2))

@@ -27,6 +27,8 @@ FIRST, SECOND, LAST = 3, 15, 60
 CRAWL = 3e-3
 # Prior widths from the centre that are none.
 ROUNDING = 1e-9
+# Prior widths from its null at which a parameter begins of which nothing is known.
+HALF = 0.5
 # Log evidence that a fit must promise beyond what is known to be worth another.
 WORTHWHILE = 1.0
 
@@ -122,6 +124,10 @@ class Fitter:
         free, mean = host.everything.mean(explanation.parameters)
         expected = host.x.copy()
         expected[free] = mean
+        # Where an effect does not act, what tells its forms apart has no slope, and a fit begun at its null stays there.
+        own = np.array(explanation.parameters, dtype=int)
+        unknown = own[~host.everything.h[:, own].any(axis=0) & (host.x[own] == 0.0)]
+        expected[unknown] = HALF
         # A straight line is not to be trusted further than the priors reach.
         x: Floats = np.clip(expected, -4.0, 4.0)
         out: Floats = self.problem.centre + self.problem.scale * x

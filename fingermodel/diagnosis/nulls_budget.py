@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.nulls_answer import Residuals, figure
-from fingermodel.model import Model, jax_values, tip_kinematics_batch
+from fingermodel.model import Model, jax_values, tips_of
 from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
@@ -321,7 +321,7 @@ def readings_of(model: Model, observations: Observations) -> Readings:
         observations: of the session.
     """
     finger = model.finger
-    tips = tip_kinematics_batch(finger.topology, jax_values(finger.values), observations.inputs.posture)
+    tips = tips_of(finger.topology, jax_values(finger.values), observations.inputs)
     tension = np.asarray(observations.inputs.tension)
     usable = np.isfinite(observations.wrench[:, :3]).all(axis=1) & (tension.sum(axis=1) > 0.0)
     return Readings(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import numpy as np
 
@@ -29,15 +29,15 @@ def best_form(host: Fitted, candidate: Candidate, kept: Explanation = NOTHING_MI
 
 def companions(host: Fitted, kept: Explanation, candidates: tuple[Candidate, ...]) -> Iterator[Explanation]:
     """Pairs of what is kept of a host and what the host has not, in the form that promises most beside it."""
-    for pair in beside(host, kept, candidates):
-        if not (set(pair.names) - set(kept.names)) & set(host.explanation.names):
-            yield pair
+    yield from beside(host, kept, candidates, without=host.explanation.names)
 
 
-def beside(host: Fitted, kept: Explanation, candidates: tuple[Candidate, ...]) -> Iterator[Explanation]:
+def beside(
+    host: Fitted, kept: Explanation, candidates: tuple[Candidate, ...], without: Collection[str] = ()
+) -> Iterator[Explanation]:
     """Pairs of what is kept and any other, in the form that promises most beside it about a host's optimum."""
     for candidate in candidates:
-        if candidate.name not in kept.names:
+        if candidate.name not in (*kept.names, *without):
             yield from _together(kept, best_form(host, candidate, kept), candidates)
 
 

@@ -51,7 +51,7 @@ BESIDE = 2
 ROUNDS, RIVALS = 3, 8
 # Pairs whose members are tried alone.
 HALVED = 3
-# Explanations of which other forms are tried.
+# Explanations of which other forms are tried; twice as many where the leader is far off.
 FORMED = 12
 # An alternative is refitted if its screened evidence is within this much of the best one's.
 NEAR = 4.0
@@ -114,7 +114,7 @@ class Searcher(Fitter):
         self._race(HOSTS * more)
         self._nested(HOSTS * more)
         self._pairs(candidates, pairs)
-        if host is not nothing:
+        if host is not nothing and far_off(self._leader(candidates), FAR):
             self._beside(host, candidates, HOSTS * more)
         if not self._lost:
             self._race(HOSTS * more, size=2)
@@ -181,7 +181,8 @@ class Searcher(Fitter):
         for kept in self._ranked(1)[:count]:
             offers = list(beside(host, kept.explanation, candidates))
             promise = {e: host.everything.gain(e.parameters) + self._log_prior(e, candidates) for e in offers}
-            for pair in sorted(offers, key=lambda e: -promise[e])[:BESIDE]:
+            chosen = sorted(offers, key=lambda e: -promise[e])[:BESIDE]
+            for pair in (*chosen, *(other_forms(chosen[0], candidates) if chosen else ())):
                 if pair not in self.best or far_off(self.best[pair], FAR):
                     self.fit(pair, [self.expected(host, pair)], SECOND)
 
@@ -260,12 +261,13 @@ class Searcher(Fitter):
         return sorted(new, key=lambda e: -promised[e])
 
     def _forms(self, candidates: tuple[Candidate, ...]) -> None:
-        """Try other forms of what is in question from where it stands.
+        """Try other forms of the best explanations from where they stand.
 
-        Where an effect does not act its forms are all alike, so none of them promises more than another.
+        Where an effect does not act its forms are all alike, so none of them promises more than another. The right
+        effect in a wrong form need not be near the leader.
         """
-        # The right effect in a wrong form need not be near the leader.
-        for explanation in self._in_question(candidates, np.inf)[:FORMED]:
+        count = 2 * FORMED if far_off(self._leader(candidates), FAR) else FORMED
+        for explanation in self._in_question(candidates, np.inf)[:count]:
             host = self.best[explanation]
             offers = [e for e in other_forms(explanation, candidates) if e not in self._formed]
             if not offers:
@@ -364,9 +366,9 @@ class Searcher(Fitter):
     def _ranked(self, size: int) -> list[Fitted]:
         """Best optimum of each different set of names of a size, best first."""
         best: dict[tuple[str, ...], Fitted] = {}
-        for fitted in sorted(self.best.values(), key=lambda f: -f.log_evidence):
-            if fitted.explanation.size == size:
-                best.setdefault(fitted.explanation.names, fitted)
+        of_size = [f for f in self.best.values() if f.explanation.size == size]
+        for fitted in sorted(of_size, key=lambda f: -f.log_evidence):
+            best.setdefault(fitted.explanation.names, fitted)
         return list(best.values())
 
     def _nested(self, count: int) -> None:

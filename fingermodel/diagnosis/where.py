@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fingermodel.compare import muscles_of
 from fingermodel.fingers import COMPONENTS
-from fingermodel.model import tip_kinematics_batch
+from fingermodel.model import tips_of
 from fingermodel.problems import Problem
 
 Floats = NDArray[np.float64]
@@ -117,9 +117,7 @@ def missing_torque(problem: Problem, residual: Floats, used: list[int]) -> tuple
     tips = [i for i in used if observations.locations[i] == "tip"]
     if not tips:
         return {}, []
-    # Of all cases: the program for so many is there anyway.
-    tip = tip_kinematics_batch(topology, model.values, observations.inputs.posture)
-    jacobian = np.asarray(tip.jacobian)[tips]
+    jacobian = np.asarray(tips_of(topology, model.values, observations.inputs).jacobian)[tips]
     reactions = list(topology.reactions)
     cases, squares = [], []
     for row, i in enumerate(tips):

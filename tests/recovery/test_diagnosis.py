@@ -190,6 +190,19 @@ def test_companions_of_the_best_singles_are_begun_from_where_all_candidates_fit(
     assert "sheath_friction" not in run_diagnosis(bench).verdict.effects
 
 
+def test_what_will_be_weighed_is_taken_further_where_much_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The true pair leaves more than two others do, and most of it is an error of its form."""
+    draw_session(tmp_path, 16012, draw_truth("two", 16012)[0])
+    bench = open_bench(tmp_path, catalogue=True)
+    found = run_diagnosis(bench)
+    assert set(found.verdict.effects) == {"bowstringing", "intrinsic_bowstring"}
+    assert min(f.objective for f in found.search.fitted) < found.best.fitted.objective - 50.0
+    monkeypatch.setattr(Searcher, "_weighable", lambda *_: None)
+    assert "intrinsic_bowstring" not in run_diagnosis(bench).verdict.effects
+
+
 def test_another_form_is_tried_where_the_effect_acts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A clamp that stiffens: at its null nothing tells it from one that does not, and that hides a coupling."""
     effects, _ = draw_truth("two", 14102)
@@ -199,6 +212,25 @@ def test_another_form_is_tried_where_the_effect_acts(tmp_path: Path, monkeypatch
     assert set(run_diagnosis(bench).verdict.effects) == truth
     monkeypatch.setattr(Searcher, "_forms", lambda *_: None)
     assert set(run_diagnosis(bench).verdict.effects) != truth
+
+
+def test_another_form_is_tried_however_far_behind_the_wrong_one_is(tmp_path: Path) -> None:
+    """Without yielding the true pair leaves half as much again as what leads then, which fits."""
+    draw_session(tmp_path, 15013, draw_truth("two", 15013)[0])
+    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    assert set(found.verdict.effects) == {"fdp_fds_coupling", "suture_angle"}
+    named = [found.problem.model.parameters.names[i] for i in found.best.explanation.parameters]
+    assert "fdp_fds_coupling.yielding" in named
+
+
+def test_a_form_that_the_null_hides_is_begun_beside_it(tmp_path: Path) -> None:
+    """Where the plain coupling hardly acts, no slope tells it from one that yields, and joint friction led with certainty."""
+    draw_session(tmp_path, 17028, draw_truth("two", 17028)[0])
+    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    assert set(found.verdict.effects) == {"fdp_fds_coupling", "centre_migration"}
+    # The plain one, to its end, is far from it.
+    plain = [f for f in found.search.fitted if f.explanation.names == found.best.explanation.names and f.converged]
+    assert max(f.objective for f in plain) > 3.0 * found.best.fitted.objective
 
 
 def test_every_single_is_taken_to_its_end_where_readings_are_few() -> None:
