@@ -124,7 +124,7 @@ class Fitter:
         free, mean = host.everything.mean(explanation.parameters)
         expected = host.x.copy()
         expected[free] = mean
-        # Where an effect does not act, what tells its forms apart has no slope, and a fit begun at its null stays there.
+        # Where an effect does not act, what tells its forms apart has no slope: a fit begun at its null stays there.
         own = np.array(explanation.parameters, dtype=int)
         unknown = own[~host.everything.h[:, own].any(axis=0) & (host.x[own] == 0.0)]
         expected[unknown] = HALF
