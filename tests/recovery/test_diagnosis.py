@@ -224,7 +224,7 @@ def test_another_form_is_tried_however_far_behind_the_wrong_one_is(tmp_path: Pat
 
 
 def test_a_form_that_the_null_hides_is_begun_beside_it(tmp_path: Path) -> None:
-    """Where the plain coupling hardly acts no slope tells it from one that yields; joint friction led with certainty."""
+    """Where the plain coupling hardly acts no slope tells it from one that yields; joint friction led for certain."""
     draw_session(tmp_path, 17028, draw_truth("two", 17028)[0])
     found = run_diagnosis(open_bench(tmp_path, catalogue=True))
     assert set(found.verdict.effects) == {"fdp_fds_coupling", "centre_migration"}
