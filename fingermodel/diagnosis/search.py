@@ -45,7 +45,7 @@ FAR = 2.0
 HOPELESS, HOPELESS_SHARE, TOGETHER = 30.0, 0.25, 40
 # Singles and pairs that are fitted from there where they leave the readings far off.
 ABOVE = 12
-# Companions of each of the best singles that are.
+# Companions of each of the best singles that are, the first of them in all forms.
 BESIDE = 2
 # Of the leader against its neighbours.
 ROUNDS, RIVALS = 3, 8

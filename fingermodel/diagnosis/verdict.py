@@ -200,11 +200,8 @@ def _without_passengers(
     form to mend.
     """
     laws = {c.name for c in candidates if c.constitutive}
-    pair = max(
-        (w for w in evidence.weighed if set(w.explanation.names) == set(certain)),
-        key=lambda w: w.log_evidence,
-        default=None,
-    )
+    pairs = (w for w in evidence.weighed if set(w.explanation.names) == set(certain))
+    pair = max(pairs, key=_standing(evidence), default=None)
     if len(certain) < 2 or pair is None:
         return certain, ()
     worse, mended = [], []
