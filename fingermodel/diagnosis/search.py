@@ -129,9 +129,16 @@ class Searcher(Fitter):
         self._polish(candidates)
         self._progress(1.0)
         searched = 1 + len(candidates) + len(pairs_of(candidates))
-        # Fitted as far as what is held against it.
-        together = further(self._together(candidates), SECOND, finely=True).chi2 if self._lost else None
+        together = self._left_by_all(candidates) if self._lost else None
         return Search(self.best[NOTHING_MISSING], tuple(self.best.values()), searched, together)
+
+    def _left_by_all(self, candidates: tuple[Candidate, ...]) -> float:
+        """χ² that all candidates at once leave, fitted as far as what is held against it and at least from there."""
+        together = further(self._together(candidates), SECOND, finely=True)
+        least = min((f for f in self.best.values() if f.sane), key=lambda f: f.objective)
+        if together.objective > least.objective:
+            together = fit_from(together.explanation, together.problem, least.theta, SECOND, finely=True)
+        return together.chi2
 
     def _hopeless(self, candidates: tuple[Candidate, ...]) -> bool:
         """Whether even all candidates at once leave the readings far off: then no few of them can do better.
