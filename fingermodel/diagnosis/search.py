@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -176,9 +176,14 @@ class Searcher(Fitter):
     def _from(self, host: Fitted, candidates: tuple[Candidate, ...], count: int) -> None:
         """Fit the singles and pairs that promise most about a host's optimum."""
         offers = [*(best_form(host, c) for c in candidates), *pairs_about(host, candidates)]
-        promise = {e: host.everything.gain(e.parameters) + self._log_prior(e, candidates) for e in offers}
-        for explanation in sorted(offers, key=lambda e: -promise[e])[:count]:
+        for explanation in self._by_promise(host, offers, candidates)[:count]:
             self.fit(explanation, [self.expected(host, explanation)], 2 * FIRST)
+
+    def _by_promise(
+        self, host: Fitted, offers: Iterable[Explanation], candidates: tuple[Candidate, ...]
+    ) -> list[Explanation]:
+        """What promises most about a host's optimum first."""
+        return sorted(offers, key=lambda e: -(host.everything.gain(e.parameters) + self._log_prior(e, candidates)))
 
     def _beside(self, host: Fitted, candidates: tuple[Candidate, ...], count: int) -> None:
         """Fit what promises most beside each of the best singles about a host's optimum.
@@ -186,9 +191,7 @@ class Searcher(Fitter):
         From a single's own optimum, which bends the rest to do without the other, that may lie beyond a ridge.
         """
         for kept in self._ranked(1)[:count]:
-            offers = list(beside(host, kept.explanation, candidates))
-            promise = {e: host.everything.gain(e.parameters) + self._log_prior(e, candidates) for e in offers}
-            chosen = sorted(offers, key=lambda e: -promise[e])[:BESIDE]
+            chosen = self._by_promise(host, beside(host, kept.explanation, candidates), candidates)[:BESIDE]
             for pair in (*chosen, *(other_forms(chosen[0], candidates) if chosen else ())):
                 if pair not in self.best or far_off(self.best[pair], FAR):
                     self.fit(pair, [self.expected(host, pair)], SECOND)
