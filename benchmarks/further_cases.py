@@ -41,7 +41,7 @@ def carry_on(seed: int, most: int) -> dict[str, Any]:
             bench = open_bench(folder, catalogue=True)
             found = diagnose(bench.model, bench.observations)
         true = name.split(".")[0]
-        track.append(sum(p for n, p in inclusion(found.evidence).items() if n in (name, true)))
+        track.append(sum(p for n, p in inclusion(found.evidence.probability).items() if n in (name, true)))
         if track[-1] >= SURE:
             break
         if len(further) == most:

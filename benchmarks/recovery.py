@@ -90,7 +90,7 @@ def one_session(kind: Kind, seed: int, second: bool = False) -> dict[str, Any]:
             "leader": sorted(set(found.evidence.weighed[0].explanation.effects)),
             "singles": list(dict.fromkeys(singles))[:3],
             "class": sorted(_class_of(found, found.evidence.weighed[0].explanation.names)),
-            "inclusion": dict(list(inclusion(found.evidence).items())[:4]),
+            "inclusion": dict(list(inclusion(found.evidence.probability).items())[:4]),
             "p_nothing": found.evidence.probability.get((), 0.0),
             "p_other": found.evidence.probability[None],
             "misfit": found.search.nothing.objective,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from fingermodel.fingers import FingerValues
 from fingermodel.fit_report import Fit, Optimum, Outcome, describe
 from fingermodel.model import Structure, parts_of, predict_batch, predict_parts
-from fingermodel.problems import Problem, objective_at
+from fingermodel.problems import FittedReadings, Problem, objective_at
 from fingermodel.programs import stored
 from fingermodel.solver import CONVERGED, NOT_FINITE, STALLED, Solution, minimise
 from fingermodel.stages import LoadCaseInput
@@ -128,13 +129,36 @@ def whole_slopes(problem: Problem, theta: Floats) -> Floats:
     return problem.fitted_readings.whitener @ np.take(slopes, problem.model.places, axis=1)
 
 
-def _slopes_program(problem: Problem, active: NDArray[np.bool_]) -> Callable[[Floats], Floats]:
+def slopes_of(problem: Problem, theta: Floats, rows: NDArray[np.intp]) -> Floats:
+    """Slopes (rows, parameters) of any readings, fitted or not, of the components that are; zero for what is held.
+
+    In scaled coordinates [N, N mm], by pieces of the size that is compiled for what is fitted.
+    """
+    fitted, model, cases = problem.fitted_readings, problem.model, rows // 6
+    active, components = _active(problem), np.unique(problem.rows % 6)
+    room = min(len(fitted.inputs.setting), len(fitted.at) // len(components))
+    used, out = np.unique(cases), np.empty((len(rows), len(theta)))
+    for first in range(0, len(used), room):
+        piece = used[first : first + room]
+        here = np.isin(cases, piece)
+        inputs = problem.observations.inputs.rows(np.resize(piece, len(fitted.inputs.setting)))
+        at = np.searchsorted(piece, cases[here]) * len(components) + np.searchsorted(components, rows[here] % 6)
+        places = jax.device_put(np.pad(at, (0, len(fitted.at) - len(at))))
+        own = replace(fitted, inputs=inputs, at=places)
+        out[here] = np.take(_slopes_program(problem, active, own)(theta)[: len(at)], model.places, axis=1)
+    return out * problem.free
+
+
+def _slopes_program(
+    problem: Problem, active: NDArray[np.bool_], readings: FittedReadings | None = None
+) -> Callable[[Floats], Floats]:
     """From parameters to slopes (residuals, places) of the effects that are active; zero for the others.
 
-    They stand where `Model.places` says.
+    They stand where `Model.places` says. Of other readings than those that are fitted, with what fills them up.
     """
-    fitted, model, count = problem.fitted_readings, problem.model, len(problem.rows)
-    given = (fitted.values, fitted.inputs, fitted.components, fitted.at, model.placed(problem.scale), active)
+    model, count = problem.model, len(problem.rows) if readings is None else None
+    of = readings or problem.fitted_readings
+    given = (of.values, of.inputs, of.components, of.at, model.placed(problem.scale), active)
     program = _slopes.program(model.compiled, *given, model.placed(problem.centre))
     return lambda theta: np.asarray(program(*given, model.placed(theta)))[:count]
 

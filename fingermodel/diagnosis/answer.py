@@ -53,7 +53,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             "sagittal_alone": robust.sagittal_alone,
         },
         "ranking": ranking(d),
-        "inclusion": {name: min(p, 1.0) for name, p in inclusion(evidence).items() if p >= 1e-4},
+        "inclusion": {name: min(p, 1.0) for name, p in inclusion(evidence.probability).items() if p >= 1e-4},
         "where": where(d.problem, nothing.fitted.theta),
         "hints": [h.as_dict() for h in d.hints],
         "ready_made": ready_made(d),

@@ -13,6 +13,7 @@ from fingermodel.compare import Comparison, compare
 from fingermodel.diagnosis.beyond import known_beyond
 from fingermodel.diagnosis.candidates import Candidate, candidates_of
 from fingermodel.diagnosis.confounding import Confounding, confounding
+from fingermodel.diagnosis.counted_in import counted_in, with_every_case
 from fingermodel.diagnosis.evidence import Evidence, Weighed, weigh
 from fingermodel.diagnosis.held_out import held_out
 from fingermodel.diagnosis.hints import Hint, hints
@@ -124,6 +125,7 @@ def diagnose(
         candidates,
         alike,
         lambda w: validation_rmse(problem, comparisons[w.explanation.names]),
+        lambda: counted_in(with_every_case(problem, plane, held), evidence, wildcard, candidates),
     )
     verdict = enough(problem, verdict)
     questioned = robustness(problem, evidence, verdict, wildcard, candidates, thorough=thorough)

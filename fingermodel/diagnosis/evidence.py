@@ -228,7 +228,7 @@ def _in_question(ranked: Sequence[Fitted], *, lost: bool) -> list[Fitted]:
 
 def weigh_one(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]) -> Weighed:
     """Weigh one fit, its budget and its form left open."""
-    change, form = _change_and_form(problem, fitted, candidates)
+    change, form = change_and_form(problem, fitted, candidates)
     each = [at_budget(fitted, form, b) for b in BUDGET_FACTORS]
     total = np.array([value for value, _ in each]) + fitted.of_bounds + budget_log_weight()
     best = int(np.argmax(total))
@@ -254,11 +254,11 @@ def weigh_one(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...
 
 def evidence_as_stated(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]) -> float:
     """Log evidence of one fit with the budget as large as the problem says, its form left open."""
-    _, form = _change_and_form(problem, fitted, candidates)
+    _, form = change_and_form(problem, fitted, candidates)
     return at_budget(fitted, form, 1.0)[0] + fitted.of_bounds
 
 
-def _change_and_form(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]) -> tuple[Floats, Wildcard]:
+def change_and_form(problem: Problem, fitted: Fitted, candidates: tuple[Candidate, ...]) -> tuple[Floats, Wildcard]:
     """What an explanation changes (cases, 6) [N, N mm], and the error of its form."""
     change = change_of(problem, fitted, fitted.explanation.parameters)
     return change, Wildcard.of(_form_columns(problem, fitted, candidates, change), FORM_ERRORS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -31,6 +31,7 @@ MOST_NAMES = 4
 RANGE_MARGIN = 1.5
 # Widths of a prior within which anatomy and budget are believed, where the budget has its stated size.
 STRAINED = 5.0
+IF_COUNTED = "if the cases never fitted counted too, its probability would be"
 # Cases fewer than this cannot carry a diagnosis.
 LEAST_CASES = 6
 
@@ -56,12 +57,12 @@ class Verdict:
     short: tuple[str, ...] = field(default=())
 
 
-def inclusion(evidence: Evidence) -> dict[str, float]:
-    """Probability that each candidate acts, alone or with another."""
+def inclusion(probability: Mapping[tuple[str, ...] | None, float]) -> dict[str, float]:
+    """Probability that each candidate acts, alone or with another, from those of all explanations."""
     out: dict[str, float] = {}
-    for names, probability in evidence.probability.items():
+    for names, each in probability.items():
         for name in names or ():
-            out[name] = out.get(name, 0.0) + probability
+            out[name] = out.get(name, 0.0) + each
     return dict(sorted(out.items(), key=lambda item: -item[1]))
 
 
@@ -71,6 +72,7 @@ def judge(
     candidates: tuple[Candidate, ...],
     classes: Confounding,
     validation_rmse: Callable[[Weighed], float | None],
+    counted_in: Callable[[], Mapping[tuple[str, ...] | None, float]],
 ) -> Verdict:
     """Decide by the conditions of each verdict; whatever meets none is undecided.
 
@@ -80,10 +82,11 @@ def judge(
         candidates: that were searched.
         classes: what the protocol cannot tell apart.
         validation_rmse: RMSE [N] of the cases that were never fitted, under an explanation.
+        counted_in: probabilities if these cases counted too; asked only of a finding.
     """
     nothing, p_other = evidence.nothing, evidence.probability[None]
     p_nothing = evidence.probability.get((), 0.0)
-    included = inclusion(evidence)
+    included = inclusion(evidence.probability)
     best_name = max(included.values(), default=0.0)
     if p_other >= 0.5:
         return _other(problem, evidence, p_other, len(candidates))
@@ -91,7 +94,7 @@ def judge(
         return _nothing(problem, nothing, p_nothing, included)
     certain = tuple(name for name, p in included.items() if p >= SURE)
     if certain:
-        return _found(problem, evidence, certain, candidates, validation_rmse)
+        return _found(problem, evidence, certain, candidates, validation_rmse, counted_in())
     return _one_of(evidence, included, candidates, classes, p_nothing)
 
 
@@ -143,11 +146,13 @@ def _found(
     certain: tuple[str, ...],
     candidates: tuple[Candidate, ...],
     validation_rmse: Callable[[Weighed], float | None],
+    counted: Mapping[tuple[str, ...] | None, float],
 ) -> Verdict:
     both = certain
     certain, passengers = _without_passengers(problem, evidence, certain, candidates, validation_rmse)
+    certain, refuted = _borne_out(certain, counted)
     exact = [w for w in evidence.weighed if set(w.explanation.names) == set(certain)]
-    together = sum(p for names, p in evidence.probability.items() if names and set(certain) <= set(names))
+    together = _all_of(certain, evidence.probability)
     order = [c.name for c in candidates]
     names = tuple(sorted(certain, key=order.index))
     effects = tuple(dict.fromkeys(next(c.effect for c in candidates if c.name == n) for n in names))
@@ -156,18 +161,23 @@ def _found(
         return Verdict("undecided", names, (), together, (), (short,))
     chosen = max(exact, key=_standing(evidence))
     lacks = list(conditions(problem, evidence, chosen, validation_rmse))
-    companion = next((name for name in inclusion(evidence) if name not in certain), None)
-    if companion is not None and 0.5 <= inclusion(evidence)[companion] < SURE and chosen.implausible:
+    included = inclusion(evidence.probability)
+    companion = next((name for name in included if name not in certain), None)
+    if companion is not None and 0.5 <= included[companion] < SURE and chosen.implausible:
         lacks.append(f"{_words(names)} acts, but not alone: perhaps with {companion}")
     if together < SURE:
         lacks.append(f"its probability is {together:.2f}, short of {SURE}")
+    elif (borne_out := _all_of(certain, counted)) < SURE:
+        lacks.append(
+            f"if the cases never fitted counted too, its probability would be {borne_out:.2f}{_instead(counted)}"
+        )
     explain = "explain" if len(names) > 1 else "explains"
     reason = (
         f"{_words(names)} {explain} the readings: misfit {evidence.nothing.fitted.objective:.0f} falls to "
         f"{chosen.fitted.objective:.0f} for {len(problem.rows)} readings; it changes the forces by "
         f"{chosen.size_N:.3f} N (RMS)."
     )
-    reasons = (reason, *passengers, *_unsettled(evidence, certain))
+    reasons = (reason, *passengers, *refuted, *_unsettled(evidence, certain))
     if len(certain) < len(both):
         # A companion was left out: what is left stands for both.
         impossible, another = bool(out_of_range(chosen)), chosen.may_be_another_law
@@ -234,6 +244,34 @@ def _without_passengers(
             "would; a load case that tells the two apart (`fingertwin next`) can show whether it acts too."
         )
     return alone.explanation.names, (why,)
+
+
+def _borne_out(
+    certain: tuple[str, ...], counted: Mapping[tuple[str, ...] | None, float]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Leave out of several what would not be certain if the cases never fitted counted too, and say so."""
+    acts = inclusion(counted)
+    doubtful = tuple(name for name in certain if acts.get(name, 0.0) < SURE)
+    if not doubtful or len(doubtful) == len(certain):
+        return certain, ()
+    why = (
+        f"{_words(doubtful)} beside it is not certain: if the cases never fitted counted too, its probability would be "
+    )
+    return tuple(name for name in certain if name not in doubtful), (
+        f"{why}{acts.get(doubtful[0], 0.0):.2f}{_instead(counted)}.",
+    )
+
+
+def _all_of(certain: tuple[str, ...], probability: Mapping[tuple[str, ...] | None, float]) -> float:
+    """Probability that all of these act, alone or with another."""
+    return sum(p for names, p in probability.items() if names and set(certain) <= set(names))
+
+
+def _instead(counted: Mapping[tuple[str, ...] | None, float]) -> str:
+    """What is likeliest if the cases never fitted count too, in words."""
+    likeliest = max(counted, key=lambda names: counted[names])
+    said = "something else" if likeliest is None else _words(likeliest)
+    return f" (and of {said} {counted[likeliest]:.2f})"
 
 
 def _standing(evidence: Evidence) -> Callable[[Weighed], tuple[bool, float]]:

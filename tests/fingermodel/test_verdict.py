@@ -37,13 +37,14 @@ def verdict_of(
     impossible: tuple[tuple[str, ...], ...] = (),
     implausible: tuple[tuple[str, ...], ...] = (),
     together: float | None = None,
+    counted: Probability | None = None,
 ) -> Any:
     """The verdict where only probabilities speak: everything fits, nothing is strained.
 
     `each` is the log evidence of each effect, `held_out` the error [N] of cases never fitted by the number of effects,
     `left` are explanations that leave too much, `another_law` those whose form is too far off, `impossible` those with
-    a value far beyond its range, `implausible` those that leave more than noise would, and `together` is what all at
-    once leave.
+    a value far beyond its range, `implausible` those that leave more than noise would, `together` is what all at once
+    leave, and `counted` is how probable all would be if the cases never fitted counted too.
     """
     model = SimpleNamespace(parameters=SimpleNamespace(parameters=(one_sided("e.size", "mm", 1.0),), names=("e.size",)))
     blocks = SimpleNamespace(case_covariance=np.tile(0.005**2 * np.eye(6), (10, 1, 1)))
@@ -88,6 +89,7 @@ def verdict_of(
         searched or candidates(4),
         confounding(linear, candidates(4)),
         lambda w: None if held_out is None else held_out[w.explanation.size],
+        lambda: probability if counted is None else counted,
     )
 
 
@@ -131,6 +133,35 @@ def test_a_few_cases_one_posture_or_none_kept_name_nothing(
 def test_a_verdict_needs_its_probability(probability: Probability, kind: str, effects: tuple[str, ...]) -> None:
     verdict = verdict_of(probability)
     assert (verdict.kind, verdict.effects) == (kind, effects)
+
+
+@pytest.mark.parametrize(
+    ("counted", "kind", "effects", "said"),
+    [
+        ({("e0", "e1"): 0.95, ("e0",): 0.05}, "found", ("e0", "e1"), None),
+        # What the cases never fitted do not bear out is not named beside what they do.
+        ({("e0", "e1"): 0.85, ("e0",): 0.15}, "found", ("e0",), "0.85 (and of e0 and e1 0.85)"),
+        ({("e0", "e1"): 0.01, ("e0", "e2"): 0.99}, "found", ("e0",), "0.01 (and of e0 and e2 0.99)"),
+        # Where they bear none of it out, nothing is found.
+        ({("e0", "e1"): 0.2, ("e2",): 0.8}, "undecided", (), "0.20 (and of e2 0.80)"),
+        ({("e0", "e1"): 0.1, (): 0.9}, "undecided", (), "0.10 (and of no effect 0.90)"),
+        ({("e0", "e1"): 0.1, None: 0.9}, "undecided", (), "0.10 (and of something else 0.90)"),
+    ],
+)
+def test_what_cases_never_fitted_speak_against_is_not_named(
+    counted: Probability, kind: str, effects: tuple[str, ...], said: str | None
+) -> None:
+    probability: Probability = {("e0", "e1"): 0.95, ("e0",): 0.03, (): 0.01, None: 0.01}
+    verdict = verdict_of(probability, counted=counted)
+    assert (verdict.kind, verdict.effects) == (kind, effects)
+    told = [s for s in (*verdict.reasons, *verdict.short) if "if the cases never fitted counted too" in s]
+    assert [said in s for s in told if said] == ([True] if said else [])
+    assert bool(told) == bool(said)
+
+
+def test_cases_never_fitted_name_nothing_by_themselves() -> None:
+    verdict = verdict_of({("e0",): 0.3, ("e1",): 0.05, (): 0.6, None: 0.05}, counted={("e0",): 1.0})
+    assert (verdict.kind, verdict.effects) == ("undecided", ())
 
 
 def test_a_companion_that_may_only_mend_the_form_is_not_named() -> None:
@@ -284,6 +315,5 @@ def test_an_explanation_that_needs_another_anatomy_is_not_believed(
 
 
 def test_inclusion_adds_up_over_explanations() -> None:
-    evidence = SimpleNamespace(probability={("e0", "e1"): 0.3, ("e0",): 0.6, (): 0.05, None: 0.05})
-    included = inclusion(cast("Any", evidence))
+    included = inclusion({("e0", "e1"): 0.3, ("e0",): 0.6, (): 0.05, None: 0.05})
     assert included == {"e0": pytest.approx(0.9), "e1": pytest.approx(0.3)}

@@ -1,0 +1,79 @@
+"""Cases that were never fitted, counted in: they take back what they do not bear out, and name nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fingermodel.diagnosis.counted_in import counted_in, with_every_case
+from fingermodel.diagnosis.wildcard import AMPLITUDES_N, Wildcard, anything
+from fingermodel.problems import map_problem
+from fingermodel.refit import drawn_starts, slopes_of
+from server.commands.diagnosis import run_diagnosis
+from server.workflow import open_bench
+from tests.second_simulator import write_session
+
+
+def test_slopes_of_readings_never_fitted_are_those_of_the_prediction() -> None:
+    bench = open_bench("DEV-08", catalogue=True)
+    problem = map_problem(bench.model, bench.observations)
+    problem = replace(problem, free=problem.free | bench.model.parameters.of_kind("effect"))
+    every = with_every_case(problem, None, ())
+    unseen = np.array(bench.observations.roles)[every.rows // 6] == "validation"
+    assert set(every.rows[~unseen]) == set(problem.rows)
+    # More cases than are fitted at once, and more than one piece.
+    assert unseen.any()
+    (theta,) = drawn_starts(problem, 1)
+    way = np.random.default_rng(4).normal(size=len(theta)) * problem.free
+    step = 1e-4 * problem.scale * way
+
+    def readings(at: np.ndarray) -> np.ndarray:
+        wrench = np.asarray(bench.model.predict(bench.observations.inputs, at).reading)
+        return wrench.reshape(-1)[every.rows]
+
+    # What is left of a reading falls as its prediction rises.
+    expected = -(readings(theta + step) - readings(theta - step)) / 2e-4
+    slopes = slopes_of(problem, theta, every.rows)
+    np.testing.assert_allclose(slopes @ way, expected, rtol=2e-3, atol=2e-3 * np.abs(expected).max())
+
+
+def test_what_is_read_of_them_counts_only_as_far_as_what_is_fitted_is_read() -> None:
+    bench = open_bench("DEV-08", catalogue=True)
+    problem = map_problem(bench.model, bench.observations, "sagittal")
+    every = with_every_case(replace(problem, rows=problem.rows[problem.rows % 6 < 2]), "sagittal", ())
+    assert set(every.rows % 6) == {0, 1}
+    assert (every.observations.wrench == bench.observations.wrench).all()
+
+
+def test_without_such_cases_all_stays_as_it_was() -> None:
+    bench = open_bench("DEV-08", catalogue=True)
+    found = run_diagnosis(bench)
+    problem = found.problem
+    roles = tuple("check" if role == "validation" else role for role in problem.observations.roles)
+    none = replace(problem, observations=replace(problem.observations, roles=roles))
+    wildcard = Wildcard.of(anything(problem), AMPLITUDES_N)
+    assert counted_in(none, found.evidence, wildcard, found.candidates) == found.evidence.probability
+
+
+def test_a_companion_that_they_speak_against_is_not_named(tmp_path: Path) -> None:
+    """The angles read off had made up for a plate that takes torque."""
+    truth = write_session(tmp_path, "two", 2019)
+    assert truth.effects == ("centre_migration", "volar_plate")
+    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    assert (found.verdict.kind, found.verdict.effects) == ("found", ("centre_migration",)), found.verdict
+    (why,) = [r for r in found.verdict.reasons if "if the cases never fitted counted too" in r]
+    assert why.startswith("goniometer_bias beside it is not certain")
+    assert "centre_migration and volar_plate" in why
+
+
+@pytest.mark.full
+def test_a_finding_that_they_speak_against_is_none(tmp_path: Path) -> None:
+    truth = write_session(tmp_path, "one", 2201)
+    assert truth.effects == ("volar_plate",)
+    assert truth.rms_change_N["volar_plate"] < 0.001
+    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    assert (found.verdict.kind, found.verdict.effects) == ("undecided", ()), found.verdict
+    assert any("and of no effect" in short for short in found.verdict.short)
