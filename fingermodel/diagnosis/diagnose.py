@@ -13,9 +13,8 @@ from fingermodel.compare import Comparison, compare
 from fingermodel.diagnosis.beyond import known_beyond
 from fingermodel.diagnosis.candidates import Candidate, candidates_of
 from fingermodel.diagnosis.confounding import Confounding, confounding
-from fingermodel.diagnosis.counted_in import counted_in, with_every_case
 from fingermodel.diagnosis.evidence import Evidence, Weighed, weigh
-from fingermodel.diagnosis.held_out import held_out
+from fingermodel.diagnosis.held_out import HeldOut
 from fingermodel.diagnosis.hints import Hint, hints
 from fingermodel.diagnosis.nulls import Null, moments_violated, nulls
 from fingermodel.diagnosis.nulls_frames import rig_mistake
@@ -34,6 +33,11 @@ Floats = NDArray[np.float64]
 UNTESTED = (
     "no case was kept from the fit to test it: every case has the role identification; give some, such as combined "
     "loads, role: validation"
+)
+# What a case says that is missed with an effect that all the others bear out.
+UNSHOWN = (
+    "far more than an error of its form would be: something acts there too that what was fitted does not show; give "
+    "such a case the role identification, and keep others from the fit"
 )
 # Rigs of which most lie within their budget seldom pass this multiple of it.
 LARGE_BUDGET = 2.0
@@ -72,11 +76,10 @@ class Diagnosis:
     @property
     def best(self) -> Weighed:
         """What the verdict would add: the named explanation, or else the most probable one."""
-        named = set(self.verdict.names)
-        if named and self.verdict.kind in ("found", "undecided"):
-            exact = [w for w in self.evidence.weighed if set(w.explanation.names) == named]
-            if exact:
-                return exact[0]
+        if self.verdict.names and self.verdict.kind in ("found", "undecided"):
+            named = _named(self.verdict, self.evidence)
+            if named is not None:
+                return named
         if self.verdict.kind in ("nothing_missing", "none_of_catalogue"):
             return self.evidence.nothing
         return self.evidence.weighed[0]
@@ -119,20 +122,21 @@ def diagnose(
     comparisons = {
         w.explanation.names: compare(model, observations, w.fitted.theta) for w in reversed(evidence.weighed)
     }
+    held_out = HeldOut.of(problem, plane, held, candidates)
     verdict = judge(
         problem,
         evidence,
         candidates,
         alike,
         lambda w: validation_rmse(problem, comparisons[w.explanation.names]),
-        lambda: counted_in(with_every_case(problem, plane, held), evidence, wildcard, candidates),
+        lambda: held_out.counted_in(evidence, wildcard),
     )
     verdict = enough(problem, verdict)
     questioned = robustness(problem, evidence, verdict, wildcard, candidates, thorough=thorough)
     if verdict.kind == "nothing_missing":
-        unseen = held_out(evidence.nothing.fitted, evidence.nothing.budget_factor)
-        if unseen.surprising:
-            verdict = replace(verdict, kind="undecided", reasons=(), short=(*verdict.short, unseen.text))
+        missed = held_out.most_missed(evidence.nothing)
+        if missed.surprising:
+            verdict = replace(verdict, kind="undecided", reasons=(), short=(*verdict.short, missed.text))
     tested = nulls(model, observations)
     at_cell = {effect.name for effect in model.effects if effect.stage == "reading"}
     effect_of = {c.name: c.effect for c in candidates}
@@ -149,6 +153,10 @@ def diagnose(
             moments_violated(model, observations, LARGE_BUDGET),
         )
     verdict = _settled(verdict, questioned, moments, candidates, p_at_cell)
+    if verdict.kind == "found" and (named := _named(verdict, evidence)) is not None:
+        missed = held_out.most_missed(named)
+        if missed.surprising:
+            verdict = replace(verdict, reasons=(*verdict.reasons, f"{missed.text}, {UNSHOWN}"))
     found: tuple[Hint, ...] = ()
     if verdict.kind in ("none_of_catalogue", "undecided"):
         if mistake := rig_mistake(model, observations):
@@ -171,6 +179,11 @@ def diagnose(
         time.perf_counter() - began,
         comparisons,
     )
+
+
+def _named(verdict: Verdict, evidence: Evidence) -> Weighed | None:
+    """The likeliest form of what a verdict names, None if it was not weighed by itself."""
+    return next((w for w in evidence.weighed if set(w.explanation.names) == set(verdict.names)), None)
 
 
 def validation_rmse(problem: Problem, comparison: Comparison) -> float | None:

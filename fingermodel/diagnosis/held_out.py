@@ -1,27 +1,39 @@
-"""Whether the cases that were never fitted come out as a fitted model says, within what it cannot know of them."""
+"""What the cases that were never fitted say: which of them is missed, and what they make of the explanations.
+
+They are not fitted for this. Each explanation is straightened out where it stands, and says what it expects of them:
+noise, all that its fit leaves open and the error of its form allowed for.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtrc, logsumexp
 
 from fingermodel.compare import muscles_of
+from fingermodel.diagnosis.candidates import Candidate
+from fingermodel.diagnosis.evidence import Evidence, Weighed, change_and_form, other_evidence
 from fingermodel.diagnosis.fitted import Fitted
+from fingermodel.diagnosis.questioned import Asked, Names, Noise
+from fingermodel.diagnosis.wildcard import AMPLITUDES_N, FORM_ERRORS, Wildcard, anything
+from fingermodel.fingers import Plane
+from fingermodel.problems import Problem, map_problem, residual_at
+from fingermodel.refit import slopes_of
 
 Floats = NDArray[np.float64]
 
-DRAWS = 64
-SEED = 20191107
 # One chance in ten thousand, for all cases together.
 SURPRISING = 1e-4
+# What is less probable than this is not asked.
+LEAST = 1e-4
 
 
 @dataclass(frozen=True)
-class HeldOut:
-    """The case that a model predicts worst.
+class Missed:
+    """The case never fitted that an explanation misses most.
 
     Attributes:
         p_value: that any case would be missed so far, all of them paid for.
@@ -33,38 +45,107 @@ class HeldOut:
 
     @property
     def surprising(self) -> bool:
-        """Whether noise and what the fit leaves open do not explain it."""
+        """Whether noise, what the fit leaves open and an error of the form do not explain it."""
         return self.p_value < SURPRISING
 
 
-def held_out(fitted: Fitted, budget_factor: float) -> HeldOut:
-    """Hold the validation cases' forces against an optimum's predictive distribution.
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """The cases that were never fitted, beside those that were.
 
-    Args:
-        fitted: an explanation's optimum.
-        budget_factor: most probable multiple of the budget.
+    Attributes:
+        every: what was searched, with the readings of these cases among the others.
+        unseen: (n,) which readings are theirs.
+        root: (n, n) takes whitened readings back to their units.
+        noise: of all readings.
+        candidates: that were searched.
     """
-    problem = fitted.problem
-    observations, model = problem.observations, problem.model
-    cases = [i for i in observations.where("validation") if np.isfinite(observations.wrench[i, :3]).all()]
-    if not cases:
-        return HeldOut(1.0, "")
-    plane = 2 if model.finger.judged_in == "sagittal" else 3
-    draws = fitted.draws(DRAWS, np.random.default_rng(SEED), budget_factor)
-    here = np.asarray(model.predict(observations.inputs, fitted.theta).reading)[cases][:, :plane]
-    spread = np.zeros((DRAWS, len(cases), plane))
-    for d, theta in enumerate(draws):
-        spread[d] = np.asarray(model.predict(observations.inputs, theta).reading)[cases][:, :plane] - here
-    covariance = np.einsum("dni,dnj->nij", spread, spread) / DRAWS
-    noise = observations.case_covariance[cases][:, :plane, :plane]
-    scatter = model.budget.tension_factor_case_sd
-    force = observations.wrench[cases][:, :plane]
-    noise = noise + scatter**2 * np.einsum("ni,nj->nij", force, force)
-    away = force - here
-    z2 = np.array([a @ np.linalg.solve(c, a) for a, c in zip(away, covariance + noise, strict=True)])
-    worst = int(np.argmax(z2))
-    p_value = min(1.0, len(cases) * float(chdtrc(plane, z2[worst])))
-    i = cases[worst]
-    load = f"{muscles_of(observations.masses_g[i])} in {observations.postures[i]} at the {observations.locations[i]}"
-    text = f"{load}, never fitted, is missed by {float(np.linalg.norm(away[worst])):.2f} N"
-    return HeldOut(p_value, text)
+
+    every: Problem
+    unseen: NDArray[np.bool_]
+    root: Floats
+    noise: Noise
+    candidates: tuple[Candidate, ...]
+
+    @classmethod
+    def of(
+        cls, problem: Problem, plane: Plane | None, held: Collection[str], candidates: tuple[Candidate, ...]
+    ) -> HeldOut:
+        """Put them beside what was searched, which `map_problem` made; read as far as that is.
+
+        Args:
+            problem: that was searched.
+            plane: of `map_problem`.
+            held: of `map_problem`.
+            candidates: that were searched.
+        """
+        observations = problem.observations
+        roles = tuple("identification" if role == "validation" else role for role in observations.roles)
+        wrench = np.where(np.isin(np.arange(6), problem.rows % 6), observations.wrench, np.nan)
+        every = map_problem(problem.model, replace(observations, roles=roles, wrench=wrench), plane, held)
+        unseen = np.array(observations.roles)[every.rows // 6] == "validation"
+        root = np.asarray(np.linalg.inv(every.whitener), dtype=np.float64)
+        return cls(replace(every, observations=observations), unseen, root, Noise.of(root @ root.T), candidates)
+
+    def counted_in(self, evidence: Evidence, wildcard: Wildcard) -> Mapping[Names, float]:
+        """Probability of each explanation if these cases counted too; as it was where there are none.
+
+        Args:
+            evidence: of the explanations.
+            wildcard: of what was searched.
+        """
+        if not self.unseen.any():
+            return evidence.probability
+        without = Noise.of(self.noise.covariance, self.unseen)
+        values: dict[Names, list[float]] = {}
+        for w in evidence.weighed:
+            if evidence.probability[w.explanation.names] >= LEAST:
+                # It stands for all readings where `w` stood for those that are fitted.
+                value = 2.0 * w.log_evidence - self._asked(self._straightened(w)).value(without)
+                values.setdefault(w.explanation.names, []).append(value + w.log_prior)
+        if evidence.probability[None] >= LEAST:
+            every = other_evidence(self._straightened(evidence.nothing).fitted, self._anything)
+            gained = every.log_evidence - other_evidence(evidence.nothing.fitted, wildcard).log_evidence
+            # Evidence of whitened readings lacks what their noise adds.
+            gained += self.noise.log_size - without.log_size
+            values[None] = [float(np.log(evidence.probability[None])) + evidence.log_norm + gained]
+        total = {names: float(logsumexp(several)) for names, several in values.items()}
+        norm = float(logsumexp(list(total.values())))
+        return {names: float(np.exp(value - norm)) for names, value in total.items()}
+
+    def most_missed(self, weighed: Weighed) -> Missed:
+        """Find the case that an explanation misses most, the largest error of its form that is tried allowed for."""
+        if not self.unseen.any():
+            return Missed(1.0, "")
+        error = float(FORM_ERRORS[-1]) if weighed.explanation.size else 0.0
+        asked = self._asked(replace(self._straightened(weighed), form_error=error))
+        away, spread = asked.expected(self.noise, ~self.unseen, weighed.budget_factor)
+        observations, case = self.every.observations, self.every.rows[self.unseen] // 6
+        missed = []
+        for i in np.unique(case):
+            own = case == i
+            surprise = float(away[own] @ np.linalg.solve(spread[np.ix_(own, own)], away[own]))
+            missed.append((float(chdtrc(own.sum(), surprise)), i, own))
+        p_value, i, own = min(missed, key=lambda each: each[0])
+        force = own & (self.every.rows[self.unseen] % 6 < 3)
+        load = (
+            f"{muscles_of(observations.masses_g[i])} in {observations.postures[i]} at the {observations.locations[i]}"
+        )
+        text = f"{load}, never fitted, is missed by {float(np.linalg.norm(away[force])):.2f} N"
+        return Missed(min(1.0, len(missed) * p_value), text)
+
+    @property
+    def _anything(self) -> Wildcard:
+        return Wildcard.of(anything(self.every), AMPLITUDES_N)
+
+    def _asked(self, weighed: Weighed) -> Asked:
+        return Asked.of(weighed, self.root, self.noise)
+
+    def _straightened(self, weighed: Weighed) -> Weighed:
+        """The same at the same optimum, straightened out for the cases never fitted too."""
+        fitted = weighed.fitted
+        problem = replace(self.every, free=fitted.problem.free)
+        slopes = problem.whitener @ slopes_of(fitted.problem, fitted.theta, problem.rows)
+        solution = fitted.solution._replace(residual=residual_at(problem, fitted.theta), jacobian=slopes)
+        there = Fitted(fitted.explanation, fitted.theta, fitted.x, fitted.objective, solution, problem)
+        return replace(weighed, fitted=there, form=change_and_form(problem, there, self.candidates)[1])

@@ -237,6 +237,19 @@ class Asked:
             return float(logsumexp(np.array(each) + budget_log_weight())) + log_size + self.rest
         return self._at(gram, budget, effect) + log_size + self.rest
 
+    def expected(self, noise: Noise, given: NDArray[np.bool_], budget: float) -> tuple[Floats, Floats]:
+        """How far the other readings are from what those given (n,) make it expect, and their covariance, in units."""
+        slopes = self.columns[:, 1:]
+        wide = slopes * np.where(np.arange(len(self.x)) < self.own, 1.0, budget)
+        covariance = noise.covariance + wide @ wide.T + (0.0 if self.error is None else self.error)
+        # From the priors' centre.
+        away = self.columns[:, 0] + slopes @ self.x
+        across = np.linalg.solve(covariance[np.ix_(given, given)], covariance[np.ix_(given, ~given)]).T
+        return (
+            away[~given] - across @ away[given],
+            covariance[np.ix_(~given, ~given)] - across @ covariance[np.ix_(given, ~given)],
+        )
+
     def _at(self, gram: Floats, budget: float, effect: float) -> float:
         """Ln N(r + A x; 0, 1 + A Aᵀ) without its constant, from [r, A]ᵀ [r, A] before the priors are widened."""
         width = np.full(len(gram) - 1, budget)

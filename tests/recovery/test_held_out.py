@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fingermodel.diagnosis.counted_in import counted_in, with_every_case
+from fingermodel.diagnosis.diagnose import UNSHOWN
+from fingermodel.diagnosis.held_out import HeldOut
 from fingermodel.diagnosis.wildcard import AMPLITUDES_N, Wildcard, anything
 from fingermodel.problems import map_problem
 from fingermodel.refit import drawn_starts, slopes_of
@@ -21,7 +22,7 @@ def test_slopes_of_readings_never_fitted_are_those_of_the_prediction() -> None:
     bench = open_bench("DEV-08", catalogue=True)
     problem = map_problem(bench.model, bench.observations)
     problem = replace(problem, free=problem.free | bench.model.parameters.of_kind("effect"))
-    every = with_every_case(problem, None, ())
+    every = HeldOut.of(problem, None, (), ()).every
     unseen = np.array(bench.observations.roles)[every.rows // 6] == "validation"
     assert set(every.rows[~unseen]) == set(problem.rows)
     # More cases than are fitted at once, and more than one piece.
@@ -43,7 +44,7 @@ def test_slopes_of_readings_never_fitted_are_those_of_the_prediction() -> None:
 def test_what_is_read_of_them_counts_only_as_far_as_what_is_fitted_is_read() -> None:
     bench = open_bench("DEV-08", catalogue=True)
     problem = map_problem(bench.model, bench.observations, "sagittal")
-    every = with_every_case(replace(problem, rows=problem.rows[problem.rows % 6 < 2]), "sagittal", ())
+    every = HeldOut.of(replace(problem, rows=problem.rows[problem.rows % 6 < 2]), "sagittal", (), ()).every
     assert set(every.rows % 6) == {0, 1}
     assert (every.observations.wrench == bench.observations.wrench).all()
 
@@ -55,7 +56,9 @@ def test_without_such_cases_all_stays_as_it_was() -> None:
     roles = tuple("check" if role == "validation" else role for role in problem.observations.roles)
     none = replace(problem, observations=replace(problem.observations, roles=roles))
     wildcard = Wildcard.of(anything(problem), AMPLITUDES_N)
-    assert counted_in(none, found.evidence, wildcard, found.candidates) == found.evidence.probability
+    held_out = HeldOut.of(none, None, (), found.candidates)
+    assert held_out.counted_in(found.evidence, wildcard) == found.evidence.probability
+    assert not held_out.most_missed(found.best).surprising
 
 
 def test_a_companion_that_they_speak_against_is_not_named(tmp_path: Path) -> None:
@@ -67,6 +70,21 @@ def test_a_companion_that_they_speak_against_is_not_named(tmp_path: Path) -> Non
     (why,) = [r for r in found.verdict.reasons if "if the cases never fitted counted too" in r]
     assert why.startswith("goniometer_bias beside it is not certain")
     assert "centre_migration and volar_plate" in why
+
+
+def test_what_they_alone_show_is_said_beside_a_finding(tmp_path: Path) -> None:
+    """Only cases that were never fitted extend a joint so far that its plate acts."""
+    truth = write_session(tmp_path, "two", 2007)
+    assert set(truth.effects) == {"cell_crosstalk", "volar_plate"}
+    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    assert (found.verdict.kind, found.verdict.effects) == ("found", ("cell_crosstalk",)), found.verdict
+    assert [UNSHOWN in reason for reason in found.verdict.reasons].count(True) == 1
+    # Nor is that said of one whose other effect is found.
+    other = tmp_path / "other"
+    whole = write_session(other, "two", 2020)
+    found = run_diagnosis(open_bench(other, catalogue=True))
+    assert set(found.verdict.effects) == set(whole.effects) == {"cell_crosstalk", "intrinsic_bowstring"}
+    assert not any(UNSHOWN in reason for reason in found.verdict.reasons)
 
 
 @pytest.mark.full
