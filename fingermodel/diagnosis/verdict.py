@@ -183,7 +183,13 @@ def _found(
         impossible, another = bool(out_of_range(chosen)), chosen.may_be_another_law
     else:
         impossible = _share(evidence, lambda w: bool(out_of_range(w))) >= SURE
-        another = _share(evidence, lambda w: w.may_be_another_law) >= SURE
+        of_another = _share(evidence, lambda w: w.may_be_another_law)
+        another = of_another >= SURE
+        if of_another >= 0.5 and not chosen.may_be_another_law:
+            lacks.append(
+                f"most of its probability ({of_another:.2f}) is that of laws whose form would be as far off as any "
+                "that is tried"
+            )
     # Of a pair, neither all of it nor what is left without a companion is believable then.
     worse = len(both) > 1 and _worse(problem, evidence, chosen, validation_rmse)
     if impossible or another or worse:

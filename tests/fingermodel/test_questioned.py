@@ -53,6 +53,10 @@ def test_what_is_asked_again_is_the_density_of_what_is_kept(seed: int, budget: f
     expected = log_density(~gone, budget, effect) - log_density(np.ones(n, dtype=bool), 1.0, 1.0)
     # Constants of 2π apart.
     assert part == pytest.approx(expected - 0.5 * gone.sum() * np.log(2.0 * np.pi), abs=1e-7)
+    # What those kept make it expect of the others is what both together are more probable by.
+    away, spread = asked.expected(Noise.of(covariance), ~gone, budget)
+    more = log_density(np.ones(n, dtype=bool), budget, 1.0) - log_density(~gone, budget, 1.0)
+    assert multivariate_normal(np.zeros(int(gone.sum())), spread).logpdf(away) == pytest.approx(more, abs=1e-7)
 
 
 @pytest.mark.parametrize(

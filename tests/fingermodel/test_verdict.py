@@ -251,6 +251,12 @@ def test_a_law_that_would_have_to_be_another_is_none_of_the_catalogue() -> None:
     verdict = verdict_of(open_pair, another_law=(("e0",),))
     assert (verdict.kind, verdict.names) == ("undecided", ("e0",))
     assert any("another law" in short for short in verdict.short)
+    # What owes most of its probability to laws that would be others does not stand by itself.
+    verdict = verdict_of(open_pair, another_law=(("e0", "e1"),))
+    assert (verdict.kind, verdict.effects) == ("found", ("e0",))
+    verdict = verdict_of(open_pair, another_law=(("e0", "e1"), ("e0", "e2")))
+    assert (verdict.kind, verdict.names) == ("undecided", ("e0",))
+    assert any("most of its probability (0.68)" in short for short in verdict.short)
 
 
 @pytest.mark.parametrize(
