@@ -133,10 +133,6 @@ def diagnose(
     )
     verdict = enough(problem, verdict)
     questioned = robustness(problem, evidence, verdict, wildcard, candidates, thorough=thorough)
-    if verdict.kind == "nothing_missing":
-        missed = held_out.most_missed(evidence.nothing)
-        if missed.surprising:
-            verdict = replace(verdict, kind="undecided", reasons=(), short=(*verdict.short, missed.text))
     tested = nulls(model, observations)
     at_cell = {effect.name for effect in model.effects if effect.stage == "reading"}
     effect_of = {c.name: c.effect for c in candidates}
@@ -153,10 +149,7 @@ def diagnose(
             moments_violated(model, observations, LARGE_BUDGET),
         )
     verdict = _settled(verdict, questioned, moments, candidates, p_at_cell)
-    if verdict.kind == "found" and (named := _named(verdict, evidence)) is not None:
-        missed = held_out.most_missed(named)
-        if missed.surprising:
-            verdict = replace(verdict, reasons=(*verdict.reasons, f"{missed.text}, {UNSHOWN}"))
+    verdict = _with_missed(verdict, evidence, held_out)
     found: tuple[Hint, ...] = ()
     if verdict.kind in ("none_of_catalogue", "undecided"):
         if mistake := rig_mistake(model, observations):
@@ -181,8 +174,21 @@ def diagnose(
     )
 
 
+def _with_missed(verdict: Verdict, evidence: Evidence, held_out: HeldOut) -> Verdict:
+    """Nothing is missing only where no case that was never fitted is missed; beside a finding such a case is told."""
+    if verdict.kind not in ("nothing_missing", "found"):
+        return verdict
+    named = _named(verdict, evidence)
+    missed = held_out.most_missed(named) if named is not None else None
+    if missed is None or not missed.surprising:
+        return verdict
+    if verdict.kind == "found":
+        return replace(verdict, reasons=(*verdict.reasons, f"{missed.text}, {UNSHOWN}"))
+    return replace(verdict, kind="undecided", reasons=(), short=(*verdict.short, missed.text))
+
+
 def _named(verdict: Verdict, evidence: Evidence) -> Weighed | None:
-    """The likeliest form of what a verdict names, None if it was not weighed by itself."""
+    """The likeliest form of what a verdict names, or of nothing; None if it was not weighed by itself."""
     return next((w for w in evidence.weighed if set(w.explanation.names) == set(verdict.names)), None)
 
 
