@@ -15,7 +15,7 @@ from scipy.special import chdtrc, logsumexp
 
 from fingermodel.compare import muscles_of
 from fingermodel.diagnosis.candidates import Candidate
-from fingermodel.diagnosis.evidence import Evidence, Weighed, change_and_form, other_evidence
+from fingermodel.diagnosis.evidence import Evidence, Weighed, change_and_form, other_evidence, struck_out
 from fingermodel.diagnosis.fitted import Fitted
 from fingermodel.diagnosis.questioned import Asked, Names, Noise
 from fingermodel.diagnosis.wildcard import AMPLITUDES_N, FORM_ERRORS, Wildcard, anything
@@ -97,21 +97,20 @@ class HeldOut:
         if not self.unseen.any():
             return evidence.probability
         without = Noise.of(self.noise.covariance, self.unseen)
-        values: dict[Names, list[float]] = {}
-        for w in evidence.weighed:
-            if evidence.probability[w.explanation.names] >= LEAST:
-                # It stands for all readings where `w` stood for those that are fitted.
-                value = 2.0 * w.log_evidence - self._asked(self._straightened(w)).value(without)
-                values.setdefault(w.explanation.names, []).append(value + w.log_prior)
-        if evidence.probability[None] >= LEAST:
-            every = other_evidence(self._straightened(evidence.nothing).fitted, self._anything)
-            gained = every.log_evidence - other_evidence(evidence.nothing.fitted, wildcard).log_evidence
-            # Evidence of whitened readings lacks what their noise adds.
-            gained += self.noise.log_size - without.log_size
-            values[None] = [float(np.log(evidence.probability[None])) + evidence.log_norm + gained]
-        total = {names: float(logsumexp(several)) for names, several in values.items()}
-        norm = float(logsumexp(list(total.values())))
-        return {names: float(np.exp(value - norm)) for names, value in total.items()}
+        # Of each its likeliest form: the others find these cases hardly more or less probable.
+        nothing = evidence.nothing
+        counts = [w for w in evidence.weighed if w is nothing or not struck_out(w, nothing)]
+        best = {w.explanation.names: w for w in reversed(counts)}
+        values: dict[Names, float] = {}
+        for names, probability in evidence.probability.items():
+            if probability >= LEAST:
+                if names is None:
+                    gained = self._gained_by_other(nothing, wildcard, without)
+                else:
+                    gained = self._gained(best[names], without)
+                values[names] = float(np.log(probability)) + gained
+        norm = float(logsumexp(list(values.values())))
+        return {names: float(np.exp(value - norm)) for names, value in values.items()}
 
     def most_missed(self, weighed: Weighed) -> Missed:
         """Find the case that an explanation misses most, the largest error of its form that is tried allowed for."""
@@ -121,22 +120,29 @@ class HeldOut:
         asked = self._asked(replace(self._straightened(weighed), form_error=error))
         away, spread = asked.expected(self.noise, ~self.unseen, weighed.budget_factor)
         observations, case = self.every.observations, self.every.rows[self.unseen] // 6
-        missed = []
+        each = []
         for i in np.unique(case):
             own = case == i
             surprise = float(away[own] @ np.linalg.solve(spread[np.ix_(own, own)], away[own]))
-            missed.append((float(chdtrc(own.sum(), surprise)), i, own))
-        p_value, i, own = min(missed, key=lambda each: each[0])
+            each.append((float(chdtrc(own.sum(), surprise)), i, own))
+        p_value, i, own = min(each, key=lambda one: one[0])
         force = own & (self.every.rows[self.unseen] % 6 < 3)
-        load = (
-            f"{muscles_of(observations.masses_g[i])} in {observations.postures[i]} at the {observations.locations[i]}"
-        )
-        text = f"{load}, never fitted, is missed by {float(np.linalg.norm(away[force])):.2f} N"
-        return Missed(min(1.0, len(missed) * p_value), text)
+        load = f"{muscles_of(observations.masses_g[i])} in {observations.postures[i]}"
+        missed_N = float(np.linalg.norm(away[force]))
+        text = f"{load} at the {observations.locations[i]}, never fitted, is missed by {missed_N:.2f} N"
+        return Missed(min(1.0, len(each) * p_value), text)
 
-    @property
-    def _anything(self) -> Wildcard:
-        return Wildcard.of(anything(self.every), AMPLITUDES_N)
+    def _gained(self, weighed: Weighed, without: Noise) -> float:
+        """Log evidence that an explanation gains by the cases never fitted; `without` them is the others' noise."""
+        # For all readings it stands where it stood for those that are fitted.
+        return weighed.log_evidence - self._asked(self._straightened(weighed)).value(without)
+
+    def _gained_by_other(self, nothing: Weighed, wildcard: Wildcard, without: Noise) -> float:
+        """The same of something else, by what is smooth of it."""
+        every = other_evidence(self._straightened(nothing).fitted, Wildcard.of(anything(self.every), AMPLITUDES_N))
+        gained = every.log_evidence - other_evidence(nothing.fitted, wildcard).log_evidence
+        # Evidence of whitened readings lacks what their noise adds.
+        return gained + self.noise.log_size - without.log_size
 
     def _asked(self, weighed: Weighed) -> Asked:
         return Asked.of(weighed, self.root, self.noise)
