@@ -14,6 +14,8 @@ from fingermodel.model import Model
 from fingermodel.problems import out_of_plane
 
 NOTHING: tuple[str, ...] = ()
+# Of an explanation's candidates; none are something else.
+Names = tuple[str, ...] | None
 
 
 @dataclass(frozen=True)

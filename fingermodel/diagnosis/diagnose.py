@@ -13,7 +13,7 @@ from fingermodel.compare import Comparison, compare
 from fingermodel.diagnosis.beyond import known_beyond
 from fingermodel.diagnosis.candidates import Candidate, candidates_of
 from fingermodel.diagnosis.confounding import Confounding, confounding
-from fingermodel.diagnosis.evidence import Evidence, Weighed, weigh
+from fingermodel.diagnosis.evidence import Evidence, Weighed, best_form, weigh
 from fingermodel.diagnosis.held_out import HeldOut
 from fingermodel.diagnosis.hints import Hint, hints
 from fingermodel.diagnosis.nulls import Null, moments_violated, nulls
@@ -34,10 +34,10 @@ UNTESTED = (
     "no case was kept from the fit to test it: every case has the role identification; give some, such as combined "
     "loads, role: validation"
 )
-# What a case says that is missed with an effect that all the others bear out.
+# What is said of a case that is missed with an effect which all others bear out.
 UNSHOWN = (
-    "far more than an error of its form would be: something acts there too that what was fitted does not show; give "
-    "such a case the role identification, and keep others from the fit"
+    "far more than noise and an error of the effect's form would make: something acts there too that what was fitted "
+    "does not show. Give such a case the role identification, and keep others from the fit."
 )
 # Rigs of which most lie within their budget seldom pass this multiple of it.
 LARGE_BUDGET = 2.0
@@ -77,7 +77,7 @@ class Diagnosis:
     def best(self) -> Weighed:
         """What the verdict would add: the named explanation, or else the most probable one."""
         if self.verdict.names and self.verdict.kind in ("found", "undecided"):
-            named = _named(self.verdict, self.evidence)
+            named = best_form(self.evidence, self.verdict.names)
             if named is not None:
                 return named
         if self.verdict.kind in ("nothing_missing", "none_of_catalogue"):
@@ -122,7 +122,7 @@ def diagnose(
     comparisons = {
         w.explanation.names: compare(model, observations, w.fitted.theta) for w in reversed(evidence.weighed)
     }
-    held_out = HeldOut.of(problem, plane, held, candidates)
+    held_out = HeldOut.of(problem, candidates)
     verdict = judge(
         problem,
         evidence,
@@ -178,18 +178,13 @@ def _with_missed(verdict: Verdict, evidence: Evidence, held_out: HeldOut) -> Ver
     """Nothing is missing only where no case that was never fitted is missed; beside a finding such a case is told."""
     if verdict.kind not in ("nothing_missing", "found"):
         return verdict
-    named = _named(verdict, evidence)
+    named = best_form(evidence, verdict.names)
     missed = held_out.most_missed(named) if named is not None else None
     if missed is None or not missed.surprising:
         return verdict
     if verdict.kind == "found":
         return replace(verdict, reasons=(*verdict.reasons, f"{missed.text}, {UNSHOWN}"))
     return replace(verdict, kind="undecided", reasons=(), short=(*verdict.short, missed.text))
-
-
-def _named(verdict: Verdict, evidence: Evidence) -> Weighed | None:
-    """The likeliest form of what a verdict names, or of nothing; None if it was not weighed by itself."""
-    return next((w for w in evidence.weighed if set(w.explanation.names) == set(verdict.names)), None)
 
 
 def validation_rmse(problem: Problem, comparison: Comparison) -> float | None:

@@ -8,7 +8,7 @@ than stated is not tried: it would make a discovery of what the rig is allowed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -375,6 +375,12 @@ def assemble(
 def struck_out(weighed: Weighed, nothing: Weighed) -> bool:
     """Whether an explanation counts for none: the base model does not fit, and what it leaves is too much."""
     return nothing.implausible and weighed.leaves_too_much(nothing)
+
+
+def best_form(evidence: Evidence, names: Collection[str]) -> Weighed | None:
+    """Of exactly these names, as a set, the form that stands: one that is struck out never before one that is not."""
+    forms = (w for w in evidence.weighed if set(w.explanation.names) == set(names))
+    return max(forms, key=lambda w: (not struck_out(w, evidence.nothing), w.log_evidence), default=None)
 
 
 def change_of(problem: Problem, fitted: Fitted, parameters: Sequence[int]) -> Floats:

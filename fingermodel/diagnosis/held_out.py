@@ -6,7 +6,7 @@ noise, all that its fit leaves open and the error of its form allowed for.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, logsumexp
 
 from fingermodel.compare import muscles_of
-from fingermodel.diagnosis.candidates import Candidate
-from fingermodel.diagnosis.evidence import Evidence, Weighed, change_and_form, other_evidence, struck_out
+from fingermodel.diagnosis.candidates import Candidate, Names
+from fingermodel.diagnosis.evidence import Evidence, Weighed, best_form, change_and_form, other_evidence
 from fingermodel.diagnosis.fitted import Fitted
-from fingermodel.diagnosis.questioned import Asked, Names, Noise
+from fingermodel.diagnosis.questioned import Asked, Noise
 from fingermodel.diagnosis.wildcard import AMPLITUDES_N, FORM_ERRORS, Wildcard, anything
-from fingermodel.fingers import Plane
 from fingermodel.problems import Problem, map_problem, residual_at
 from fingermodel.refit import slopes_of
 
@@ -68,21 +67,18 @@ class HeldOut:
     candidates: tuple[Candidate, ...]
 
     @classmethod
-    def of(
-        cls, problem: Problem, plane: Plane | None, held: Collection[str], candidates: tuple[Candidate, ...]
-    ) -> HeldOut:
-        """Put them beside what was searched, which `map_problem` made; read as far as that is.
+    def of(cls, problem: Problem, candidates: tuple[Candidate, ...]) -> HeldOut:
+        """Put them beside what was searched; read as far as that is, and as far as their uncertainty is known.
 
         Args:
             problem: that was searched.
-            plane: of `map_problem`.
-            held: of `map_problem`.
             candidates: that were searched.
         """
         observations = problem.observations
         roles = tuple("identification" if role == "validation" else role for role in observations.roles)
-        wrench = np.where(np.isin(np.arange(6), problem.rows % 6), observations.wrench, np.nan)
-        every = map_problem(problem.model, replace(observations, roles=roles, wrench=wrench), plane, held)
+        known = np.diagonal(observations.covariance).reshape(-1, 6) > 0.0
+        wrench = np.where(known & np.isin(np.arange(6), problem.rows % 6), observations.wrench, np.nan)
+        every = map_problem(problem.model, replace(observations, roles=roles, wrench=wrench), "space")
         unseen = np.array(observations.roles)[every.rows // 6] == "validation"
         root = np.asarray(np.linalg.inv(every.whitener), dtype=np.float64)
         return cls(replace(every, observations=observations), unseen, root, Noise.of(root @ root.T), candidates)
@@ -97,18 +93,13 @@ class HeldOut:
         if not self.unseen.any():
             return evidence.probability
         without = Noise.of(self.noise.covariance, self.unseen)
-        # Of each its likeliest form: the others find these cases hardly more or less probable.
-        nothing = evidence.nothing
-        counts = [w for w in evidence.weighed if w is nothing or not struck_out(w, nothing)]
-        best = {w.explanation.names: w for w in reversed(counts)}
         values: dict[Names, float] = {}
         for names, probability in evidence.probability.items():
-            if probability >= LEAST:
-                if names is None:
-                    gained = self._gained_by_other(nothing, wildcard, without)
-                else:
-                    gained = self._gained(best[names], without)
-                values[names] = float(np.log(probability)) + gained
+            # Of each the form that stands: others find these cases hardly more or less probable.
+            form = best_form(evidence, names or ())
+            if form is not None and probability >= LEAST:
+                other = None if names is not None else wildcard
+                values[names] = float(np.log(probability)) + self._gained(form, other, without)
         norm = float(logsumexp(list(values.values())))
         return {names: float(np.exp(value - norm)) for names, value in values.items()}
 
@@ -119,28 +110,34 @@ class HeldOut:
         error = float(FORM_ERRORS[-1]) if weighed.explanation.size else 0.0
         asked = self._asked(replace(self._straightened(weighed), form_error=error))
         away, spread = asked.expected(self.noise, ~self.unseen, weighed.budget_factor)
-        observations, case = self.every.observations, self.every.rows[self.unseen] // 6
+        observations, rows = self.every.observations, self.every.rows[self.unseen]
         each = []
-        for i in np.unique(case):
-            own = case == i
-            surprise = float(away[own] @ np.linalg.solve(spread[np.ix_(own, own)], away[own]))
-            each.append((float(chdtrc(own.sum(), surprise)), i, own))
-        p_value, i, own = min(each, key=lambda one: one[0])
-        force = own & (self.every.rows[self.unseen] % 6 < 3)
+        for i in np.unique(rows // 6):
+            force = (rows // 6 == i) & (rows % 6 < 3)
+            if force.any():
+                surprise = float(away[force] @ np.linalg.solve(spread[np.ix_(force, force)], away[force]))
+                each.append((float(chdtrc(force.sum(), surprise)), -surprise, i, float(np.linalg.norm(away[force]))))
+        if not each:
+            return Missed(1.0, "")
+        p_value, _, i, missed_N = min(each)
         load = f"{muscles_of(observations.masses_g[i])} in {observations.postures[i]}"
-        missed_N = float(np.linalg.norm(away[force]))
         text = f"{load} at the {observations.locations[i]}, never fitted, is missed by {missed_N:.2f} N"
         return Missed(min(1.0, len(each) * p_value), text)
 
-    def _gained(self, weighed: Weighed, without: Noise) -> float:
-        """Log evidence that an explanation gains by the cases never fitted; `without` them is the others' noise."""
-        # For all readings it stands where it stood for those that are fitted.
-        return weighed.log_evidence - self._asked(self._straightened(weighed)).value(without)
+    def _gained(self, weighed: Weighed, wildcard: Wildcard | None, without: Noise) -> float:
+        """Log evidence that an explanation gains by the cases never fitted, or something else by what is smooth of it.
 
-    def _gained_by_other(self, nothing: Weighed, wildcard: Wildcard, without: Noise) -> float:
-        """The same of something else, by what is smooth of it."""
-        every = other_evidence(self._straightened(nothing).fitted, Wildcard.of(anything(self.every), AMPLITUDES_N))
-        gained = every.log_evidence - other_evidence(nothing.fitted, wildcard).log_evidence
+        Args:
+            weighed: the explanation; for something else the model without any effect.
+            wildcard: of what was searched, for something else.
+            without: noise of the other cases alone.
+        """
+        straight = self._straightened(weighed)
+        if wildcard is None:
+            # For all readings it stands where it stood for those that are fitted.
+            return weighed.log_evidence - self._asked(straight).value(without)
+        every = other_evidence(straight.fitted, Wildcard.of(anything(self.every), AMPLITUDES_N))
+        gained = every.log_evidence - other_evidence(weighed.fitted, wildcard).log_evidence
         # Evidence of whitened readings lacks what their noise adds.
         return gained + self.noise.log_size - without.log_size
 

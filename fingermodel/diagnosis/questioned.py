@@ -14,7 +14,7 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dtrtri
 from scipy.special import logsumexp
 
-from fingermodel.diagnosis.candidates import Candidate, log_prior_else
+from fingermodel.diagnosis.candidates import Candidate, Names, log_prior_else
 from fingermodel.diagnosis.evidence import (
     BUDGET_FACTORS,
     Evidence,
@@ -32,8 +32,7 @@ from fingermodel.problems import Problem
 from fingermodel.tiles import Tiles
 
 Floats = NDArray[np.float64]
-# Of an explanation; none are something else. And the log posteriors of several.
-Names = tuple[str, ...] | None
+# Log posteriors of several explanations.
 Values = dict[Names, float]
 
 # Explanations that are asked again.

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.compare import muscles_of
-from fingermodel.diagnosis.candidates import Candidate, log_prior_else
+from fingermodel.diagnosis.candidates import Candidate, Names, log_prior_else
 from fingermodel.diagnosis.evidence import Evidence
-from fingermodel.diagnosis.questioned import Names, Questioned
+from fingermodel.diagnosis.questioned import Questioned
 from fingermodel.diagnosis.verdict import Verdict
 from fingermodel.diagnosis.wildcard import Wildcard
 from fingermodel.problems import Problem

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.candidates import Candidate
+from fingermodel.diagnosis.candidates import Candidate, Names
 from fingermodel.diagnosis.confounding import DETECTABLE, Confounding
-from fingermodel.diagnosis.evidence import Evidence, Weighed, struck_out
+from fingermodel.diagnosis.evidence import Evidence, Weighed, best_form
 from fingermodel.parameters import Parameter
 from fingermodel.problems import Problem
 
@@ -31,7 +31,6 @@ MOST_NAMES = 4
 RANGE_MARGIN = 1.5
 # Widths of a prior within which anatomy and budget are believed, where the budget has its stated size.
 STRAINED = 5.0
-IF_COUNTED = "if the cases never fitted counted too, its probability would be"
 # Cases fewer than this cannot carry a diagnosis.
 LEAST_CASES = 6
 
@@ -57,7 +56,7 @@ class Verdict:
     short: tuple[str, ...] = field(default=())
 
 
-def inclusion(probability: Mapping[tuple[str, ...] | None, float]) -> dict[str, float]:
+def inclusion(probability: Mapping[Names, float]) -> dict[str, float]:
     """Probability that each candidate acts, alone or with another, from those of all explanations."""
     out: dict[str, float] = {}
     for names, each in probability.items():
@@ -72,7 +71,7 @@ def judge(
     candidates: tuple[Candidate, ...],
     classes: Confounding,
     validation_rmse: Callable[[Weighed], float | None],
-    counted_in: Callable[[], Mapping[tuple[str, ...] | None, float]],
+    counted_in: Callable[[], Mapping[Names, float]],
 ) -> Verdict:
     """Decide by the conditions of each verdict; whatever meets none is undecided.
 
@@ -146,38 +145,38 @@ def _found(
     certain: tuple[str, ...],
     candidates: tuple[Candidate, ...],
     validation_rmse: Callable[[Weighed], float | None],
-    counted: Mapping[tuple[str, ...] | None, float],
+    counted: Mapping[Names, float],
 ) -> Verdict:
     both = certain
     certain, passengers = _without_passengers(problem, evidence, certain, candidates, validation_rmse)
-    certain, refuted = _borne_out(certain, counted)
-    exact = [w for w in evidence.weighed if set(w.explanation.names) == set(certain)]
+    doubted = _doubted(certain, counted)
+    if doubted is not None:
+        certain = tuple(name for name in certain if name != doubted)
+        passengers = (f"{doubted} beside it is not certain: {_counted((doubted,), counted)}.",)
+    chosen = best_form(evidence, certain)
     together = _all_of(certain, evidence.probability)
     order = [c.name for c in candidates]
     names = tuple(sorted(certain, key=order.index))
     effects = tuple(dict.fromkeys(next(c.effect for c in candidates if c.name == n) for n in names))
-    if not exact:
+    if chosen is None:
         short = f"{_words(names)} acts, but with a companion that the data do not name"
-        return Verdict("undecided", names, (), together, (), (short,))
-    chosen = max(exact, key=_standing(evidence))
+        return Verdict("undecided", names, (), together, passengers, (short,))
     lacks = list(conditions(problem, evidence, chosen, validation_rmse))
     included = inclusion(evidence.probability)
-    companion = next((name for name in included if name not in certain), None)
-    if companion is not None and 0.5 <= included[companion] < SURE and chosen.implausible:
+    companion = doubted or next((name for name in included if name not in both and included[name] >= 0.5), None)
+    if companion is not None and chosen.implausible:
         lacks.append(f"{_words(names)} acts, but not alone: perhaps with {companion}")
     if together < SURE:
         lacks.append(f"its probability is {together:.2f}, short of {SURE}")
-    elif (borne_out := _all_of(certain, counted)) < SURE:
-        lacks.append(
-            f"if the cases never fitted counted too, its probability would be {borne_out:.2f}{_instead(counted)}"
-        )
+    elif _all_of(certain, counted) < SURE:
+        lacks.append(_counted(certain, counted))
     explain = "explain" if len(names) > 1 else "explains"
     reason = (
         f"{_words(names)} {explain} the readings: misfit {evidence.nothing.fitted.objective:.0f} falls to "
         f"{chosen.fitted.objective:.0f} for {len(problem.rows)} readings; it changes the forces by "
         f"{chosen.size_N:.3f} N (RMS)."
     )
-    reasons = (reason, *passengers, *refuted, *_unsettled(evidence, certain))
+    reasons = (reason, *passengers, *(_unsettled(evidence, certain) if doubted is None else ()))
     if len(certain) < len(both):
         # A companion was left out: what is left stands for both.
         impossible, another = bool(out_of_range(chosen)), chosen.may_be_another_law
@@ -193,9 +192,11 @@ def _found(
     # Of a pair, neither all of it nor what is left without a companion is believable then.
     worse = len(both) > 1 and _worse(problem, evidence, chosen, validation_rmse)
     if impossible or another or worse:
-        why = "; ".join(lacks) or "with what acts beside it, it needs another law or a value that is not plausible"
-        said = f"What comes nearest to the readings, {_words(names)}, is not believable: {why}."
-        return Verdict("none_of_catalogue", (), (), together, (said,))
+        lacks = lacks or ["with what acts beside it, it needs another law or a value that is not plausible"]
+        # Unless what acts beside it is only not certain.
+        if doubted is None:
+            said = f"What comes nearest to the readings, {_words(names)}, is not believable: {'; '.join(lacks)}."
+            return Verdict("none_of_catalogue", (), (), together, (said,))
     if lacks:
         return Verdict("undecided", names, (), together, reasons, tuple(lacks))
     return Verdict("found", names, effects, together, reasons)
@@ -216,8 +217,7 @@ def _without_passengers(
     form to mend.
     """
     laws = {c.name for c in candidates if c.constitutive}
-    pairs = (w for w in evidence.weighed if set(w.explanation.names) == set(certain))
-    pair = max(pairs, key=_standing(evidence), default=None)
+    pair = best_form(evidence, certain)
     if len(certain) < 2 or pair is None:
         return certain, ()
     worse, mended = [], []
@@ -252,45 +252,34 @@ def _without_passengers(
     return alone.explanation.names, (why,)
 
 
-def _borne_out(
-    certain: tuple[str, ...], counted: Mapping[tuple[str, ...] | None, float]
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Leave out of several what would not be certain if the cases never fitted counted too, and say so."""
+def _doubted(certain: tuple[str, ...], counted: Mapping[Names, float]) -> str | None:
+    """The one of two names that would not be certain if the cases never fitted counted too, where the other would."""
     acts = inclusion(counted)
-    doubtful = tuple(name for name in certain if acts.get(name, 0.0) < SURE)
-    if not doubtful or len(doubtful) == len(certain):
-        return certain, ()
-    why = (
-        f"{_words(doubtful)} beside it is not certain: if the cases never fitted counted too, its probability would be "
-    )
-    return tuple(name for name in certain if name not in doubtful), (
-        f"{why}{acts.get(doubtful[0], 0.0):.2f}{_instead(counted)}.",
-    )
+    doubted = [name for name in certain if acts.get(name, 0.0) < SURE]
+    return doubted[0] if len(doubted) == 1 < len(certain) else None
 
 
-def _all_of(certain: tuple[str, ...], probability: Mapping[tuple[str, ...] | None, float]) -> float:
+def _all_of(certain: tuple[str, ...], probability: Mapping[Names, float]) -> float:
     """Probability that all of these act, alone or with another."""
     return sum(p for names, p in probability.items() if names and set(certain) <= set(names))
 
 
-def _instead(counted: Mapping[tuple[str, ...] | None, float]) -> str:
-    """What is likeliest if the cases never fitted count too, in words."""
-    likeliest = max(counted, key=lambda names: counted[names])
+def _counted(names: tuple[str, ...], counted: Mapping[Names, float]) -> str:
+    """How probable these would be if the cases never fitted counted too, and what would be instead."""
+    rivals = {other: p for other, p in counted.items() if not set(names) <= set(other or ())}
+    likeliest = max(rivals, key=lambda other: rivals[other])
     said = "something else" if likeliest is None else _words(likeliest)
-    return f" (and of {said} {counted[likeliest]:.2f})"
-
-
-def _standing(evidence: Evidence) -> Callable[[Weighed], tuple[bool, float]]:
-    """Key that puts the best form last: one that is struck out never stands before one that is not."""
-    return lambda w: (not struck_out(w, evidence.nothing), w.log_evidence)
+    alone = " alone" if likeliest and len(likeliest) == 1 else ""
+    return (
+        f"if the cases never fitted counted too, its probability would be {_all_of(names, counted):.2f} "
+        f"(and of {said}{alone} {rivals[likeliest]:.2f})"
+    )
 
 
 def _share(evidence: Evidence, that: Callable[[Weighed], bool]) -> float:
     """Probability of all explanations whose best form is so."""
-    best: dict[tuple[str, ...], Weighed] = {}
-    for w in sorted(evidence.weighed, key=_standing(evidence)):
-        best[w.explanation.names] = w
-    return sum(evidence.probability.get(names, 0.0) for names, w in best.items() if names and that(w))
+    forms = ((p, best_form(evidence, names)) for names, p in evidence.probability.items() if names)
+    return sum(p for p, form in forms if form is not None and that(form))
 
 
 def _foretells_better(alone: float | None, pair: float | None, sd: float) -> bool:

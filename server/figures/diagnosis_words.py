@@ -194,9 +194,9 @@ METHOD = (
     "Explanations are ranked by their evidence (Laplace approximation), which rewards fit and charges for freedom. "
     "Half of the prior probability is on nothing missing. Something else stands for whatever the catalogue lacks: a "
     "smooth error over posture, load and component that belongs to no effect.",
-    "Validation cases are never fitted. A finding needs a probability of its class of 0.9, more evidence than "
-    "something else, a χ² that passes or falls decisively, a held-out error that does not rise, and a value inside its "
-    "range. Whatever falls short is said to be undecided.",
+    "Validation cases are never fitted. A finding needs a probability of 0.9, with and without them, more evidence "
+    "than something else, a χ² that passes or falls decisively, a held-out error that does not rise, and a value "
+    "inside its range. Whatever falls short is said to be undecided.",
     "The log evidence gain (natural logarithm) is against nothing missing: +3 multiplies an explanation's odds by "
     "about twenty, +5 by about 150. Size is the root mean square change of the fitted readings that the effect makes.",
 )

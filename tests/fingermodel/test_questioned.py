@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
+from fingermodel.diagnosis.candidates import Names
 from fingermodel.diagnosis.evidence import Weighed
 from fingermodel.diagnosis.linear import Linear
-from fingermodel.diagnosis.questioned import Asked, Names, Noise, Questioned, Values
+from fingermodel.diagnosis.questioned import Asked, Noise, Questioned, Values
 from fingermodel.diagnosis.verdict import Verdict
 from tests.settings import load_profile
 
