@@ -101,13 +101,17 @@ def test_the_whole_story_from_the_first_tare_to_the_report(
             story.wait_for("  measured;", k + 1)
             mark = seen.page.locator(f'[data-step="{name}"]')
             mark.and_(seen.page.locator(".measured")).wait_for()
+            if name == "c007":
+                seen.page.evaluate(HOLD_ANSWERS)
             key(seen, "next").click()
             story.wait_for("  step;", k + 2)
         assert seen.page.locator('[data-step="c007"]').get_attribute("aria-label").endswith("N")
         drawn = traces_drawn(seen)
         assert min(drawn) > 200, drawn
-        # Closing is asked about, and can be thought better of.
+        # Closing is asked about, which the answer to the key before does not end, and can be thought better of.
         seen.page.keyboard.press("q")
+        seen.page.evaluate("() => window.answer()")
+        until(seen, "() => document.querySelector('.said').textContent.endsWith('done')")
         seen.page.get_by_role("button", name="Cancel").click()
         assert story.log.poll() is None
         key(seen, "close").click()
@@ -120,6 +124,18 @@ def test_the_whole_story_from_the_first_tare_to_the_report(
         seen.page.close()
         assert seen.complaints == []
         assert seen.elsewhere == []
+
+
+# What a command is answered reaches the page only when it is let through.
+HOLD_ANSWERS = """() => {
+  const fetched = window.fetch;
+  const held = new Promise((resolve) => { window.answer = () => { window.fetch = fetched; resolve(); }; });
+  window.fetch = async (...asked) => {
+    const answer = await fetched(...asked);
+    if (String(asked[0]).endsWith("/bench/commands")) await held;
+    return answer;
+  };
+}"""
 
 
 def to_the_report(seen: Watched, session: str) -> None:

@@ -126,15 +126,18 @@ export class Keys {
   }
 
   async send(key, text) {
+    // Another key may ask something before the answer is here: that stays open.
+    const asked = this.field.firstChild;
+    const answered = () => { if (this.field.firstChild === asked) this.done(); };
     this.tell(`${key.title} …`);
     try {
       await post(`${at("sessions", this.session)}/bench/commands`, { command: key.command, text: text ?? "" });
-      this.done();
+      answered();
       this.tell(`${key.title}: done`);
     } catch (error) {
       // What was typed stays.
       this.tell(error.detail || error.message, true);
-      if (error instanceof Refusal && !key.asks) this.done();
+      if (error instanceof Refusal && !key.asks) answered();
     }
   }
 
