@@ -95,7 +95,7 @@ def solve(
     active, at = _active(problem), model.places[problem.free]
     # Of all cases, fitted or not: the program that predicts them is there anyway.
     predict = predict_batch.program(model.compiled, fitted.values, model.placed(centre), fitted.every_case, active)
-    differentiate = _slopes_program(problem, active)
+    differentiate = _slopes_program(problem, active, fitted, len(problem.rows))
 
     def residuals(x: Floats) -> Floats:
         reading = predict(fitted.values, model.placed(centre + scale * x), fitted.every_case, active).reading
@@ -125,8 +125,9 @@ def solve(
 def whole_slopes(problem: Problem, theta: Floats) -> Floats:
     """Whitened slopes (residuals, parameters) of all parameters, those of effects that are not free at their null."""
     every = np.ones(len(problem.model.structure.effects), dtype=bool)
-    slopes = _slopes_program(problem, every)(theta)
-    return problem.fitted_readings.whitener @ np.take(slopes, problem.model.places, axis=1)
+    fitted = problem.fitted_readings
+    slopes = _slopes_program(problem, every, fitted, len(problem.rows))(theta)
+    return fitted.whitener @ np.take(slopes, problem.model.places, axis=1)
 
 
 def slopes_of(problem: Problem, theta: Floats, rows: NDArray[np.intp]) -> Floats:
@@ -145,19 +146,18 @@ def slopes_of(problem: Problem, theta: Floats, rows: NDArray[np.intp]) -> Floats
         at = np.searchsorted(piece, cases[here]) * len(components) + np.searchsorted(components, rows[here] % 6)
         places = jax.device_put(np.pad(at, (0, len(fitted.at) - len(at))))
         own = replace(fitted, inputs=inputs, at=places)
-        out[here] = np.take(_slopes_program(problem, active, own)(theta)[: len(at)], model.places, axis=1)
+        out[here] = np.take(_slopes_program(problem, active, own, len(at))(theta), model.places, axis=1)
     return out * problem.free
 
 
 def _slopes_program(
-    problem: Problem, active: NDArray[np.bool_], readings: FittedReadings | None = None
+    problem: Problem, active: NDArray[np.bool_], of: FittedReadings, count: int
 ) -> Callable[[Floats], Floats]:
-    """From parameters to slopes (residuals, places) of the effects that are active; zero for the others.
+    """From parameters to slopes (count, places) of the effects that are active; zero for the others.
 
-    They stand where `Model.places` says. Of other readings than those that are fitted, with what fills them up.
+    Of so many readings, without what fills them up. They stand where `Model.places` says.
     """
-    model, count = problem.model, len(problem.rows) if readings is None else None
-    of = readings or problem.fitted_readings
+    model = problem.model
     given = (of.values, of.inputs, of.components, of.at, model.placed(problem.scale), active)
     program = _slopes.program(model.compiled, *given, model.placed(problem.centre))
     return lambda theta: np.asarray(program(*given, model.placed(theta)))[:count]

@@ -122,7 +122,7 @@ def diagnose(
     comparisons = {
         w.explanation.names: compare(model, observations, w.fitted.theta) for w in reversed(evidence.weighed)
     }
-    held_out = HeldOut.of(problem, candidates)
+    held_out = HeldOut(problem, candidates)
     verdict = judge(
         problem,
         evidence,

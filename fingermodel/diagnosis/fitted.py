@@ -164,12 +164,12 @@ class Fitted:
         h = self.jacobian[:, self.moving]
         return np.asarray(np.linalg.inv(np.eye(h.shape[1]) + h.T @ h), dtype=np.float64)
 
-    def draws(self, count: int, rng: np.random.Generator, width: float = 1.0) -> Floats:
-        """Draw parameter vectors (count, parameters) from the posterior, `width` times as wide, within the bounds."""
+    def draws(self, count: int, rng: np.random.Generator) -> Floats:
+        """Draw parameter vectors (count, parameters) from the posterior, within the bounds."""
         free, problem = self.moving, self.problem
         root = np.linalg.cholesky(self.covariance + 1e-12 * np.eye(len(free)))
         x = np.tile(self.x, (count, 1))
-        x[:, free] += width * rng.normal(size=(count, len(free))) @ root.T
+        x[:, free] += rng.normal(size=(count, len(free))) @ root.T
         out: Floats = np.clip(problem.centre + problem.scale * x, problem.lower, problem.upper)
         return out
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,35 +54,41 @@ class HeldOut:
     """The cases that were never fitted, beside those that were.
 
     Attributes:
-        every: what was searched, with the readings of these cases among the others.
-        unseen: (n,) which readings are theirs.
-        root: (n, n) takes whitened readings back to their units.
-        noise: of all readings.
+        problem: that was searched.
         candidates: that were searched.
     """
 
-    every: Problem
-    unseen: NDArray[np.bool_]
-    root: Floats
-    noise: Noise
+    problem: Problem
     candidates: tuple[Candidate, ...]
 
-    @classmethod
-    def of(cls, problem: Problem, candidates: tuple[Candidate, ...]) -> HeldOut:
-        """Put them beside what was searched; read as far as that is, and as far as their uncertainty is known.
+    @cached_property
+    def every(self) -> Problem:
+        """What was searched, with the readings of these cases among the others.
 
-        Args:
-            problem: that was searched.
-            candidates: that were searched.
+        They are read as far as the others are, and as far as their uncertainty is known.
         """
-        observations = problem.observations
+        observations = self.problem.observations
         roles = tuple("identification" if role == "validation" else role for role in observations.roles)
         known = np.diagonal(observations.covariance).reshape(-1, 6) > 0.0
-        wrench = np.where(known & np.isin(np.arange(6), problem.rows % 6), observations.wrench, np.nan)
-        every = map_problem(problem.model, replace(observations, roles=roles, wrench=wrench), "space")
-        unseen = np.array(observations.roles)[every.rows // 6] == "validation"
-        root = np.asarray(np.linalg.inv(every.whitener), dtype=np.float64)
-        return cls(replace(every, observations=observations), unseen, root, Noise.of(root @ root.T), candidates)
+        wrench = np.where(known & np.isin(np.arange(6), self.problem.rows % 6), observations.wrench, np.nan)
+        every = map_problem(self.problem.model, replace(observations, roles=roles, wrench=wrench), "space")
+        return replace(every, observations=observations)
+
+    @cached_property
+    def unseen(self) -> NDArray[np.bool_]:
+        """(n,) which readings are those of cases never fitted."""
+        out: NDArray[np.bool_] = np.array(self.problem.observations.roles)[self.every.rows // 6] == "validation"
+        return out
+
+    @cached_property
+    def root(self) -> Floats:
+        """(n, n) takes whitened readings back to their units."""
+        return np.asarray(np.linalg.inv(self.every.whitener), dtype=np.float64)
+
+    @cached_property
+    def noise(self) -> Noise:
+        """Of all readings."""
+        return Noise.of(self.root @ self.root.T)
 
     def counted_in(self, evidence: Evidence, wildcard: Wildcard) -> Mapping[Names, float]:
         """Probability of each explanation if these cases counted too; as it was where there are none.

@@ -70,6 +70,18 @@ SETUP: dict[str, Any] = {
 }  # fmt: skip
 
 
+# What a command is answered reaches the page only when it is let through.
+HOLD_ANSWERS = """() => {
+  const fetched = window.fetch;
+  const held = new Promise((resolve) => { window.answer = () => { window.fetch = fetched; resolve(); }; });
+  window.fetch = async (...asked) => {
+    const answer = await fetched(...asked);
+    if (String(asked[0]).endsWith("/bench/commands")) await held;
+    return answer;
+  };
+}"""
+
+
 def cases() -> dict[str, tuple[str, dict[str, float]]]:
     """Posture and weights of each case, as the protocol has them."""
     loads = [("hook", masses) for masses in HOOK] + [("relaxed", BLIND)]

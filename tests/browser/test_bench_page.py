@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.browser.bench_story import Story, bench, cases, wrenches
+from tests.browser.bench_story import HOLD_ANSWERS, Story, bench, cases, wrenches
 from tests.browser.pages import Watched, require_browser, served, violations, watched
 
 require_browser()
@@ -124,18 +124,6 @@ def test_the_whole_story_from_the_first_tare_to_the_report(
         seen.page.close()
         assert seen.complaints == []
         assert seen.elsewhere == []
-
-
-# What a command is answered reaches the page only when it is let through.
-HOLD_ANSWERS = """() => {
-  const fetched = window.fetch;
-  const held = new Promise((resolve) => { window.answer = () => { window.fetch = fetched; resolve(); }; });
-  window.fetch = async (...asked) => {
-    const answer = await fetched(...asked);
-    if (String(asked[0]).endsWith("/bench/commands")) await held;
-    return answer;
-  };
-}"""
 
 
 def to_the_report(seen: Watched, session: str) -> None:

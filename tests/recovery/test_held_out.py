@@ -23,7 +23,7 @@ def test_slopes_of_readings_never_fitted_are_those_of_the_prediction() -> None:
     bench = open_bench("DEV-08", catalogue=True)
     problem = map_problem(bench.model, bench.observations)
     problem = replace(problem, free=problem.free | bench.model.parameters.of_kind("effect"))
-    every = HeldOut.of(problem, ()).every
+    every = HeldOut(problem, ()).every
     unseen = np.array(bench.observations.roles)[every.rows // 6] == "validation"
     assert set(every.rows[~unseen]) == set(problem.rows)
     # More cases than are fitted at once: more than one piece.
@@ -48,7 +48,7 @@ def test_slopes_of_readings_never_fitted_are_those_of_the_prediction() -> None:
 def test_what_is_read_of_them_counts_only_as_far_as_what_is_fitted_is_read() -> None:
     bench = open_bench("DEV-08", catalogue=True)
     problem = map_problem(bench.model, bench.observations, "sagittal")
-    every = HeldOut.of(replace(problem, rows=problem.rows[problem.rows % 6 < 2]), ()).every
+    every = HeldOut(replace(problem, rows=problem.rows[problem.rows % 6 < 2]), ()).every
     assert set(every.rows % 6) == {0, 1}
     assert (every.observations.wrench == bench.observations.wrench).all()
 
@@ -61,14 +61,14 @@ def test_readings_of_unknown_uncertainty_do_not_count() -> None:
     moments = (6 * held[:, None] + np.arange(3, 6)).reshape(-1)
     covariance[moments, :] = covariance[:, moments] = 0.0
     unknown = replace(problem, observations=replace(bench.observations, covariance=covariance))
-    every = HeldOut.of(unknown, ()).every
+    every = HeldOut(unknown, ()).every
     assert not np.isin(every.rows, moments).any()
     assert np.isin(6 * held, every.rows).all()
 
 
 def test_something_else_that_can_be_nothing_gains_what_nothing_does(monkeypatch: pytest.MonkeyPatch) -> None:
     found = run_diagnosis(open_bench("DEV-08", catalogue=True))
-    held_out = HeldOut.of(found.problem, found.candidates)
+    held_out = HeldOut(found.problem, found.candidates)
     monkeypatch.setattr("fingermodel.diagnosis.held_out.anything", lambda problem: np.zeros((len(problem.rows), 1)))
     none = Wildcard(np.zeros((len(found.problem.rows), 1)), AMPLITUDES_N)
     without = Noise.of(held_out.noise.covariance, held_out.unseen)
@@ -84,7 +84,7 @@ def test_without_such_cases_all_stays_as_it_was() -> None:
     roles = tuple("check" if role == "validation" else role for role in problem.observations.roles)
     none = replace(problem, observations=replace(problem.observations, roles=roles))
     wildcard = Wildcard.of(anything(problem), AMPLITUDES_N)
-    held_out = HeldOut.of(none, found.candidates)
+    held_out = HeldOut(none, found.candidates)
     assert held_out.counted_in(found.evidence, wildcard) == found.evidence.probability
     assert not held_out.most_missed(found.best).surprising
 
