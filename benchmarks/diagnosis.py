@@ -9,11 +9,11 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from fingermodel.diagnosis.candidates import candidates_of, mask, single
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from benchmarks.machine import repeat, table, wait_until_quiet
-from fingermodel.diagnosis.candidates import candidates_of, mask, single
 from fingermodel.diagnosis.diagnose import diagnose
 from fingermodel.problems import Problem, map_problem, objective_at
 from fingermodel.refit import refit_map

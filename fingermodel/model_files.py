@@ -296,7 +296,9 @@ def _from_revision(revision: Revision, session_id: str, layout: Layout, effects:
         from fingermodel.effects.catalogue import CATALOGUE
         from fingermodel.effects.user import effect_from_dict
 
-        given = [e for e in effects if e not in CATALOGUE]
+        # What the revision holds under the name of a shipped effect is its own.
+        names = {e["name"] for e in held}
+        given = [e for e in effects if e not in CATALOGUE and not (e.outside and e.name in names)]
         own = [effect_from_dict(e["document"], revision.id, given) for e in held if e.get("document")]
         for effect in given:
             if any(o.name == effect.name and o != effect for o in own):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,7 @@ class Observations:
         case_covariance: (n, 6, 6) its diagonal blocks.
         layout: settings and mountings.
         noise_assumed: whether any case states no uncertainty of its own, so that the budget's stands in.
+        shared_tares: (6 n, k) columns whose sum of squares is what cases share that were measured against one tare.
     """
 
     ids: tuple[str, ...]
@@ -48,6 +49,11 @@ class Observations:
     covariance: Floats
     layout: Layout
     noise_assumed: bool
+    shared_tares: Floats = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+
+    def __post_init__(self) -> None:
+        if not self.shared_tares.size:
+            object.__setattr__(self, "shared_tares", np.zeros((6 * len(self.ids), 0)))
 
     @property
     def posture_angles(self) -> dict[str, Floats]:
@@ -155,7 +161,23 @@ def observe(measured: MeasuredSession, finger: Finger, budget: Budget) -> Observ
         covariance=covariance,
         layout=layout,
         noise_assumed=any(not m.noise_stated for m in measured.cases),
+        shared_tares=_shared_tares(measured, n + k),
     )
+
+
+def _shared_tares(measured: MeasuredSession, count: int) -> Floats:
+    """Columns (6 count, 6 tares) of the tares that more than one case was measured against."""
+    blocks = [np.zeros((6 * count, 0))]
+    for tare, weights in zip(measured.tares, measured.tare_weights.T, strict=True):
+        if np.count_nonzero(weights) > 1:
+            root = np.sqrt(np.maximum(np.diag(tare.covariance), 0.0)) * np.eye(6)
+            if np.count_nonzero(tare.covariance - np.diag(np.diag(tare.covariance))):
+                values, vectors = np.linalg.eigh(tare.covariance)
+                root = vectors * np.sqrt(np.maximum(values, 0.0))
+            column = np.zeros((count, 6, 6))
+            column[: len(weights)] = weights[:, None, None] * root
+            blocks.append(column.reshape(6 * count, 6))
+    return np.concatenate(blocks, axis=1)
 
 
 def _clock(measured: MeasuredSession) -> tuple[Floats, Floats]:

@@ -118,6 +118,18 @@ class Problem:
         other._fitted.append(replace(self.fitted_readings, of=other.source, measured=measured))
         return other
 
+    def weighed(self, whitener: Floats, sd: Floats, free: NDArray[np.bool_]) -> Problem:
+        """The same readings under another covariance, with other widths of the priors, over other parameters.
+
+        Args:
+            whitener: (residuals, residuals).
+            sd: (parameters,).
+            free: (parameters,).
+        """
+        other = replace(self, whitener=whitener, sd=sd, free=free, _fitted=[])
+        other._fitted.append(replace(self.fitted_readings, of=other.source, whitener=Tiles.of(whitener)))
+        return other
+
     @property
     def source(self) -> tuple[object, ...]:
         """What the fitted readings follow from."""

@@ -130,11 +130,28 @@ def whole_slopes(problem: Problem, theta: Floats) -> Floats:
     return fitted.whitener @ np.take(slopes, problem.model.places, axis=1)
 
 
-def slopes_of(problem: Problem, theta: Floats, rows: NDArray[np.intp]) -> Floats:
+def reading_slopes(problem: Problem, theta: Floats) -> Floats:
+    """Slopes (residuals, parameters) of measured less predicted readings [N, N mm], in scaled coordinates.
+
+    Of all parameters; those of effects that are not free are at their null.
+    """
+    every = np.ones(len(problem.model.structure.effects), dtype=bool)
+    slopes = _slopes_program(problem, every, problem.fitted_readings, len(problem.rows))(theta)
+    return np.take(slopes, problem.model.places, axis=1)
+
+
+def slopes_of(problem: Problem, theta: Floats, rows: NDArray[np.intp], of: LoadCaseInput | None = None) -> Floats:
     """Slopes (rows, parameters) of any readings, fitted or not, of the components that are; zero for what is held.
 
     In scaled coordinates [N, N mm], by pieces of the size that is compiled for what is fitted.
+
+    Args:
+        problem: whose parameters and components.
+        theta: (parameters,).
+        rows: indices into the flattened (cases, 6) wrench.
+        of: load cases that the rows count; by default the session's.
     """
+    every = problem.observations.inputs if of is None else of
     fitted, model, cases = problem.fitted_readings, problem.model, rows // 6
     active, components = _active(problem), np.unique(problem.rows % 6)
     room = min(len(fitted.inputs.setting), len(fitted.at) // len(components))
@@ -142,7 +159,7 @@ def slopes_of(problem: Problem, theta: Floats, rows: NDArray[np.intp]) -> Floats
     for first in range(0, len(used), room):
         piece = used[first : first + room]
         here = np.isin(cases, piece)
-        inputs = problem.observations.inputs.rows(np.resize(piece, len(fitted.inputs.setting)))
+        inputs = every.rows(np.resize(piece, len(fitted.inputs.setting)))
         at = np.searchsorted(piece, cases[here]) * len(components) + np.searchsorted(components, rows[here] % 6)
         places = jax.device_put(np.pad(at, (0, len(fitted.at) - len(at))))
         own = replace(fitted, inputs=inputs, at=places)

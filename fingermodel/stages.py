@@ -155,6 +155,8 @@ class Effect:
         after_mounting: whether it is an error of what the cell says, and no force: a mounting that is a little off, as
             the budget allows, neither turns nor levers it.
         rests_on_clamp_assumption: whether only out-of-plane forces can support it, which a real clamp carries in part.
+        outside: whether it is known to happen in rigs, but is no effect of the catalogue: if it acts, the verdict is
+            that something outside the catalogue does.
     """
 
     name: str = ""
@@ -168,6 +170,7 @@ class Effect:
     after_mounting: ClassVar[bool] = False
     always: ClassVar[bool] = False
     of_each_setting: ClassVar[bool] = False
+    outside: ClassVar[bool] = False
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """Declare the parameters for this finger and session; none where the finger lacks what the effect acts on."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -99,12 +99,18 @@ def bench_of(
 
 
 def held_effects(own: Sequence[Effect | str] = ()) -> tuple[Effect, ...]:
-    """The catalogue, and effects of the user's, or those in their files."""
-    from fingermodel.effects.catalogue import CATALOGUE
-    from fingermodel.effects.user import load_effect
+    """The catalogue, effects of the user's or those in their files, and what rigs are known to do beyond both.
 
-    loaded = (load_effect(Path(e)) if isinstance(e, str) else e for e in own)
-    return (*CATALOGUE, *dict.fromkeys(loaded))
+    What the user gives is found by its name; the rest is only ever something outside the catalogue.
+    """
+    from fingermodel.effects.catalogue import CATALOGUE
+    from fingermodel.effects.user import load_effect, shipped_effects
+
+    loaded = [load_effect(Path(e)) if isinstance(e, str) else e for e in own]
+    given = [replace(e, outside=False) if e.outside and is_dataclass(e) else e for e in loaded]
+    taken = {e.name for e in given}
+    beyond = [load_effect(Path(name)) for name in shipped_effects() if name not in taken]
+    return (*CATALOGUE, *dict.fromkeys(given), *beyond)
 
 
 def compare_bench(bench: Bench) -> Comparison:

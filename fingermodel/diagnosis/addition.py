@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ModelError
-from fingermodel.diagnosis.candidates import NOTHING_MISSING, Candidate, Explanation, candidates_of, joined, single
-from fingermodel.diagnosis.evidence import weigh_one
-from fingermodel.diagnosis.fitted import require_sane
-from fingermodel.diagnosis.fitter import LAST, Fitter
+from fingermodel.diagnosis.posterior.fitting import Fitter
+from fingermodel.diagnosis.posterior.hyper import Hyperparameters
+from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidate, Candidates, Member
+from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.effects.formula_tree import near
 from fingermodel.fit_report import Fit
 from fingermodel.model import Model
@@ -46,7 +46,7 @@ def chosen_candidates(model: Model, names: Sequence[str], *, sagittal: bool) -> 
     Raises:
         ModelError: a name that is none, or an effect that this finger or session cannot have.
     """
-    candidates = candidates_of(model, sagittal=sagittal)
+    candidates = Candidates.of(model, sagittal=sagittal).all
     out = []
     for name in names:
         found = tuple(c for c in candidates if name in (c.name, c.effect))
@@ -82,34 +82,28 @@ def add_effects(
         start: (parameters,) of an earlier fit.
         starts: of the final refit.
     """
-    sagittal = model.finger.judged_in == "sagittal"
+    session = session_of(model, observations, None, held)
+    sagittal = session.plane == "sagittal"
     choices = chosen_candidates(model, names, sagittal=sagittal)
-    problem = map_problem(model, observations, None, held)
-    fitter = Fitter(problem)
-    base = fitter.base(start)
-    best, best_value = NOTHING_MISSING, -np.inf
-    options = [[single(c, k) for c in found for k in range(len(c.alternatives))] for found in choices]
-    for combination in product(*options) if names else ():
-        explanation = _together(combination)
+    candidates = Candidates.of(model, sagittal=sagittal)
+    hyper = Hyperparameters.of(session)
+    fitter = Fitter(session, candidates, hyper)
+    centre = session.problem.centre
+    begun = [
+        fitter.fit(NOTHING, s, hyper.start(0), log_prior=0.0) for s in ([centre] if start is None else [start, centre])
+    ]
+    base = max(begun, key=lambda f: f.log_posterior)
+    best = base
+    options = [[Member(c, k) for c in found for k in range(len(c.forms))] for found in choices]
+    for members in product(*options) if names else ():
+        explanation = candidates.joined(members)
         if explanation is None:
             continue
-        fitted = fitter.fit(explanation, [fitter.expected(base, explanation), problem.centre], LAST, finely=True)
-        if best is NOTHING_MISSING or fitted.log_evidence > best_value:
-            best, best_value = explanation, fitted.log_evidence
+        for begin in (base.expected(explanation, base.best), centre):
+            found = fitter.fit(explanation, begin, base.best, log_prior=0.0)
+            if best is base or found.log_posterior > best.log_posterior:
+                best = found
     parameters = model.parameters.names
-    free_names = (*held, *(parameters[i] for i in best.parameters))
-    final = map_problem(model, observations, None, free_names)
-    fit = refit_map(final, start=require_sane(fitter.best[best]).theta, starts=starts)
-    every = tuple(c for found in choices for c in found)
-    both = [weigh_one(problem, fitter.best[e], every).log_evidence for e in (NOTHING_MISSING, best)]
-    return Addition(fit, best.names, both[1] - both[0])
-
-
-def _together(combination: Sequence[Explanation]) -> Explanation | None:
-    """All of them acting together; None where two are the same."""
-    out = combination[0]
-    for other in combination[1:]:
-        if set(out.parameters) & set(other.parameters):
-            return None
-        out = joined(out, other)
-    return out
+    free_names = (*held, *(parameters[i] for i in best.explanation.parameters))
+    fit = refit_map(map_problem(model, observations, None, free_names), start=best.theta, starts=starts)
+    return Addition(fit, best.explanation.names, best.log_posterior - base.log_posterior)

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from fingermodel.diagnosis.calibration import calibrate
-from fingermodel.diagnosis.candidates import Explanation
 from fingermodel.diagnosis.diagnose import Diagnosis
-from fingermodel.diagnosis.evidence import Weighed
-from fingermodel.diagnosis.fitted import Fitted
-from fingermodel.diagnosis.verdict import inclusion, out_of_range
+from fingermodel.diagnosis.effect_size import effect_size
+from fingermodel.diagnosis.posterior.marginals import Entry, Posterior
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.candidates import Explanation
+from fingermodel.diagnosis.verdict import stated_node
 from fingermodel.diagnosis.where import where
-from fingermodel.effects.user import load_effect
 from fingermodel.parameters import with_unit
 
 Floats = NDArray[np.float64]
 
-# What is known beyond the catalogue is offered from this probability on.
-SHOWN = 0.05
+# Explanations and parameters that are shown from this probability, and from this many prior widths on.
+_SHOWN, _BENT = 1e-4, 2.0
+# Of what is known beyond the catalogue.
+_OFFERED = 0.05
 
 
 def answer(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -31,42 +31,49 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
     Args:
         diagnosis: of `diagnose`.
     """
-    d, evidence = diagnosis, diagnosis.evidence
-    nothing, best = evidence.nothing, d.best
-    verdict, robust = d.verdict, d.robustness
-    before, after = d.comparisons[()], d.comparisons[best.explanation.names]
-    calibration = calibrate(d.search.nothing.everything, d.candidates)
-    rows = len(d.problem.rows)
+    d, posterior, best = diagnosis, diagnosis.posterior, diagnosis.best
+    nothing, verdict = posterior.nothing, diagnosis.verdict
+    before, after = d.comparisons[nothing.explanation], d.comparisons[best.explanation]
+    rows = len(nothing.residual)
+    alone, added = (f.freed(stated_node(f))[0].misfit for f in (nothing, best))
+    budget, noise, scatter = posterior.budget, posterior.noise, posterior.scatter
     return {
         "verdict": verdict.kind,
         "effects": list(verdict.effects),
         "candidates": list(verdict.names),
-        # A sum over many explanations may come out above 1 by its rounding.
         "probability": min(verdict.probability, 1.0),
+        "probability_of": meaning(d),
         "confirmed": None,
         "sentence": sentence(d),
-        "reasons": [*verdict.reasons, *(f"Short of more: {s}." for s in verdict.short)],
-        "robustness": {
-            "flips_when": list(robust.flips_when),
-            "rests_on": list(robust.rests_on),
-            "budget_multiple_at_which_it_fails": robust.budget_multiple_at_which_it_fails,
-            "sagittal_alone": robust.sagittal_alone,
-        },
+        "reasons": [*verdict.reasons, *(f"Short of more: {s}." for s in verdict.short), *remarks(d)],
+        "robustness": d.sensitivity.as_dict(),
         "ranking": ranking(d),
-        "inclusion": {name: min(p, 1.0) for name, p in inclusion(evidence.probability).items() if p >= 1e-4},
-        "where": where(d.problem, nothing.fitted.theta),
+        "inclusion": {name: p for name, p in posterior.inclusion.items() if p >= _SHOWN},
+        "where": where(d.session.problem, nothing.theta),
         "hints": [h.as_dict() for h in d.hints],
         "ready_made": ready_made(d),
+        "suspects": suspects(d),
+        "session_faults": [],
+        "repeatability": {
+            "value_pct": 100.0 * scatter[0],
+            "sd_pct": 100.0 * scatter[1],
+            "stated_pct": 100.0 * d.session.stated_scatter,
+        },
+        "beyond": {"probability": posterior.p_beyond, "amplitude_N": posterior.beyond_N},
+        "budget_multiple": {"value": budget[0], "sd": budget[1], "carried_by": carried_by(best)},
+        "noise_multiple": {"value": noise[0], "sd": noise[1], "assumed": d.session.observations.noise_assumed},
+        "predictive_check": predictive(d),
+        "size": effect_size(d) if verdict.kind == "found" else None,
         "before": before.summary(),
         "after": after.summary(),
         "chi_square": {
-            "value": nothing.fitted.objective,
+            "value": alone,
             "degrees_of_freedom": rows,
-            "p_value": float(chdtrc(rows, nothing.fitted.objective)),
-            "after": best.fitted.objective,
-            "after_p_value": float(chdtrc(rows, best.fitted.objective)),
-            "budget_factor": best.budget_factor,
-            "after_allowing_for_form_and_budget": best.misfit,
+            "p_value": float(chdtrc(rows, alone)),
+            "after": added,
+            "after_p_value": float(chdtrc(rows, added)),
+            "budget_factor": float(best.hyper.values(best.best).budget),
+            "after_allowing_for_form_and_budget": best.freed(best.best)[0].misfit,
         },
         "cases": [
             {
@@ -84,127 +91,227 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "confounding": d.confounding.as_dict(),
         "detectability": {k: round(v, 3) for k, v in d.confounding.detectability.items()},
-        "candidates_searched": d.search.searched,
-        "false_finding_rate": calibration.false_finding_rate,
-        "calibration": calibration.as_dict(),
+        "candidates_searched": len(posterior.fits) + len(d.searched.promised),
         "seconds": d.seconds,
     }
 
 
-def ready_made(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """What rigs are known to do beyond the catalogue and these readings show, most probable first.
+def meaning(d: Diagnosis) -> str:
+    """What the verdict's probability is the probability of, in words."""
+    names = " and ".join(d.verdict.names)
+    kinds = {
+        "found": f"{names} acts by its known law, whatever else does",
+        "one_of": f"one or more of {', '.join(d.verdict.names)} acts",
+        "none_of_catalogue": "something acts that no effect of the catalogue describes, and none of them does",
+        "nothing_missing": "no effect acts, and nothing unknown",
+        "undecided": "the likeliest single statement",
+    }
+    return kinds[d.verdict.kind]
 
-    Each is an effect that comes ready-made, to be added by its name.
-    """
-    d, evidence = diagnosis, diagnosis.evidence
-    if d.verdict.kind not in ("none_of_catalogue", "undecided"):
-        return []
-    out = []
-    for known, share in evidence.other.known:
-        probability = share * evidence.probability[None]
-        if probability >= SHOWN:
-            title = load_effect(Path(known.name)).title
-            out.append(
-                {
-                    "effect": known.name,
-                    "title": title,
-                    "where": known.words,
-                    "probability": min(probability, 1.0),
-                    "log_evidence_gain": known.log_evidence - evidence.nothing.log_evidence,
-                    "size_N": known.size_N,
-                    "misfit": known.misfit,
-                    "text": f"Known to happen in rigs: {title} ({known.words}); it would leave a misfit of "
-                    f"{known.misfit:.0f} for {len(d.problem.rows)} readings",
-                }
-            )
+
+def remarks(d: Diagnosis) -> list[str]:
+    """What the readings say of the rig: repeatability, budget and suspect cases."""
+    out, posterior = [], d.posterior
+    scatter, stated = posterior.scatter[0], d.session.stated_scatter
+    if scatter > max(0.004, 1.5 * stated):
+        than = f", where {100 * stated:.1f} % is stated" if stated else ", where none is stated"
+        out.append(f"The cases repeat to {100 * scatter:.1f} % of their tensions{than}.")
+    multiple = posterior.budget[0]
+    if multiple > 1.5:
+        carried = ", ".join(carried_by(d.best)[:3])
+        out.append(
+            f"The readings want a budget {multiple:.1f} times as large as stated"
+            + (f"; it is bent most in {carried}." if carried else ".")
+        )
+    noise = posterior.noise[0]
+    if d.session.observations.noise_assumed:
+        out.append(
+            f"The readings state no uncertainty; this rests on {noise * d.session.model.budget.reading_sd_N:.3f} N a "
+            "component, as the readings have it."
+        )
+    elif noise > 1.5:
+        out.append(f"The readings scatter {noise:.1f} times as much as their stated noise.")
+    for s in suspects(d):
+        out.append(
+            f"Load case {s['case']} is not as the others make it expected (probability {s['probability']:.2f}); it "
+            "counts for nothing here. Look at its masses, tendons and posture."
+        )
     return out
 
 
-def ranking(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+def suspects(d: Diagnosis) -> list[dict[str, Any]]:
+    """Cases that are more probably bad than not, the likeliest first; the verdict stands without them."""
+    odds = dict(d.searched.bad)
+    checked = d.checks.get(d.posterior.leader.explanation)
+    if checked is not None:
+        odds |= checked.bad
+    ids, verdict = d.session.observations.ids, d.verdict
+    without = {"verdict": verdict.kind, "effects": list(verdict.effects), "probability": min(verdict.probability, 1.0)}
+    found = sorted(((float(1.0 / (1.0 + np.exp(-o))), ids[c]) for c, o in odds.items()), reverse=True)
+    return [
+        {"case": case, "probability": p, "reads_like": [], "verdict_without": without} for p, case in found if p >= 0.5
+    ]
+
+
+def carried_by(fit: Optimum) -> list[str]:
+    """Budget parameters that are bent by more than two of their stated widths, the most bent first."""
+    table = fit.session.model.parameters
+    bent = [
+        (abs(float(fit.x[i])), table.names[i]) for i in np.flatnonzero(table.of_kind("budget")) if abs(fit.x[i]) > _BENT
+    ]
+    return [name for _, name in sorted(bent, reverse=True)]
+
+
+def predictive(d: Diagnosis) -> dict[str, Any]:
+    """The predictive check on the validation cases, of the model without any effect and of what would be added."""
+    before, after = d.checks[d.posterior.nothing.explanation], d.checks.get(d.best.explanation)
+    after = before if after is None else after
+    return {
+        "log_density_before": before.log_density,
+        "p_value_before": before.p_value,
+        "log_density_after": after.log_density,
+        "p_value_after": after.p_value,
+    }
+
+
+def ready_made(d: Diagnosis) -> list[dict[str, Any]]:
+    """What rigs are known to do beyond the catalogue and these readings show, most probable first."""
+    posterior = d.posterior
+    out: list[dict[str, Any]] = []
+    fits = [f for f in posterior.fits.values() if any(m.candidate.outside for m in f.explanation.members)]
+    for fit in sorted(fits, key=lambda f: -f.log_posterior):
+        for member in fit.explanation.members:
+            name = member.candidate.effect
+            if not member.candidate.outside or any(o["effect"] == name for o in out):
+                continue
+            probability = _of_effect(posterior, name)
+            if probability >= _OFFERED:
+                title = next(e.title for e in d.session.model.effects if e.name == name)
+                out.append(
+                    {
+                        "effect": name,
+                        "title": title,
+                        "where": member.candidate.name,
+                        "probability": probability,
+                        "log_evidence_gain": _gain(posterior, fit),
+                        "size_N": fit.sizes_newton[member.candidate.name],
+                        "misfit": fit.freed(fit.best)[0].misfit,
+                        "text": f"Known to happen in rigs: {title}; probability {probability:.2f}",
+                    }
+                )
+    return out
+
+
+def _of_effect(posterior: Posterior, effect: str) -> float:
+    return posterior.probability(lambda e: effect in e.explanation.effects)
+
+
+def _gain(posterior: Posterior, fit: Optimum) -> float:
+    """Log evidence over the model without any effect."""
+    nothing = posterior.nothing
+    return (fit.log_posterior - fit.log_prior) - (nothing.log_posterior - nothing.log_prior)
+
+
+def ranking(d: Diagnosis) -> list[dict[str, Any]]:
     """Every explanation that was fitted, best first, with nothing missing and something else in their places."""
-    d, evidence = diagnosis, diagnosis.evidence
-    rows, seen = [], set()
-    for weighed in evidence.weighed:
-        names = weighed.explanation.names
-        if names not in seen:
-            seen.add(names)
-            rows.append(_row(d, weighed))
+    posterior = d.posterior
+    probability = posterior.of_explanations()
+    fits: dict[tuple[str, ...], Optimum] = {}
+    for fit in sorted(posterior.fits.values(), key=lambda f: -f.log_posterior):
+        fits.setdefault(fit.explanation.names, fit)
+    rows = [_row(d, fit, probability.get(names, 0.0)) for names, fit in fits.items()]
     rows.append(
         {
             "effects": ["none_of_catalogue"],
             "candidates": [],
-            "probability": evidence.probability[None],
-            "log_evidence_gain": evidence.other.log_evidence - evidence.nothing.log_evidence,
-            "validation_rmse_N": {"before": d.validation_rmse(evidence.nothing), "after": None},
+            "probability": probability[None],
+            "log_evidence_gain": _smooth_gain(posterior),
+            "validation_rmse_N": {"before": d.validation_rmse(posterior.nothing), "after": None},
             "parameters": [],
             "indistinguishable_from": [],
-            "size_N": evidence.other.amplitude_N,
+            "size_N": posterior.beyond_N,
         }
     )
-    rows.sort(key=lambda r: -r["probability"])
-    others = sorted(d.search.fitted, key=lambda f: -f.log_evidence)
-    for fitted in others:
-        names = fitted.explanation.names
-        if names not in seen:
-            seen.add(names)
-            rows.append(_unweighed(d, fitted))
-    return rows
+    return sorted(rows, key=lambda r: -r["probability"])
 
 
-def _row(d: Diagnosis, weighed: Weighed) -> dict[str, Any]:
-    nothing, fitted = d.evidence.nothing, weighed.fitted
-    parameters = _parameters(fitted, weighed)
-    strength = fitted.strength(fitted.explanation.parameters)
+def _smooth_gain(posterior: Posterior) -> float | None:
+    """Log evidence of something unknown alone over nothing at all; None where neither was left in question."""
+
+    def mass(holds: Any) -> float:
+        return posterior.probability(lambda e: not e.explanation.size and holds(e))
+
+    def smooth(e: Entry) -> bool:
+        return e.beyond_N > 0.0
+
+    some, none = mass(smooth), mass(lambda e: not smooth(e))
+    return float(np.log(some / none)) if some > 0.0 and none > 0.0 else None
+
+
+def _row(d: Diagnosis, fit: Optimum, probability: float) -> dict[str, Any]:
+    explanation = fit.explanation
+    strength = _strength(fit)
     spread = 1.96 / strength if strength else None
-    alike = [a for n in weighed.explanation.names for a in d.confounding.alike(n)]
+    size = sum(v**2 for v in fit.sizes_newton.values()) ** 0.5
+    alike = dict.fromkeys(a for n in explanation.names for a in d.confounding.alike(n))
+    errors = fit.hyper.values(fit.best).forms
     return {
-        "effects": list(weighed.explanation.effects),
-        "candidates": list(weighed.explanation.names),
-        "probability": d.evidence.probability[weighed.explanation.names],
-        "log_evidence_gain": weighed.log_evidence - nothing.log_evidence,
-        "validation_rmse_N": {"before": d.validation_rmse(nothing), "after": d.validation_rmse(weighed)},
-        "parameters": parameters,
-        "indistinguishable_from": [a for a in alike if a not in weighed.explanation.names],
-        "variant": _variant(d, weighed.explanation),
-        "size_N": weighed.size_N,
-        "size_low_N": weighed.size_N * max(1.0 - spread, 0.0) if spread else None,
-        "size_high_N": weighed.size_N * (1.0 + spread) if spread else None,
-        "in_range": not out_of_range(weighed),
-        "detectability": _detectability(d, weighed.explanation),
-        "form_error": weighed.form_error,
-        "misfit": weighed.misfit,
-        "largest_abs_z": _largest_z(fitted),
+        "effects": list(explanation.effects),
+        "candidates": list(explanation.names),
+        "probability": probability,
+        "log_evidence_gain": _gain(d.posterior, fit),
+        "validation_rmse_N": {"before": d.validation_rmse(d.posterior.nothing), "after": d.validation_rmse(fit)},
+        "parameters": parameters_of(fit),
+        "indistinguishable_from": [a for a in alike if a not in explanation.names],
+        "variant": _variant(explanation),
+        "size_N": size,
+        "size_low_N": size * max(1.0 - spread, 0.0) if spread else None,
+        "size_high_N": size * (1.0 + spread) if spread else None,
+        "in_range": _in_range(fit),
+        "detectability": _detectability(d, explanation),
+        "form_error": float(errors.max(initial=0.0)),
+        "misfit": fit.freed(fit.best)[0].misfit,
     }
 
 
-def _unweighed(d: Diagnosis, fitted: Fitted) -> dict[str, Any]:
-    return {
-        "effects": list(fitted.explanation.effects),
-        "candidates": list(fitted.explanation.names),
-        "probability": 0.0,
-        # Too far behind to be weighed with the budget's size and the form left open, so on no common footing.
-        "log_evidence_gain": None,
-        "validation_rmse_N": {"before": d.validation_rmse(d.evidence.nothing), "after": None},
-        "parameters": _parameters(fitted),
-        "indistinguishable_from": [a for n in fitted.explanation.names for a in d.confounding.alike(n)],
-        "detectability": _detectability(d, fitted.explanation),
-    }
-
-
-def _parameters(fitted: Fitted, weighed: Weighed | None = None) -> list[dict[str, Any]]:
-    table, of = fitted.problem.model.parameters.parameters, weighed or fitted
+def parameters_of(fit: Optimum) -> list[dict[str, Any]]:
+    """An explanation's own parameters: their mean and standard deviation, everything else left open."""
+    theta, covariance, index = fit.parameter_posterior(fit.best)
+    table, scale = fit.session.model.parameters, fit.session.problem.scale
+    sd = dict(zip(index.tolist(), (np.sqrt(np.diag(covariance)) * scale[index]).tolist(), strict=True))
     return [
-        {"name": table[i].name, "value": float(fitted.theta[i]), "sd": of.sd(i), "unit": table[i].unit}
-        for i in fitted.explanation.parameters
+        {"name": table.names[i], "value": float(theta[i]), "sd": sd.get(i), "unit": table.parameters[i].unit}
+        for i in fit.explanation.parameters
     ]
 
 
-def _variant(d: Diagnosis, explanation: Explanation) -> str | None:
-    by_name = {c.name: c for c in d.candidates}
+def _strength(fit: Optimum) -> float:
+    """How many standard deviations an explanation's parameters together lie from their null."""
+    if not fit.explanation.size:
+        return 0.0
+    freed, _ = fit.freed(fit.best)
+    return float(np.sqrt(freed.mean @ np.linalg.solve(freed.covariance, freed.mean)))
+
+
+def _in_range(fit: Optimum) -> bool:
+    """Whether all of an explanation's values lie within one and a half times their plausible ranges."""
+    for i in fit.explanation.parameters:
+        p = fit.session.model.parameters.parameters[i]
+        low, high = p.plausible or (p.lower, p.upper)
+        if (
+            not p.initial - 1.5 * (p.initial - low) - 1e-9
+            <= fit.theta[i]
+            <= p.initial + 1.5 * (high - p.initial) + 1e-9
+        ):
+            return False
+    return True
+
+
+def _variant(explanation: Explanation) -> str | None:
     parts = [
-        f"{name}: form {k + 1} of {len(by_name[name].alternatives)}"
-        for name, k in zip(explanation.names, explanation.alternative, strict=True)
-        if len(by_name[name].alternatives) > 1
+        f"{m.candidate.name}: form {m.form + 1} of {len(m.candidate.forms)}"
+        for m in explanation.members
+        if len(m.candidate.forms) > 1
     ]
     return "; ".join(parts) or None
 
@@ -215,37 +322,28 @@ def _detectability(d: Diagnosis, explanation: Explanation) -> float | None:
     return min(known) if known else None
 
 
-def _largest_z(fitted: Fitted) -> float:
-    """Largest whitened residual after the fit: what a posterior predictive check would stumble over."""
-    return float(np.abs(fitted.residual).max(initial=0.0))
-
-
 def sentence(d: Diagnosis) -> str:
     """The verdict in one plain sentence."""
     verdict = d.verdict
-    titles = {e.name: e.title for e in d.problem.model.effects}
-    named = [f"{titles.get(e, e)} ({n})" for e, n in _named(d)]
+    titles = {e.name: e.title for e in d.session.model.effects}
+    effect_of = {c.name: c.effect for c in d.candidates.all}
+    named = [f"{titles.get(effect_of[n], n)} ({n})" for n in verdict.names]
     if verdict.kind == "found":
         values = ", ".join(
             with_unit(f"{p['name']} = {p['value']:.3g}" + (f" ± {p['sd']:.2g}" if p["sd"] else ""), p["unit"])
-            for p in _parameters(d.best.fitted, d.best)[:3]
+            for p in parameters_of(d.best)[:3]
         )
         return f"Found: {' and '.join(named)}; {values}; probability {verdict.probability:.2f}."
     if verdict.kind == "one_of":
         return f"One of these, which the load cases do not tell apart: {'; '.join(named)}."
     if verdict.kind == "none_of_catalogue":
-        offered = " and the formulas offered" if d.hints else ""
         known = ready_made(d)[:1]
-        if known and d.evidence.other.likely:
-            like = f"{known[0]['title']} ({known[0]['effect']}, {known[0]['where']})"
+        if known and known[0]["probability"] >= 0.5:
+            like = f"{known[0]['title']} ({known[0]['effect']})"
             return f"Something is missing that no effect of the catalogue describes; it looks like this: {like}."
+        offered = " and the formulas offered" if d.hints else ""
         return f"Something is missing that no effect here describes; see where it lies{offered}."
     if verdict.kind == "nothing_missing":
-        return "Nothing is missing: noise and the small errors that every rig has explain the readings."
-    leader = f" Most likely: {' and '.join(named)}, but it does not stand." if named else ""
+        return "Nothing is missing: noise, scatter and the small errors that every rig has explain the readings."
+    leader = f" Most likely: {' and '.join(named)}, but it is not sure." if named else ""
     return f"Undecided.{leader}"
-
-
-def _named(d: Diagnosis) -> list[tuple[str, str]]:
-    by_name = {c.name: c.effect for c in d.candidates}
-    return [(by_name[n], n) for n in d.verdict.names]

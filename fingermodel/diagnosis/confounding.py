@@ -7,15 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.candidates import Candidate
-from fingermodel.diagnosis.linear import Linear
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.candidates import Candidates
+from fingermodel.diagnosis.settings import ALIKE, DETECTABLE
 
 Floats = NDArray[np.float64]
-
-# Below this an effect as large as its prior hardly stands out from noise and budget.
-DETECTABLE = 2.0
-# Canonical correlation from which two effects are one class.
-ALIKE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,28 +47,29 @@ class Confounding:
         }
 
 
-def confounding(linear: Linear, candidates: tuple[Candidate, ...]) -> Confounding:
-    """Compare the candidates' whitened columns Q = C₀^-½ G S^½ (C₀: noise and everything that the base absorbs).
+def confounding(base: Optimum, candidates: Candidates) -> Confounding:
+    """Compare what the candidates change beyond noise and all that the base model absorbs, nothing smooth allowed for.
 
     Args:
-        linear: the base model straightened out.
-        candidates: with their first alternatives.
+        base: the base model, linearised.
+        candidates: each in its first form.
     """
-    full, _ = linear.information
-    roots, detectability = [], {}
-    for c in candidates:
-        index = list(c.alternatives[0])
-        block = full[np.ix_(index, index)]
-        detectability[c.name] = float(np.sqrt(max(np.trace(block), 0.0) / len(index)))
-        roots.append(_inverse_root(block))
-    n = len(candidates)
+    node = base.hyper.without_smooth(base.best)
+    quadratic, parameters, _ = base.effects_at(node)
+    position = {int(p): k for k, p in enumerate(parameters)}
+    chosen = [[position[i] for i in c.forms[0]] for c in candidates.all]
+    names, n = tuple(c.name for c in candidates.all), len(chosen)
+    blocks = [quadratic.hessian[np.ix_(index, index)] for index in chosen]
+    roots = [_inverse_root(block) for block in blocks]
+    detectability = {
+        name: float(np.sqrt(max(np.trace(b), 0.0) / len(b))) for name, b in zip(names, blocks, strict=True)
+    }
     correlation = np.eye(n)
     for i in range(n):
         for j in range(i):
-            cross = full[np.ix_(list(candidates[i].alternatives[0]), list(candidates[j].alternatives[0]))]
+            cross = quadratic.hessian[np.ix_(chosen[i], chosen[j])]
             value = np.linalg.norm(roots[i] @ cross @ roots[j].T, 2)
             correlation[i, j] = correlation[j, i] = min(float(value), 1.0)
-    names = tuple(c.name for c in candidates)
     shown = np.array([detectability[name] >= DETECTABLE for name in names])
     return Confounding(names, correlation, detectability, _classes(names, correlation, shown))
 

@@ -8,7 +8,7 @@ clamps through the finger's Jacobian, a tension through the slope with respect t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
@@ -16,9 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.beyond import torque_answer
-from fingermodel.diagnosis.fitted import Fitted
-from fingermodel.problems import Problem
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.session import Session
 
 Floats = NDArray[np.float64]
 
@@ -71,28 +70,25 @@ class Hint:
         }
 
 
-def hints(problem: Problem, fitted: Fitted) -> tuple[Hint, ...]:
-    """Search the library of formulas about an optimum, best first.
+def hints(fit: Optimum) -> tuple[Hint, ...]:
+    """Search the library of formulas beside an explanation, best first.
 
     Args:
-        problem: whose readings count.
-        fitted: the best explanation so far; its parameters are marginalised with the base's.
+        fit: what acts besides; all that it leaves open is marginalised, something smooth left out.
     """
-    linear = fitted.linear
-    base = np.concatenate([linear.base, np.array(fitted.explanation.parameters, dtype=np.intp)])
-    straight = replace(linear, base=base)
-    noise = max(fitted.objective / max(len(problem.rows), 1), 1.0)
-    terms = list(_library(problem, fitted))
-    columns = problem.whitener @ np.array([change.reshape(-1)[problem.rows] * scale for _, scale, change in terms]).T
-    solved = straight.project(columns)
-    a = np.einsum("ij,ij->j", columns, solved) / noise
-    s = columns.T @ straight.unexplained / noise
+    session = fit.session
+    rows = session.rows[session.fitted]
+    terms = list(_library(session, fit.theta))
+    columns = np.array([change.reshape(-1)[rows] * scale for _, scale, change in terms]).T
+    node = fit.hyper.without_smooth(fit.best)
+    a, s = fit.asked(columns, node)
+    noise = max(fit.freed(node)[0].misfit / max(len(rows), 1), 1.0)
+    a, s = a / noise, s / noise
     gain = 0.5 * s**2 / (1.0 + a) - 0.5 * np.log1p(a)
-    best = np.argsort(-gain)
     out: list[Hint] = []
-    for i in best:
+    for i in np.argsort(-gain)[:MOST]:
         (stage, joint, formula, unit), scale, _ = terms[i]
-        if gain[i] < WORTH or len(out) == MOST:
+        if gain[i] < WORTH:
             break
         out.append(Hint(stage, joint, formula, unit, scale, float(scale * s[i] / (1.0 + a[i])), float(gain[i])))
     return tuple(out)
@@ -101,12 +97,12 @@ def hints(problem: Problem, fitted: Fitted) -> tuple[Hint, ...]:
 Term = tuple[tuple[str, str | None, str, str], float, Floats]
 
 
-def _library(problem: Problem, fitted: Fitted) -> Iterator[Term]:
+def _library(session: Session, theta: Floats) -> Iterator[Term]:
     """Terms with a plausible size of the coefficient and their slope (n, 6) of every reading."""
-    model, observations = problem.model, problem.observations
+    model, observations = session.model, session.observations
     topology, inputs = model.finger.topology, observations.inputs
     tension, posture = np.asarray(inputs.tension), np.asarray(inputs.posture)
-    answer = torque_answer(problem)
+    answer = session.torque_answer
     angles = {r: posture[:, k] for k, r in enumerate(topology.rotations)}
     joints = [j for j in topology.joints if j.flexion >= 0]
     total = " + ".join(f"t_{m}" for m in topology.muscles)
@@ -126,11 +122,11 @@ def _library(problem: Problem, fitted: Fitted) -> Iterator[Term]:
         for words, pull in squares:
             formula = f"torque[{rotation}] += k * {words}"
             yield ("torque", rotation, formula, "mm/N"), 0.3, answer[:, row] * pull[:, None]
-    losses = _losses(problem, fitted)
+    losses = _losses(session, theta)
     for m, slope in losses.items():
         for shape, values in _shapes(joints, angles):
             yield ("tension", None, f"tension[{m}] *= 1 + k{shape}", "1"), 0.1, slope * values[:, None]
-    reading = np.asarray(model.predict(inputs, fitted.theta).reading)
+    reading = np.asarray(model.predict(inputs, theta).reading)
     for place, at in (("tip", ~np.asarray(inputs.at_bone)), ("bone", np.asarray(inputs.at_bone))):
         if not at.any():
             continue
@@ -152,15 +148,15 @@ def _shapes(joints: list[Any], angles: dict[str, Floats]) -> Iterator[tuple[str,
         yield f" * q_{rotation}", angles[rotation]
 
 
-def _losses(problem: Problem, fitted: Fitted) -> dict[str, Floats]:
+def _losses(session: Session, theta: Floats) -> dict[str, Floats]:
     """(n, 6) change of every reading when a tendon's tension doubles: forces are nearly linear in tension."""
-    model, inputs = problem.model, problem.observations.inputs
-    now = np.asarray(model.predict(inputs, fitted.theta).reading)
+    model, inputs = session.model, session.observations.inputs
+    now = np.asarray(model.predict(inputs, theta).reading)
     out = {}
     for k, muscle in enumerate(model.finger.topology.muscles):
         tension = np.asarray(inputs.tension).copy()
         tension[:, k] *= 1.01
-        more = np.asarray(model.predict(inputs._replace(tension=jnp.asarray(tension)), fitted.theta).reading)
+        more = np.asarray(model.predict(inputs._replace(tension=jnp.asarray(tension)), theta).reading)
         if np.abs(more - now).max() > 0:
             out[muscle] = (more - now) * 100.0
     return out

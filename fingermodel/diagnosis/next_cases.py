@@ -1,14 +1,14 @@
 """The load cases that would best tell the live explanations apart, and what each expects of them.
 
-Every explanation predicts a case as a Gaussian, from draws of its parameters and the noise of readings like those
-taken; the posture is set anew for it. A case is worth the mutual information between explanation and reading (Lindley
+Every explanation predicts a case as a Gaussian, from its linearised model and the noise of readings like those taken;
+the posture is set anew for it. A case is worth the mutual information between explanation and reading (Lindley
 1956; Box and Hill 1967 and Buzzi-Ferraris and Forzatti 1984 are the published cross-checks).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 
 from fingermodel.compare import muscles_of
 from fingermodel.diagnosis.diagnose import Diagnosis
-from fingermodel.diagnosis.evidence import Weighed
+from fingermodel.diagnosis.posterior.gaussian import root_of
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.candidates import free_mask
+from fingermodel.diagnosis.settings import LIVE, WORTH_NAT
+from fingermodel.refit import slopes_of
 from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]
 
 DRAWS = 48
 SEED = 20191107
-# An explanation less probable than this is not waited for.
-LIVE = 0.01
-# Below this no load case tells anything.
-WORTH_NAT = 0.05
 OFFERED = 5
 
 INSTRUMENTS = {
@@ -116,31 +116,32 @@ class Plan:
     text: str
 
 
-def name_of(weighed: Weighed) -> str:
+def name_of(fit: Optimum) -> str:
     """`hanger_mass + bowstringing`, or `nothing missing`."""
-    return " + ".join(weighed.explanation.names) or "nothing missing"
+    return " + ".join(fit.explanation.names) or "nothing missing"
 
 
-def live_explanations(diagnosis: Diagnosis) -> dict[str, tuple[Weighed, float]]:
+def live_explanations(diagnosis: Diagnosis) -> dict[str, tuple[Optimum, float]]:
     """Explanations that are still possible; a finding is held against nothing missing, to be tested."""
-    evidence = diagnosis.evidence
-    out: dict[str, tuple[Weighed, float]] = {}
-    for w in evidence.weighed:
-        p = evidence.probability[w.explanation.names]
-        if p >= LIVE and name_of(w) not in out:
-            out[name_of(w)] = (w, p)
+    posterior = diagnosis.posterior
+    out: dict[str, tuple[Optimum, float]] = {}
+    for names, p in sorted(posterior.of_explanations().items(), key=lambda item: -item[1]):
+        fit = None if names is None else posterior.best_fit(names)
+        if fit is not None and p >= LIVE:
+            out[name_of(fit)] = (fit, p)
     if len(out) < 2 or diagnosis.verdict.kind == "found":
         best = diagnosis.best
         if best.explanation.size == 0:
-            best = next((w for w in evidence.weighed if w.explanation.size), best)
-        out = {name_of(best): (best, 0.5), name_of(evidence.nothing): (evidence.nothing, 0.5)}
+            named = [f for f in posterior.fits.values() if f.explanation.size]
+            best = max(named, key=lambda f: f.log_posterior, default=best)
+        out = {name_of(best): (best, 0.5), name_of(posterior.nothing): (posterior.nothing, 0.5)}
     total = sum(p for _, p in out.values())
-    return {name: (w, p / total) for name, (w, p) in out.items()}
+    return {name: (fit, p / total) for name, (fit, p) in out.items()}
 
 
 def feasible(diagnosis: Diagnosis) -> list[PlannedReading]:
     """Postures, mounts and tendons of the session; each tendon alone, at full and half load, and in twos."""
-    observations = diagnosis.problem.observations
+    observations = diagnosis.session.observations
     used = [i for i, role in enumerate(observations.roles) if role != "check"]
     postures = list(dict.fromkeys(observations.postures[i] for i in used))
     locations = list(dict.fromkeys(observations.locations[i] for i in used))
@@ -173,7 +174,7 @@ def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = Non
     names = list(live)
     prior = np.array([p for _, p in live.values()])
     rng = np.random.default_rng(SEED)
-    predicted = {name: _predict(diagnosis, w, cases, rng) for name, (w, _) in live.items()}
+    predicted = {name: _predict(diagnosis, fit, cases) for name, (fit, _) in live.items()}
     out = []
     for i, case in enumerate(cases):
         components = [0, 1, 2, 3] if case.location == "tip" and _reads_moments(diagnosis) else [0, 1, 2]
@@ -184,7 +185,7 @@ def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = Non
     best = tuple(c for c in _varied(out) if c.information_nat >= WORTH_NAT)[:OFFERED]
     instruments = tuple(
         dict.fromkeys(
-            f"{INSTRUMENTS[e]} ({e})" for w, _ in live.values() for e in w.explanation.effects if e in INSTRUMENTS
+            f"{INSTRUMENTS[e]} ({e})" for fit, _ in live.values() for e in fit.explanation.effects if e in INSTRUMENTS
         )
     )
     if best:
@@ -209,12 +210,12 @@ def _varied(cases: Sequence[NextCase]) -> list[NextCase]:
 
 
 def _reads_moments(diagnosis: Diagnosis) -> bool:
-    return bool(np.any(diagnosis.problem.rows % 6 == 5))
+    return bool(np.any(diagnosis.session.rows % 6 == 5))
 
 
 def inputs_of(diagnosis: Diagnosis, cases: Sequence[PlannedReading]) -> LoadCaseInput:
     """The cases as the model sees them: settings and mountings as they were last in the session."""
-    model, observations = diagnosis.problem.model, diagnosis.problem.observations
+    model, observations = diagnosis.session.model, diagnosis.session.observations
     layout, muscles = observations.layout, model.finger.topology.muscles
     weight = float(np.asarray(observations.inputs.weight).max())
     tension = np.zeros((len(cases), len(muscles)))
@@ -239,37 +240,40 @@ def inputs_of(diagnosis: Diagnosis, cases: Sequence[PlannedReading]) -> LoadCase
     )
 
 
-def _predict(
-    diagnosis: Diagnosis, weighed: Weighed, cases: Sequence[PlannedReading], rng: np.random.Generator
-) -> tuple[Floats, Floats]:
+def _predict(diagnosis: Diagnosis, fit: Optimum, cases: Sequence[PlannedReading]) -> tuple[Floats, Floats]:
     """Mean (cases, 4) and covariance (cases, 4, 4) of Fx, Fy, Fz, Mz under an explanation, noise included."""
-    fitted, problem = weighed.fitted, diagnosis.problem
-    model, observations = problem.model, problem.observations
-    draws = fitted.draws(DRAWS, rng)
-    angles = np.array([n.startswith("posture_angle.") for n in model.parameters.names])
+    session = diagnosis.session
+    problem, model = session.problem, session.model
+    theta, covariance, index = fit.parameter_posterior(fit.best)
+    free = replace(problem, free=problem.free | free_mask(model, fit.explanation))
+    read = [c for c in (0, 1, 2, 5) if c in problem.rows % 6]
     # As many cases a call as the session's are filled up to: no new program is compiled.
-    size = len(observations.inputs.filled().setting)
-    readings = np.zeros((DRAWS, len(cases), 4))
+    size = len(session.observations.inputs.filled().setting)
+    mean = np.zeros((len(cases), 4))
+    spread = np.zeros((len(cases), 4, 4))
+    angles = np.array([n.startswith("posture_angle.") for n in model.parameters.names])
+    at = np.array([(0, 1, 2, 5).index(c) for c in read])
     for first in range(0, len(cases), size):
         part = list(cases[first : first + size])
-        padded = inputs_of(diagnosis, part + [part[-1]] * (size - len(part)))
-        for d in range(DRAWS):
-            # The posture will be set anew.
-            theta = draws[d].copy()
-            theta[angles] = theta[angles] + rng.normal(size=int(angles.sum())) * model.parameters.sd[angles]
-            reading = np.asarray(model.predict(padded, theta).reading)
-            readings[d, first : first + len(part)] = reading[: len(part), [0, 1, 2, 5]]
-    mean = readings.mean(axis=0)
-    away = readings - mean
-    covariance = np.einsum("dni,dnj->nij", away, away) / (DRAWS - 1)
-    blocks = observations.case_covariance[:, [0, 1, 2, 5]][:, :, [0, 1, 2, 5]]
-    noise = np.nan_to_num(np.median(blocks, axis=0), nan=1.0)
-    return mean, covariance + noise + 1e-9 * np.eye(4)
+        inputs = inputs_of(diagnosis, part + [part[-1]] * (size - len(part)))
+        reading = np.asarray(model.predict(inputs, theta).reading)
+        mean[first : first + len(part)] = reading[: len(part), [0, 1, 2, 5]]
+        rows = (6 * np.arange(len(part))[:, None] + np.array(read)[None, :]).reshape(-1)
+        slopes = slopes_of(free, theta, rows, inputs).reshape(len(part), len(read), -1)
+        known = np.einsum("nap,pq,nbq->nab", slopes[:, :, index], covariance, slopes[:, :, index], optimize=True)
+        # The posture will be set anew.
+        anew = np.einsum("nap,nbp->nab", slopes[:, :, angles], slopes[:, :, angles])
+        spread[first : first + len(part), at[:, None], at[None, :]] = known + anew
+    blocks = session.observations.case_covariance[:, [0, 1, 2, 5]][:, :, [0, 1, 2, 5]]
+    values = fit.hyper.values(fit.best)
+    noise = values.noise**2 * np.nan_to_num(np.median(blocks, axis=0), nan=1.0)
+    by_scatter = values.scatter**2 * np.einsum("ni,nj->nij", mean, mean)
+    return mean, spread + by_scatter + noise + 1e-9 * np.eye(4)
 
 
 def _information(each: Sequence[tuple[Floats, Floats]], prior: Floats, rng: np.random.Generator) -> tuple[float, float]:
     """Mutual information [nat] between explanation and reading, and the true one's expected probability afterwards."""
-    factors = [np.asarray(np.linalg.cholesky(c), dtype=np.float64) for _, c in each]
+    factors = [root_of(c) for _, c in each]
     total, right = 0.0, 0.0
     for k, (mean, _) in enumerate(each):
         y = mean + rng.normal(size=(DRAWS, len(mean))) @ factors[k].T

@@ -59,6 +59,7 @@ class EffectFile(Document):
     tell: str = Field(default="", max_length=400)
     alternatives: list[list[str]] = Field(default_factory=list, max_length=8)
     rests_on_clamp_assumption: bool = False
+    outside: bool = False
 
 
 def formula_effect(raw: Any, where: str) -> FormulaEffect:
@@ -90,6 +91,7 @@ def formula_effect(raw: Any, where: str) -> FormulaEffect:
         tell=document.tell,
         alternatives=tuple(tuple(names) for names in document.alternatives),
         rests_on_clamp_assumption=document.rests_on_clamp_assumption,
+        outside=document.outside,
     )
 
 

@@ -39,6 +39,7 @@ class FormulaEffect(Effect):
         tell: what gives it away in the data.
         alternatives: sets of parameters, any of which may make it up; all together where none are given.
         rests_on_clamp_assumption: whether only out-of-plane forces can support it.
+        outside: whether it is known to happen in rigs but is no effect of the catalogue.
         formula: all formulas in one line.
     """
 
@@ -50,6 +51,7 @@ class FormulaEffect(Effect):
     tell: str = ""  # type: ignore[misc]
     alternatives: tuple[tuple[str, ...], ...] = ()
     rests_on_clamp_assumption: bool = False  # type: ignore[misc]
+    outside: bool = field(default=False, compare=False)  # type: ignore[misc]
     formula: str = field(init=False, default="")  # type: ignore[misc]
 
     def __post_init__(self) -> None:

@@ -12,8 +12,7 @@ from server.console import answer, progress, say, table
 from server.workflow import open_bench
 
 if TYPE_CHECKING:
-    from fingermodel.diagnosis.pooled import Pooled
-    from fingermodel.diagnosis.shared import SharedEffect
+    from fingermodel.diagnosis.several import Pooled, SharedEffect
 
 
 def diagnose_sessions(
@@ -25,7 +24,7 @@ def diagnose_sessions(
     json: str | None,
 ) -> None:
     """Diagnose several sessions and what they share."""
-    from fingermodel.diagnosis.pooled import diagnose_pooled
+    from fingermodel.diagnosis.several import diagnose_pooled
 
     if len(set(sessions)) < len(sessions):
         twice = next(s for s in sessions if sessions.count(s) > 1)
@@ -85,7 +84,7 @@ def diagnose_sessions(
 def pooled_body(pooled: Pooled) -> dict[str, Any]:
     """The contract's answer for the sessions together."""
     verdict = pooled.verdict
-    effect_of = {c.name: c.effect for c in pooled.diagnoses[0].candidates}
+    effect_of = {c.name: c.effect for c in pooled.diagnoses[0].candidates.all}
     named = verdict.names if verdict.kind in ("found", "one_of") else ()
     return {
         "sessions": list(pooled.sessions),
@@ -112,8 +111,8 @@ def _row(pooled: Pooled, effect: SharedEffect) -> dict[str, Any]:
         "probability": effect.probability,
         "log_evidence_gain": effect.log_evidence_shared,
         "log_evidence_gain_own_sizes": effect.log_evidence_own,
-        "same_in_all": effect.shared,
-        "one_size": list(effect.same),
+        "same_in_all": effect.one_size,
+        "one_size": list(effect.names) if effect.one_size else [],
         "parameters": [
             {"name": p.name, "value": float(v), "sd": float(s), "unit": p.unit}
             for p, v, s in zip(effect.parameters, effect.value, effect.sd, strict=True)
@@ -123,7 +122,7 @@ def _row(pooled: Pooled, effect: SharedEffect) -> dict[str, Any]:
                 "log_evidence_gain": each.gain,
                 "values": [float(v) for v in each.values],
                 "sd": [float(s) if s == s else None for s in each.sd],  # noqa: PLR0124 - NaN is not equal to itself
-                "beside": None if each.beside.own is None else list(each.beside.own),
+                "beside": None if each.own is None else list(each.own),
             }
             for session, each in zip(pooled.sessions, effect.each, strict=True)
         },

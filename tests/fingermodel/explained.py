@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-
 from fingermodel.diagnosis.candidates import Candidate
 from fingermodel.diagnosis.linear import Linear
 

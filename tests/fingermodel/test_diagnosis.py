@@ -8,19 +8,19 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from fingermodel.diagnosis.calibration import calibrate
+from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else, pairs_of, single
+from fingermodel.diagnosis.evidence import estimates_at, estimates_of
+from fingermodel.diagnosis.linear import Linear, log_mass
+from fingermodel.diagnosis.robustness import left_out
+from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 from scipy.stats import multivariate_normal, norm
 
-from fingermodel.diagnosis.calibration import calibrate
-from fingermodel.diagnosis.candidates import Candidate, Explanation, log_prior, log_prior_else, pairs_of, single
 from fingermodel.diagnosis.confounding import confounding
-from fingermodel.diagnosis.evidence import estimates_at, estimates_of
-from fingermodel.diagnosis.linear import Linear, log_mass
-from fingermodel.diagnosis.robustness import left_out
-from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard
 from tests.fingermodel.explained import candidates, straight
 from tests.settings import load_profile
 

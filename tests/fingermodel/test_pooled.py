@@ -8,14 +8,14 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-
 from fingermodel.diagnosis.candidates import Explanation
-from fingermodel.diagnosis.diagnose import UNTESTED
 from fingermodel.diagnosis.linear import Size
 from fingermodel.diagnosis.pooled_verdict import PooledVerdict, judge_together
 from fingermodel.diagnosis.shared import SharedEffect
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fingermodel.diagnosis.diagnose import UNTESTED
 from fingermodel.parameters import two_sided
 
 Names = tuple[str, ...] | None

@@ -8,15 +8,15 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from fingermodel.diagnosis.candidates import Names
+from fingermodel.diagnosis.evidence import Weighed
+from fingermodel.diagnosis.linear import Linear
+from fingermodel.diagnosis.questioned import Asked, Noise, Questioned, Values
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
-from fingermodel.diagnosis.candidates import Names
-from fingermodel.diagnosis.evidence import Weighed
-from fingermodel.diagnosis.linear import Linear
-from fingermodel.diagnosis.questioned import Asked, Noise, Questioned, Values
 from fingermodel.diagnosis.verdict import Verdict
 from tests.settings import load_profile
 

@@ -8,14 +8,14 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from fingermodel.diagnosis.candidates import Candidate, Explanation
+from fingermodel.diagnosis.evidence import Other, Weighed
+from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.candidates import Candidate, Explanation
 from fingermodel.diagnosis.confounding import confounding
 from fingermodel.diagnosis.diagnose import enough
-from fingermodel.diagnosis.evidence import Other, Weighed
 from fingermodel.diagnosis.verdict import LEAST_CASES, Verdict, inclusion, judge, strained
-from fingermodel.diagnosis.wildcard import FORM_ERRORS, Wildcard
 from fingermodel.parameters import one_sided
 from tests.fingermodel.explained import candidates, straight
 from tests.settings import load_profile

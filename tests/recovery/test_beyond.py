@@ -8,13 +8,13 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
-from fingermodel.diagnosis.answer import answer
 from fingermodel.diagnosis.beyond import Form, forms, known_beyond
 from fingermodel.diagnosis.candidates import NOTHING_MISSING, candidates_of
 from fingermodel.diagnosis.evidence import KNOWN_THINGS, Known
 from fingermodel.diagnosis.fitted import Fitted
 from fingermodel.diagnosis.fitter import Fitter
+
+from fingermodel.diagnosis.answer import answer
 from fingermodel.effects.user import shipped_effects
 from fingermodel.problems import Problem, map_problem
 from server.commands.additions import add_bench

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fingermodel.diagnosis.candidates import NOTHING_MISSING, candidates_of
+from fingermodel.diagnosis.pooled import diagnose_pooled
 
 from daq.errors import ModelError, SessionError
 from daq.sessions import read_session, write_session
 from fingermodel.diagnosis.addition import add_effects
-from fingermodel.diagnosis.candidates import NOTHING_MISSING, candidates_of
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.frozen import freeze, read_frozen, score, write_frozen
 from fingermodel.diagnosis.next_cases import PlannedReading, name_of, plan_next
-from fingermodel.diagnosis.pooled import diagnose_pooled
 from fingermodel.diagnosis.search import Searcher
 from fingermodel.problems import Problem, map_problem
 from fingermodel.solver import Solution

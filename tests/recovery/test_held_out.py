@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from fingermodel.diagnosis.diagnose import UNSHOWN
 from fingermodel.diagnosis.held_out import HeldOut
 from fingermodel.diagnosis.questioned import Noise
 from fingermodel.diagnosis.wildcard import AMPLITUDES_N, Wildcard, anything
+
+from fingermodel.diagnosis.diagnose import UNSHOWN
 from fingermodel.problems import map_problem
 from fingermodel.refit import drawn_starts, slopes_of
 from server.commands.diagnosis import run_diagnosis

@@ -166,7 +166,7 @@ def diagnose(payload: DiagnoseInput, tell: Tell) -> Answer:
 
 def pooled(payload: PooledInput, tell: Tell) -> Answer:
     """Diagnose sessions by themselves and together, and return `body`."""
-    from fingermodel.diagnosis.pooled import diagnose_pooled
+    from fingermodel.diagnosis.several import diagnose_pooled
     from server.commands.diagnosis import diagnosis_answer
     from server.commands.pooling import pooled_body
 

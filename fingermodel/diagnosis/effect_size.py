@@ -1,0 +1,75 @@
+"""How large a finding is: in newtons, and as a function of load and posture, with a band."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.diagnosis.diagnose import Diagnosis
+from fingermodel.diagnosis.next_cases import PlannedReading, inputs_of
+from fingermodel.diagnosis.posterior.gaussian import root_of
+
+Floats = NDArray[np.float64]
+
+_DRAWS, _LEVELS, _SEED = 24, (0.25, 0.5, 0.75, 1.0), 20191107
+
+
+def effect_size(d: Diagnosis) -> dict[str, Any]:
+    """Change of the force [N] that a finding makes under each tendon alone: by posture, mount and load.
+
+    Returns:
+        `curves`: for each posture, mount and tendon the loads [g], the change's norm [N], and its 95 % band.
+    """
+    fit, session = d.best, d.session
+    observations, model = session.observations, session.model
+    used = [i for i, role in enumerate(observations.roles) if role != "check"]
+    largest: dict[str, float] = {}
+    for i in used:
+        for muscle, mass in observations.masses_g[i].items():
+            largest[muscle] = max(largest.get(muscle, 0.0), mass)
+    places = dict.fromkeys((observations.postures[i], observations.locations[i]) for i in used)
+    cases = [
+        PlannedReading(posture, location, {muscle: mass * level})
+        for posture, location in places
+        for muscle, mass in largest.items()
+        for level in _LEVELS
+    ]
+    theta, covariance, index = fit.parameter_posterior(fit.best)
+    own = list(fit.explanation.parameters)
+    at = np.flatnonzero(np.isin(index, own))
+    rng = np.random.default_rng(_SEED)
+    drawn = rng.normal(size=(_DRAWS, len(at))) @ root_of(covariance[np.ix_(at, at)]).T
+    table, scale = model.parameters, session.problem.scale
+    vectors = [theta]
+    for draw in drawn:
+        moved = theta.copy()
+        moved[index[at]] += draw * scale[index[at]]
+        vectors.append(np.clip(moved, table.lower, table.upper))
+    size = len(observations.inputs.filled().setting)
+    changes = np.zeros((len(vectors), len(cases)))
+    for first in range(0, len(cases), size):
+        part = cases[first : first + size]
+        inputs = inputs_of(d, [*part, *[part[-1]] * (size - len(part))])
+        for k, vector in enumerate(vectors):
+            without = vector.copy()
+            without[own] = table.initial[own]
+            with_it, plain = (np.asarray(model.predict(inputs, v).reading)[:, :3] for v in (vector, without))
+            changes[k, first : first + len(part)] = np.linalg.norm(with_it - plain, axis=1)[: len(part)]
+    low, high = np.quantile(changes[1:], [0.025, 0.975], axis=0)
+    levels = len(_LEVELS)
+    return {
+        "curves": [
+            {
+                "posture": cases[k].posture,
+                "location": cases[k].location,
+                "muscle": next(iter(cases[k].masses_g)),
+                "load_g": [next(iter(c.masses_g.values())) for c in cases[k : k + levels]],
+                "change_N": changes[0, k : k + levels].tolist(),
+                "low_N": low[k : k + levels].tolist(),
+                "high_N": high[k : k + levels].tolist(),
+            }
+            for k in range(0, len(cases), levels)
+        ]
+    }

@@ -1,0 +1,129 @@
+"""Fit an explanation under the very covariance by which it is judged: optimum and hyperparameters in turns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters, Node
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, free_mask
+from fingermodel.diagnosis.session_model.session import Session
+from fingermodel.refit import reading_slopes, solve
+from fingermodel.solver import CONVERGED, STALLED
+
+Floats = NDArray[np.float64]
+
+# Rounds of optimum and hyperparameters, evaluations of each, and units of chi-square that a step must promise.
+_ROUNDS, _EVALUATIONS, _FLOOR = 3, 80, 0.02
+# What is far from fitting need not be known to the last digit (see `minimise`).
+_CRAWL = 3e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Fitter:
+    """Fits explanations of one session.
+
+    Attributes:
+        session: with its readings.
+        candidates: that explanations are made of.
+        hyper: axes of the hyperparameters.
+    """
+
+    session: Session
+    candidates: Candidates
+    hyper: Hyperparameters
+    fits: list[Explanation] = field(default_factory=list)
+
+    def fit(
+        self,
+        explanation: Explanation,
+        start: Floats,
+        node: Node,
+        bad: frozenset[int] = frozenset(),
+        log_prior: float | None = None,
+        evaluations: int = 0,
+    ) -> Optimum:
+        """Fit from a start, alternating with the hyperparameters until both stand.
+
+        Args:
+            explanation: what is free besides the base model.
+            start: (parameters,).
+            node: hyperparameters to begin with; those of other members' forms are replaced.
+            bad: cases whose reading may be anything.
+            log_prior: of the explanation; by default the candidates'.
+            evaluations: of each round.
+        """
+        forms = [m for m in explanation.members if m.candidate.has_form]
+        at = (*node[:FORMS], *[self.hyper.form.mode] * len(forms))
+        prior = self.candidates.log_prior(explanation) if log_prior is None else log_prior
+        theta, found = start, None
+        for _ in range(_ROUNDS):
+            solution_theta, converged = self._solved(explanation, theta, at, bad, found, evaluations or _EVALUATIONS)
+            found = self.linearised(explanation, solution_theta, at, bad, prior, converged=converged)
+            theta, before, at = found.theta, at, found.mode
+            if max(abs(a - b) for a, b in zip(before, at, strict=True)) <= 1:
+                break
+        self.fits.append(explanation)
+        assert found is not None  # noqa: S101 - there is at least one round
+        return found
+
+    def _solved(
+        self,
+        explanation: Explanation,
+        start: Floats,
+        node: Node,
+        bad: frozenset[int],
+        before: Optimum | None,
+        evaluations: int,
+    ) -> tuple[Floats, bool]:
+        """(parameters,) of the optimum under a node's covariance, and whether the solver was done."""
+        problem, session = self.session.problem, self.session
+        values, fitted = self.hyper.values(node), session.fitted
+        blocks = [session.tares[fitted], values.budget * session.nuisances[fitted]]
+        if values.smooth_N.any():
+            blocks.append(values.smooth_N[session.families] * session.smooth[fitted])
+        if before is not None:
+            blocks += [e * f[fitted] for e, f in zip(values.forms, before.form_errors, strict=True) if e > 0.0]
+        shared = np.concatenate(blocks, axis=1)
+        covariance = shared @ shared.T
+        for rows, own in session.fitted_noise.covariances(values.scatter, values.noise, bad):
+            covariance[rows[:, :, None], rows[:, None, :]] += own
+        whitener = np.linalg.inv(np.linalg.cholesky(covariance))
+        of_budget = problem.model.parameters.of_kind("budget")
+        free = problem.free | free_mask(problem.model, explanation)
+        weighed = problem.weighed(whitener, np.where(of_budget, values.budget * problem.sd, problem.sd), free)
+        begin = np.where(free, np.clip(start, problem.lower, problem.upper), problem.centre)
+        solution = solve(weighed, begin, _FLOOR, evaluations, crawl=_CRAWL)
+        theta = np.where(
+            free, np.clip(weighed.centre + weighed.scale * solution.x, problem.lower, problem.upper), begin
+        )
+        return theta, solution.status in (CONVERGED, STALLED)
+
+    def linearised(
+        self,
+        explanation: Explanation,
+        theta: Floats,
+        node: Node,
+        bad: frozenset[int],
+        log_prior: float,
+        *,
+        converged: bool,
+    ) -> Optimum:
+        """The session's model linearised about a parameter vector (parameters,)."""
+        session, problem = self.session, self.session.problem
+        model, inputs = problem.model, problem.observations.inputs
+        reading = np.asarray(model.predict(inputs, theta).reading)
+        changes = []
+        for member in explanation.members:
+            without = theta.copy()
+            without[list(member.parameters)] = model.parameters.initial[list(member.parameters)]
+            changes.append(reading - np.asarray(model.predict(inputs, without).reading))
+        rows = session.rows[session.fitted]
+        residual = np.nan_to_num(problem.observations.wrench).reshape(-1)[rows] - reading.reshape(-1)[rows]
+        slopes = -reading_slopes(problem, theta)
+        return Optimum(
+            session, self.hyper, explanation, theta, residual, slopes, tuple(changes), bad, log_prior, node, converged
+        )

@@ -1,0 +1,217 @@
+"""Gaussian algebra: weights with N(0, w²) priors whose columns explain readings, eliminated group by group.
+
+Everything is expressed by inner products of whitened columns, so the cost of a step does not depend on the number of
+readings. All factorisations are of 1 + w G w, which is positive definite for any positive semidefinite G.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.special import log_ndtr, ndtri_exp
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Quadratic:
+    """Misfit as a function of how far some weights z are moved from where the model was linearised.
+
+    misfit(z) = value − 2 z·gradient + zᵀ hessian z, everything eliminated so far at its best.
+
+    Attributes:
+        value: misfit at z = 0, the penalty of what is eliminated included.
+        gradient: (k,).
+        hessian: (k, k).
+        log_det: of all that is eliminated: ln det(1 + w G w).
+    """
+
+    value: float
+    gradient: Floats
+    hessian: Floats
+    log_det: float
+
+    def eliminated(self, index: Ints, weight: Floats, x: Floats) -> Quadratic:
+        """Give some weights their priors, and leave them at their best.
+
+        Args:
+            index: (k,) which.
+            weight: (k,) widths w of their priors; 0 keeps one where it is.
+            x: (k,) where they stand now, in units of a width of 1.
+        """
+        factor, step, moving = self._solved(index, weight, x)
+        w, left = weight[weight > 0.0], np.ones(len(self.gradient), dtype=bool)
+        left[index] = False
+        across = w[:, None] * self.hessian[np.ix_(moving, left)]
+        across = solve_triangular(factor, across, lower=True, check_finite=False)
+        return Quadratic(
+            self.value + float(np.sum((x[weight > 0.0] / w) ** 2)) - float(step @ step),
+            self.gradient[left] - across.T @ step,
+            self.hessian[np.ix_(left, left)] - across.T @ across,
+            self.log_det + 2.0 * float(np.log(np.diag(factor)).sum()),
+        )
+
+    def _solved(self, index: Ints, weight: Floats, x: Floats) -> tuple[Floats, Floats, Ints]:
+        """Factor of 1 + w G w, step to the best weights turned by it, and which of the weights move."""
+        kept = weight > 0.0
+        moving, w = index[kept], weight[kept]
+        inner = self.hessian[np.ix_(moving, moving)] * np.outer(w, w)
+        inner.flat[:: len(w) + 1] += 1.0
+        factor = np.linalg.cholesky(inner)
+        score = w * self.gradient[moving] - x[kept] / w
+        step = solve_triangular(factor, score, lower=True, check_finite=False)
+        return factor, np.asarray(step, dtype=np.float64), moving
+
+    def at(self, moved: Ints, by: Floats) -> Quadratic:
+        """The same after some weights have been moved, and counted from there."""
+        turned = self.hessian[:, moved] @ by
+        value = self.value - 2.0 * float(by @ self.gradient[moved]) + float(by @ turned[moved])
+        return Quadratic(value, self.gradient - turned, self.hessian, self.log_det)
+
+    def freed(self, weight: Floats, x: Floats, last: int) -> Freed:
+        """What all weights may be, and what the last of them are.
+
+        Args:
+            weight: (k,) widths of their priors; 0 keeps one where it is.
+            x: (k,) where they stand now.
+            last: how many of the last are wanted, all of which move.
+        """
+        factor, step, moving = self._solved(np.arange(len(weight)), weight, x)
+        kept = weight > 0.0
+        w, first = weight[kept][len(moving) - last :], len(moving) - last
+        misfit = self.value + float(np.sum((x[kept] / weight[kept]) ** 2)) - float(step @ step)
+        # The last block of a factor is that of the last weights alone, all others left open.
+        inner = factor[first:, first:]
+        inverse = solve_triangular(inner, np.diag(w), lower=True, check_finite=False) if last else np.zeros((0, 0))
+        mean = x[kept][first:] + inverse.T @ step[first:]
+        return Freed(misfit, self.log_det + 2.0 * float(np.log(np.diag(factor)).sum()), mean, inverse.T @ inverse)
+
+
+@dataclass(frozen=True, eq=False)
+class Freed:
+    """Some weights at their posterior.
+
+    Attributes:
+        misfit: least, priors' penalty included.
+        log_det: of all that is free.
+        mean: (k,) in units of a width of 1.
+        covariance: (k, k).
+    """
+
+    misfit: float
+    log_det: float
+    mean: Floats
+    covariance: Floats
+
+    @property
+    def log_evidence(self) -> float:
+        """Without the constant and the noise's own determinant."""
+        return -0.5 * self.misfit - 0.5 * self.log_det
+
+
+def screened(quadratic: Quadratic, sets: list[tuple[int, ...]], x: Floats, one_sided: Mask) -> Floats:
+    """Log evidence of many sets of weights, each freed with widths of 1 and all others moved to their null.
+
+    Args:
+        quadratic: of all these weights.
+        sets: S sets of indices.
+        x: (weights,) where they stand.
+        one_sided: (weights,) whose prior is cut at the null.
+
+    Returns:
+        (S,) log evidence, without the constant and the noise's own determinant; masses of cut priors taken one by one.
+    """
+    if not sets:
+        return np.zeros(0)
+    at_null = quadratic.at(np.arange(len(x)), -x)
+    most = max((len(s) for s in sets), default=0)
+    index = np.array([(*s, *[-1] * (most - len(s))) for s in sets], dtype=np.intp).reshape(len(sets), most)
+    real = index >= 0
+    # Where a set is shorter, what fills it up has no slope: it changes nothing.
+    inner = at_null.hessian[index[:, :, None], index[:, None, :]] * (real[:, :, None] & real[:, None, :])
+    inner = inner + np.eye(most)
+    score = at_null.gradient[index] * real
+    factor = np.linalg.cholesky(inner)
+    inverse = np.linalg.inv(factor)
+    step = np.einsum("sij,sj->si", inverse, score)
+    mean = np.einsum("sji,sj->si", inverse, step)
+    sd = np.sqrt(np.einsum("sji,sji->si", inverse, inverse))
+    cut = real & one_sided[index]
+    mass = np.where(cut, np.log(2.0) + log_ndtr(mean / sd), 0.0).sum(axis=1)
+    value = -0.5 * (at_null.value - (step**2).sum(axis=1)) - np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+    out: Floats = value - 0.5 * at_null.log_det + mass
+    return out
+
+
+def log_mass(mean: Floats, covariance: Floats, cut: Mask) -> float:
+    """Ln of 2ᵏ times the Gaussian's mass where k of its coordinates, whose priors are cut at 0, are positive."""
+    which = np.flatnonzero(cut)
+    if len(which) == 0:
+        return 0.0
+    if len(which) == 1:
+        i = which[0]
+        return float(np.log(2.0) + log_ndtr(mean[i] / np.sqrt(covariance[i, i])))
+    return float(len(which) * np.log(2.0) + _log_orthant(mean[which], covariance[np.ix_(which, which)]))
+
+
+def log_mass_apart(mean: Floats, covariance: Floats, cut: Mask) -> float:
+    """The same with each coordinate taken by itself."""
+    sd = np.sqrt(np.diag(covariance)[cut])
+    return float((np.log(2.0) + log_ndtr(mean[cut] / sd)).sum())
+
+
+def _log_orthant(mean: Floats, covariance: Floats, draws: int = 512) -> float:
+    """Ln P(x > 0) of a Gaussian by sequential conditioning (Geweke, Hajivassiliou, Keane).
+
+    What is least likely comes first (Gibson, Glasbey and Elston 1994): drawn later, hardly a point would reach it.
+    """
+    order = np.argsort(mean / np.sqrt(np.diag(covariance)))
+    mean, covariance = mean[order], covariance[np.ix_(order, order)]
+    factor = root_of(covariance)
+    last = len(mean) - 1
+    uniform = _evenly(draws, last)
+    z = np.zeros((draws, last))
+    log_weight = np.zeros(draws)
+    for i in range(len(mean)):
+        limit = -(mean[i] + z[:, :i] @ factor[i, :i]) / factor[i, i]
+        above = log_ndtr(-limit)
+        log_weight += above
+        if i < last:
+            # Drawn beyond the limit by their logarithm: however far out that is, they differ.
+            z[:, i] = -ndtri_exp(np.log(uniform[:, i]) + above)
+    top = log_weight.max()
+    return float(top + np.log(np.mean(np.exp(log_weight - top))))
+
+
+def root_of(covariance: Floats) -> Floats:
+    """Lower triangular root (k, k) of a positive semidefinite covariance, however nearly singular.
+
+    What rounding has made negative, and directions without any variance, get a variance of rounding's size.
+    """
+    size = max(float(np.trace(covariance)) / max(len(covariance), 1), 1e-300)
+    symmetric = 0.5 * (covariance + covariance.T)
+    jitter = 1e-12
+    while True:
+        try:
+            return np.asarray(np.linalg.cholesky(symmetric + jitter * size * np.eye(len(covariance))))
+        except np.linalg.LinAlgError:
+            # Of a covariance this ends: once the jitter exceeds what rounding took away.
+            jitter *= 100.0
+
+
+@cache
+def _evenly(count: int, dimensions: int) -> Floats:
+    """Points (count, dimensions) that fill the unit cube evenly: Roberts' additive recurrence."""
+    # Powers of the root of x^(d+1) = x + 1.
+    ratio = 2.0
+    for _ in range(60):
+        ratio = (1.0 + ratio) ** (1.0 / (dimensions + 1))
+    steps = ratio ** -np.arange(1.0, dimensions + 1.0)
+    out: Floats = (np.arange(count)[:, None] * steps[None, :] + 0.5) % 1.0
+    return out

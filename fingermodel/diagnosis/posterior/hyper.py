@@ -1,0 +1,203 @@
+"""The few hyperparameters, their priors on a grid, and the sum over the grid's nodes that matter."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from fingermodel.diagnosis import settings
+from fingermodel.diagnosis.session_model.session import Session
+
+Floats = NDArray[np.float64]
+
+# Indices on the axes: scatter, noise, budget, something smooth of each family (see `Session.families`); then one error
+# of form for each member that has a form.
+Node = tuple[int, ...]
+SCATTER, NOISE, BUDGET, SMOOTH = range(4)
+FAMILIES = 3
+FORMS = SMOOTH + FAMILIES
+
+
+class Values(NamedTuple):
+    """Hyperparameters of a node: scatter (relative), multiples, amplitudes by family [N], and errors of form."""
+
+    scatter: float
+    noise: float
+    budget: float
+    smooth_N: Floats
+    forms: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """Values of one hyperparameter with the log probability of each."""
+
+    values: Floats
+    log_weight: Floats
+
+    @property
+    def mode(self) -> int:
+        """Index of the most probable value."""
+        return int(np.argmax(self.log_weight))
+
+
+@dataclass(frozen=True, eq=False)
+class Hyperparameters:
+    """The axes of one session.
+
+    Attributes:
+        axes: scatter, multiple of the noise, multiple of the budget, amplitude of each family of something smooth [N].
+        form: error of an effect's form.
+    """
+
+    axes: tuple[Axis, ...]
+    form: Axis
+
+    @classmethod
+    def of(cls, session: Session) -> Hyperparameters:
+        """Priors as the session states them."""
+        stated, assumed = session.stated_scatter, session.observations.noise_assumed
+        scatters = settings.SCATTERS
+        if stated > 0.0:
+            scatter = _normal(np.log(np.maximum(scatters, 1e-4) / stated) / np.log(settings.STATED_FACTOR))
+        else:
+            scatter = _with_atom(_cells(scatters, settings.SCATTER_SCALE, _half_normal), settings.P_SCATTER)
+        noises = settings.ASSUMED_NOISE_MULTIPLES if assumed else settings.NOISE_MULTIPLES
+        noise = _normal(np.log(noises)) if assumed else _with_atom(1.0 / noises, settings.P_NOISE)
+        budgets, smooths, forms = settings.BUDGET_MULTIPLES, settings.SMOOTH_N, settings.FORM_ERRORS
+        smooth = Axis(smooths, _with_atom(np.ones(len(smooths)), settings.P_SMOOTH / FAMILIES))
+        return cls(
+            (
+                Axis(scatters, scatter),
+                Axis(noises, noise),
+                Axis(budgets, _normal(np.log(budgets) / settings.BUDGET_SPREAD)),
+                *[smooth] * FAMILIES,
+            ),
+            Axis(forms, np.log(_cells(forms, settings.FORM_SCALE, _half_cauchy))),
+        )
+
+    def start(self, forms: int) -> Node:
+        """The most probable node before any reading."""
+        return (*(axis.mode for axis in self.axes), *[self.form.mode] * forms)
+
+    def with_smooth(self, node: Node) -> Node:
+        """The same node with the stated noise, and a moderate amplitude of every family of something smooth."""
+        middle = len(self.axes[SMOOTH].values) // 2
+        return (node[SCATTER], self.axes[NOISE].mode, node[BUDGET], *[middle] * FAMILIES, *node[FORMS:])
+
+    def log_prior(self, node: Node) -> float:
+        """Of a node."""
+        axes = (*self.axes, *[self.form] * (len(node) - FORMS))
+        return float(sum(axis.log_weight[i] for axis, i in zip(axes, node, strict=True)))
+
+    def values(self, node: Node) -> Values:
+        """What a node stands for."""
+        at = [float(axis.values[i]) for axis, i in zip(self.axes, node, strict=False)]
+        errors = self.form.values[list(node[FORMS:])]
+        return Values(at[SCATTER], at[NOISE], at[BUDGET], np.array(at[SMOOTH:]), errors)
+
+    def without_smooth(self, node: Node) -> Node:
+        """The same node without anything smooth."""
+        return (*node[:SMOOTH], *[0] * FAMILIES, *node[FORMS:])
+
+    def sizes(self, node: Node) -> list[int]:
+        """How many values each axis of a node has."""
+        return [len(a.values) for a in self.axes] + [len(self.form.values)] * (len(node) - FORMS)
+
+    def neighbours(self, node: Node) -> list[Node]:
+        """One step along one axis, or back to where it is most probable before any reading."""
+        axes = (*self.axes, *[self.form] * (len(node) - FORMS))
+        return [
+            (*node[:k], index, *node[k + 1 :])
+            for k, axis in enumerate(axes)
+            for index in sorted({node[k] - 1, node[k] + 1, axis.mode})
+            if 0 <= index < len(axis.values) and index != node[k]
+        ]
+
+
+def climbed(log_joint: Callable[[Node], float], start: Node, sizes: Sequence[int]) -> Node:
+    """From a node along one axis after another to the best value there, until none of them has a better one.
+
+    Args:
+        log_joint: of a node.
+        start: where to begin.
+        sizes: values of each axis.
+    """
+    node, moved = start, True
+    while moved:
+        moved = False
+        for axis, size in enumerate(sizes):
+            for step in (1, -1):
+                went = False
+                while 0 <= node[axis] + step < size:
+                    trial = (*node[:axis], node[axis] + step, *node[axis + 1 :])
+                    if log_joint(trial) <= log_joint(node):
+                        break
+                    node, moved, went = trial, True, True
+                if went:
+                    break
+    return node
+
+
+def explored(
+    log_joint: Callable[[Node], float], start: Node, neighbours: Callable[[Node], list[Node]], within: float
+) -> dict[Node, float]:
+    """Evaluate the nodes that matter: from the best found so far outwards, until all beyond are improbable.
+
+    Args:
+        log_joint: of a node.
+        start: where to begin.
+        neighbours: of a node.
+        within: log probability below the best from which a node's neighbours are not asked.
+    """
+    known = {start: log_joint(start)}
+    waiting = [(-known[start], start)]
+    best = known[start]
+    while waiting:
+        value, node = heapq.heappop(waiting)
+        if -value < best - within:
+            break
+        for neighbour in neighbours(node):
+            if neighbour not in known:
+                known[neighbour] = log_joint(neighbour)
+                best = max(best, known[neighbour])
+                heapq.heappush(waiting, (-known[neighbour], neighbour))
+    return known
+
+
+def _normal(z: Floats) -> Floats:
+    weight = np.exp(-0.5 * z**2)
+    out: Floats = np.log(weight / weight.sum())
+    return out
+
+
+def _with_atom(weight: Floats, beyond: float) -> Floats:
+    """Log weights: an atom at the first value, the rest in proportion over the others."""
+    rest = weight[1:] / weight[1:].sum()
+    out: Floats = np.log(np.concatenate([[1.0 - beyond], beyond * rest]))
+    return out
+
+
+def _cells(values: Floats, scale: float, cdf: Callable[[Floats], Floats]) -> Floats:
+    """Probability of the cells about values that begin at 0, of a distribution with a scale."""
+    middle = np.sqrt(np.maximum(values[1:-1], 1e-300) * values[2:])
+    edges = np.concatenate([[0.0, 0.5 * values[1]], middle, [np.inf]])
+    probability = np.diff(cdf(edges / scale))
+    out: Floats = np.maximum(probability / probability.sum(), 1e-12)
+    return out
+
+
+def _half_normal(z: Floats) -> Floats:
+    out: Floats = 2.0 * ndtr(z) - 1.0
+    return out
+
+
+def _half_cauchy(z: Floats) -> Floats:
+    out: Floats = 2.0 / np.pi * np.arctan(z)
+    return out

@@ -1,0 +1,207 @@
+"""A session linearised about a parameter vector: every Gaussian weight as a block of columns, and inner products.
+
+Blocks are made, and multiplied, only when an evaluation asks for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.diagnosis.posterior.gaussian import Quadratic
+from fingermodel.diagnosis.posterior.hyper import FAMILIES, NOISE, SCATTER, Hyperparameters, Node
+from fingermodel.diagnosis.session_model.candidates import Explanation
+from fingermodel.diagnosis.session_model.discrepancy import form_columns
+from fingermodel.diagnosis.session_model.session import Session, WhitenedSmooth, whitened
+from fingermodel.fit_report import held_at_bound
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+# Names of the blocks; `smooth0`, … and `form0`, … besides.
+ALWAYS, BUDGET, OWN, OTHERS = "always", "budget", "own", "others"
+
+# Share of the largest change from which a reading counts as touched by an effect.
+_TOUCHED = 0.05
+
+
+@dataclass(eq=False)
+class Inner:
+    """Inner products of one linearisation's blocks under one noise by case."""
+
+    smooth: WhitenedSmooth
+    blocks: dict[str, Floats]
+    products: dict[tuple[str, str], Floats] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A session linearised about the optimum of an explanation.
+
+    Attributes:
+        session: whose readings.
+        hyper: axes of the hyperparameters.
+        explanation: what acts.
+        theta: (parameters,).
+        residual: (n,) fitted readings less the model [N, N mm].
+        slopes: (n, parameters) of the model, per prior width.
+        changes: (cases, 6) by each member [N, N mm].
+        bad: cases whose reading may be anything.
+    """
+
+    session: Session
+    hyper: Hyperparameters
+    explanation: Explanation
+    theta: Floats
+    residual: Floats
+    slopes: Floats
+    changes: tuple[Floats, ...]
+    bad: frozenset[int]
+
+    @cached_property
+    def _inner(self) -> dict[tuple[int, int, frozenset[int]], Inner]:
+        return {}
+
+    @cached_property
+    def x(self) -> Floats:
+        """(parameters,) in prior widths about the priors' centre."""
+        problem = self.session.problem
+        x = (self.theta - problem.centre) / problem.scale
+        return np.where(np.abs(x) < 1e-9, 0.0, x)
+
+    @cached_property
+    def parameters_of(self) -> dict[str, Ints]:
+        """Indices of the parameters in each block that has some; they come first in it, or after the tares."""
+        problem, table = self.session.problem, self.session.model.parameters
+        base = problem.free & ~held_at_bound(problem, self.theta)
+        budget, effects = table.of_kind("budget"), table.of_kind("effect") & ~problem.free & (problem.sd > 0.0)
+        own = np.array(self.explanation.parameters, dtype=np.intp)
+        return {
+            ALWAYS: np.flatnonzero(base & ~budget),
+            BUDGET: np.flatnonzero(base & budget),
+            OWN: own,
+            OTHERS: np.setdiff1d(np.flatnonzero(effects), own),
+        }
+
+    @cached_property
+    def form_errors(self) -> list[Floats]:
+        """Columns (all readings, k) of the error of form of each member that has a form."""
+        session = self.session
+        laws = [m.candidate.has_form for m in self.explanation.members]
+        own = (change for change, law in zip(self.changes, laws, strict=True) if law)
+        return [form_columns(session.places, change, session.rows) for change in own]
+
+    @cached_property
+    def sizes_newton(self) -> dict[str, float]:
+        """What each member changes [N]: RMS over the fitted force components that it touches."""
+        return {n: self.size_newton(c) for n, c in zip(self.explanation.names, self.changes, strict=True)}
+
+    def size_newton(self, change: Floats) -> float:
+        """Size [N] of a change (cases, 6): RMS over the fitted force components that it touches."""
+        session = self.session
+        values = change.reshape(-1)[session.rows[session.fitted & (session.rows % 6 < 3)]]
+        touched = np.abs(values) > _TOUCHED * max(np.abs(values).max(initial=0.0), 1e-12)
+        return float(np.sqrt(np.mean(values[touched] ** 2))) if touched.any() else 0.0
+
+    def block(self, name: str, rows: Mask, slopes: Floats) -> Floats:
+        """Columns (n, k) of a block.
+
+        Args:
+            name: of it.
+            rows: (all readings,) which readings.
+            slopes: (n, parameters) of the model there, per prior width.
+        """
+        session = self.session
+        if name.startswith("form"):
+            return self.form_errors[int(name.removeprefix("form"))][rows]
+        if name.startswith("smooth"):
+            return session.smooth[np.ix_(rows, session.families == int(name.removeprefix("smooth")))]
+        own = slopes[:, self.parameters_of[name]]
+        if name == ALWAYS:
+            return np.concatenate([own, session.tares[rows]], axis=1)
+        return np.concatenate([own, session.nuisances[rows]], axis=1) if name == BUDGET else own
+
+    def place(self, name: str) -> Floats:
+        """(k,) where the weights of a block stand: 0 for what is no parameter."""
+        own = self.x[self.parameters_of[name]] if name in self.parameters_of else np.zeros(0)
+        return np.concatenate([own, np.zeros(self.size(name) - len(own))])
+
+    def size(self, name: str) -> int:
+        """How many columns a block has."""
+        session = self.session
+        if name.startswith("form"):
+            return int(self.form_errors[int(name.removeprefix("form"))].shape[1])
+        if name.startswith("smooth"):
+            return int((session.families == int(name.removeprefix("smooth"))).sum())
+        more = {ALWAYS: session.tares.shape[1], BUDGET: session.nuisances.shape[1]}.get(name, 0)
+        return len(self.parameters_of[name]) + int(more)
+
+    def width(self, name: str, node: Node) -> float:
+        """Width of the priors of a block's weights at a node."""
+        values = self.hyper.values(node)
+        if name.startswith("form"):
+            return float(values.forms[int(name.removeprefix("form"))])
+        if name.startswith("smooth"):
+            return float(values.smooth_N[int(name.removeprefix("smooth"))])
+        return values.budget if name == BUDGET else 1.0
+
+    def acting(self, node: Node) -> list[str]:
+        """Names of the blocks that act at a node, besides those of effects."""
+        forms = [f"form{k}" for k in range(len(self.form_errors))]
+        smooth = [f"smooth{k}" for k in range(FAMILIES)]
+        return [ALWAYS, BUDGET, *(name for name in [*smooth, *forms] if self.width(name, node) > 0.0)]
+
+    def quadratic(self, names: Sequence[str], node: Node, bad: frozenset[int] | None = None) -> tuple[Quadratic, float]:
+        """Misfit as a function of the weights of some blocks, in their order; and minus half the noise's ln det."""
+        inner = self._inner_at(node, self.bad if bad is None else bad)
+        hessian = np.block([[self._product(inner, a, b) for b in names] for a in names])
+        gradient = np.concatenate([self._product(inner, a, "residual")[:, 0] for a in names])
+        value = float(self._product(inner, "residual", "residual")[0, 0])
+        return Quadratic(value, gradient, hessian, 0.0), -0.5 * inner.smooth.log_det
+
+    def _inner_at(self, node: Node, bad: frozenset[int]) -> Inner:
+        key = (node[SCATTER], node[NOISE], bad)
+        if key not in self._inner:
+            values = self.hyper.values(node)
+            self._inner[key] = Inner(self.session.whitened_smooth(values.scatter, values.noise, bad), {})
+        return self._inner[key]
+
+    def _whitened(self, inner: Inner, name: str) -> Floats:
+        if name.startswith("smooth"):
+            return inner.smooth.of(int(name.removeprefix("smooth")))
+        if name not in inner.blocks:
+            plain = self.residual[:, None] if name == "residual" else self._plain(name)
+            inner.blocks[name] = whitened(inner.smooth.roots, plain)
+        return inner.blocks[name]
+
+    def _plain(self, name: str) -> Floats:
+        if name not in self._fitted:
+            self._fitted[name] = self.block(name, self.session.fitted, self.slopes)
+        return self._fitted[name]
+
+    @cached_property
+    def _fitted(self) -> dict[str, Floats]:
+        return {}
+
+    def _product(self, inner: Inner, a: str, b: str) -> Floats:
+        if a.startswith("smooth") and b.startswith("smooth"):
+            return inner.smooth.inner(int(a.removeprefix("smooth")), int(b.removeprefix("smooth")))
+        if (b, a) in inner.products:
+            return inner.products[b, a].T
+        if (a, b) not in inner.products:
+            inner.products[a, b] = self._whitened(inner, a).T @ self._whitened(inner, b)
+        return inner.products[a, b]
+
+    def whitened_blocks(self, names: Sequence[str], node: Node) -> Floats:
+        """(n, k) whitened columns of some blocks at a node."""
+        inner = self._inner_at(node, self.bad)
+        return np.concatenate([self._whitened(inner, name) for name in names], axis=1)
+
+    def whitened_columns(self, columns: Floats, node: Node) -> Floats:
+        """Other columns (n, k) of the fitted readings, whitened at a node."""
+        return whitened(self._inner_at(node, self.bad).smooth.roots, columns)

@@ -1,0 +1,185 @@
+"""What is said is read off here: the posterior over explanations and hyperparameters, and its marginals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from fingermodel.diagnosis.posterior.hyper import BUDGET, FORMS, NOISE, SCATTER, Node
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
+from fingermodel.diagnosis.settings import FORM_NAMED
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One explanation at one node of the hyperparameters.
+
+    Attributes:
+        explanation: what acts.
+        fit: its optimum; None for one that was only promised.
+        node: of the hyperparameters; None for one that was only promised.
+        named: candidates that act by their name: no error of form above `FORM_NAMED`, and nothing unknown beside them
+            that is larger than what they change themselves.
+        beyond_N: what acts that no name describes: something smooth, or the error of a form above `FORM_NAMED`.
+        probability: of it.
+    """
+
+    explanation: Explanation
+    fit: Optimum | None
+    node: Node | None
+    named: frozenset[str]
+    beyond_N: float
+    probability: float
+
+    @property
+    def outside(self) -> bool:
+        """Whether a known thing outside the catalogue is among what acts."""
+        return any(m.candidate.outside for m in self.explanation.members)
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """The posterior of one session.
+
+    Attributes:
+        fits: the optimum of each explanation that was fitted.
+        entries: every explanation at every node that matters.
+        log_norm: log of all of them together.
+    """
+
+    fits: dict[Explanation, Optimum]
+    entries: tuple[Entry, ...]
+    log_norm: float
+
+    @classmethod
+    def of(cls, fits: dict[Explanation, Optimum], promised: dict[Explanation, float]) -> Posterior:
+        """Normalise what was fitted and what the rest promises.
+
+        Args:
+            fits: by explanation.
+            promised: log posterior of explanations that were not fitted.
+        """
+        log_values = [*(v for fit in fits.values() for v in fit.nodes.values()), *promised.values()]
+        log_norm = float(logsumexp(log_values))
+        entries = []
+        for explanation, fit in fits.items():
+            sizes = fit.sizes_newton
+            for node, value in fit.nodes.items():
+                named, beyond = _named(fit, node, sizes)
+                entries.append(Entry(explanation, fit, node, named, beyond, float(np.exp(value - log_norm))))
+        for explanation, value in promised.items():
+            named = frozenset(m.candidate.name for m in explanation.members if not m.candidate.outside)
+            entries.append(Entry(explanation, None, None, named, 0.0, float(np.exp(value - log_norm))))
+        return cls(fits, tuple(entries), log_norm)
+
+    def probability(self, holds: Callable[[Entry], bool]) -> float:
+        """Of all entries for which something holds."""
+        return min(float(sum(e.probability for e in self.entries if holds(e))), 1.0)
+
+    @property
+    def nothing(self) -> Optimum:
+        """The base model."""
+        return self.fits[NOTHING]
+
+    @cached_property
+    def leader(self) -> Optimum:
+        """The most probable explanation that was fitted."""
+        return max(self.fits.values(), key=lambda f: f.log_posterior)
+
+    @cached_property
+    def inclusion(self) -> dict[str, float]:
+        """Probability that each candidate acts by its name; the most probable first."""
+        out: dict[str, float] = {}
+        for entry in self.entries:
+            for name in entry.named:
+                out[name] = out.get(name, 0.0) + entry.probability
+        return {name: min(p, 1.0) for name, p in sorted(out.items(), key=lambda item: -item[1])}
+
+    @cached_property
+    def p_nothing(self) -> float:
+        """That no effect acts, and nothing smooth."""
+        return self.probability(lambda e: not e.explanation.size and e.beyond_N == 0.0)
+
+    @cached_property
+    def p_beyond(self) -> float:
+        """That something acts which no name of the catalogue describes, alone or beside others."""
+        return self.probability(lambda e: e.beyond_N > 0.0 or e.outside)
+
+    @cached_property
+    def p_only_beyond(self) -> float:
+        """That such a thing acts and nothing of the catalogue by its name."""
+        return self.probability(lambda e: not e.named and (e.beyond_N > 0.0 or e.outside))
+
+    @cached_property
+    def beyond_N(self) -> float:
+        """Expected size of it if it acts [N]."""
+        total = self.probability(lambda e: e.beyond_N > 0.0)
+        return float(sum(e.probability * e.beyond_N for e in self.entries)) / total if total > 1e-12 else 0.0
+
+    def of_names(self, names: Iterable[str]) -> float:
+        """Probability that all of some candidates act by their name."""
+        wanted = frozenset(names)
+        return self.probability(lambda e: wanted <= e.named)
+
+    def of_any(self, names: Iterable[str]) -> float:
+        """Probability that one or more of some candidates act by their name."""
+        wanted = frozenset(names)
+        return self.probability(lambda e: bool(wanted & e.named))
+
+    def of_explanations(self) -> dict[tuple[str, ...] | None, float]:
+        """By the names that act and nothing unknown beside them; None is whatever has something unknown or outside."""
+        out: dict[tuple[str, ...] | None, float] = {(): 0.0, None: 0.0}
+        for entry in self.entries:
+            key = None if not entry.named and (entry.beyond_N > 0.0 or entry.outside) else entry.explanation.names
+            out[key] = out.get(key, 0.0) + entry.probability
+        return out
+
+    def best_fit(self, names: Sequence[str]) -> Optimum | None:
+        """The most probable fit of exactly these names."""
+        chosen = [f for e, f in self.fits.items() if set(e.names) == set(names)]
+        return max(chosen, key=lambda f: f.log_posterior, default=None)
+
+    def hyperparameter(self, axis: int) -> tuple[float, float]:
+        """Mean and standard deviation of scatter, noise, budget or smooth, whatever acts."""
+        known = [(e.probability, e.fit.hyper.axes[axis].values[e.node[axis]]) for e in self.entries if e.fit and e.node]
+        weight = np.array([p for p, _ in known])
+        values = np.array([v for _, v in known])
+        mean = float(weight @ values / weight.sum())
+        return mean, float(np.sqrt(max(weight @ (values - mean) ** 2 / weight.sum(), 0.0)))
+
+    @property
+    def scatter(self) -> tuple[float, float]:
+        """Of the tensions from case to case, relative: mean and standard deviation."""
+        return self.hyperparameter(SCATTER)
+
+    @property
+    def budget(self) -> tuple[float, float]:
+        """Multiple of the stated budget: mean and standard deviation."""
+        return self.hyperparameter(BUDGET)
+
+    @property
+    def noise(self) -> tuple[float, float]:
+        """Multiple of the stated noise: mean and standard deviation."""
+        return self.hyperparameter(NOISE)
+
+
+def _named(fit: Optimum, node: Node, sizes: dict[str, float]) -> tuple[frozenset[str], float]:
+    """Which members act by their name at a node, and how large what no name describes is [N]."""
+    beyond, right = float(fit.hyper.values(node).smooth_N.max()), list[str]()
+    errors = iter(node[FORMS:])
+    for member in fit.explanation.members:
+        name = member.candidate.name
+        error = float(fit.hyper.form.values[next(errors)]) if member.candidate.has_form else 0.0
+        if error > FORM_NAMED:
+            beyond = max(beyond, error * sizes[name])
+        elif not member.candidate.outside:
+            right.append(name)
+    return frozenset(name for name in right if sizes[name] > beyond), beyond

@@ -1,0 +1,250 @@
+"""An explanation at its optimum: its evidence over the hyperparameters, and what the linearised session says there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.special import logsumexp
+
+from fingermodel.diagnosis.posterior.gaussian import Freed, Quadratic, log_mass, log_mass_apart, screened
+from fingermodel.diagnosis.posterior.hyper import NOISE, Node, climbed, explored
+from fingermodel.diagnosis.posterior.linearised import OTHERS, OWN, Linearised
+from fingermodel.diagnosis.session_model.candidates import Explanation
+from fingermodel.diagnosis.settings import BAD_N, LEVER_MM, NODES_WITHIN
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+# Prior widths from its null at which a parameter begins of which nothing is known.
+_AWAY = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Everything:
+    """All weights of a linearised session at their posterior.
+
+    Attributes:
+        names: of the blocks.
+        mean: (k,) in units of a width of 1.
+        covariance: (k, k).
+        place: (k,) where they stand in the linearisation.
+        parameters: (p,) indices of those that are parameters, and where among the k they stand.
+    """
+
+    names: tuple[str, ...]
+    mean: Floats
+    covariance: Floats
+    place: Floats
+    parameters: tuple[Ints, Ints]
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum(Linearised):
+    """An explanation where it explains the readings best.
+
+    Attributes:
+        log_prior: of the explanation.
+        node: of the hyperparameters under which it was fitted.
+        converged: whether the solver was done.
+    """
+
+    log_prior: float
+    node: Node
+    converged: bool
+
+    @cached_property
+    def _one_sided(self) -> NDArray[np.bool_]:
+        return np.asarray(self.session.model.parameters.one_sided[self.parameters_of[OWN]])
+
+    def freed(self, node: Node, bad: frozenset[int] | None = None, width: float = 1.0) -> tuple[Freed, float]:
+        """The explanation's own parameters at a node, all else left open; and minus half the noise's ln det."""
+        names = [*self.acting(node), OWN]
+        quadratic, of_noise = self.quadratic(names, node, bad)
+        widths = np.concatenate(
+            [np.full(self.size(n), self.width(n, node) * (width if n == OWN else 1.0)) for n in names]
+        )
+        place = np.concatenate([self.place(n) for n in names])
+        return quadratic.freed(widths, place, self.size(OWN)), of_noise
+
+    def log_joint(self, node: Node, bad: frozenset[int] | None = None, width: float = 1.0) -> float:
+        """Log of prior times likelihood at a node, everything linear integrated out.
+
+        Args:
+            node: of the hyperparameters.
+            bad: cases whose reading may be anything; by default those that it was fitted with.
+            width: factor on the widths of the effects' priors.
+        """
+        freed, of_noise = self.freed(node, bad, width)
+        mass = log_mass_apart(freed.mean, freed.covariance, self._one_sided)
+        return self.log_prior + self.hyper.log_prior(node) + freed.log_evidence + of_noise + mass
+
+    @cached_property
+    def _asked(self) -> Callable[[Node], float]:
+        return cache(self.log_joint)
+
+    @cached_property
+    def mode(self) -> Node:
+        """The node to which the one that it was fitted under leads upwards."""
+        sizes = self.hyper.sizes(self.node)
+        best = climbed(self._asked, self.node, sizes)
+        if best[NOISE] != self.hyper.axes[NOISE].mode:
+            # What is taken for noise may be something smooth.
+            best = max(best, climbed(self._asked, self.hyper.with_smooth(best), sizes), key=self._asked)
+        return best
+
+    @cached_property
+    def nodes(self) -> dict[Node, float]:
+        """Log joint of the nodes that matter, exact masses of cut priors included."""
+        known = explored(self._asked, self.mode, self.hyper.neighbours, NODES_WITHIN)
+        best = max(known, key=lambda n: known[n])
+        # Together or one by one makes the same difference at every node, near enough.
+        further, cut = 0.0, self._one_sided
+        if cut.sum() > 1:
+            freed, _ = self.freed(best)
+            further = log_mass(freed.mean, freed.covariance, cut) - log_mass_apart(freed.mean, freed.covariance, cut)
+        return {node: value + further for node, value in known.items()}
+
+    @cached_property
+    def best(self) -> Node:
+        """The most probable node."""
+        return max(self.nodes, key=lambda n: self.nodes[n])
+
+    @cached_property
+    def log_posterior(self) -> float:
+        """Of the explanation, hyperparameters summed; without a constant that all explanations share."""
+        return float(logsumexp(list(self.nodes.values())))
+
+    def effects_at(self, node: Node, *, forms: bool = True) -> tuple[Quadratic, Ints, float]:
+        """All candidates' parameters, everything else left open at a node; their indices; minus half the noise's ln det.
+
+        Args:
+            node: of the hyperparameters.
+            forms: whether the errors of form that are found here may act.
+        """
+        first = [n for n in self.acting(node) if forms or not n.startswith("form")]
+        names = [*first, OWN, OTHERS]
+        quadratic, of_noise = self.quadratic(names, node)
+        widths = np.concatenate([np.full(self.size(n), self.width(n, node)) for n in first])
+        place = np.concatenate([self.place(n) for n in first])
+        left = quadratic.eliminated(np.arange(len(widths)), widths, place)
+        index = np.concatenate([self.parameters_of[OWN], self.parameters_of[OTHERS]])
+        return left, index, of_noise
+
+    def promises(self, explanations: Sequence[Explanation], nodes: Collection[Node]) -> Floats:
+        """Log evidence that the session linearised here promises explanations (S,), by the best of some nodes.
+
+        Errors of form are those found here where an explanation has all members of this one, else none.
+        """
+        own = set(self.explanation.members)
+        keeps = np.array([own <= set(e.members) for e in explanations], dtype=bool)
+        out = np.full(len(explanations), -np.inf)
+        for node in nodes:
+            for kept in (False, True):
+                which = np.flatnonzero(keeps == kept)
+                if len(which):
+                    quadratic, index, of_noise = self.effects_at(node, forms=kept)
+                    position = {int(p): k for k, p in enumerate(index)}
+                    sets = [tuple(position[i] for i in explanations[int(k)].parameters) for k in which]
+                    one_sided = self.session.model.parameters.one_sided[index]
+                    value = screened(quadratic, sets, self.x[index], one_sided) + of_noise + self.hyper.log_prior(node)
+                    out[which] = np.maximum(out[which], value)
+        return out
+
+    def everything(self, node: Node, explanation: Explanation | None = None) -> Everything:
+        """All weights at a node, with an explanation's parameters and every other effect at its null.
+
+        Args:
+            node: of the hyperparameters.
+            explanation: by default the one that was fitted, with its errors of form; without them for any other.
+        """
+        other = explanation is not None and explanation != self.explanation
+        first = [n for n in self.acting(node) if not (other and n.startswith("form"))]
+        names = [*first, OWN, *([OTHERS] if other else [])]
+        quadratic, _ = self.quadratic(names, node)
+        place = np.concatenate([self.place(n) for n in names])
+        widths = np.concatenate([np.full(self.size(n), self.width(n, node)) for n in names])
+        indices = [(n, self.parameters_of.get(n, np.zeros(0, dtype=np.intp))) for n in names]
+        parameter = np.concatenate([np.concatenate([i, np.full(self.size(n) - len(i), -1)]) for n, i in indices])
+        if other and explanation is not None:
+            effect = np.isin(parameter, np.concatenate([self.parameters_of[OWN], self.parameters_of[OTHERS]]))
+            held = effect & ~np.isin(parameter, list(explanation.parameters))
+            moved = np.flatnonzero(held & (place != 0.0))
+            quadratic = quadratic.at(moved, -place[moved])
+            widths[held] = 0.0
+        kept = np.flatnonzero(widths > 0.0)
+        freed = quadratic.freed(widths, place, len(kept))
+        at = np.flatnonzero(parameter[kept] >= 0)
+        return Everything(
+            tuple(names), freed.mean, freed.covariance, place[kept], (parameter[kept[at]].astype(np.intp), at)
+        )
+
+    def expected(self, explanation: Explanation, node: Node) -> Floats:
+        """(parameters,) where the session linearised here expects another explanation's optimum."""
+        found, problem = self.everything(node, explanation), self.session.problem
+        x = np.where(problem.free, self.x, 0.0)
+        index, at = found.parameters
+        x[index] = found.mean[at]
+        own = np.array(explanation.parameters, dtype=np.intp)
+        # Where an effect does not act, what tells its forms apart has no slope: a fit begun at its null stays there.
+        flat = own[~self.slopes[:, own].any(axis=0)]
+        x[flat] = np.where(self.x[flat] == 0.0, _AWAY, self.x[flat])
+        # A straight line is not to be trusted further than the priors reach.
+        theta: Floats = problem.centre + problem.scale * np.clip(x, -4.0, 4.0)
+        return np.clip(theta, problem.lower, problem.upper)
+
+    def parameter_posterior(self, node: Node) -> tuple[Floats, Floats, Ints]:
+        """Mean (parameters,) in their units, covariance (k, k) in prior widths, and indices (k,) of what is free."""
+        found, problem = self.everything(node), self.session.problem
+        index, at = found.parameters
+        theta = np.where(problem.free, self.theta, problem.centre)
+        theta[index] = problem.centre[index] + problem.scale[index] * found.mean[at]
+        theta = np.clip(theta, problem.lower, problem.upper)
+        return theta, found.covariance[np.ix_(at, at)], index
+
+    def asked(self, columns: Floats, node: Node) -> tuple[Floats, Floats]:
+        """What the readings say of further columns, each by itself, beside everything that acts at a node.
+
+        Args:
+            columns: (fitted readings, k) change of the readings [N, N mm] per unit of its weight.
+            node: of the hyperparameters.
+
+        Returns:
+            Information (k,) of each weight, and its score (k,).
+        """
+        found = self.everything(node)
+        known = self.whitened_blocks(found.names, node)
+        new, residual = self.whitened_columns(columns, node), self.whitened_columns(self.residual, node)
+        left = residual - known @ (found.mean - found.place)
+        across = known.T @ new
+        information = (new**2).sum(axis=0) - np.einsum("ik,ik->k", across, found.covariance @ across)
+        return np.maximum(information, 0.0), new.T @ left
+
+    def log_odds_bad(self, node: Node) -> dict[int, float]:
+        """Log evidence gained at a node by taking each fitted case (alone) for a bad one, prior not counted."""
+        names, noise = [*self.acting(node), OWN], self.session.fitted_noise
+        values = self.hyper.values(node)
+        roots, _ = noise.whitening(values.scatter, values.noise, self.bad)
+        blocks = self.whitened_blocks(names, node)
+        widths = np.concatenate([np.full(self.size(n), self.width(n, node)) for n in names])
+        left = self.whitened_columns(self.residual, node) + blocks @ np.concatenate([self.place(n) for n in names])
+        u = blocks * widths
+        factor = np.linalg.cholesky(np.eye(u.shape[1]) + u.T @ u)
+        across = solve_triangular(factor, u.T, lower=True, check_finite=False)
+        a = left - across.T @ (across @ left)
+        out: dict[int, float] = {}
+        for rows, inverse in roots:
+            size = BAD_N * np.where(noise.moment[rows], LEVER_MM, 1.0)
+            grown = inverse * size[:, None, :]
+            mine = across[:, rows].transpose(1, 2, 0)
+            precision = np.eye(rows.shape[1]) - mine @ mine.swapaxes(1, 2)
+            inner = np.eye(rows.shape[1]) + grown.swapaxes(1, 2) @ precision @ grown
+            score = np.einsum("gji,gj->gi", grown, a[rows])
+            solved = np.linalg.solve(inner, score[..., None])[..., 0]
+            gain = 0.5 * (score * solved).sum(axis=1) - 0.5 * np.linalg.slogdet(inner)[1]
+            out |= {int(c): float(g) for c, g in zip(noise.cases[rows[:, 0]], gain, strict=True)}
+        return out

@@ -1,0 +1,108 @@
+"""Predictive check: how well an explanation predicts the validation cases, which are never fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from fingermodel.diagnosis.posterior.gaussian import root_of
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.candidates import free_mask
+from fingermodel.diagnosis.session_model.session import Session
+from fingermodel.diagnosis.settings import BAD_N, LEVER_MM, P_BAD, P_VALUE, SUSPECT
+from fingermodel.refit import slopes_of
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Some readings as an explanation predicts them, everything known of the rest taken into account.
+
+    Attributes:
+        away: (n,) readings less their prediction [N, N mm].
+        covariance: (n, n) of it: noise, scatter, parameters, errors of form, something smooth.
+        cases: (n,) case of each reading.
+        moment: (n,).
+    """
+
+    away: Floats
+    covariance: Floats
+    cases: NDArray[np.intp]
+    moment: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class PredictiveCheck:
+    """What the validation cases say of an explanation.
+
+    Attributes:
+        log_density: of all of them; None where there are none.
+        p_value: that they would be missed so far; None where there are none.
+        bad: log odds of the cases that are more probably bad than not, by index of the case.
+    """
+
+    log_density: float | None
+    p_value: float | None
+    bad: dict[int, float]
+
+    @property
+    def vetoes(self) -> bool:
+        """Whether the explanation does not predict them."""
+        return self.p_value is not None and self.p_value < P_VALUE
+
+
+def predicted(fit: Optimum) -> Prediction:
+    """Predict the validation readings at the most probable hyperparameters."""
+    session, unseen = fit.session, ~fit.session.fitted
+    problem, rows, node = session.problem, session.rows[unseen], fit.best
+    free = problem.free | free_mask(session.model, fit.explanation)
+    slopes = -slopes_of(replace(problem, free=free), fit.theta, rows)
+    reading = np.asarray(session.model.predict(session.observations.inputs, fit.theta).reading).reshape(-1)
+    found = fit.everything(node)
+    columns = np.concatenate([fit.block(name, unseen, slopes) for name in found.names], axis=1)
+    away = session.measured[unseen] - reading[rows] - columns @ (found.mean - found.place)
+    values = fit.hyper.values(node)
+    covariance = columns @ found.covariance @ columns.T
+    noise = session.noise_of(unseen)
+    for at, own in noise.covariances(values.scatter, values.noise, ()):
+        covariance[at[:, :, None], at[:, None, :]] += own
+    return Prediction(away, covariance, noise.cases, noise.moment)
+
+
+def check(fit: Optimum) -> PredictiveCheck:
+    """Hold the validation cases against an explanation; single bad ones are set apart, and named."""
+    session: Session = fit.session
+    if session.fitted.all():
+        return PredictiveCheck(None, None, {})
+    p = predicted(fit)
+    size = BAD_N * np.where(p.moment, LEVER_MM, 1.0)
+    bad: dict[int, float] = {}
+    for _ in range(1 + len(np.unique(p.cases)) // 4):
+        inflated = p.covariance + np.diag(np.isin(p.cases, list(bad)) * size**2)
+        factor = root_of(inflated)
+        precision = np.linalg.inv(factor)
+        precision = precision.T @ precision
+        a = precision @ p.away
+        odds = {}
+        for case in np.unique(p.cases):
+            if case in bad:
+                continue
+            at = np.flatnonzero(p.cases == case)
+            inner = np.eye(len(at)) + size[at][:, None] * precision[np.ix_(at, at)] * size[at][None, :]
+            score = size[at] * a[at]
+            gain = 0.5 * score @ np.linalg.solve(inner, score) - 0.5 * np.linalg.slogdet(inner)[1]
+            odds[int(case)] = float(gain + np.log(P_BAD / (1.0 - P_BAD)))
+        worst = max(odds, key=lambda c: odds[c], default=None)
+        if worst is None or odds[worst] < np.log(SUSPECT / (1.0 - SUSPECT)):
+            break
+        bad[worst] = odds[worst]
+    sound = ~np.isin(p.cases, list(bad))
+    factor = root_of(p.covariance[np.ix_(sound, sound)])
+    z = np.linalg.solve(factor, p.away[sound])
+    misfit = float(z @ z)
+    log_density = -0.5 * misfit - float(np.log(np.diag(factor)).sum()) - 0.5 * len(z) * float(np.log(2.0 * np.pi))
+    return PredictiveCheck(log_density, float(chdtrc(len(z), misfit)) if len(z) else None, bad)

@@ -1,0 +1,208 @@
+"""Sensitivity analysis: the probability of what is said, under other assumptions and without parts of the data.
+
+It is shown, and conditions nothing. Everything is asked of the linearised models again; nothing is refitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.compare import muscles_of
+from fingermodel.diagnosis.posterior.hyper import BUDGET, NOISE, Node
+from fingermodel.diagnosis.posterior.marginals import Posterior
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.settings import P_NOTHING, SURE
+from fingermodel.diagnosis.verdict import Kind, Verdict
+
+Mask = NDArray[np.bool_]
+
+# Other priors on nothing, and factors on the effects' widths and the noise's index, that are shown.
+_PRIORS, _WIDTHS, _NOISES = (0.2, 0.8), (0.5, 2.0), (2,)
+# Explanations that are asked again, besides the base model; of parts of the data that are left out, fewer.
+_ASKED, _ASKED_OF_PARTS = 4, 2
+
+Value = Callable[[Optimum, Node], float]
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """The probability of what is said under one assumption.
+
+    Attributes:
+        group: prior, width, budget, noise, without, or plane.
+        words: the assumption.
+        probability: of what the verdict says.
+    """
+
+    group: str
+    words: str
+    probability: float
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """The probability of what is said under every assumption tried.
+
+    Attributes:
+        assumptions: in the order of their groups.
+        budget_multiple_at_which_it_fails: smallest multiple of the budget tried at which it is not sure; None if it is
+            at all of them.
+        sagittal_alone: the kind of verdict where only the sagittal plane counts.
+    """
+
+    assumptions: tuple[Assumption, ...]
+    budget_multiple_at_which_it_fails: float | None
+    sagittal_alone: str | None
+
+    @property
+    def flips_when(self) -> tuple[str, ...]:
+        """Assumptions under which it would be less probable than not."""
+        return tuple(a.words for a in self.assumptions if a.probability < 0.5 and a.group != "without")
+
+    @property
+    def rests_on(self) -> tuple[str, ...]:
+        """Parts of the data without which it would be less probable than not."""
+        return tuple(a.words for a in self.assumptions if a.probability < 0.5 and a.group == "without")
+
+    def as_dict(self) -> dict[str, Any]:
+        """As the answer gives it."""
+        return {
+            "flips_when": list(self.flips_when),
+            "rests_on": list(self.rests_on),
+            "budget_multiple_at_which_it_fails": self.budget_multiple_at_which_it_fails,
+            "sagittal_alone": self.sagittal_alone,
+            "assumptions": [
+                {"group": a.group, "words": a.words, "probability": a.probability} for a in self.assumptions
+            ],
+        }
+
+
+def sensitivity(posterior: Posterior, verdict: Verdict) -> Sensitivity:
+    """Ask the explanations that matter again.
+
+    Args:
+        posterior: of the session.
+        verdict: that was read from it.
+    """
+    ranked = sorted(posterior.fits.values(), key=lambda f: -f.log_posterior)
+    asked = list(dict.fromkeys([*ranked[:_ASKED], posterior.nothing]))
+    said = _statement(verdict, posterior)
+    out = [Assumption("prior", f"the prior of nothing is {p:g}", said(_again(asked, _prior(p)))) for p in _PRIORS]
+    out += [
+        Assumption("width", f"effects may be {w:g} times as large", said(_again(asked, _width(w)))) for w in _WIDTHS
+    ]
+    fails = None
+    for index, multiple in enumerate(posterior.leader.hyper.axes[BUDGET].values):
+        p = said(_again(asked, _fixed(BUDGET, index)))
+        out.append(Assumption("budget", f"the budget is {multiple:g} times as large", p))
+        if p < SURE and fails is None:
+            fails = float(multiple)
+    noises = posterior.leader.hyper.axes[NOISE].values
+    for step in _NOISES:
+        index = min(posterior.leader.best[NOISE] + step, len(noises) - 1)
+        p = said(_again(asked, _fixed(NOISE, index)))
+        out.append(Assumption("noise", f"the noise is {noises[index]:.2g} times as stated", p))
+    few = list(dict.fromkeys([*ranked[:_ASKED_OF_PARTS], posterior.nothing]))
+    for words, gone in _parts(posterior.nothing):
+        out.append(Assumption("without", words, said(_again([_without(f, gone) for f in few], _as_it_is))))
+    sagittal = None
+    if posterior.nothing.session.plane == "space":
+        aside = ~np.isin(posterior.nothing.session.rows[posterior.nothing.session.fitted] % 6, (0, 1, 5))
+        planar = _again([_without(f, aside) for f in asked], _as_it_is)
+        p = said(planar)
+        out.append(Assumption("plane", "only the sagittal plane counts", p))
+        sagittal = _kind(planar, verdict, p)
+    return Sensitivity(tuple(out), fails, sagittal)
+
+
+def _statement(verdict: Verdict, posterior: Posterior) -> Callable[[Posterior], float]:
+    """The probability of what a verdict says, in any posterior."""
+    names = verdict.names or posterior.leader.explanation.names
+    if verdict.kind == "nothing_missing" or (verdict.kind == "undecided" and not names):
+        return lambda p: p.p_nothing
+    if verdict.kind == "none_of_catalogue":
+        return lambda p: p.p_only_beyond
+    if verdict.kind == "one_of":
+        return lambda p: p.of_any(names)
+    return lambda p: p.of_names(names)
+
+
+def _kind(posterior: Posterior, verdict: Verdict, probability: float) -> Kind:
+    """The kind of verdict that a posterior would lead to, as far as the explanations asked tell."""
+    if probability >= SURE:
+        return verdict.kind
+    if posterior.p_only_beyond >= SURE:
+        return "none_of_catalogue"
+    return "nothing_missing" if posterior.p_nothing >= SURE else "undecided"
+
+
+def _again(fits: Sequence[Optimum], value: Value) -> Posterior:
+    """The posterior of some explanations, each node with another value."""
+    return Posterior.of({f.explanation: _Valued.of(f, value) for f in fits}, {})
+
+
+class _Valued(Optimum):
+    """An optimum whose nodes have other values."""
+
+    @classmethod
+    def of(cls, fit: Optimum, value: Value) -> Optimum:
+        other = replace(fit)
+        other.__dict__.update({k: v for k, v in fit.__dict__.items() if k not in ("best", "log_posterior")})
+        # Around its best node the sum changes little: what is asked is how that node fares.
+        node = fit.best if "nodes" in fit.__dict__ else fit.node
+        nodes = {node: value(fit, node)}
+        other.__dict__["nodes"] = nodes
+        return other
+
+
+def _prior(p: float) -> Value:
+    ratio = np.log(p / P_NOTHING), np.log((1.0 - p) / (1.0 - P_NOTHING))
+    return lambda fit, node: fit.log_posterior + float(ratio[bool(fit.explanation.size)])
+
+
+def _width(factor: float) -> Value:
+    return lambda fit, node: fit.log_joint(node, width=factor)
+
+
+def _fixed(axis: int, index: int) -> Value:
+    return lambda fit, node: fit.log_joint((*node[:axis], index, *node[axis + 1 :]))
+
+
+def _as_it_is(fit: Optimum, node: Node) -> float:
+    return fit.log_joint(node)
+
+
+def _without(fit: Optimum, gone: Mask) -> Optimum:
+    """A fit without some of the fitted readings (n,), at its best node alone."""
+    session = fit.session
+    kept = session.fitted.copy()
+    kept[np.flatnonzero(session.fitted)[gone]] = False
+    less = replace(session, fitted=kept)
+    less.__dict__.update({k: v for k, v in session.__dict__.items() if k not in ("fitted", "fitted_noise", "_kept")})
+    other = replace(fit, session=less, residual=fit.residual[~gone], slopes=fit.slopes[~gone], node=fit.best)
+    other.__dict__["form_errors"] = fit.form_errors
+    return other
+
+
+def _parts(fit: Optimum) -> list[tuple[str, Mask]]:
+    """Postures, sets of tendons and mounts: each in words, and which fitted readings (n,) are of it."""
+    session, observations = fit.session, fit.session.observations
+    cases = session.rows[session.fitted] // 6
+    kinds = (
+        ("posture {}", observations.postures),
+        ("{}", tuple(muscles_of(m) if m else "" for m in observations.masses_g)),
+        ("readings at the {}", observations.locations),
+    )
+    out = []
+    for words, of_case in kinds:
+        names = np.array(of_case)[cases]
+        for name in dict.fromkeys(names):
+            gone = names == name
+            if name and not gone.all():
+                out.append((f"without {words.format(name)}", gone))
+    return out

@@ -1,0 +1,179 @@
+"""What may act: every effect as a candidate, explanations of up to three of them, and their prior."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import product
+from math import factorial, prod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.diagnosis.settings import P_NOTHING, P_OUTSIDE, P_SIZES
+from fingermodel.model import Model
+from fingermodel.problems import out_of_plane
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One thing that may act.
+
+    Attributes:
+        name: such as `worn_pulley.FDP`; candidates of one effect share its prior.
+        effect: name of its effect.
+        forms: each a set of indices of parameters; they share the candidate's prior.
+        share: of its effect's prior.
+        outside: whether its effect is marked as outside the catalogue.
+        has_form: whether it is a law whose form may be in error; a mass or an angle is what it is by definition.
+        rests_on_clamp_assumption: whether only out-of-plane forces can support it.
+    """
+
+    name: str
+    effect: str
+    forms: tuple[tuple[int, ...], ...]
+    share: float
+    outside: bool = False
+    has_form: bool = True
+    rests_on_clamp_assumption: bool = False
+
+
+@dataclass(frozen=True)
+class Member:
+    """A candidate in one of its forms."""
+
+    candidate: Candidate
+    form: int = 0
+
+    @property
+    def parameters(self) -> tuple[int, ...]:
+        """Indices of what it frees."""
+        return self.candidate.forms[self.form]
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """Candidates that act together; none: no effect acts.
+
+    Attributes:
+        members: in the order in which they are searched.
+    """
+
+    members: tuple[Member, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the candidates."""
+        return tuple(m.candidate.name for m in self.members)
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Of their effects, each once."""
+        return tuple(dict.fromkeys(m.candidate.effect for m in self.members))
+
+    @property
+    def parameters(self) -> tuple[int, ...]:
+        """Indices of what is free besides the base model's."""
+        return tuple(i for m in self.members for i in m.parameters)
+
+    @property
+    def size(self) -> int:
+        """How many candidates act."""
+        return len(self.members)
+
+
+NOTHING = Explanation()
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """All candidates of a search.
+
+    Attributes:
+        all: in the order in which explanations name them.
+    """
+
+    all: tuple[Candidate, ...]
+
+    @classmethod
+    def of(cls, model: Model, *, sagittal: bool = False, without: Iterable[str] = ()) -> Candidates:
+        """List the candidates of a model's effects.
+
+        Args:
+            model: with the effects at their null.
+            sagittal: whether only the sagittal plane is looked at, so that parameters beyond it stay fixed.
+            without: effects that the base model has already.
+        """
+        topology, layout, table = model.finger.topology, model.layout, model.parameters
+        hidden = set(np.flatnonzero(out_of_plane(model))) if sagittal else set()
+        had, out = set(without), list[Candidate]()
+        for effect in model.effects:
+            if effect.name in had or not effect.parameters(topology, layout):
+                continue
+            found = {}
+            for name, forms in effect.variants(topology, layout).items():
+                seen = (tuple(table.index[p] for p in names if table.index[p] not in hidden) for names in forms)
+                if kept := tuple(dict.fromkeys(s for s in seen if s)):
+                    found[name] = kept
+            out += [
+                Candidate(
+                    name,
+                    effect.name,
+                    forms,
+                    1.0 / len(found),
+                    effect.outside,
+                    effect.constitutive,
+                    effect.rests_on_clamp_assumption,
+                )
+                for name, forms in found.items()
+            ]
+        return cls(tuple(out))
+
+    @property
+    def singles(self) -> list[Explanation]:
+        """Every candidate alone, in each of its forms."""
+        return [Explanation((Member(c, k),)) for c in self.all for k in range(len(c.forms))]
+
+    def joined(self, members: Iterable[Member]) -> Explanation | None:
+        """Members acting together, in the order of the candidates; None where two are one candidate or share one."""
+        chosen = sorted(members, key=lambda m: self.all.index(m.candidate))
+        parameters = [i for m in chosen for i in m.parameters]
+        alone = len({m.candidate.name for m in chosen}) == len(chosen) and len(set(parameters)) == len(parameters)
+        return Explanation(tuple(chosen)) if alone else None
+
+    def neighbours(self, explanation: Explanation) -> list[Explanation]:
+        """One member more, fewer or exchanged, or in another form."""
+        singles = [e.members[0] for e in self.singles]
+        offers = [explanation.members[:k] + explanation.members[k + 1 :] for k in range(explanation.size)]
+        offers = [(*kept, m) for kept in (offers if explanation.size else []) for m in singles] + offers
+        if explanation.size < len(P_SIZES):
+            offers += [(*explanation.members, m) for m in singles]
+        found = (self.joined(members) for members in offers)
+        return [e for e in dict.fromkeys(found) if e is not None and e != explanation]
+
+    def pairs(self, firsts: Iterable[Explanation]) -> list[Explanation]:
+        """Some singles, each with every other candidate in every form."""
+        found = (self.joined((*a.members, *b.members)) for a, b in product(firsts, self.singles))
+        return [e for e in dict.fromkeys(found) if e is not None]
+
+    def log_prior(self, explanation: Explanation) -> float:
+        """Log prior: by size, then by effect of that size, then by candidate and form."""
+        if not explanation.size:
+            return float(np.log(P_NOTHING))
+        inside = {c.effect for c in self.all if not c.outside}
+        outside = {c.effect for c in self.all if c.outside}
+        weight = {e: (1.0 - P_OUTSIDE) / max(len(inside), 1) for e in inside}
+        weight |= {e: P_OUTSIDE / len(outside) for e in outside}
+        counts = Counter(m.candidate.effect for m in explanation.members)
+        orders = factorial(explanation.size) / prod(factorial(n) for n in counts.values())
+        each = [weight[m.candidate.effect] * m.candidate.share / len(m.candidate.forms) for m in explanation.members]
+        mass = (1.0 - P_NOTHING) * P_SIZES[explanation.size - 1]
+        return float(np.log(mass * orders * np.prod(each)))
+
+
+def free_mask(model: Model, explanation: Explanation) -> NDArray[np.bool_]:
+    """(parameters,) which of them an explanation frees."""
+    out = np.zeros(len(model.parameters), dtype=bool)
+    out[list(explanation.parameters)] = True
+    return out

@@ -1,0 +1,181 @@
+"""What no parameter describes: something smooth anywhere, and an error in the form of an effect.
+
+Both are Gaussian processes over posture × muscle × load × component, given as columns whose sum with independent
+N(0, 1) weights is one draw.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpstrf
+
+from fingermodel.diagnosis.settings import LEVER_MM, POSTURE_RAD
+from fingermodel.observations import Observations
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+# Smaller parts of something smooth: what bends with the load, what a load has whatever its size, what a setting has.
+_BENDS, _ANY_LOAD, _OF_SETTING = 0.3, 0.2, 0.5
+# Share of an error of form that does not point along the effect.
+_ASIDE = 0.4
+# Largest variance, as a share of the largest, that a reduced set of columns leaves out.
+_LEFT_OUT = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where each reading belongs; one row a reading.
+
+    Attributes:
+        kinds: masks (n,) of location and component.
+        load: (n, muscles) each tension as a share of its largest in the session.
+        smooth: (n, postures) columns that vary smoothly over postures.
+        settings: (n, settings) 1 where a reading was taken in a setting.
+        moment: (n,) whether the reading is a moment.
+        cases: (n,) index of its case.
+    """
+
+    kinds: list[NDArray[np.bool_]]
+    load: Floats
+    smooth: Floats
+    settings: Floats
+    moment: NDArray[np.bool_]
+    cases: Rows
+
+    @property
+    def unit(self) -> Floats:
+        """(n,) what of each reading counts as much as a newton."""
+        out: Floats = np.where(self.moment, LEVER_MM, 1.0)
+        return out
+
+    @classmethod
+    def of(cls, observations: Observations, rows: Rows) -> Places:
+        """Places of some readings.
+
+        Args:
+            observations: of the session.
+            rows: (n,) indices into the flattened (cases, 6) wrench.
+        """
+        cases, components = rows // 6, rows % 6
+        tension = np.asarray(observations.inputs.tension)
+        load = (tension / np.maximum(tension.max(axis=0), 1e-9))[cases]
+        angles = observations.posture_angles
+        names = list(angles)
+        at = np.array([names.index(p) if p else -1 for p in observations.postures])[cases]
+        smooth = np.where(at[:, None] >= 0, _smooth_over(np.array(list(angles.values())))[np.maximum(at, 0)], 0.0)
+        located = np.array(observations.locations)[cases]
+        checks = np.array([role == "check" for role in observations.roles])[cases]
+        kinds = [
+            (located == location) & (components == component) & ~checks
+            for location in dict.fromkeys(located)
+            for component in sorted(set(components))
+        ]
+        setting = np.asarray(observations.inputs.setting)[cases]
+        settings = (setting[:, None] == np.unique(setting)[None, :]) & ~checks[:, None]
+        return cls([k for k in kinds if k.any()], load, smooth, settings.astype(float), components >= 3, cases)
+
+
+def loaded_columns(at: Places) -> Floats:
+    """Columns (n, k) of something smooth that grows with the load: 1 N (moments: 1 N at `LEVER_MM`) at the largest.
+
+    Each muscle pulls in proportion to its load, smoothly over postures; smaller parts bend with the load, or have the
+    same size at any.
+    """
+    blocks = []
+    for rows in at.kinds:
+        for load in at.load.T:
+            own = load * rows
+            if own.any():
+                blocks.append(own[:, None] * at.smooth)
+                blocks.append(_BENDS * (own * (1.0 - load))[:, None] * at.smooth)
+                blocks.append(_ANY_LOAD * (own > 0.0)[:, None] * at.smooth)
+    return reduced(np.concatenate(blocks, axis=1) * at.unit[:, None], at.unit)
+
+
+def torque_columns(at: Places, answer: Floats) -> Floats:
+    """Columns (n, k) of something smooth in joint torque: 1 N at `LEVER_MM`, as statics carries it to both mounts.
+
+    Of each tendon in proportion to its load, with smaller parts that bend with it or have the same size at any; and of
+    all loads alike, whatever their size or in proportion to the largest.
+
+    Args:
+        at: places of the readings.
+        answer: (n, rotations) change of each reading per N mm of torque.
+    """
+    total = at.load.max(axis=1)
+    blocks = []
+    for per_torque in LEVER_MM * answer.T:
+        smooth = per_torque[:, None] * at.smooth
+        blocks += [(total > 0.0)[:, None] * smooth, total[:, None] * smooth]
+        for load in at.load.T:
+            if (load > 0.0).any():
+                blocks += [load[:, None] * smooth, (_BENDS * load * (1.0 - load))[:, None] * smooth]
+                blocks.append(_ANY_LOAD * (load > 0.0)[:, None] * smooth)
+    return reduced(np.concatenate(blocks, axis=1), at.unit)
+
+
+def constant_columns(at: Places) -> Floats:
+    """Columns (n, k) of something that no load changes: 1 N, smoothly over postures, and a part of each setting."""
+    blocks = []
+    for rows in at.kinds:
+        blocks += [rows[:, None] * at.smooth, _OF_SETTING * rows[:, None] * at.settings]
+    return reduced(np.concatenate(blocks, axis=1) * at.unit[:, None], at.unit)
+
+
+def form_columns(at: Places, change: Floats, rows: Rows) -> Floats:
+    """Columns (n, k) of an error in an effect's form, relative to what the effect changes.
+
+    Args:
+        at: places of the readings.
+        change: (cases, 6) by the effect [N, N mm].
+        rows: (n,) the readings.
+    """
+    force, moment = np.linalg.norm(change[:, :3], axis=1), np.linalg.norm(change[:, 3:], axis=1)
+    # An effect that shows in moments alone may still be a little off in forces, and the other way round.
+    size = np.where(at.moment, np.maximum(moment, LEVER_MM * force)[at.cases], force[at.cases])
+    own = change.reshape(-1)[rows]
+    heavy = at.load.max(axis=1) - 0.5
+    # Along the change: of all tendons alike, of each, by posture; and each of these bent with the load.
+    blocks = [own[:, None], (own * heavy)[:, None], own[:, None] * at.smooth]
+    for load in at.load.T:
+        pulled = own * (load > 0.0)
+        if pulled.any():
+            blocks += [pulled[:, None], (pulled * heavy)[:, None], pulled[:, None] * at.smooth]
+    # And a little in any direction.
+    for kind in at.kinds:
+        for load in at.load.T:
+            loaded = _ASIDE * size * (load > 0.0) * kind
+            if loaded.any():
+                blocks += [loaded[:, None] * at.smooth, (loaded * (load - 0.5))[:, None] * at.smooth]
+    return reduced(np.concatenate(blocks, axis=1), at.unit)
+
+
+def reduced(columns: Floats, unit: Floats) -> Floats:
+    """Fewer columns (n, r) of nearly the same covariance: a pivoted Cholesky factor, which any covariance has.
+
+    Args:
+        columns: (n, k).
+        unit: (n,) in which each row's variance is compared.
+    """
+    scaled = columns / unit[:, None]
+    covariance = scaled @ scaled.T
+    largest = float(np.diag(covariance).max(initial=0.0))
+    if largest <= 0.0:
+        return np.zeros((len(columns), 0))
+    factor, pivots, rank, _ = dpstrf(covariance, tol=_LEFT_OUT * largest, lower=1)
+    root = np.empty((len(columns), rank))
+    root[pivots - 1] = np.tril(factor)[:, :rank]
+    out: Floats = root * unit[:, None]
+    return out
+
+
+def _smooth_over(angles: Floats) -> Floats:
+    """Root (postures, postures) of a covariance that falls with the distance of postures (postures, rotations)."""
+    distance = ((angles[:, None, :] - angles[None, :, :]) ** 2).sum(axis=-1)
+    values, vectors = np.linalg.eigh(np.exp(-0.5 * distance / POSTURE_RAD**2))
+    out: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
+    return out

@@ -1,0 +1,366 @@
+"""One bench session as a generative model: readings, their noise by case, and what disturbs them beside any effect.
+
+    y = f(θ, φ) + F ε + K τ + L υ + s R η + e_case + e
+
+Readings are fitted (identification cases and checks) or only predicted (validation cases). Noise, scatter and bad cases
+are independent by case; everything else is a column with a Gaussian weight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import SessionError
+from fingermodel.diagnosis.session_model.discrepancy import Places, constant_columns, loaded_columns, torque_columns
+from fingermodel.diagnosis.settings import BAD_N, CLAMP_SHARE, LEVER_MM
+from fingermodel.fingers import Plane
+from fingermodel.model import Model, tips_of
+from fingermodel.observations import Observations
+from fingermodel.problems import Problem, map_problem
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+# Step of a derivative by the logarithm of a tension.
+_STEP = 1e-3
+# A reading is never better known than this [N; a tenth of it a N mm].
+_LEAST_N = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class CaseNoise:
+    """Noise that is independent by case: as measured, by scatter of the tensions, and of bad cases.
+
+    Attributes:
+        groups: of cases with equally many rows: (g, L) rows, (g, L, L) measured covariance, (g, L, t) scatter columns.
+        moment: (n,) whether a row is a moment.
+        cases: (n,) case of each row.
+    """
+
+    groups: tuple[tuple[Rows, Floats, Floats], ...]
+    moment: Mask
+    cases: Rows
+
+    @classmethod
+    def of(cls, covariance: Floats, scatter: Floats, moment: Mask, cases: Rows) -> CaseNoise:
+        """Sort rows by case.
+
+        Args:
+            covariance: (n, n), of which the blocks by case are used.
+            scatter: (n, t) change of each reading when a tendon's tension doubles, to first order.
+            moment: (n,).
+            cases: (n,).
+        """
+        by_size: dict[int, list[Rows]] = {}
+        for case in np.unique(cases):
+            rows = np.flatnonzero(cases == case)
+            by_size.setdefault(len(rows), []).append(rows)
+        groups = []
+        for rows_of in by_size.values():
+            rows = np.array(rows_of)
+            blocks = covariance[rows[:, :, None], rows[:, None, :]].copy()
+            least = _LEAST_N * np.where(moment[rows], LEVER_MM, 1.0)
+            blocks += (least**2)[:, :, None] * np.eye(rows.shape[1])
+            groups.append((rows, blocks, scatter[rows]))
+        return cls(tuple(groups), moment, cases)
+
+    def covariances(self, scatter: float, multiple: float, bad: Collection[int]) -> list[tuple[Rows, Floats]]:
+        """Rows and covariance (g, L, L) of each group.
+
+        Args:
+            scatter: of the tensions from case to case, relative.
+            multiple: of the measured noise.
+            bad: cases whose reading may be anything.
+        """
+        out = []
+        for rows, measured, by_tension in self.groups:
+            blocks = multiple**2 * measured + scatter**2 * by_tension @ by_tension.swapaxes(1, 2)
+            is_bad = np.isin(self.cases[rows[:, 0]], list(bad))
+            size = BAD_N * np.where(self.moment[rows], LEVER_MM, 1.0)
+            blocks = blocks + (is_bad[:, None] * size**2)[:, :, None] * np.eye(rows.shape[1])
+            out.append((rows, blocks))
+        return out
+
+    def whitening(
+        self, scatter: float, multiple: float, bad: Collection[int]
+    ) -> tuple[list[tuple[Rows, Floats]], float]:
+        """Inverse roots (g, L, L) of the same, and ln det of the whole covariance."""
+        out, log_det = [], 0.0
+        for rows, blocks in self.covariances(scatter, multiple, bad):
+            roots = np.linalg.cholesky(blocks)
+            log_det += 2.0 * float(np.log(np.diagonal(roots, axis1=1, axis2=2)).sum())
+            out.append((rows, np.linalg.inv(roots)))
+        return out, log_det
+
+
+def whitened(roots: list[tuple[Rows, Floats]], columns: Floats) -> Floats:
+    """Columns (n, k) or (n,) in units in which the noise by case is independent and of size 1."""
+    out = np.empty_like(columns)
+    for rows, inverse in roots:
+        part = columns[rows] if columns.ndim == 2 else columns[rows][..., None]
+        product = inverse @ part
+        out[rows] = product if columns.ndim == 2 else product[..., 0]
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedSmooth:
+    """Smooth columns under one noise by case.
+
+    Attributes:
+        roots: inverse roots of the noise by case.
+        log_det: of the noise.
+        parts: (n, k) columns of each family, not whitened.
+    """
+
+    roots: list[tuple[Rows, Floats]]
+    log_det: float
+    parts: tuple[Floats, ...]
+    _whitened: dict[int, Floats] = field(default_factory=dict, repr=False)
+    _inner: dict[tuple[int, int], Floats] = field(default_factory=dict, repr=False)
+
+    def of(self, family: int) -> Floats:
+        """(n, k) whitened columns of a family."""
+        if family not in self._whitened:
+            self._whitened[family] = whitened(self.roots, self.parts[family])
+        return self._whitened[family]
+
+    def inner(self, a: int, b: int) -> Floats:
+        """(k, k) inner products of two families."""
+        if (a, b) not in self._inner:
+            self._inner[a, b] = self.of(a).T @ self.of(b)
+        return self._inner[a, b]
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A session's readings with all that acts on them beside the model.
+
+    Attributes:
+        problem: which readings are fitted, over which parameters with which priors; its noise is as measured.
+        rows: (n,) indices into the flattened (cases, 6) wrench of fitted and validation readings.
+        fitted: (n,) which of them are fitted.
+        plane: of the force components that count.
+        stated_scatter: of the tensions from case to case, by the session or its budget; 0 where none is stated.
+        about: (parameters,) at which the scatter's columns are made; by default the priors' centre.
+    """
+
+    problem: Problem
+    rows: Rows
+    fitted: Mask
+    plane: Plane
+    stated_scatter: float
+    about: Floats | None = None
+
+    @property
+    def model(self) -> Model:
+        """With every candidate at its null."""
+        return self.problem.model
+
+    @property
+    def observations(self) -> Observations:
+        """Of the session."""
+        return self.problem.observations
+
+    @property
+    def measured(self) -> Floats:
+        """(n,) readings [N, N mm]."""
+        return np.nan_to_num(self.observations.wrench).reshape(-1)[self.rows]
+
+    def seen_from(self, theta: Floats) -> Session:
+        """The same with the scatter's columns made at a parameter vector (parameters,)."""
+        other = replace(self, about=theta)
+        for name in ("places", "_smooth_parts", "smooth", "families", "torque_answer", "tares", "nuisances"):
+            # What does not depend on it need not be made again.
+            other.__dict__[name] = getattr(self, name)
+        return other
+
+    @cached_property
+    def places(self) -> Places:
+        """Where each reading belongs."""
+        return Places.of(self.observations, self.rows)
+
+    @cached_property
+    def smooth(self) -> Floats:
+        """(n, k) columns of something smooth, one family after another (see `families`)."""
+        return np.concatenate(self._smooth_parts, axis=1)
+
+    @cached_property
+    def families(self) -> Rows:
+        """(k,) to which family each smooth column belongs.
+
+        0: joint torque; 1: readings, growing with the load; 2: readings, whatever the load.
+        """
+        return np.repeat(np.arange(3), [part.shape[1] for part in self._smooth_parts])
+
+    @cached_property
+    def _smooth_parts(self) -> tuple[Floats, Floats, Floats]:
+        at, answer = self.places, self.torque_answer.reshape(len(self.observations.ids), -1, 6)
+        by_row = answer[self.rows // 6, :, self.rows % 6]
+        return torque_columns(at, by_row), loaded_columns(at), constant_columns(at)
+
+    @cached_property
+    def torque_answer(self) -> Floats:
+        """(cases, rotations, 6) change of every reading per N mm of torque about a rotation."""
+        model, inputs = self.model, self.observations.inputs
+        topology = model.finger.topology
+        tip = tips_of(topology, model.values, inputs)
+        jacobian, to_base = np.asarray(tip.jacobian), np.asarray(tip.to_base)
+        rows = list(topology.reactions)
+        inverse = np.linalg.inv(np.swapaxes(jacobian[:, rows], 1, 2))
+        wrench = np.zeros((len(jacobian), len(topology.rotations), 6))
+        wrench[:, :, rows] = np.swapaxes(inverse, 1, 2)
+        bone = np.zeros_like(wrench)
+        bone[:, :, :3] = -np.einsum("nij,nrj->nri", to_base, wrench[:, :, :3])
+        at_bone, check = np.asarray(inputs.at_bone), np.asarray(inputs.is_check)
+        out: Floats = np.where(at_bone[:, None, None], bone, wrench) * ~check[:, None, None]
+        return out
+
+    @cached_property
+    def fitted_noise(self) -> CaseNoise:
+        """By case, of the fitted readings."""
+        return self.noise_of(self.fitted)
+
+    def noise_of(self, chosen: Mask) -> CaseNoise:
+        """By case, of some readings (n,)."""
+        rows, shared = self.rows[chosen], self.tares[chosen]
+        covariance = self.observations.covariance[np.ix_(rows, rows)] - shared @ shared.T
+        return CaseNoise.of(covariance, self._by_tension[chosen], self.places.moment[chosen], self.places.cases[chosen])
+
+    def whitened_smooth(self, scatter: float, multiple: float, bad: frozenset[int]) -> WhitenedSmooth:
+        """The fitted smooth columns under some noise by case; kept, since every explanation asks for them."""
+        key = (scatter, multiple, bad)
+        if key not in self._kept:
+            roots, log_det = self.fitted_noise.whitening(scatter, multiple, bad)
+            self._kept[key] = WhitenedSmooth(roots, log_det, tuple(p[self.fitted] for p in self._smooth_parts))
+        return self._kept[key]
+
+    @cached_property
+    def _kept(self) -> dict[tuple[float, float, frozenset[int]], WhitenedSmooth]:
+        return {}
+
+    @cached_property
+    def tares(self) -> Floats:
+        """(n, k) columns of the tares that several cases share."""
+        columns = self.observations.shared_tares[self.rows]
+        return columns[:, np.abs(columns).sum(axis=0) > 0.0]
+
+    @cached_property
+    def _by_tension(self) -> Floats:
+        """(n, muscles) change of every reading by the logarithm of each tension."""
+        inputs = self.observations.inputs
+        theta = self.problem.centre if self.about is None else self.about
+        tension = np.asarray(inputs.tension)
+        now = np.asarray(self.model.predict(inputs, theta).reading).reshape(-1)[self.rows]
+        out = np.zeros((len(self.rows), tension.shape[1]))
+        for k in range(tension.shape[1]):
+            more = tension.copy()
+            more[:, k] *= 1.0 + _STEP
+            changed = self.model.predict(inputs._replace(tension=jnp.asarray(more)), theta).reading
+            out[:, k] = (np.asarray(changed).reshape(-1)[self.rows] - now) / _STEP
+        return out
+
+    @cached_property
+    def nuisances(self) -> Floats:
+        """(n, k) columns of the rig's budget that the model has no parameter for.
+
+        A clamp at the tip that resists twist carries a share of the abduction torque as Mx and My, one of each for
+        every setting. What the tare missed at the tip has a moment.
+        """
+        columns = [*self._clamp_twist(), *self._zero_moments()]
+        return np.array(columns).T if columns else np.zeros((len(self.rows), 0))
+
+    def _clamp_twist(self) -> list[Floats]:
+        model, inputs, topology = self.model, self.observations.inputs, self.model.finger.topology
+        carried, rotations = list(topology.reactions), list(topology.rotations)
+        free = [c for c in (3, 4) if c not in carried]
+        aside = [r for r in rotations if r not in {j.name for j in topology.joints}]
+        if not free or not aside or not self.places.moment.any():
+            return []
+        tip = tips_of(topology, model.values, inputs)
+        jacobian, to_base = np.asarray(tip.jacobian), np.asarray(tip.to_base)
+        torque = np.asarray(model.predict(inputs, self.problem.centre).torque)[:, rotations.index(aside[0])]
+        at_bone, check = np.asarray(inputs.at_bone), np.asarray(inputs.is_check)
+        setting, out = np.asarray(inputs.setting), []
+        for c in free:
+            wrench = np.zeros((len(torque), 6))
+            wrench[:, c] = 1.0
+            lever = np.swapaxes(jacobian[:, carried], 1, 2)
+            wrench[:, carried] = -np.linalg.solve(lever, jacobian[:, c, :, None])[..., 0]
+            wrench *= CLAMP_SHARE * torque[:, None]
+            bone = np.zeros_like(wrench)
+            bone[:, :3] = -np.einsum("nij,nj->ni", to_base, wrench[:, :3])
+            change = np.where(at_bone[:, None], bone, wrench) * ~check[:, None]
+            for k in np.unique(setting):
+                column = (change * (setting == k)[:, None]).reshape(-1)[self.rows]
+                if column.any():
+                    out.append(column)
+        return out
+
+    def _zero_moments(self) -> list[Floats]:
+        at, out = self.places, []
+        mounting = np.asarray(self.observations.inputs.mounting)[at.cases]
+        tip = np.array([place == "tip" for place in self.observations.locations])[at.cases]
+        size = LEVER_MM * self.model.budget.zero_tip_sd_N
+        for c in (3, 4, 5):
+            for k in np.unique(mounting):
+                column = size * ((mounting == k) & tip & (self.rows % 6 == c))
+                if column.any():
+                    out.append(column.astype(float))
+        return out
+
+
+def session_of(
+    model: Model, observations: Observations, plane: Plane | None = None, held: Collection[str] = ()
+) -> Session:
+    """Set up the model of a session.
+
+    Args:
+        model: with the candidates among its effects, all at their null.
+        observations: of the session.
+        plane: of the forces that count; by default what the finger's axes can predict.
+        held: parameters of effects that the model has already; free throughout.
+
+    Raises:
+        SessionError: no identification case, or a reading without any uncertainty.
+    """
+    chosen = plane or model.finger.judged_in
+    rows, fitted = _rows_of(observations, chosen)
+    if not fitted.any():
+        raise SessionError(
+            "no case with the role identification",
+            "at least one to fit to",
+            "Give cases role: identification; validation cases are never fitted",
+        )
+    stated = model.budget.tension_factor_case_sd
+    # Scatter is part of this model's noise, not of the covariance that it starts from.
+    plain = replace(model, budget=replace(model.budget, tension_factor_case_sd=0.0))
+    problem = map_problem(plain, observations, chosen, held)
+    problem = replace(problem, rows=rows[fitted], whitener=np.eye(int(fitted.sum())), _fitted=[])
+    return Session(problem, rows, fitted, chosen, stated)
+
+
+def _rows_of(observations: Observations, plane: Plane) -> tuple[Rows, Mask]:
+    """Readings that count, and which of them are fitted.
+
+    Forces of all cases and checks, and all moments at the tip; moments at the bone depend on a clamp point that nobody
+    measures. In the sagittal plane x, y and Mz.
+    """
+    forces, moments = ([0, 1], [5]) if plane == "sagittal" else ([0, 1, 2], [3, 4, 5])
+    known = np.diagonal(observations.covariance).reshape(-1, 6) > 0.0
+    rows, fitted = [], []
+    for i, role in enumerate(observations.roles):
+        components = [*forces, *(moments if observations.locations[i] == "tip" and role != "check" else [])]
+        read = [c for c in components if np.isfinite(observations.wrench[i, c])]
+        if role == "validation":
+            read = [c for c in read if known[i, c]]
+        rows += [6 * i + c for c in read]
+        fitted += [role != "validation"] * len(read)
+    return np.array(rows, dtype=np.intp), np.array(fitted, dtype=bool)

@@ -1,0 +1,67 @@
+"""Every number that the diagnosis assumes: priors with a meaning, thresholds of what is said, numerical tolerances.
+
+Nothing else in this package is a free choice. `docs/explanations/diagnosis.md` says in words what each prior states.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# --- Priors -----------------------------------------------------------------------------------------------------------
+# Probability that no effect acts; the rest is shared by one, two and three effects.
+P_NOTHING = 0.5
+P_SIZES = (0.62, 0.32, 0.06)
+# Share of the effects' prior that those marked `outside` the catalogue have together.
+P_OUTSIDE = 0.1
+# Multiple b of the stated budget: log-normal from 1 upwards, heavy enough for 3. Below 1 one multiple of all its errors
+# would take the many that happen to be small for evidence that the few others are.
+BUDGET_MULTIPLES = np.array([1.0, 1.41, 2.0, 2.83, 4.0, 5.66])
+BUDGET_SPREAD = 0.6
+# Error of an effect's form, relative: half-Cauchy. Up to FORM_NAMED the effect counts by its name.
+FORM_ERRORS = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
+FORM_SCALE = 0.04
+FORM_NAMED = 0.1
+# Something smooth [N]: an atom at none, else flat in its logarithm.
+P_SMOOTH = 0.1
+SMOOTH_N = np.array([0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.28])
+# Scatter from case to case of each tendon's tension, relative: an atom at none, else half-normal. A stated one is
+# believed within a factor.
+P_SCATTER = 0.7
+SCATTERS = np.array([0.0, 0.0025, 0.005, 0.0075, 0.01, 0.014, 0.02, 0.028, 0.04, 0.056])
+SCATTER_SCALE = 0.015
+STATED_FACTOR = 1.5
+# Multiple of the stated noise: an atom at 1, else falling; where the noise is assumed, log-normal about 1.
+NOISE_MULTIPLES = np.array([1.0, 1.41, 2.0, 2.83, 4.0, 5.66, 8.0])
+ASSUMED_NOISE_MULTIPLES = np.array([0.18, 0.25, 0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83])
+P_NOISE = 0.05
+# A bad case: how often, and how far its force may then be off [N].
+P_BAD = 0.002
+BAD_N = 1.5
+# Share of the abduction torque that a clamp which resists twist carries as Mx and My.
+CLAMP_SHARE = 0.1
+# A lever [mm] that turns an unexplained force into an unexplained moment; postures [rad] that resemble each other.
+LEVER_MM = 10.0
+POSTURE_RAD = 0.6
+
+# --- What is said -----------------------------------------------------------------------------------------------------
+SURE = 0.9
+NOTHING_SURE = 0.8
+SUSPECT = 0.5
+# Fewer identification cases decide nothing.
+LEAST_CASES = 6
+# Predictive check, and misfit of nothing missing: one chance in ten thousand is out of the question.
+P_VALUE = 1e-4
+# Below this an effect as large as its prior hardly stands out; canonical correlation from which two are one class.
+DETECTABLE = 2.0
+ALIKE = 0.9
+# An explanation less probable than this is not tested by a next load case, which is worth proposing from [nat].
+LIVE = 0.01
+WORTH_NAT = 0.05
+
+# --- Numerical tolerances ---------------------------------------------------------------------------------------------
+# Log posterior of an explanation below the leader's from which it is not fitted, and of a node of the hyperparameters
+# below the best one's from which its neighbours are not summed.
+WITHIN = 2.0
+NODES_WITHIN = 2.0
+# Most refits of a search.
+MOST_FITS = 30

@@ -1,0 +1,446 @@
+"""Several sessions at once: which effects all of them share, each with its own anatomy, budget and effects of its own.
+
+A fault of the rig is the same in every specimen that it held; an anatomical effect is not. What is shared is tried with
+one size for all sessions and with a size of its own in each, beside whatever else acts in each, and held against each
+session's having its own explanation and nothing in common.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from fingermodel.diagnosis.diagnose import Diagnosis, diagnose
+from fingermodel.diagnosis.posterior.fitting import Fitter
+from fingermodel.diagnosis.posterior.gaussian import Quadratic, log_mass
+from fingermodel.diagnosis.posterior.marginals import Posterior
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
+from fingermodel.diagnosis.settings import LEAST_CASES, P_NOTHING, SURE
+from fingermodel.diagnosis.verdict import Kind, words
+from fingermodel.model import Model
+from fingermodel.observations import Observations
+from fingermodel.parameters import Parameter
+
+Floats = NDArray[np.float64]
+
+# Effects that are fitted in every session: singles, and pairs of the best of them.
+_SINGLES, _PAIRS = 6, 3
+
+
+@dataclass(frozen=True, eq=False)
+class InSession:
+    """What one session says of what is shared.
+
+    Attributes:
+        gain: log evidence that it acts there, over what else may act.
+        values: (k,) of its parameters, in their units, by this session alone.
+        sd: (k,) of them.
+        own: candidates that act beside it there alone; None is something unknown.
+        by_name: probability that it acts there by its known law, if it acts.
+        size: what the session says of its parameters, in prior widths.
+    """
+
+    gain: float
+    values: Floats
+    sd: Floats
+    own: tuple[str, ...] | None
+    by_name: float
+    size: Quadratic
+
+
+@dataclass(frozen=True, eq=False)
+class SharedEffect:
+    """Candidates that act in all sessions.
+
+    Attributes:
+        explanation: what is shared, as the first session has it.
+        parameters: of what is shared.
+        one_size: whether one size serves all sessions better than one in each.
+        value: (k,) size by all sessions together, in the parameters' units.
+        sd: (k,) of it.
+        log_evidence_shared: that it acts in all over that it acts in none, with one size for all.
+        log_evidence_own: the same with a size for each session.
+        each: by session.
+        log_posterior: its prior included.
+        probability: of this explanation among all pooled ones.
+    """
+
+    explanation: Explanation
+    parameters: tuple[Parameter, ...]
+    one_size: bool
+    value: Floats
+    sd: Floats
+    log_evidence_shared: float
+    log_evidence_own: float
+    each: tuple[InSession, ...]
+    log_posterior: float
+    probability: float = 0.0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the candidates."""
+        return self.explanation.names
+
+
+@dataclass(frozen=True)
+class PooledVerdict:
+    """What the sessions say together, and why.
+
+    Attributes:
+        kind: of the verdict.
+        names: candidates that it names.
+        probability: of the verdict.
+        sentence: in plain words.
+        short: what was short of a stronger verdict.
+        rests_on: sessions without which what is shared would not be sure.
+    """
+
+    kind: Kind
+    names: tuple[str, ...]
+    probability: float
+    sentence: str
+    short: tuple[str, ...] = ()
+    rests_on: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Pooled:
+    """What several sessions say together.
+
+    Attributes:
+        sessions: ids.
+        diagnoses: of each by itself.
+        ranking: what may be shared, best first.
+        p_apart: probability that nothing is shared: each session has an explanation of its own, or needs none.
+        p_nothing: of that, that nothing is missing in any.
+        p_other: of that, that it is something outside the catalogue in each.
+        verdict: on what is shared.
+        seconds: of the computation.
+    """
+
+    sessions: tuple[str, ...]
+    diagnoses: tuple[Diagnosis, ...]
+    ranking: tuple[SharedEffect, ...]
+    p_apart: float
+    p_nothing: float
+    p_other: float
+    verdict: PooledVerdict
+    seconds: float
+
+
+def diagnose_pooled(
+    sessions: Sequence[tuple[str, Model, Observations]],
+    *,
+    thorough: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> Pooled:
+    """Diagnose sessions by themselves, and weigh what all may share.
+
+    Args:
+        sessions: id, model with the candidates at their null, and observations of each.
+        thorough: more fits in each.
+        progress: is told the share done.
+    """
+    began = time.perf_counter()
+    tell = progress or (lambda _: None)
+    diagnoses = []
+    for k, (_, model, observations) in enumerate(sessions):
+        diagnoses.append(diagnose(model, observations, thorough=thorough))
+        tell(0.6 * (k + 1) / len(sessions))
+    names = tuple(s[0] for s in sessions)
+    pooling = _Pooling([_InSession(d) for d in diagnoses])
+    found = pooling.search(lambda done: tell(0.6 + 0.4 * done))
+    ranking, p_apart = pooling.normalised(found, range(len(diagnoses)))
+    rests_on = pooling.rests_on(names, found, ranking)
+    p_nothing = p_apart * float(np.prod([d.posterior.p_nothing for d in diagnoses]))
+    p_other = p_apart * float(np.prod([d.posterior.p_only_beyond for d in diagnoses]))
+    verdict = judge_together(names, diagnoses, ranking, (p_apart, p_nothing, p_other), rests_on)
+    return Pooled(names, tuple(diagnoses), ranking, p_apart, p_nothing, p_other, verdict, time.perf_counter() - began)
+
+
+class _InSession:
+    """One session, asked what it says of an effect that may be shared."""
+
+    def __init__(self, diagnosis: Diagnosis) -> None:
+        self.diagnosis, self.posterior = diagnosis, diagnosis.posterior
+        self._fits = dict(diagnosis.posterior.fits)
+        self._fitter = Fitter(diagnosis.session, diagnosis.candidates, diagnosis.searched.hyper)
+        self._by_name = {c.name: c for c in diagnosis.candidates.all}
+
+    def here(self, shared: Explanation) -> Explanation | None:
+        """The same with this session's own parameters; None where it cannot act."""
+        members = []
+        for m in shared.members:
+            own = self._by_name.get(m.candidate.name)
+            if own is None or len(own.forms) != len(m.candidate.forms):
+                return None
+            members.append(Member(own, m.form))
+        return self.diagnosis.candidates.joined(members)
+
+    @property
+    def log_posterior(self) -> float:
+        """Of whatever may act here, if nothing is shared."""
+        return self.posterior.log_norm
+
+    def log_prior(self, explanation: Explanation) -> float:
+        """Of what acts here alone."""
+        return self.diagnosis.candidates.log_prior(explanation)
+
+    def promise(self, shared: Explanation) -> float:
+        """Log posterior that the leading explanation promises if something shared acts beside it."""
+        here, leader = self.here(shared), self.posterior.leader
+        both = None if here is None else self._beside(here, leader.explanation)
+        if both is None:
+            return -np.inf
+        values = leader.promises([leader.explanation, both[0]], [leader.best])
+        gain = float(values[1] - values[0])
+        return leader.log_posterior - leader.log_prior + gain + self.log_prior(both[1])
+
+    def _beside(self, here: Explanation, other: Explanation) -> tuple[Explanation, Explanation] | None:
+        """Something shared and what is left of another explanation beside it; and that rest alone."""
+        own = tuple(m for m in other.members if m.candidate.name not in here.names)
+        both = self.diagnosis.candidates.joined((*here.members, *own))
+        return None if both is None else (both, Explanation(own))
+
+    def acting(self, shared: Explanation) -> tuple[float, InSession] | None:
+        """Log posterior that something shared acts here, beside nothing or what else does; and what is said of it."""
+        here = self.here(shared)
+        if here is None:
+            return None
+        pairs = [self._beside(here, o) for o in (NOTHING, self.posterior.leader.explanation)]
+        offers = dict.fromkeys(p for p in pairs if p is not None)
+        each = []
+        for both, own in offers:
+            fit = self._fitted(both)
+            each.append((fit.log_posterior - fit.log_prior + self.log_prior(own), fit, own))
+        total = float(logsumexp([v for v, _, _ in each]))
+        _, fit, own = max(each, key=lambda e: e[0])
+        without = self.posterior.probability(lambda e: not set(here.names) & set(e.explanation.names))
+        gain = total - (self.log_posterior + float(np.log(max(without, 1e-300))))
+        theta, covariance, index = fit.parameter_posterior(fit.best)
+        at = [int(np.flatnonzero(index == i)[0]) for i in here.parameters]
+        sd = np.sqrt(np.diag(covariance))[at] * fit.session.problem.scale[list(here.parameters)]
+        return total, InSession(
+            gain, theta[list(here.parameters)], sd, own.names, _by_name(fit, here), _size(fit, here)
+        )
+
+    def _fitted(self, explanation: Explanation) -> Optimum:
+        known = self._fits.get(explanation)
+        if known is None:
+            leader = self.posterior.leader
+            bad = leader.bad
+            starts = [leader.expected(explanation, leader.best), self.posterior.nothing.theta]
+            found = [self._fitter.fit(explanation, s, leader.best, bad) for s in starts]
+            known = self._fits[explanation] = max(found, key=lambda f: f.log_posterior)
+        return known
+
+
+def _by_name(fit: Optimum, here: Explanation) -> float:
+    """Probability that some members act by their known law, if this explanation holds."""
+    alone = Posterior.of({fit.explanation: fit}, {})
+    return alone.of_names(here.names)
+
+
+def _size(fit: Optimum, here: Explanation) -> Quadratic:
+    """What a fit says of some of its parameters, in prior widths, without their prior: a Gaussian likelihood."""
+    freed, _ = fit.freed(fit.best)
+    at = [fit.explanation.parameters.index(i) for i in here.parameters]
+    precision = np.linalg.inv(freed.covariance[np.ix_(at, at)])
+    information = precision - np.eye(len(at))
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    return Quadratic(0.0, precision @ freed.mean[at], (vectors * np.maximum(values, 0.0)) @ vectors.T, 0.0)
+
+
+class _Pooling:
+    """What may be shared, weighed over sessions."""
+
+    def __init__(self, sessions: Sequence[_InSession]) -> None:
+        self._sessions = sessions
+        first = sessions[0].diagnosis
+        self._candidates: Candidates = first.candidates
+        self._table = first.session.model.parameters
+        self._scale = first.session.problem.scale
+        self._each: dict[Explanation, list[tuple[float, InSession]]] = {}
+
+    def search(self, tell: Callable[[float], None]) -> list[Explanation]:
+        """Fit the singles that promise most in all sessions together, and pairs of the best of them."""
+        self._fit(self._candidates.singles, _SINGLES)
+        tell(0.6)
+        best = sorted(self._each, key=lambda e: -self.log_posterior(e, range(len(self._sessions))))[:_PAIRS]
+        pairs = [self._candidates.joined((*a.members, *b.members)) for a, b in combinations(best, 2)]
+        self._fit([p for p in pairs if p is not None], _PAIRS)
+        tell(1.0)
+        return list(self._each)
+
+    def _fit(self, offers: Sequence[Explanation], most: int) -> None:
+        inside = [e for e in offers if not any(m.candidate.outside for m in e.members)]
+        promise = {e: sum(s.promise(e) for s in self._sessions) + self._candidates.log_prior(e) for e in inside}
+        ranked = [e for e in sorted(promise, key=lambda e: -promise[e]) if np.isfinite(promise[e])]
+        chosen: dict[tuple[str, ...], Explanation] = {}
+        for explanation in ranked:
+            chosen.setdefault(explanation.names, explanation)
+        for explanation in list(chosen.values())[:most]:
+            found = [s.acting(explanation) for s in self._sessions]
+            if all(f is not None for f in found):
+                self._each[explanation] = [f for f in found if f is not None]
+
+    def apart(self, sessions: Sequence[int]) -> float:
+        """Log posterior of nothing being shared."""
+        return float(np.log(P_NOTHING)) + sum(self._sessions[k].log_posterior for k in sessions)
+
+    def tied(self, explanation: Explanation, sessions: Sequence[int]) -> tuple[float, Floats, Floats]:
+        """What is gained by one size in all of some sessions, that size (k,) and its sd (k,), in prior widths."""
+        sizes = [self._each[explanation][k][1].size for k in sessions]
+        width = np.ones(len(explanation.parameters))
+        sided = self._table.one_sided[list(explanation.parameters)]
+
+        def evidence(q: Quadratic) -> tuple[float, Floats, Floats]:
+            freed = q.freed(width, np.zeros(len(width)), len(width))
+            value = freed.log_evidence + log_mass(freed.mean, freed.covariance, sided)
+            return value, freed.mean, np.sqrt(np.diag(freed.covariance))
+
+        summed = Quadratic(
+            0.0, np.sum([q.gradient for q in sizes], axis=0), np.sum([q.hessian for q in sizes], axis=0), 0.0
+        )
+        whole, mean, sd = evidence(summed)
+        return whole - sum(evidence(q)[0] for q in sizes), np.where(sided, np.maximum(mean, 0.0), mean), sd
+
+    def log_posterior(self, explanation: Explanation, sessions: Sequence[int]) -> float:
+        """Of one thing shared by some sessions, with one size or with one in each."""
+        own = sum(self._each[explanation][k][0] for k in sessions)
+        ways = float(np.logaddexp(0.0, self.tied(explanation, sessions)[0]) - np.log(2.0))
+        return self._candidates.log_prior(explanation) + own + ways
+
+    def normalised(
+        self, found: Sequence[Explanation], sessions: Sequence[int]
+    ) -> tuple[tuple[SharedEffect, ...], float]:
+        """The ranking by some sessions, and the probability that they share nothing."""
+        values = {e: self.log_posterior(e, sessions) for e in found}
+        total = float(logsumexp([self.apart(sessions), *values.values()]))
+        out = []
+        for e, value in values.items():
+            tied, mean, sd = self.tied(e, sessions)
+            scale, at = self._scale[list(e.parameters)], list(e.parameters)
+            each = tuple(self._each[e][k][1] for k in sessions)
+            own = sum(s.gain for s in each)
+            out.append(
+                SharedEffect(
+                    e,
+                    tuple(self._table.parameters[i] for i in at),
+                    tied >= 0.0,
+                    self._table.centre[at] + mean * scale,
+                    sd * scale,
+                    own + tied,
+                    own,
+                    each,
+                    value,
+                    float(np.exp(value - total)),
+                )
+            )
+        out.sort(key=lambda s: -s.probability)
+        return tuple(out), float(np.exp(self.apart(sessions) - total))
+
+    def rests_on(
+        self, names: Sequence[str], found: Sequence[Explanation], ranking: Sequence[SharedEffect]
+    ) -> tuple[str, ...]:
+        """Sessions without which what leads would not be sure; none where there are too few to leave any out."""
+        if len(names) < 3 or not ranking:
+            return ()
+        out, lead = [], set(ranking[0].names)
+        for k, name in enumerate(names):
+            less, _ = self.normalised(found, [i for i in range(len(names)) if i != k])
+            if sum(s.probability for s in less if lead <= set(s.names)) < SURE:
+                out.append(name)
+        return tuple(out)
+
+
+def judge_together(
+    sessions: Sequence[str],
+    diagnoses: Sequence[Diagnosis],
+    ranking: Sequence[SharedEffect],
+    apart: tuple[float, float, float],
+    rests_on: Sequence[str],
+) -> PooledVerdict:
+    """Read off what sessions share.
+
+    Args:
+        sessions: ids.
+        diagnoses: of each by itself.
+        ranking: what may be shared, best first.
+        apart: probability that nothing is shared; of that, that nothing is missing in any, and that in each it is
+            something outside the catalogue.
+        rests_on: sessions without which what leads would not be sure.
+    """
+    p_apart, p_nothing, p_other = apart
+    few = [s for s, d in zip(sessions, diagnoses, strict=True) if _cases(d) < LEAST_CASES]
+    if few:
+        text = f"Undecided: {words(few)} {'has' if len(few) == 1 else 'have'} fewer than {LEAST_CASES} cases."
+        return PooledVerdict("undecided", (), p_apart, text)
+    included: dict[str, float] = {}
+    for effect in ranking:
+        # Of a law that would have to be another in most sessions, none is found by its name.
+        if np.median([s.by_name for s in effect.each]) >= 0.5:
+            for name in effect.names:
+                included[name] = included.get(name, 0.0) + effect.probability
+    sure = tuple(name for name, p in included.items() if p >= SURE)
+    exact = next((e for e in ranking if set(e.names) == set(sure)), None)
+    if sure and exact is not None:
+        beside = [f"{words(s.own)} in {name}" for name, s in zip(sessions, exact.each, strict=True) if s.own]
+        also = f" Beside it acts {'; '.join(beside)}." if beside else ""
+        p = min(included[n] for n in sure)
+        text = f"Found in all sessions together: {words(sure)}, {_sizes(exact)}.{also}"
+        return PooledVerdict("found", sure, min(p, 1.0), text, (), tuple(rests_on))
+    if p_apart >= SURE:
+        kinds = {d.verdict.kind for d in diagnoses}
+        if kinds == {"nothing_missing"}:
+            return PooledVerdict("nothing_missing", (), p_nothing, "Taken together, nothing is missing in any session.")
+        if kinds == {"none_of_catalogue"}:
+            text = "Something is missing in every session that no effect here describes."
+            return PooledVerdict("none_of_catalogue", (), p_other, text)
+        return PooledVerdict("undecided", (), p_apart, f"The sessions share no effect: {_each(sessions, diagnoses)}.")
+    likely = max(included, key=lambda n: included[n], default=None)
+    short = [f"they share nothing with a probability of {p_apart:.2f}"]
+    short += [f"{likely} has {included[likely]:.2f}"] if likely is not None else []
+    if not included and ranking:
+        short.append(f"the law of {words(ranking[0].names)} would have to be another in most of them")
+    text = "Undecided: together the sessions single out no effect that they share."
+    best = max(included.values(), default=0.0)
+    return PooledVerdict("undecided", (), best, text, tuple(short), tuple(rests_on))
+
+
+def _cases(d: Diagnosis) -> int:
+    roles = d.session.observations.roles
+    return sum(role == "identification" for role in roles)
+
+
+def _sizes(effect: SharedEffect) -> str:
+    of = effect.parameters[:3]
+    if not effect.one_size:
+        return "with a size of its own in each"
+    return ", ".join(
+        f"{p.name} = {v:.3g} ± {s:.2g} {p.unit if p.unit != '1' else ''}".strip()
+        for p, v, s in zip(of, effect.value, effect.sd, strict=False)
+    )
+
+
+def _each(sessions: Sequence[str], diagnoses: Sequence[Diagnosis]) -> str:
+    """What each session says by itself, in words."""
+    said: dict[str, list[str]] = {}
+    for session, d in zip(sessions, diagnoses, strict=True):
+        verdict = d.verdict
+        what = {
+            "found": f"{words(verdict.names)} {'act' if len(verdict.names) > 1 else 'acts'}",
+            "one_of": f"one of {', '.join(verdict.names)} acts",
+            "none_of_catalogue": "something acts that no effect here describes",
+            "nothing_missing": "nothing is missing",
+            "undecided": "it is not decided",
+        }[verdict.kind]
+        said.setdefault(what, []).append(session)
+    return "; ".join(f"in {words(where)} {what}" for what, where in said.items())
