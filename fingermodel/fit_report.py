@@ -242,7 +242,11 @@ def _with_message(fit: Fit) -> Fit:
             f"The misfit is {fit.objective:.0f} where noise and priors leave about {fit.residuals}: the model lacks "
             "something, or the stated uncertainties are too small."
         )
-    bound = [p.name for p in fit.parameters if p.at_bound]
+    seen = [p for p in fit.parameters if p.at_bound]
+    null = [p.name for p in seen if p.kind == "effect" and p.value == p.initial]
+    bound = [p.name for p in seen if p.name not in null]
+    if null:
+        text.append(f"At {'its' if len(null) == 1 else 'their'} null: {_few(null)}; nothing of it is seen.")
     if bound:
         text.append(
             f"{len(bound)} at a bound ({_few(bound)}): the data want more than is plausible; look for a missing effect."

@@ -82,6 +82,8 @@ def diagnosis_sections(
     from server.figures.diagnosis_map import residual_map
     from server.figures.diagnosis_ranking import ranking_figure
     from server.figures.diagnosis_revisions import revisions_figure
+    from server.figures.diagnosis_sensitivity import sensitivity_figure
+    from server.figures.diagnosis_size import size_figure
     from server.figures.diagnosis_torque import torque_figure
     from server.figures.report import Picture, Section
     from server.figures.style import NothingToDrawError
@@ -99,7 +101,26 @@ def diagnosis_sections(
     cases = said.counts(answer)
     return [
         Section("Verdict", said.verdict_sentences(answer)),
-        Section("What the verdict hangs on", said.robustness_sentences(answer)),
+        Section(
+            "Suspect load cases and the rig",
+            [
+                *said.suspect_sentences(answer),
+                *tables.suspects_table(answer),
+                *said.fault_sentences(answer),
+                *tables.rig_table(answer),
+            ],
+        ),
+        Section(
+            "Sensitivity analysis",
+            [
+                *said.robustness_sentences(answer),
+                picture(
+                    "sensitivity",
+                    lambda: sensitivity_figure(answer),
+                    "Each dot is asked of the linearised models; nothing is refitted. It conditions no verdict.",
+                ),
+            ],
+        ),
         Section(
             "Where the model fails",
             [
@@ -126,11 +147,17 @@ def diagnosis_sections(
                 picture(
                     "ranking",
                     lambda: ranking_figure(answer),
-                    "Evidence is counted against nothing missing. Validation cases were not fitted.",
+                    "Evidence is counted against nothing missing. The RMSE is that of the validation cases.",
                 ),
                 *tables.ranking_table(answer),
                 *tables.parameter_table(answer),
                 *tables.inclusion_table(answer),
+                *said.beyond_sentences(answer),
+                picture(
+                    "size",
+                    lambda: size_figure(answer),
+                    "The force with the effect less the force without it, as fitted, under one tendon at a time.",
+                ),
             ],
         ),
         Section(
@@ -165,6 +192,7 @@ def diagnosis_sections(
                     "Grey marks: the measurement's own standard uncertainty; a residual to their left is within it.",
                 ),
                 *tables.held_out_table(answer),
+                *said.predictive_sentences(answer),
             ],
         ),
         Section(

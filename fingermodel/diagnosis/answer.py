@@ -59,7 +59,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             "sd_pct": 100.0 * scatter[1],
             "stated_pct": 100.0 * d.session.stated_scatter,
         },
-        "beyond": {"probability": posterior.p_beyond, "amplitude_N": posterior.beyond_N},
+        "beyond": {"probability": posterior.p_beyond, "amplitude_N": posterior.beyond_newton},
         "budget_multiple": {"value": budget[0], "sd": budget[1], "carried_by": carried_by(best)},
         "noise_multiple": {"value": noise[0], "sd": noise[1], "assumed": d.session.observations.noise_assumed},
         "predictive_check": predictive(d),
@@ -131,11 +131,11 @@ def remarks(d: Diagnosis) -> list[str]:
         )
     elif noise > 1.5:
         out.append(f"The readings scatter {noise:.1f} times as much as their stated noise.")
-    for s in suspects(d):
-        out.append(
-            f"Load case {s['case']} is not as the others make it expected (probability {s['probability']:.2f}); it "
-            "counts for nothing here. Look at its masses, tendons and posture."
-        )
+    out += [
+        f"Load case {s['case']} is not as the others make it expected (probability {s['probability']:.2f}); it "
+        "counts for nothing here. Look at its masses, tendons and posture."
+        for s in suspects(d)
+    ]
     return out
 
 
@@ -229,7 +229,7 @@ def ranking(d: Diagnosis) -> list[dict[str, Any]]:
             "validation_rmse_N": {"before": d.validation_rmse(posterior.nothing), "after": None},
             "parameters": [],
             "indistinguishable_from": [],
-            "size_N": posterior.beyond_N,
+            "size_N": posterior.beyond_newton,
         }
     )
     return sorted(rows, key=lambda r: -r["probability"])
@@ -242,7 +242,7 @@ def _smooth_gain(posterior: Posterior) -> float | None:
         return posterior.probability(lambda e: not e.explanation.size and holds(e))
 
     def smooth(e: Entry) -> bool:
-        return e.beyond_N > 0.0
+        return e.beyond_newton > 0.0
 
     some, none = mass(smooth), mass(lambda e: not smooth(e))
     return float(np.log(some / none)) if some > 0.0 and none > 0.0 else None

@@ -205,7 +205,7 @@ class Searcher:
         self._tell(0.6)
 
     def _shaped(self, base: Optimum) -> list[tuple[Explanation, Optimum]]:
-        """Forms with a parameter that has no slope at its null (a moment, a constant of time), the most promising first.
+        """Forms with a parameter that has no slope at its null (a moment, a time constant), the most promising first.
 
         Such a parameter says where or how an effect acts, so the base is linearised with it at several values.
         """
@@ -274,8 +274,9 @@ def _best_forms(promised: dict[Explanation, float]) -> list[Explanation]:
 def _widened(fit: Optimum, hyper: Hyperparameters) -> list[Node]:
     """Nodes by which a bad case may be explained as a sound one: more scatter, noise, or something smooth."""
     best = fit.best
-    out = [best]
-    for axis in (SCATTER, NOISE, *range(SMOOTH, FORMS)):
-        for index in range(best[axis] + 1, len(hyper.axes[axis].values)):
-            out.append((*best[:axis], index, *best[axis + 1 :]))
-    return out
+    more = [
+        (*best[:axis], index, *best[axis + 1 :])
+        for axis in (SCATTER, NOISE, *range(SMOOTH, FORMS))
+        for index in range(best[axis] + 1, len(hyper.axes[axis].values))
+    ]
+    return [best, *more]

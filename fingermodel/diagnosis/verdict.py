@@ -106,12 +106,13 @@ def _found(posterior: Posterior, sure: Sequence[str], effects: tuple[str, ...]) 
     explain = "explain" if len(names) > 1 else "explains"
     reasons = [
         f"{words(names)} {explain} the readings: misfit {before:.0f} falls to {after:.0f} for "
-        f"{len(fit.residual)} readings; it changes the forces by {fit.size_newton(np.sum(fit.changes, axis=0)):.3f} N (RMS)."
+        f"{len(fit.residual)} readings; it changes the forces by "
+        f"{fit.size_newton(np.sum(fit.changes, axis=0)):.3f} N (RMS)."
     ]
     if posterior.p_beyond >= 0.5:
         reasons.append(
             f"Something else acts beside it with a probability of {posterior.p_beyond:.2f}, of about "
-            f"{posterior.beyond_N:.2f} N: less than what is found changes."
+            f"{posterior.beyond_newton:.2f} N: less than what is found changes."
         )
     beside = [(n, p) for n, p in posterior.inclusion.items() if n not in names and 0.1 <= p < SURE]
     if beside:
@@ -159,7 +160,7 @@ def _beyond(posterior: Posterior) -> tuple[str, ...]:
     leader = posterior.leader
     near = words(leader.explanation.names)
     looks = f"; the nearest law of the catalogue, {near}, would have to be another one" if near else ""
-    return (f"Something of about {posterior.beyond_N:.2f} N acts that no effect here describes{looks}.",)
+    return (f"Something of about {posterior.beyond_newton:.2f} N acts that no effect here describes{looks}.",)
 
 
 def _undecided(posterior: Posterior) -> Verdict:

@@ -160,11 +160,47 @@ def _behaviour_faults(
         if not _same(_leaves(state), _leaves(_acted(effect, jnp.asarray(null), case, state))):
             yield f"effect {effect.name} changes something at its null values; expected nothing, to the last bit"
             break
+    yield from flat_faults(effect, topology, layout)
     for i, parameter in enumerate(declared):
         if parameter.sd > 0.0 and not any(
             _moves(effect, i, parameter, p, case, s) for p, (case, s) in zip(off, sampled, strict=True)
         ):
             yield f"parameter {parameter.name} changes nothing at any load case tried; expected it to act"
+
+
+def flat_faults(effect: Effect, topology: Topology, layout: Layout) -> list[str]:
+    """Return alternatives of an effect that change nothing to first order at their null values, one line each.
+
+    Such a form costs its hypothesis nothing where it does not act, so no evidence could speak against it. An example is
+    k (exp(a q) - 1) with both k and a at 0.
+
+    Args:
+        effect: to look at.
+        topology: of the finger that it is for.
+        layout: of the session.
+    """
+    declared = effect.parameters(topology, layout)
+    if not declared:
+        return []
+    null = jnp.asarray([p.initial for p in declared])
+    rng, slopes = np.random.default_rng(3), np.zeros(len(declared))
+    for case, state in states_before(effect.stage, topology, layout):
+        # Along one direction of all numbers: what moves any of them moves it.
+        ways = [jnp.asarray(rng.normal(size=leaf.shape)) for leaf in _leaves(state)]
+
+        def along(p: Array, case: LoadCaseInput = case, state: State = state, ways: list[Array] = ways) -> Array:
+            leaves = _leaves(_acted(effect, p, case, state))
+            return sum((jnp.sum(w * x) for w, x in zip(ways, leaves, strict=True)), jnp.zeros(()))
+
+        slopes = np.maximum(slopes, np.abs(np.asarray(jax.grad(along)(null))))
+    index = {p.name: i for i, p in enumerate(declared)}
+    return [
+        f"effect {effect.name}: at the null values of {', '.join(chosen)} nothing changes to first order; expected one "
+        "that acts there at once, such as k in k * (exp(a * q) - 1) with the null of a at 2 and not at 0"
+        for alternatives in effect.variants(topology, layout).values()
+        for chosen in alternatives
+        if not any(slopes[index[name]] > 0.0 for name in chosen)
+    ]
 
 
 def _off_null(parameter: Parameter, rng: np.random.Generator) -> float:

@@ -14,7 +14,7 @@ from daq.documents import read_document
 from daq.errors import ModelError
 from daq.locations import data_dir
 from fingermodel.effects.catalogue import EFFECTS
-from fingermodel.effects.contract import class_faults, contract_faults
+from fingermodel.effects.contract import class_faults, contract_faults, flat_faults
 from fingermodel.effects.formula import REMEDY, WANTED, formula_document, formula_effect
 from fingermodel.effects.formula_effect import FormulaEffect
 from fingermodel.effects.formula_tree import near
@@ -62,6 +62,9 @@ def load_effect(path: Path, topology: Topology | None = None, layout: Layout = A
     if isinstance(effect, FormulaEffect):
         if topology is not None:
             effect.check(topology)
+        if found.parent != data_dir() / "effects":
+            # Those that are shipped are tried by tests.
+            _require_slopes(effect, topology or read_finger("an1979_middle").topology, layout, found.name)
     else:
         require_contract(effect, topology or read_finger("an1979_middle").topology, layout, found.name)
     return effect
@@ -100,6 +103,18 @@ def _require_new(effect: Effect, where: str) -> None:
     if effect.name in EFFECTS:
         raise ModelError(
             f"{where}: effect {effect.name} has the name of an effect of the catalogue", "another name", "Rename it"
+        )
+
+
+def _require_slopes(effect: FormulaEffect, topology: Topology, layout: Layout, where: str) -> None:
+    """Refuse formulas that change nothing to first order at their null; on another finger they may not act at all."""
+    try:
+        faults = flat_faults(effect, topology, layout)
+    except ModelError:
+        return
+    for fault in faults:
+        raise ModelError(
+            f"{where}: {fault}", remedy="Give one of them another null value; with the others at theirs nothing changes"
         )
 
 

@@ -62,7 +62,7 @@ class Explanation:
         candidates: the very variants, such as `worn_pulley.FDP`.
         probability: of exactly this explanation.
         log_evidence_gain: over nothing missing; None where it fell out before it was weighed.
-        validation_rmse_N: (before, after) on cases that were never fitted.
+        validation_rmse_N: (before, after) on the validation cases.
         parameters: sizes of the effects.
         indistinguishable_from: candidates that these load cases do not tell apart from it.
     """
@@ -180,7 +180,8 @@ class Finding:
         """Return a figure of it, drawn by the service.
 
         Args:
-            name: ranking, residual_map, missing_torque, confounding, revisions (before and after) or held_out.
+            name: ranking, size, sensitivity, residual_map, missing_torque, confounding, revisions (before and after) or
+                held_out.
         """
         from fingertwin.client.figures import figure
 

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from fingermodel.diagnosis.frozen import Confirmation
 
 
+# Probabilities below this are not printed.
+_TOLD = 0.02
+
+
 def diagnose_session(
     session: str,
     model: str | None,
@@ -112,20 +116,56 @@ def confirmation(bench: Bench, diagnosis: Diagnosis, frozen: Sequence[Mapping[st
 
 def print_diagnosis(body: dict[str, Any]) -> None:
     """Print the verdict first, then what it stands on."""
+    _print_verdict(body)
+    _print_sensitivity(body["robustness"])
+    if body.get("confirmation"):
+        say(f"  Frozen predictions: {body['confirmation']['text']}.")
+    _print_explanations(body)
+    _print_where(body["where"])
+    for null in body["nulls"]:
+        if null["verdict"] != "not_tested":
+            say(f"{'ok  ' if null['verdict'] == 'holds' else 'FAIL'} {null['text']}")
+    offers = [(known["text"], known["effect"]) for known in body["ready_made"]]
+    offers += [(f"Hint: {hint['text']}", f"'{hint['effect']['formula']}'") for hint in body["hints"]]
+    for text, effect in offers:
+        say(f"{text}; fingertwin add {effect} {body['session']}")
+    if body["verdict"] != "nothing_missing":
+        say(body["next_sentence"])
+    _print_fall(body)
+
+
+def _print_verdict(body: dict[str, Any]) -> None:
     say(body["sentence"])
+    say(f"  Probability {body['probability']:.2f}: {body['probability_of']}.")
+    if suspects := [_suspect(row) for row in body["suspects"]]:
+        say(f"  Suspect load case{'s' if len(suspects) > 1 else ''}: {', '.join(suspects)}.")
+    for fault in body["session_faults"]:
+        say(f"  The whole session: {fault['words']} (probability {fault['probability']:.2f}).")
     for note in body["notes"]:
         say(f"  Note: {note}")
     for reason in body["reasons"]:
         say(f"  {reason}")
-    robust = body["robustness"]
+    beyond = body["beyond"]
+    if beyond["probability"] >= _TOLD:
+        size = f", of about {beyond['amplitude_N']:.2f} N" if beyond["amplitude_N"] else ""
+        say(f"  Something no effect describes acts, alone or beside: probability {beyond['probability']:.2f}{size}.")
+    check = body["predictive_check"]
+    before, after = check["p_value_before"], check["p_value_after"]
+    if before is not None and after is not None:
+        say(f"  Predictive check on the validation cases: p = {before:.2g} without any effect, {after:.2g} as judged.")
+
+
+def _print_sensitivity(robust: dict[str, Any]) -> None:
     for flip in robust["flips_when"][:3]:
-        say(f"  It would be another if {flip}.")
-    if robust["rests_on"]:
-        say(f"  It rests on {', '.join(robust['rests_on'])}.")
-    if robust["budget_multiple_at_which_it_fails"]:
-        say(f"  It fails with a budget {robust['budget_multiple_at_which_it_fails']:g} times as large.")
-    if body.get("confirmation"):
-        say(f"  Frozen predictions: {body['confirmation']['text']}.")
+        say(f"  It would be less probable than not if {flip}.")
+    if parts := robust["rests_on"]:
+        more = f", or without {len(parts) - 3} others" if len(parts) > 3 else ""
+        say(f"  It would be less probable than not {', or '.join(parts[:3])}{more}.")
+    if (multiple := robust["budget_multiple_at_which_it_fails"]) and multiple > 1.0:
+        say(f"  It is not sure with a budget {multiple:g} times as large.")
+
+
+def _print_explanations(body: dict[str, Any]) -> None:
     rows = []
     for row in body["ranking"][:9]:
         first = row["parameters"][:3]
@@ -138,22 +178,20 @@ def print_diagnosis(body: dict[str, Any]) -> None:
         rows.append([name, row["probability"], row["log_evidence_gain"], rmse["after"], values + more])
     table(
         "Explanations",
-        ["what is missing", "probability", "ln evidence", "unseen RMSE [N]", "value"],
+        ["what is missing", "probability", "ln evidence", "validation RMSE [N]", "value"],
         rows,
-        f"{body['candidates_searched']} searched; of {body['calibration']['draws']} simulated sessions like this one "
-        f"without any effect, {body['false_finding_rate']:.1%} were given one",
+        f"{body['candidates_searched']} searched, fitted or by the linearised model",
     )
-    _print_where(body["where"])
-    for null in body["nulls"]:
-        if null["verdict"] != "not_tested":
-            say(f"{'ok  ' if null['verdict'] == 'holds' else 'FAIL'} {null['text']}")
-    offers = [(known["text"], known["effect"]) for known in body["ready_made"]]
-    offers += [(f"Hint: {hint['text']}", f"'{hint['effect']['formula']}'") for hint in body["hints"]]
-    for text, effect in offers:
-        say(f"{text}; fingertwin add {effect} {body['session']}")
-    if body["verdict"] != "nothing_missing":
-        say(body["next_sentence"])
-    _print_fall(body)
+    included = [f"{name} {p:.2f}" for name, p in body["inclusion"].items() if p >= _TOLD][:6]
+    if included:
+        say(f"Acts by its name, whatever else does (probability): {', '.join(included)}")
+
+
+def _suspect(row: dict[str, Any]) -> str:
+    """A suspect load case with its probability and what its reading would be expected of."""
+    like = [r["words"] for r in row["reads_like"][:2]]
+    said = f"; reads like {' or '.join(like)}" if like else ""
+    return f"{row['case']} ({row['probability']:.2f}{said})"
 
 
 def _print_where(where: dict[str, Any]) -> None:
@@ -174,6 +212,6 @@ def _print_fall(body: dict[str, Any]) -> None:
     plane = body["judged_in"]
     for place, planes in body["before"].items():
         before, after = planes[plane]["rmse_N"], body["after"][place][plane]["rmse_N"]
-        seen = "fitted" if place.startswith("identification") else "never fitted"
+        seen = "fitted" if place.startswith("identification") else "not fitted"
         rows.append([place, seen, before, after])
     table("RMSE [N] before and after", ["cases", "", "before", "after"], rows)

@@ -105,8 +105,8 @@ def held_out_figure(answer: Answer) -> go.Figure:
     return figure(
         [trace for trace in data if trace is not None],
         layout,
-        title="Held-out load cases: predicted against measured, before and after",
-        subtitle=f"{many} never fitted; the residual falls in {fell} of them. At the right the change [N].",
+        title="Residuals of the validation cases, before and after",
+        subtitle=f"{many} for validation; the residual falls in {fell} of them. At the right the change [N].",
         height=plot + _TOP + _BOTTOM,
         margin={"l": left, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
     )

@@ -1,4 +1,4 @@
-"""The explanations that were tried, most probable first, with what each gains on the data and on held-out cases."""
+"""The explanations that were tried, most probable first, with what each gains on the data and on validation cases."""
 
 from __future__ import annotations
 
@@ -51,7 +51,11 @@ _SYMBOLS = {"effects": "square", "nothing": "circle", "else": "diamond"}
 _INKS = {"effects": INK, "nothing": MUTED, "else": "#8a5f00"}
 # One axis spans the whole width: a sign of the kind, bars from 0 to 1, then columns of numbers.
 _BEGIN, _END = -0.05, 2.75
-_COLUMNS = ((0.58, "log evidence<br>gain"), (0.78, "held-out RMSE [N]<br>before → after"), (1.0, "size [N]<br>(95 %)"))
+_COLUMNS = (
+    (0.58, "log evidence<br>gain"),
+    (0.78, "validation RMSE [N]<br>before → after"),
+    (1.0, "size [N]<br>(95 %)"),
+)
 
 
 def shown_rows(answer: Answer) -> list[Answer]:
@@ -65,7 +69,7 @@ def shown_rows(answer: Answer) -> list[Answer]:
 
 
 def ranking_figure(answer: Answer) -> go.Figure:
-    """Draw the probability of every explanation as a bar, with its evidence, held-out error and size beside it.
+    """Draw the probability of every explanation as a bar, with its evidence, validation error and size beside it.
 
     Args:
         answer: of a diagnosis.

@@ -1,4 +1,4 @@
-"""How the error fell with every revision of the model, on the fitted and on the held-out cases."""
+"""How the error fell with every revision of the model, on the fitted and on the validation cases."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables of a diagnosis: where it fails, explanations and their values, nulls, errors, hints, next load cases."""
+"""The tables of a diagnosis: suspects, where it fails, explanations, values, nulls, errors, hints, next load cases."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from server.figures.diagnosis_held_out import held_out
 from server.figures.diagnosis_ranking import shown_rows
 from server.figures.diagnosis_revisions import steps_of
 from server.figures.report import Table
-from server.figures.style import load_text, number
+from server.figures.style import fixed, load_text, number
 
 _GROUPS = {
     "by_location": "mount",
@@ -38,6 +38,47 @@ _GROUPS = {
 }
 _NULLS = {"holds": "holds", "violated": "violated", "not_tested": "not tested"}
 _MOST_VALUES = 5  # explanations whose values are told
+
+
+def suspects_table(answer: Answer) -> list[Table]:
+    """Tabulate the suspect load cases, the likeliest first, with what would make each expected."""
+    lines = []
+    for row in rows(answer, "suspects"):
+        without = part(row, "verdict_without")
+        kind = str(without.get("verdict") or "").replace("_", " ")
+        names = ", ".join(effect_name(e) for e in words(without.get("effects")))
+        p = probability_text(without.get("probability"))
+        lines.append(
+            [
+                str(row.get("case") or "–"),
+                probability_text(row.get("probability")),
+                "; ".join(str(r.get("words")) for r in rows(row, "reads_like") if r.get("words")) or "–",
+                f"{kind}{f': {names}' if names else ''} ({p})" if kind else "–",
+            ]
+        )
+    header = ["load case", "probability that it is bad", "reads like", "verdict without it"]
+    return [Table(header, lines, "Load cases that are not as the others make them expected.")] if lines else []
+
+
+def rig_table(answer: Answer) -> list[Table]:
+    """Tabulate what the readings say of the rig against what is stated: repeatability, budget, noise."""
+    repeat, budget, noise = (part(answer, k) for k in ("repeatability", "budget_multiple", "noise_multiple"))
+    carried = ", ".join(words(budget.get("carried_by")))
+    stated = value(repeat.get("stated_pct"))
+    lines = [
+        ["repeatability of the tensions [%]", *_both(repeat, "_pct"), fixed(stated, 1) if stated else "none", ""],
+        ["multiple of the budget", *_both(budget), "1", f"bent most: {carried}" if carried else ""],
+        ["multiple of the noise", *_both(noise), "1", "no uncertainty stated" if noise.get("assumed") is True else ""],
+    ]
+    lines = [line for line in lines if line[1] != "–"]
+    header = ["of the rig", "by the readings", "sd", "stated", "remarks"]
+    return [Table(header, lines, "What the readings say of the rig, whatever effect acts.")] if lines else []
+
+
+def _both(found: Answer, unit: str = "") -> tuple[str, str]:
+    """Write a value and its standard deviation with two decimals; both may be as good as nothing."""
+    v, sd = value(found.get(f"value{unit}")), value(found.get(f"sd{unit}"))
+    return "–" if v is None else fixed(v, 2), "–" if sd is None else fixed(sd, 2)
 
 
 def where_table(answer: Answer) -> list[Table]:
@@ -74,7 +115,6 @@ def ranking_table(answer: Answer) -> list[Table]:
         held = part(row, "validation_rmse_N")
         remarks = ["named by the verdict"] if row in named else []
         remarks += ["value outside its range"] if row.get("in_range") is False else []
-        share = value(row.get("wildcard_share"))
         remarks += [text for text in words(row.get("variant")) if ": " in text]
         if alike := words(row.get("indistinguishable_from")):
             remarks.append(f"not told apart from {', '.join(effect_name(n) for n in alike)}")
@@ -86,7 +126,6 @@ def ranking_table(answer: Answer) -> list[Table]:
                 signed(row.get("log_evidence_gain")),
                 size_text(row),
                 from_to(held.get("before"), held.get("after")),
-                "–" if share is None else number(100 * share, 0),
                 "; ".join(remarks),
             ]
         )
@@ -96,14 +135,10 @@ def ranking_table(answer: Answer) -> list[Table]:
         "probability",
         "log evidence gain",
         "size [N] (95 %)",
-        "held-out RMSE [N], before → after",
-        "wildcard share [%]",
+        "validation RMSE [N], before → after",
         "remarks",
     ]
     more = len(ranked(answer)) - len(out)
-    shares = header.index("wildcard share [%]")
-    if all(line[shares] == "–" for line in out):
-        header, out = header[:shares] + header[shares + 1 :], [line[:shares] + line[shares + 1 :] for line in out]
     caption = "Explanations, most probable first" + (f"; {more} less probable ones are left out." if more > 0 else ".")
     return [Table(header, out, caption)] if out else []
 
@@ -134,8 +169,11 @@ def inclusion_table(answer: Answer) -> list[Table]:
     lines = [
         [effect_name(n), probability_text(inclusion.get(n)), number(value(detectability.get(n)), 1)] for n in names
     ]
-    header = ["effect", "inclusion probability", "detectability d"]
-    caption = "Every effect, in whatever explanation; d is its typical size against noise and budget (below 2 unseen)."
+    header = ["effect", "acts by its name", "detectability d"]
+    caption = (
+        "Probability that each effect acts by its name, whatever else does; d is its typical size against noise and "
+        "budget (below 2 unseen)."
+    )
     return [Table(header, lines, caption)] if lines else []
 
 

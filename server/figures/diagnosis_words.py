@@ -1,4 +1,4 @@
-"""A diagnosis in plain sentences: the verdict, what it hangs on, what cannot be told apart, and how it was found."""
+"""A diagnosis in plain sentences: the verdict, its sensitivity, what cannot be told apart, and how it was found."""
 
 from __future__ import annotations
 
@@ -14,11 +14,13 @@ from server.figures.diagnosis_answer import (
     part,
     probability_text,
     rows,
+    signed,
     value,
     vector,
     words,
 )
 from server.figures.diagnosis_confounding import classes_of
+from server.figures.diagnosis_sensitivity import verdict_under
 from server.figures.style import number
 
 VERDICTS = {
@@ -44,7 +46,10 @@ def listed(names: Sequence[str], last: str = "and") -> str:
 
 def verdict_sentences(answer: Answer) -> list[str]:
     """Say the verdict first, then how sure it is and why."""
-    out = [_sentence(answer), _status(answer), *words(answer.get("reasons"))]
+    out = [_sentence(answer), _status(answer)]
+    if of := words(answer.get("probability_of")):
+        out.append(f"Probability of what: {of[0]}.")
+    out += [*_first_suspects(answer), *words(answer.get("reasons"))]
     chi = part(answer, "chi_square")
     if (found := value(chi.get("value"))) is not None:
         said = f"χ² of the model without any effect: {number(found, 1)}"
@@ -98,31 +103,84 @@ def _status(answer: Answer) -> str:
 
 
 def _search(answer: Answer) -> list[str]:
-    out = []
-    if (searched := value(answer.get("candidates_searched"))) is not None:
-        out.append(f"{searched:g} explanation{'' if searched == 1 else 's'} searched.")
-    if (rate := value(answer.get("false_finding_rate"))) is not None:
-        out.append(f"False-finding rate simulated on this protocol: {number(100 * rate, 1)} %.")
-    elif out:
-        out.append("The false-finding rate of this protocol was not simulated.")
-    return [" ".join(out)] if out else []
+    searched = value(answer.get("candidates_searched"))
+    if searched is None:
+        return []
+    return [f"{searched:g} explanation{'' if searched == 1 else 's'} searched, fitted or by the linearised model."]
+
+
+def _first_suspects(answer: Answer) -> list[str]:
+    """Name the suspect cases in one sentence."""
+    found = [
+        f"{row.get('case') or '?'} (probability {probability_text(row.get('probability'))})"
+        for row in rows(answer, "suspects")
+    ]
+    many = "s" if len(found) > 1 else ""
+    return [f"Suspect load case{many}: {listed(found)}."] if found else []
+
+
+def suspect_sentences(answer: Answer) -> list[str]:
+    """Say whether any load case is suspect, and what a suspect one counts for."""
+    if not rows(answer, "suspects"):
+        return (
+            ["No load case is suspect: each is as the others make it expected."]
+            if "suspects" in answer
+            else ["Whether a load case is suspect was not worked out."]
+        )
+    return ["A suspect case counts for nothing in the verdict. Look at its masses, tendons and posture."]
+
+
+def fault_sentences(answer: Answer) -> list[str]:
+    """Say what may be wrong with the labels of the whole session."""
+    return [
+        f"The whole session: {row.get('words') or row.get('kind') or '?'} "
+        f"(probability {probability_text(row.get('probability'))})."
+        for row in rows(answer, "session_faults")
+    ]
+
+
+def beyond_sentences(answer: Answer) -> list[str]:
+    """Say how likely something acts that no effect describes, alone or beside what is named."""
+    beyond = part(answer, "beyond")
+    if (p := value(beyond.get("probability"))) is None:
+        return []
+    said = f"Something that no effect describes acts, alone or beside others: probability {probability_text(p)}"
+    size = value(beyond.get("amplitude_N"))
+    return [said + (f"; if so, about {number(size)} N." if size else ".")]
+
+
+def predictive_sentences(answer: Answer) -> list[str]:
+    """Say how the validation cases are predicted, before and after."""
+    check = part(answer, "predictive_check")
+    before, after = value(check.get("p_value_before")), value(check.get("p_value_after"))
+    if before is None and after is None:
+        return []
+    said = (
+        f"Predictive check on the validation cases: p {_equals(before)} without any effect, p {_equals(after)} with "
+        "what the verdict would add."
+    )
+    gains = [value(check.get(f"log_density_{k}")) for k in ("before", "after")]
+    if gains[0] is not None and gains[1] is not None:
+        said += f" Their log density changes by {signed(gains[1] - gains[0])}."
+    return [said]
 
 
 def robustness_sentences(answer: Answer) -> list[str]:
-    """Say under which assumptions the verdict changes."""
+    """Say under which assumptions the verdict is no longer probable."""
     robust = part(answer, "robustness")
     if not robust:
         return ["Not tried: no assumption was varied."]
-    out = []
+    sure, tried = verdict_under(answer)
+    out = [f"Of {tried} other assumptions, {sure} leave the verdict sure (probability 0.9 or more)."] if tried else []
     if flips := words(robust.get("flips_when")):
-        out.append(f"Another verdict would be favoured if {'; or if '.join(flips)}.")
+        out.append(f"It would be less probable than not if {'; or if '.join(flips)}.")
     elif "flips_when" in robust:
-        out.append("The verdict stays the same under every change of assumptions that was tried.")
+        out.append("Under none of them is it less probable than not.")
     if rests := words(robust.get("rests_on")):
-        out.append(f"It rests on these parts of the data, without which it loses its ground: {'; '.join(rests)}.")
-    if (multiple := value(robust.get("budget_multiple_at_which_it_fails"))) is not None:
+        out.append(f"It would be less probable than not: {'; '.join(rests)}.")
+    if (multiple := value(robust.get("budget_multiple_at_which_it_fails"))) and multiple > 1.0:
         out.append(
-            f"It holds until the rig's own errors (the budget) are taken to be {number(multiple, 1)} times as large."
+            f"It is no longer sure once the rig's own errors (the budget) are {number(multiple, 1)} times as large."
         )
     if alone := words(robust.get("sagittal_alone")):
         names = listed([VERDICTS.get(a, effect_name(a)) for a in alone[0].split(" and ")])
@@ -184,19 +242,22 @@ def counts(answer: Answer) -> str:
     at = [(w, sum(c.get("location") == w for c in cases)) for w in ("tip", "bone")]
     where = listed([f"{n} at the {w}" for w, n in at if n])
     none = sum(vector(c.get("measured_N")) is None for c in cases)
-    said = f"{len(cases)} load case{'' if len(cases) == 1 else 's'}, {where or 'mount unknown'}; {held} held out."
+    said = f"{len(cases)} load case{'' if len(cases) == 1 else 's'}, {where or 'mount unknown'}; {held} for validation."
     return said + (f" {none} without a measured force." if none else "")
 
 
 METHOD = (
-    "Every explanation is fitted anew together with the budget: tendon points, tension factor, cell and clamp may vary "
-    "within the errors that any rig has, because a refit would otherwise hide the effect or invent one.",
-    "Explanations are ranked by their evidence (Laplace approximation), which rewards fit and charges for freedom. "
-    "Half of the prior probability is on nothing missing. Something else stands for whatever the catalogue lacks: a "
-    "smooth error over posture, load and component that belongs to no effect.",
-    "Validation cases are never fitted. A finding needs a probability of 0.9, with and without them, more evidence "
-    "than something else, a χ² that passes or falls decisively, a held-out error that does not rise, and a value "
-    "inside its range. Whatever falls short is said to be undecided.",
+    "One model of the session is fitted with every explanation: none, one, two or three effects. Tendon points, "
+    "tension factor, cell and clamp vary within the errors of the rig, the budget. Without it a refit would hide the "
+    "effect or invent one.",
+    "Beside any explanation may act something smooth that no effect describes, scatter of the tensions from case to "
+    "case, an error of each effect's form, and single bad cases. How large budget and noise really are is left open.",
+    "Each fit is a posterior (Laplace approximation), which rewards fit and charges for freedom. Half of the prior "
+    "probability is on no effect. What is said is read off the posterior of all fits together.",
+    "Acts by its name means: the error of the effect's form is at most a tenth, and nothing unknown beside it is "
+    "larger. Found needs a probability of 0.9 that it does, nothing missing one of 0.8.",
+    "Validation cases are never fitted. They enter once, as a predictive check, which may veto a verdict. The "
+    "sensitivity analysis conditions nothing.",
     "The log evidence gain (natural logarithm) is against nothing missing: +3 multiplies an explanation's odds by "
     "about twenty, +5 by about 150. Size is the root mean square change of the fitted readings that the effect makes.",
 )

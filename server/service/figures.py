@@ -31,7 +31,16 @@ if TYPE_CHECKING:
 Drawing = tuple["go.Figure | None", str]
 
 COMPARISON = ("scatter", "scatter_validation", "vectors", "bone", "errors", "z")
-DIAGNOSIS = ("residual_map", "missing_torque", "ranking", "confounding", "revisions", "held_out")
+DIAGNOSIS = (
+    "sensitivity",
+    "residual_map",
+    "missing_torque",
+    "ranking",
+    "size",
+    "confounding",
+    "revisions",
+    "held_out",
+)
 REVISIONS = ("waterfall",)
 _MOST = 512
 _NONE = "No figure: "

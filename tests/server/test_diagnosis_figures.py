@@ -31,16 +31,21 @@ from server.figures.diagnosis_held_out import held_out, held_out_figure
 from server.figures.diagnosis_map import residual_map
 from server.figures.diagnosis_ranking import MOST_ROWS, ranking_figure
 from server.figures.diagnosis_revisions import revisions_figure, steps_of
+from server.figures.diagnosis_sensitivity import assumptions, sensitivity_figure
+from server.figures.diagnosis_size import curves, size_figure
 from server.figures.diagnosis_torque import torque_figure
 from server.figures.static import render
 from server.figures.style import NothingToDrawError
 
 Answer = dict[str, Any]
 
-NAMES = {"residual_map", "missing_torque", "ranking", "confounding", "revisions", "held_out"}
+NAMES = {
+    "sensitivity", "residual_map", "missing_torque", "ranking", "size", "confounding", "revisions", "held_out",
+}  # fmt: skip
 HEADINGS = (
     "Verdict",
-    "What the verdict hangs on",
+    "Suspect load cases and the rig",
+    "Sensitivity analysis",
     "Where the model fails",
     "Which explanation",
     "What cannot be told apart",
@@ -97,7 +102,7 @@ def row(effects: list[str], probability: float, gain: float, after: float | None
     out: dict[str, Any] = {"effects": effects, "probability": probability, "log_evidence_gain": gain}
     out["validation_rmse_N"] = {"before": 0.171, "after": after}
     out |= {"parameters": [], "indistinguishable_from": [], "variant": None, "in_range": True}
-    out |= {"size_N": None, "size_low_N": None, "size_high_N": None, "detectability": None, "wildcard_share": 0.04}
+    out |= {"size_N": None, "size_low_N": None, "size_high_N": None, "detectability": None}
     return out | more
 
 
@@ -184,6 +189,35 @@ def confounding() -> dict[str, Any]:
     }
 
 
+def assumed() -> list[dict[str, Any]]:
+    """What a sensitivity analysis asks, two of the answers far from sure."""
+    tried = [
+        ("prior", "the prior of nothing is 0.2", 0.97),
+        ("prior", "the prior of nothing is 0.8", 0.91),
+        ("width", "effects may be 0.5 times as large", 0.93),
+        ("budget", "the budget is 2 times as large", 0.92),
+        ("budget", "the budget is 4 times as large", 0.71),
+        ("noise", "the noise is 2 times as stated", 0.95),
+        *(("without", f"without posture {p}", 0.94 - 0.5 * (p == "hook")) for p in POSTURES),
+        ("plane", "only the sagittal plane counts", 0.96),
+    ]
+    return [{"group": g, "words": w, "probability": p} for g, w, p in tried]
+
+
+def size_curves() -> list[dict[str, Any]]:
+    """A change that grows with the load, by posture, mount and tendon."""
+    out = []
+    for posture in POSTURES:
+        for location in ("tip", "bone"):
+            for muscle, mass in MASSES.items():
+                load = [0.25 * k * mass for k in range(1, 5)]
+                change = [1e-4 * m * (2.0 if location == "bone" else 1.0) for m in load]
+                band = {"low_N": [0.8 * c for c in change], "high_N": [1.2 * c for c in change]}
+                one = {"posture": posture, "location": location, "muscle": muscle}
+                out.append(one | {"load_g": load, "change_N": change} | band)
+    return out
+
+
 def found() -> Answer:
     """An answer in which the hanger was not weighed."""
     cases = load_cases()
@@ -217,7 +251,7 @@ def found() -> Answer:
         ),
         row(["worn_pulley"], 0.004, 281.0, 0.088, variant="worn_pulley.FDP", indistinguishable_from=["rig_friction"]),
         row(["zero_offset"], 0.0009, 240.5, 0.12, variant="zero_offset.tip", in_range=False, size_N=0.11),
-        row([], 2.3e-138, 0.0, 0.171, wildcard_share=None),
+        row([], 2.3e-138, 0.0, 0.171),
         row(["none_of_catalogue"], 0.0121, 299.1, None),
         *(row([e], 1e-30 * 0.1**k, 150.0 - 9 * k, 0.16) for k, e in enumerate(EFFECTS[7:20])),
     ]
@@ -235,10 +269,36 @@ def found() -> Answer:
             "The held-out error falls from 0.171 N to 0.031 N.",
             "The value, 41.3 ± 2.6 g, lies within what hangers weigh.",
         ],
-        "false_finding_rate": 0.012,
+        "probability_of": "hanger_mass acts by its known law, whatever else does",
         "candidates_searched": 378,
         "notes": ["The out-of-plane forces rest on the clamp carrying no Mx and My."],
-        "robustness": {"flips_when": [], "budget_multiple_at_which_it_fails": 3.2, "sagittal_alone": "found"},
+        "robustness": {
+            "flips_when": [],
+            "rests_on": [],
+            "budget_multiple_at_which_it_fails": 3.2,
+            "sagittal_alone": "found",
+            "assumptions": assumed(),
+        },
+        "suspects": [
+            {
+                "case": "c056",
+                "probability": 0.99,
+                "reads_like": [{"words": "FDS hung, not FDP", "masses_g": {"FDS": 950.0}, "posture": "hook"}],
+                "verdict_without": {"verdict": "found", "effects": ["hanger_mass"], "probability": 0.96},
+            }
+        ],
+        "session_faults": [{"kind": "side", "words": "the finger is mirrored", "probability": 0.03}],
+        "repeatability": {"value_pct": 1.31, "sd_pct": 0.2, "stated_pct": 0.0},
+        "beyond": {"probability": 0.034, "amplitude_N": 0.021},
+        "budget_multiple": {"value": 1.62, "sd": 0.3, "carried_by": ["zero.bone.z"]},
+        "noise_multiple": {"value": 1.0, "sd": 0.0, "assumed": False},
+        "predictive_check": {
+            "log_density_before": -210.0,
+            "p_value_before": 1e-9,
+            "log_density_after": 40.5,
+            "p_value_after": 0.31,
+        },
+        "size": {"curves": size_curves()},
         "ranking": [hanger, *rest],
         "inclusion": {"hanger_mass": 0.983, "goniometer_bias": 0.024, "worn_pulley": 0.004},
         "where": where(cases),
@@ -307,6 +367,7 @@ def found() -> Answer:
 def one_of() -> Answer:
     out = found()
     out |= {"verdict": "one_of", "effects": ["cell_rotation", "suture_angle"], "probability": 0.94, "sentence": ""}
+    out |= {"size": None, "suspects": [], "session_faults": []}
     out["ranking"] = [
         row(["cell_rotation"], 0.55, 40.1, 0.05, indistinguishable_from=["suture_angle"]),
         row(["suture_angle"], 0.39, 39.8, 0.052, indistinguishable_from=["cell_rotation"]),
@@ -323,7 +384,7 @@ def none_of_catalogue() -> Answer:
         "effects": [],
         "probability": 0.91,
         "sentence": "",
-        "false_finding_rate": None,
+        "size": None,
     }
     out["ranking"] = [
         row(["none_of_catalogue"], 0.91, 55.0),
@@ -353,6 +414,7 @@ def nothing_missing() -> Answer:
         "next_cases": [],
         "nulls": [],
         "notes": [],
+        "size": None,
     }
     out |= {"before": {"identification/tip": errors(0.03)}, "after": {"identification/tip": errors(0.03)}}
     out["where"] |= {"joint_torque_cases": [], "joint_torque_Nmm": {}}
@@ -370,6 +432,7 @@ def undecided() -> Answer:
         "verdict": "undecided",
         "effects": [],
         "probability": 0.62,
+        "size": None,
     }
     out["sentence"] = "The hanger's weight is the likeliest explanation, but the verdict hangs on one posture."
     out["robustness"] = {
@@ -377,6 +440,7 @@ def undecided() -> Answer:
         "rests_on": ["posture hook"],
         "budget_multiple_at_which_it_fails": None,
         "sagittal_alone": "undecided",
+        "assumptions": [a | {"probability": 0.6 * a["probability"]} for a in assumed()],
     }
     out["ranking"][0]["probability"] = 0.62
     out["ranking"][1]["probability"] = 0.36
@@ -414,7 +478,12 @@ ANSWERS: dict[str, Callable[[], Answer]] = {
     "undecided": undecided,
 }
 
-MISSING = {"nothing_missing": {"missing_torque", "confounding", "held_out"}}
+MISSING = {
+    "one_of": {"size"},
+    "none_of_catalogue": {"size"},
+    "nothing_missing": {"missing_torque", "confounding", "held_out", "size"},
+    "undecided": {"size"},
+}
 
 
 class Page(HTMLParser):
@@ -473,7 +542,9 @@ def test_page_and_pictures_are_written(tmp_path: Path) -> None:
     folder = tmp_path / "new" / "folder"
     written = draw_diagnosis(one_of(), folder)
     assert written == folder / "diagnose.html"
-    assert {p.name for p in folder.iterdir()} == {"diagnose.html"} | {f"{n}.{e}" for n in NAMES for e in ("png", "svg")}
+    assert {p.name for p in folder.iterdir()} == {"diagnose.html"} | {
+        f"{n}.{e}" for n in NAMES - {"size"} for e in ("png", "svg")
+    }
     for name, figure in diagnosis_figures(one_of()).items():
         picture = imread(io.BytesIO((folder / f"{name}.png").read_bytes()), format="png")
         assert picture.shape[:2] == (2 * figure.layout.height, 2 * figure.layout.width)
@@ -491,14 +562,23 @@ def test_the_verdict_comes_first_and_the_sections_in_order(tmp_path: Path) -> No
     assert read.headings == list(HEADINGS)
     assert read.paragraphs[:2] == ["Model: an1979_middle", found()["sentence"]]
     assert read.paragraphs[2].startswith("Verdict: found, probability 0.96. Not confirmed yet")
-    assert read.paragraphs[3:6] == found()["reasons"]
+    assert read.paragraphs[3] == "Probability of what: hanger_mass acts by its known law, whatever else does."
+    assert read.paragraphs[4] == "Suspect load case: c056 (probability 0.99)."
+    assert read.paragraphs[5:8] == found()["reasons"]
     words = " ".join(read.words)
     for said in (
         "812.4 at 120 degrees of freedom (p < 0.001); 131.9 with the best explanation",
-        "378 explanations searched. False-finding rate simulated on this protocol: 1.2 %.",
-        "stays the same under every change of assumptions",
-        "3.2 times as large",
-        "40 load cases, 32 at the tip and 8 at the bone; 16 held out.",
+        "378 explanations searched, fitted or by the linearised model.",
+        "FDS hung, not FDP",
+        "The whole session: the finger is mirrored (probability 0.03",
+        "bent most: zero.bone.z",
+        "Of 7 other assumptions, 6 leave the verdict sure",
+        "Under none of them is it less probable than not.",
+        "It is no longer sure once the rig's own errors (the budget) are 3.2 times as large.",
+        "acts, alone or beside others: probability 0.03; if so, about 0.02 N.",
+        "Predictive check on the validation cases: p < 0.001 without any effect, p = 0.31 with",
+        "Their log density changes by +250.5.",
+        "40 load cases, 32 at the tip and 8 at the bone; 16 for validation.",
         "Clearly missing at PIP.",
         "not to be told apart by these load cases: suture angle and cell rotation.",
         "k*t_EDC*sin(q_PIP)",
@@ -531,7 +611,7 @@ def test_what_is_absent_is_said_to_be(tmp_path: Path) -> None:
     pooled = page(undecided(), tmp_path)
     assert "Diagnosis of DEV-01, DEV-02, DEV-03 and 1 more" in pooled.words
     assert (
-        "Another verdict would be favoured if the budget were twice as large; or if the posture hook were left out."
+        "It would be less probable than not if the budget were twice as large; or if the posture hook were left out."
         in pooled.paragraphs
     )
     assert "Not worked out for this answer." in page({}, tmp_path).paragraphs
@@ -562,6 +642,7 @@ def holes(tree: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 
 def test_no_absent_value_breaks_the_page() -> None:
     whole = nothing_missing() | {k: found()[k] for k in ("ranking", "hints", "next_cases", "nulls")}
+    whole["size"] = {"curves": size_curves()[:2]}
     whole["where"] = where(load_cases()[6:8])
     whole["cases"] = load_cases()[6:8]
     names = EFFECTS[:3]
@@ -584,7 +665,7 @@ def test_no_absent_value_breaks_the_page() -> None:
 def hostile(tree: Any) -> Any:
     """An answer whose every text is hostile, but for the words that the contract fixes."""
     if isinstance(tree, dict):
-        kept = ("verdict", "role", "location", "schema", "judged_in")
+        kept = ("verdict", "role", "location", "schema", "judged_in", "group")
         return {k: v if k in kept else hostile(v) for k, v in tree.items()}
     if isinstance(tree, list):
         return [hostile(v) for v in tree]
@@ -824,8 +905,66 @@ def test_held_out_cases_are_sorted_and_measured_in_the_plane() -> None:
     assert f"falls in {falls} of them" in figure.layout.title.subtitle.text
 
 
+# --- sensitivity and size
+
+
+def test_every_assumption_has_a_dot_beside_the_line_of_the_sure() -> None:
+    figure = sensitivity_figure(found())
+    dots = {t.name: t for t in figure.data}
+    assert {name: len(t.x) for name, t in dots.items()} == {"sure": 9, "not sure": 1, "below one half": 1}
+    assert dots["not sure"].x == (0.71,)
+    words = dict(zip(figure.layout.yaxis.tickvals, figure.layout.yaxis.ticktext, strict=True))
+    assert words[dots["below one half"].y[0]] == "without posture hook"
+    assert [s.x0 for s in figure.layout.shapes] == [0.9, 0.962]
+    headings = [n.text for n in figure.layout.annotations if n.text.startswith("<b>")]
+    assert headings[0] == "<b>Prior probability of nothing</b>"
+    assert len(headings) == len({a["group"] for a in assumed()})
+
+
+def test_of_many_parts_of_the_data_those_that_matter_most_are_drawn() -> None:
+    parts = [{"group": "without", "words": f"without p{k}", "probability": 0.01 * k} for k in range(60)]
+    answer = {
+        "robustness": {"assumptions": [*parts, assumed()[0], {"group": "own", "words": "else", "probability": 2}]}
+    }
+    assert [a.probability for a in assumptions(answer)][-1] == 1.0
+    figure = sensitivity_figure(answer)
+    assert sum(len(t.x) for t in figure.data) == 40
+    assert max(x for t in figure.data for x in t.x[:-2] if t.name == "below one half") < 0.4
+    assert "22 parts" in figure.layout.title.subtitle.text
+
+
+def test_size_has_a_panel_for_each_posture_and_mount_and_a_line_for_each_tendon() -> None:
+    figure = size_figure(found())
+    assert "hanger mass" in figure.layout.title.text
+    titles = [n.text for n in figure.layout.annotations]
+    assert titles[0] == "<b>Hyperextension, at the tip</b>"
+    assert len(titles) == 8
+    lines = [t for t in figure.data if t.mode == "lines+markers"]
+    bands = [t for t in figure.data if t.fill == "toself"]
+    assert len(lines) == len(bands) == 8 * len(MASSES)
+    assert [t.name for t in lines if t.showlegend] == ["FDP", "FDS", "EDC", "RI", "UI", "LU"]
+    assert {tuple(figure.layout[a].range) for a in ("yaxis", "yaxis8")} == {tuple(figure.layout.yaxis.range)}
+    one = next(c for c in curves(found()) if c.muscle == "FDP")
+    assert max(one.change_N) < figure.layout.yaxis.range[1]
+    assert "950 g changes it by 0.095 N (0.076–0.114)" in lines[0].hovertext[-1]
+    bare = {
+        "size": {"curves": [{"muscle": "LU", "load_g": [20.0], "change_N": [0.1], "low_N": None}, {"load_g": [1.0]}]}
+    }
+    assert [t.mode for t in size_figure(bare).data] == ["lines+markers"]
+
+
 @pytest.mark.parametrize(
-    "draw", [residual_map, torque_figure, ranking_figure, confounding_figure, revisions_figure, held_out_figure]
+    "draw",
+    [
+        sensitivity_figure,
+        residual_map,
+        torque_figure,
+        ranking_figure,
+        size_figure,
+        confounding_figure,
+        revisions_figure,
+        held_out_figure,
+    ],
 )
 def test_nothing_to_draw_is_said(draw: Callable[[Answer], go.Figure]) -> None:
     with pytest.raises(NothingToDrawError):

@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotrf
 from scipy.special import log_ndtr, ndtri_exp
 
 Floats = NDArray[np.float64]
@@ -61,12 +62,16 @@ class Quadratic:
         """Factor of 1 + w G w, step to the best weights turned by it, and which of the weights move."""
         kept = weight > 0.0
         moving, w = index[kept], weight[kept]
-        inner = self.hessian[np.ix_(moving, moving)] * np.outer(w, w)
+        chosen = self.hessian if len(moving) == len(self.gradient) else self.hessian[moving[:, None], moving]
+        inner = chosen * w
+        inner *= w[:, None]
         inner.flat[:: len(w) + 1] += 1.0
-        factor = np.linalg.cholesky(inner)
+        factor, failed = dpotrf(inner, lower=1, clean=1, overwrite_a=1)
+        if failed:
+            raise np.linalg.LinAlgError("1 + w G w is not positive definite: G is not finite")
         score = w * self.gradient[moving] - x[kept] / w
         step = solve_triangular(factor, score, lower=True, check_finite=False)
-        return factor, np.asarray(step, dtype=np.float64), moving
+        return np.asarray(factor, dtype=np.float64), np.asarray(step, dtype=np.float64), moving
 
     def at(self, moved: Ints, by: Floats) -> Quadratic:
         """The same after some weights have been moved, and counted from there."""

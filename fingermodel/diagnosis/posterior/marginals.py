@@ -28,7 +28,7 @@ class Entry:
         node: of the hyperparameters; None for one that was only promised.
         named: candidates that act by their name: no error of form above `FORM_NAMED`, and nothing unknown beside them
             that is larger than what they change themselves.
-        beyond_N: what acts that no name describes: something smooth, or the error of a form above `FORM_NAMED`.
+        beyond_newton: what acts that no name describes: something smooth, or the error of a form above `FORM_NAMED`.
         probability: of it.
     """
 
@@ -36,7 +36,7 @@ class Entry:
     fit: Optimum | None
     node: Node | None
     named: frozenset[str]
-    beyond_N: float
+    beyond_newton: float
     probability: float
 
     @property
@@ -106,23 +106,23 @@ class Posterior:
     @cached_property
     def p_nothing(self) -> float:
         """That no effect acts, and nothing smooth."""
-        return self.probability(lambda e: not e.explanation.size and e.beyond_N == 0.0)
+        return self.probability(lambda e: not e.explanation.size and e.beyond_newton == 0.0)
 
     @cached_property
     def p_beyond(self) -> float:
         """That something acts which no name of the catalogue describes, alone or beside others."""
-        return self.probability(lambda e: e.beyond_N > 0.0 or e.outside)
+        return self.probability(lambda e: e.beyond_newton > 0.0 or e.outside)
 
     @cached_property
     def p_only_beyond(self) -> float:
         """That such a thing acts and nothing of the catalogue by its name."""
-        return self.probability(lambda e: not e.named and (e.beyond_N > 0.0 or e.outside))
+        return self.probability(lambda e: not e.named and (e.beyond_newton > 0.0 or e.outside))
 
     @cached_property
-    def beyond_N(self) -> float:
+    def beyond_newton(self) -> float:
         """Expected size of it if it acts [N]."""
-        total = self.probability(lambda e: e.beyond_N > 0.0)
-        return float(sum(e.probability * e.beyond_N for e in self.entries)) / total if total > 1e-12 else 0.0
+        total = self.probability(lambda e: e.beyond_newton > 0.0)
+        return float(sum(e.probability * e.beyond_newton for e in self.entries)) / total if total > 1e-12 else 0.0
 
     def of_names(self, names: Iterable[str]) -> float:
         """Probability that all of some candidates act by their name."""
@@ -138,7 +138,7 @@ class Posterior:
         """By the names that act and nothing unknown beside them; None is whatever has something unknown or outside."""
         out: dict[tuple[str, ...] | None, float] = {(): 0.0, None: 0.0}
         for entry in self.entries:
-            key = None if not entry.named and (entry.beyond_N > 0.0 or entry.outside) else entry.explanation.names
+            key = None if not entry.named and (entry.beyond_newton > 0.0 or entry.outside) else entry.explanation.names
             out[key] = out.get(key, 0.0) + entry.probability
         return out
 

@@ -120,7 +120,7 @@ class Optimum(Linearised):
         return float(logsumexp(list(self.nodes.values())))
 
     def effects_at(self, node: Node, *, forms: bool = True) -> tuple[Quadratic, Ints, float]:
-        """All candidates' parameters, everything else left open at a node; their indices; minus half the noise's ln det.
+        """All candidates' parameters, all else left open at a node; their indices; and minus half the noise's ln det.
 
         Args:
             node: of the hyperparameters.

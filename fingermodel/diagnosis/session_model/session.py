@@ -67,7 +67,7 @@ class CaseNoise:
             rows = np.array(rows_of)
             blocks = covariance[rows[:, :, None], rows[:, None, :]].copy()
             least = _LEAST_N * np.where(moment[rows], LEVER_MM, 1.0)
-            blocks += (least**2)[:, :, None] * np.eye(rows.shape[1])
+            blocks += (least**2)[:, :, None] * np.eye(len(rows[0]))
             groups.append((rows, blocks, scatter[rows]))
         return cls(tuple(groups), moment, cases)
 

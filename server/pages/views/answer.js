@@ -1,10 +1,10 @@
 // What a search found: the verdict in a sentence, where the model fails, what explains it, what to measure next.
 import { el, panel, quiet, table } from "../dom.js";
-import { masses, number, percent, within, withUnit, words } from "../format.js";
+import { compact, masses, number, percent, within, withUnit, words } from "../format.js";
 import { figure } from "../plot.js";
 
 const FIGURES = [["residual_map", "Where the model fails"], ["missing_torque", "The joint torque that is missing"], ["ranking", "Which explanation"],
-  ["confounding", "What cannot be told apart"], ["held_out", "Cases that were never fitted"]];
+  ["size", "Size of the effect"], ["sensitivity", "Sensitivity analysis"], ["confounding", "What cannot be told apart"], ["held_out", "Validation cases, before and after"]];
 const COLOURS = { found: "good", nothing_missing: "good", one_of: "warn", none_of_catalogue: "warn", undecided: "warn" };
 const name = (r) => r.candidates.join(" + ") || (r.effects.length ? "something else" : "nothing is missing");
 
@@ -23,21 +23,24 @@ export function answer(job, { session, model, add, keep, planned, signal }) {
   const link = (r) => `${base}/effect?${new URLSearchParams({ name: r.candidates.join(","), job: job.id, ...(model() ? { model: model() } : {}) })}`;
   const sure = body.verdict === "found" || body.verdict === "one_of";
   const out = [
+    body.suspects?.length || body.session_faults?.length ? panel("Suspect load cases", suspects(body, base)) : null,
     panel("The verdict", el("p", { class: `verdict ${COLOURS[body.verdict] || ""}` }, body.sentence),
+      body.probability_of ? el("p", {}, `Probability ${percent(body.probability)}: ${body.probability_of}.`) : null,
       body.reasons.map((r) => el("p", {}, r)), body.notes.map(quiet),
-      body.robustness.flips_when.slice(0, 3).map((f) => quiet(`It would be another if ${f}.`)),
-      body.robustness.rests_on?.length ? quiet(`It rests on ${body.robustness.rests_on.join(", ")}.`) : null,
+      body.robustness.flips_when.slice(0, 3).map((f) => quiet(`It would be less probable than not if ${f}.`)),
+      body.robustness.rests_on?.length ? quiet(`It would be less probable than not ${body.robustness.rests_on.slice(0, 3).join(", or ")}${body.robustness.rests_on.length > 3 ? `, or without ${body.robustness.rests_on.length - 3} others` : ""}.`) : null,
       body.confirmation ? el("p", {}, `Predictions made beforehand: ${body.confirmation.text}.`) : null,
       el("div", { class: "row no-print" },
         names.length ? el("button", { class: sure ? "main" : "", onclick: () => add(names) }, `Add ${names.join(" and ")}, and refit`) : null,
         names.length ? el("a", { class: "button", href: link({ candidates: names }) }, "What is that?") : null,
         el("a", { class: "button", href: `${base}/report?job=${encodeURIComponent(job.id)}` }, "Report, to print or save"))),
     panel("Error before and after", table([
-      { title: "cases", cell: ([k]) => words(k).replace("/", " at the ") }, { title: "", cell: ([k]) => (k.startsWith("validation") ? "never fitted" : "fitted") },
+      { title: "cases", cell: ([k]) => words(k).replace("/", " at the ") }, { title: "", cell: ([k]) => (k.startsWith("validation") ? "not fitted" : "fitted") },
       { title: "RMSE before [N]", n: true, cell: ([, e]) => number(e[plane].rmse_N) }, { title: "after [N]", n: true, cell: ([k]) => number(body.after[k]?.[plane].rmse_N) },
     ], Object.entries(body.before), { caption: best.length ? `Refitted both times: without, and with ${best.join(" + ")}` : "With nothing added, refitted" })),
     panel(null, el("div", { class: "row no-print" }, el("div", {}, el("label", { htmlFor: "figure" }, "Figure"), which), quiet("A click on a cell or a point leads to its load cases.")), drawn),
-    panel("Explanations", ranking(body, link)),
+    panel("Explanations", ranking(body, link), included(body)),
+    panel("The rig, as the readings have it", rig(body)),
     panel("Tested and ruled out", ruledOut(body, link)),
     panel("Tests that need no tendon points", body.nulls.filter((n) => n.verdict !== "not_tested").map((n) =>
       el("p", {}, el("strong", { class: n.verdict === "holds" ? "good" : "bad" }, n.verdict === "holds" ? "holds: " : "fails: "), n.text)),
@@ -59,27 +62,62 @@ function ranking(body, link) {
     { title: "what is missing", cell: (r) => (r.candidates.length ? el("a", { href: link(r) }, name(r)) : name(r)) },
     { title: "probability", n: true, cell: (r) => el("span", {}, el("span", { class: "bar", style: `width:${Math.round(60 * r.probability)}px`, "aria-hidden": "true" }), " ", percent(r.probability)) },
     { title: "ln evidence", n: true, cell: (r) => number(r.log_evidence_gain, 1) },
-    { title: "RMSE never fitted [N]", n: true, cell: (r) => number(r.validation_rmse_N.after) },
+    { title: "validation RMSE [N]", n: true, cell: (r) => number(r.validation_rmse_N.after) },
     { title: "value", wrap: true, cell: (r) => values(r) },
     { title: "cannot be told from", wrap: true, cell: (r) => r.indistinguishable_from?.join(", ") || "" },
-  ], rows, { caption: `${body.candidates_searched} explanations searched; of simulated sessions like this one without any effect, ${percent(body.false_finding_rate)} were given one. A name leads to what the effect is.` });
+  ], rows, { caption: `${body.candidates_searched} explanations searched, fitted or by the linearised model. A name leads to what the effect is.` });
+}
+
+function suspects(body, base) {
+  const without = (s) => [words(s.verdict_without?.verdict), ...(s.verdict_without?.effects || [])].filter(Boolean).join(", ");
+  return [
+    (body.session_faults || []).map((f) => el("p", {}, `The whole session: ${f.words} (probability ${percent(f.probability)}).`)),
+    body.suspects?.length ? table([
+      { title: "load case", cell: (s) => el("a", { href: `${base}/compare?${new URLSearchParams({ case: s.case })}` }, s.case) },
+      { title: "probability that it is bad", n: true, cell: (s) => percent(s.probability) },
+      { title: "reads like", wrap: true, cell: (s) => s.reads_like.map((r) => r.words).join("; ") || "" },
+      { title: "verdict without it", wrap: true, cell: without },
+    ], body.suspects, { caption: "They count for nothing in the verdict. Look at their masses, tendons and postures." }) : null,
+  ];
+}
+
+function included(body) {
+  const rows = Object.entries(body.inclusion).filter(([, p]) => p >= 0.01).slice(0, 12);
+  return rows.length ? table([{ title: "effect", cell: ([n]) => n }, { title: "acts by its name", n: true, cell: ([, p]) => percent(p) }], rows,
+    { caption: "Probability that the effect acts by its known law, whatever else does" }) : null;
+}
+
+function rig(body) {
+  const { beyond, repeatability: r, budget_multiple: b, noise_multiple: n, predictive_check: p } = body;
+  const rows = [
+    r && ["Repeatability of the tensions", `${number(r.value_pct, 2)} ± ${number(r.sd_pct, 2)} %`, r.stated_pct ? `${number(r.stated_pct, 1)} %` : "none stated"],
+    b && ["Multiple of the budget", `${number(b.value, 2)} ± ${number(b.sd, 2)}`, b.carried_by.length ? `bent most: ${b.carried_by.slice(0, 3).join(", ")}` : "1"],
+    n && ["Multiple of the noise", `${number(n.value, 2)} ± ${number(n.sd, 2)}`, n.assumed ? "no uncertainty stated" : "1"],
+    beyond && ["Something that no effect describes, alone or beside", `probability ${percent(beyond.probability)}`, beyond.probability >= 0.05 ? `about ${number(beyond.amplitude_N, 2)} N` : ""],
+    p && p.p_value_before !== null && ["Predictive check on the validation cases", `p = ${compact(p.p_value_after)}`, `without any effect p = ${compact(p.p_value_before)}`],
+  ].filter(Boolean);
+  return table([{ title: "", wrap: true, cell: ([t]) => t }, { title: "by the readings", cell: ([, v]) => v }, { title: "stated", wrap: true, cell: ([, , s]) => s }], rows);
 }
 
 function ruledOut(body, link) {
   const kept = new Set(body.ranking.filter((r) => r.probability >= 0.01).flatMap((r) => r.candidates));
-  const rows = body.ranking.filter((r) => r.candidates.length === 1 && !(r.probability >= 0.01) && !kept.has(r.candidates[0]));
+  const fitted = body.ranking.filter((r) => r.candidates.length === 1 && !(r.probability >= 0.01) && !kept.has(r.candidates[0]));
+  const known = new Set([...kept, ...fitted.map((r) => r.candidates[0])]);
+  const promised = Object.keys(body.detectability || {}).filter((n) => !known.has(n)).map((n) => ({ candidates: [n], effects: [n], parameters: [], linearised: true }));
+  const rows = [...fitted, ...promised];
   const best = body.ranking.find((r) => r.log_evidence_gain !== null && r.effects.length);
   if (!rows.length) return quiet("Nothing: every effect that was tested is still possible.");
   return table([
     { title: "effect", cell: (r) => el("a", { href: link(r) }, r.candidates[0]) },
     { title: "why not", wrap: true, cell: (r) => why(r, best) },
     { title: "its value, fitted by itself", wrap: true, cell: (r) => values(r) },
-  ], rows.slice(0, 40), { caption: `${rows.length} single effects, each fitted by itself` });
+  ], rows.slice(0, 40), { caption: `${rows.length} single effects: ${fitted.length} fitted by themselves, the others weighed by the linearised model` });
 }
 
 const values = (r) => r.parameters.slice(0, 3).map((p) => withUnit(`${p.name} ${within(p.value, p.sd)}`, p.unit)).join("; ");
 
 function why(r, best) {
+  if (r.linearised) return "the linearised model promises too little of it to be fitted";
   if (r.in_range === false) return "it would need a value beyond what is plausible";
   if (r.log_evidence_gain === null) return "it falls so far behind the others that it was weighed no further";
   if (r.log_evidence_gain <= 0) return "the readings are explained no better with it than with nothing";

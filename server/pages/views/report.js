@@ -8,8 +8,8 @@ import { figure } from "../plot.js";
 const WIDTH = 960;
 const COMPARISON = [["scatter", "Force components of fitted cases"], ["scatter_validation", "Force components of cases that were never fitted"],
   ["vectors", "Tip forces in each posture"], ["bone", "Net forces on the metacarpal"], ["errors", "Where the errors are"], ["z", "Each case against its uncertainty"]];
-const DIAGNOSIS = [["residual_map", "Where the model fails"], ["missing_torque", "The joint torque that is missing"], ["ranking", "Which explanation"],
-  ["confounding", "What cannot be told apart"], ["held_out", "Cases that were never fitted, before and after"]];
+const DIAGNOSIS = [["sensitivity", "Sensitivity analysis"], ["residual_map", "Where the model fails"], ["missing_torque", "The joint torque that is missing"], ["ranking", "Which explanation"],
+  ["size", "Size of the effect"], ["confounding", "What cannot be told apart"], ["held_out", "Validation cases, before and after"]];
 
 export async function view(main, { session, asked }) {
   const path = at("sessions", session);
@@ -41,7 +41,8 @@ export async function view(main, { session, asked }) {
   const chain = revisions.find((r) => r.id === model);
   fill(sheet, el("p", { class: "title" }, `${session}: predicted and measured forces`),
     quiet(`Model ${body.model}; friction factor c = ${number(body.tension_factor, 3)}, ${body.tension_factor_source}; axes x proximal, y dorsal, z radial. Made ${when(new Date().toISOString())}.`),
-    job?.result ? part("Verdict", el("p", { class: "verdict" }, job.result.sentence), job.result.reasons.map((r) => el("p", {}, r)), job.result.notes.map(quiet)) : null,
+    job?.result ? part("Verdict", el("p", { class: "verdict" }, job.result.sentence),
+      job.result.probability_of ? el("p", {}, `Probability ${percent(job.result.probability)}: ${job.result.probability_of}.`) : null, suspects(job.result), job.result.reasons.map((r) => el("p", {}, r)), job.result.notes.map(quiet)) : null,
     part("Summary", body.notes.map(quiet), table([
       { title: "cases", cell: ([k]) => words(k).replace("/", " at the ") }, { title: "", cell: ([k]) => (k.startsWith("validation") ? "never fitted" : "fitted") },
       { title: "number", n: true, cell: ([, e]) => String(e[plane].cases) }, { title: "RMSE [N]", n: true, cell: ([, e]) => number(e[plane].rmse_N) },
@@ -69,6 +70,12 @@ export async function view(main, { session, asked }) {
     go.disabled = false;
   })().catch((error) => fill(state, problem(error)));
   return { leave: () => away.abort() };
+}
+
+function suspects(body) {
+  const named = (body.suspects || []).map((s) => `${s.case} (${percent(s.probability)})`);
+  const faults = (body.session_faults || []).map((f) => el("p", {}, `The whole session: ${f.words} (probability ${percent(f.probability)}).`));
+  return [named.length ? el("p", {}, `Suspect load case${named.length > 1 ? "s" : ""}: ${named.join(", ")}.`) : null, faults];
 }
 
 function explanations(body) {

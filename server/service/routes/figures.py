@@ -105,12 +105,14 @@ _TITLES = {
     "bone": "Net forces on the metacarpal",
     "errors": "Errors by tendon, posture and role",
     "z": "Residual of every case against its measurement uncertainty",
+    "sensitivity": "Sensitivity analysis: the verdict's probability under each assumption",
     "residual_map": "Where the model fails, by tendon and posture",
     "missing_torque": "The joint torque that is missing",
     "ranking": "Which explanation, with probabilities",
+    "size": "Size of the effect, by load, posture and mount",
     "confounding": "What cannot be told apart",
     "revisions": "Error before and after",
-    "held_out": "Cases that were held out",
+    "held_out": "Residuals of the validation cases, before and after",
     "waterfall": "The fall of the error, step by step",
 }
 

@@ -1,0 +1,67 @@
+"""Hyperparameters: priors are priors, and the nodes that matter are found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fingermodel.diagnosis import settings
+from fingermodel.diagnosis.posterior.hyper import BUDGET, SCATTER, SMOOTH, Hyperparameters, Node, climbed, explored
+from fingermodel.diagnosis.session_model.session import Session, session_of
+from server.workflow import open_bench
+
+
+@pytest.fixture(scope="module")
+def recorded() -> Session:
+    bench = open_bench("DEV-01", catalogue=True)
+    return session_of(bench.model, bench.observations)
+
+
+@pytest.fixture(scope="module")
+def published() -> Session:
+    bench = open_bench("synek2019_H01", catalogue=True)
+    return session_of(bench.model, bench.observations)
+
+
+def test_every_axis_is_a_probability(recorded: Session, published: Session) -> None:
+    for session in (recorded, published):
+        hyper = Hyperparameters.of(session)
+        for axis in (*hyper.axes, hyper.form):
+            assert np.exp(axis.log_weight).sum() == pytest.approx(1.0)
+            assert (np.diff(axis.values) > 0.0).all()
+
+
+def test_priors_say_what_the_explanation_says(recorded: Session) -> None:
+    hyper = Hyperparameters.of(recorded)
+    budget, form = hyper.axes[BUDGET], hyper.form
+    assert np.exp(hyper.axes[SMOOTH].log_weight[0]) == pytest.approx(1.0 - settings.P_SMOOTH / 3.0)
+    assert np.exp(budget.log_weight[budget.values >= 2.8]).sum() == pytest.approx(0.1, abs=0.05)
+    assert np.exp(form.log_weight[form.values > settings.FORM_NAMED]).sum() == pytest.approx(0.2, abs=0.06)
+
+
+def test_a_stated_scatter_is_believed_within_a_factor(published: Session) -> None:
+    axis = Hyperparameters.of(published).axes[SCATTER]
+    stated = published.stated_scatter
+    assert stated == pytest.approx(0.025)
+    near = (axis.values > stated / settings.STATED_FACTOR**2) & (axis.values < stated * settings.STATED_FACTOR**2)
+    assert np.exp(axis.log_weight[near]).sum() > 0.9
+
+
+def quadratic_hill(node: Node) -> float:
+    return -0.7 * ((node[0] - 5) ** 2 + (node[1] - 2) ** 2)
+
+
+def steps(node: Node) -> list[Node]:
+    moves = [(1, 0), (-1, 0), (0, 1), (0, -1)]
+    return [(node[0] + a, node[1] + b) for a, b in moves if 0 <= node[0] + a < 9 and 0 <= node[1] + b < 9]
+
+
+def test_climbing_ends_on_top() -> None:
+    assert climbed(quadratic_hill, (0, 8), (9, 9)) == (5, 2)
+
+
+def test_what_is_left_out_is_improbable() -> None:
+    every = np.array([quadratic_hill((i, j)) for i in range(9) for j in range(9)])
+    found = np.array(list(explored(quadratic_hill, (5, 2), steps, 4.0).values()))
+    assert len(found) < len(every)
+    assert np.exp(found).sum() == pytest.approx(np.exp(every).sum(), rel=0.01)

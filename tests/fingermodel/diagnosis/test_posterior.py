@@ -1,0 +1,117 @@
+"""The posterior of one session: evidence against dense algebra, and statements read off marginals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fingermodel.diagnosis.posterior.fitting import Fitter
+from fingermodel.diagnosis.posterior.hyper import Hyperparameters
+from fingermodel.diagnosis.posterior.linearised import OWN
+from fingermodel.diagnosis.posterior.marginals import Posterior
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
+from fingermodel.diagnosis.session_model.session import session_of
+from fingermodel.diagnosis.settings import FORM_NAMED
+from server.workflow import open_bench
+
+
+@pytest.fixture(scope="module")
+def fitter() -> Fitter:
+    bench = open_bench("DEV-02", catalogue=True)
+    session = session_of(bench.model, bench.observations)
+    return Fitter(session, Candidates.of(bench.model), Hyperparameters.of(session))
+
+
+@pytest.fixture(scope="module")
+def nothing(fitter: Fitter) -> Optimum:
+    return fitter.fit(NOTHING, fitter.session.problem.centre, fitter.hyper.start(0))
+
+
+def single(fitter: Fitter, name: str) -> Explanation:
+    return next(e for e in fitter.candidates.singles if e.names == (name,))
+
+
+@pytest.fixture(scope="module")
+def hanger(fitter: Fitter, nothing: Optimum) -> Optimum:
+    explanation = single(fitter, "hanger_mass")
+    return fitter.fit(explanation, nothing.expected(explanation, nothing.best), nothing.best)
+
+
+@pytest.fixture(scope="module")
+def sheath(fitter: Fitter, nothing: Optimum) -> Optimum:
+    explanation = single(fitter, "sheath_friction")
+    return fitter.fit(explanation, nothing.expected(explanation, nothing.best), nothing.best)
+
+
+@pytest.mark.parametrize("axes", [(0, 0, 0, 0, 0, 0), (4, 1, 2, 3, 0, 0), (2, 0, 0, 0, 3, 2)])
+def test_evidence_is_that_of_the_dense_gaussian(nothing: Optimum, axes: tuple[int, ...]) -> None:
+    fit, node = nothing, axes
+    freed, of_noise = fit.freed(node)
+    values, names = fit.hyper.values(node), fit.acting(node)
+    n = len(fit.residual)
+    covariance = np.zeros((n, n))
+    for rows, blocks in fit.session.fitted_noise.covariances(values.scatter, values.noise, ()):
+        covariance[rows[:, :, None], rows[:, None, :]] = blocks
+    y = fit.residual.copy()
+    for name in [*names, OWN]:
+        columns = fit.block(name, fit.session.fitted, fit.slopes)
+        covariance += fit.width(name, node) ** 2 * columns @ columns.T
+        y += columns @ fit.place(name)
+    expected = -0.5 * y @ np.linalg.solve(covariance, y) - 0.5 * np.linalg.slogdet(covariance)[1]
+    assert freed.log_evidence + of_noise == pytest.approx(expected, abs=1e-4)
+
+
+def test_the_true_effect_is_far_more_probable(nothing: Optimum, hanger: Optimum, sheath: Optimum) -> None:
+    assert hanger.log_posterior > nothing.log_posterior + 50.0
+    assert hanger.log_posterior > sheath.log_posterior + 50.0
+
+
+def test_a_promise_comes_near_what_a_fit_finds(fitter: Fitter, nothing: Optimum, hanger: Optimum) -> None:
+    promised = nothing.promises([hanger.explanation], [nothing.best, fitter.hyper.without_smooth(nothing.best)])[0]
+    assert promised + hanger.log_prior == pytest.approx(hanger.log_posterior, abs=0.25 * hanger.log_posterior)
+    # About its own optimum the promise is what it has, but for the sum over hyperparameters.
+    own = hanger.promises([hanger.explanation], [hanger.best])[0] + hanger.log_prior
+    assert own <= hanger.log_posterior + 1e-6
+    assert own > hanger.log_posterior - 3.0
+
+
+def test_a_sound_case_is_not_suspected_and_a_spoilt_one_is(fitter: Fitter, hanger: Optimum) -> None:
+    odds = hanger.log_odds_bad(hanger.best)
+    assert max(odds.values()) < 5.0
+    case = next(iter(odds))
+    rows = hanger.session.fitted_noise.cases == case
+    spoilt = fitter.linearised(
+        hanger.explanation, hanger.theta, hanger.best, frozenset(), hanger.log_prior, converged=True
+    )
+    spoilt.residual[rows] += 0.5
+    worst = spoilt.log_odds_bad(hanger.best)
+    assert max(worst, key=lambda c: worst[c]) == case
+    assert worst[case] > 20.0
+
+
+def test_probabilities_sum_to_one(nothing: Optimum, hanger: Optimum, sheath: Optimum) -> None:
+    fits = {f.explanation: f for f in (nothing, hanger, sheath)}
+    posterior = Posterior.of(fits, {})
+    assert sum(e.probability for e in posterior.entries) == pytest.approx(1.0)
+    assert sum(posterior.of_explanations().values()) == pytest.approx(1.0)
+    assert posterior.inclusion["hanger_mass"] > 0.99
+    assert posterior.leader is hanger
+
+
+def test_a_law_that_is_off_by_more_than_a_tenth_is_not_named(sheath: Optimum, nothing: Optimum) -> None:
+    index = int(np.argmax(sheath.hyper.form.values > FORM_NAMED))
+    off = (*sheath.best[:-1], index)
+    other = Posterior.of({sheath.explanation: with_node(sheath, off), NOTHING: nothing}, {})
+    entry = next(e for e in other.entries if e.node == off)
+    assert not entry.named
+    assert entry.beyond_newton > 0.0
+
+
+def with_node(fit: Optimum, node: tuple[int, ...]) -> Optimum:
+    """The same fit with all its probability at one node."""
+    from dataclasses import replace
+
+    other = replace(fit)
+    other.__dict__["nodes"] = {node: 0.0}
+    return other

@@ -1,0 +1,136 @@
+"""The model of a session: its noise by case, its discrepancies, and what may act."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
+from fingermodel.diagnosis.session_model.session import Session, session_of, whitened
+from fingermodel.diagnosis.settings import BAD_N, P_NOTHING
+from server.workflow import Bench, open_bench
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    return open_bench("DEV-01", catalogue=True)
+
+
+@pytest.fixture(scope="module")
+def session(bench: Bench) -> Session:
+    return session_of(bench.model, bench.observations)
+
+
+@pytest.fixture(scope="module")
+def candidates(bench: Bench) -> Candidates:
+    return Candidates.of(bench.model)
+
+
+def test_all_moments_at_the_tip_are_fitted_and_none_at_the_bone(session: Session) -> None:
+    places = np.array(session.observations.locations)[session.rows // 6]
+    assert set(session.rows[places == "tip"] % 6) == set(range(6))
+    assert set(session.rows[places == "bone"] % 6) == {0, 1, 2}
+
+
+def test_validation_cases_are_predicted_and_never_fitted(session: Session) -> None:
+    roles = np.array(session.observations.roles)[session.rows // 6]
+    assert (roles[~session.fitted] == "validation").all()
+    assert (roles[session.fitted] != "validation").all()
+
+
+def test_whitening_undoes_the_noise_of_every_case(session: Session) -> None:
+    noise = session.fitted_noise
+    roots, log_det = noise.whitening(0.02, 1.5, frozenset({int(noise.cases[0])}))
+    n = len(noise.cases)
+    covariance = np.zeros((n, n))
+    for rows, blocks in noise.covariances(0.02, 1.5, frozenset({int(noise.cases[0])})):
+        covariance[rows[:, :, None], rows[:, None, :]] = blocks
+    np.testing.assert_allclose(whitened(roots, whitened(roots, covariance).T), np.eye(n), atol=1e-8)
+    assert log_det == pytest.approx(np.linalg.slogdet(covariance)[1])
+
+
+def test_a_bad_case_may_be_anything_and_the_others_are_as_before(session: Session) -> None:
+    noise = session.fitted_noise
+    case = int(noise.cases[0])
+    for (rows, plain), (_, bad) in zip(
+        noise.covariances(0.01, 1.0, ()), noise.covariances(0.01, 1.0, (case,)), strict=True
+    ):
+        is_bad = noise.cases[rows[:, 0]] == case
+        np.testing.assert_array_equal(plain[~is_bad], bad[~is_bad])
+        grown = np.diagonal(bad - plain, axis1=1, axis2=2)[is_bad]
+        assert (grown >= BAD_N**2 - 1e-9).all()
+
+
+def test_scatter_acts_on_each_tendon_by_itself(session: Session) -> None:
+    noise, observations = session.fitted_noise, session.observations
+    for rows, _, by_tension in noise.groups:
+        for case, columns in zip(noise.cases[rows[:, 0]], by_tension, strict=True):
+            loaded = np.asarray(observations.inputs.tension)[case] > 0.0
+            assert not columns[:, ~loaded].any()
+
+
+def test_something_smooth_in_torque_reaches_tip_and_bone_together(session: Session) -> None:
+    torque = session.smooth[:, session.families == 0]
+    places = np.array(session.observations.locations)[session.rows // 6]
+    strength = np.abs(torque).sum(axis=0)
+    both = (np.abs(torque[places == "tip"]).sum(axis=0) > 0) & (np.abs(torque[places == "bone"]).sum(axis=0) > 0)
+    assert both[strength > 0.1 * strength.max()].all()
+
+
+def test_a_discrepancy_spares_the_checks(session: Session) -> None:
+    checks = np.array(session.observations.roles)[session.rows // 6] == "check"
+    assert not session.smooth[checks].any()
+
+
+def test_a_clamp_that_resists_twist_leaves_joint_torques_as_they_are(session: Session) -> None:
+    # Whatever it carries, the joints feel the same torques: what it adds is in the null space of the levers.
+    observations, model = session.observations, session.model
+    from fingermodel.model import tips_of
+
+    jacobian = np.asarray(tips_of(model.finger.topology, model.values, observations.inputs).jacobian)
+    twist = session.nuisances[:, : 2 * len(observations.layout.settings)]
+    for column in twist.T:
+        wrench = np.zeros((len(observations.ids), 6))
+        wrench[session.rows // 6, session.rows % 6] = column
+        tip = np.array(observations.locations) == "tip"
+        torque = np.einsum("ncr,nc->nr", jacobian[tip], wrench[tip])
+        assert np.abs(torque).max() < 1e-9 * max(np.abs(wrench).max(), 1.0)
+
+
+def test_the_prior_of_all_hypotheses_is_no_more_than_one(candidates: Candidates) -> None:
+    singles = candidates.singles
+    total = sum(np.exp(candidates.log_prior(e)) for e in [NOTHING, *singles, *candidates.pairs(singles)])
+    assert P_NOTHING < total <= 1.0 + 1e-9
+    assert total > 0.9
+
+
+def test_an_effect_gains_nothing_by_many_candidates_or_forms(candidates: Candidates) -> None:
+    by_effect: dict[str, float] = {}
+    for single in candidates.singles:
+        effect = single.effects[0]
+        by_effect[effect] = by_effect.get(effect, 0.0) + float(np.exp(candidates.log_prior(single)))
+    inside = {c.effect for c in candidates.all if not c.outside}
+    assert np.ptp([p for e, p in by_effect.items() if e in inside]) < 1e-12
+
+
+def test_what_rigs_are_known_to_do_is_outside(candidates: Candidates) -> None:
+    outside = {c.effect for c in candidates.all if c.outside}
+    assert {"force_shunt", "edc_subluxation", "seating", "hysteresis", "tissue_relaxation"} >= outside
+    assert "force_shunt" in outside
+    assert "hanger_mass" not in outside
+
+
+def test_neighbours_differ_in_one_member(candidates: Candidates) -> None:
+    pair = candidates.pairs(candidates.singles[:1])[5]
+    for other in candidates.neighbours(pair):
+        assert other != pair
+        assert abs(other.size - pair.size) <= 1
+        shared = set(pair.members) & set(other.members)
+        assert len(shared) >= max(pair.size, other.size) - 1
+
+
+def test_no_candidate_acts_twice(candidates: Candidates) -> None:
+    first = candidates.singles[0].members[0]
+    assert candidates.joined((first, first)) is None
+    assert candidates.joined(()) == Explanation()
+    assert isinstance(first, Member)
