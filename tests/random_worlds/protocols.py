@@ -133,7 +133,7 @@ def _postures(rng: Rng, names: Sequence[str], sideways: bool) -> dict[str, dict[
     out = {}
     for name in names:
         angles = {j: float(round(rng.uniform(*bounds))) for j, bounds in RANGES_DEG.items()}
-        out[name] = {**angles, "abduction": float(round(rng.uniform(-8.0, 8.0))) if sideways else 0.0}
+        out[name] = {**angles, "abduction": float(round(rng.uniform(-8.0, 8.0))) * sideways}
     return out
 
 

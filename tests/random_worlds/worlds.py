@@ -80,20 +80,21 @@ def draw_world(seed: Sequence[int], fixed: Settings | None = None) -> World:
     """Draw everything from a seed; what is `fixed` leaves the other draws as they are."""
     fixed = fixed or Settings()
     rng = np.random.default_rng([_SERIES, *seed])
-    kind = fixed.kind or str(rng.choice(list(KINDS), p=list(KINDS.values())))
-    which = fixed.engine or str(rng.choice(["first", "second"]))
-    budget = 2.0 ** rng.uniform(-1.0, 2.0)
-    budget = float(budget) if fixed.budget is None else fixed.budget
+    kind, which = str(rng.choice(list(KINDS), p=list(KINDS.values()))), str(rng.choice(["first", "second"]))
+    kind, which = fixed.kind or kind, fixed.engine or which
+    budget = float(2.0 ** rng.uniform(-1.0, 2.0))
+    budget = budget if fixed.budget is None else fixed.budget
     scale = 1.0 if rng.uniform() < 0.3 else float(np.round(rng.uniform(0.85, 1.15), 3))
     noise = _draw_noise(rng, fixed)
     wanted = 2.0 ** rng.uniform(np.log2(_SDS[0]), np.log2(_SDS[1]), 2)
     count = int(rng.choice(list(_SLIPS), p=list(_SLIPS.values())))
     count = count if fixed.slips is None else fixed.slips
     everywhere = bool(rng.uniform() < 0.1)
-    factor = TENSION_FACTOR if which == "second" else float(np.round(rng.uniform(0.8, 0.92), 3))
+    factor = float(np.round(rng.uniform(0.8, 0.92), 3))
+    factor = TENSION_FACTOR if which == "second" else factor
     # Where the finger is held to one side, the second simulator's tendons lie on the bone in another way.
     plan = draw_plan(rng, factor, sideways=which == "first")
-    made, own = rng.spawn(2)
+    made, own, pen = rng.spawn(3)
     engine: Engine = (
         SecondRig(plan, own, budget, scale)
         if which == "second"
@@ -102,7 +103,7 @@ def draw_world(seed: Sequence[int], fixed: Settings | None = None) -> World:
     passes = 1.0 + noise.scatter * made.normal(size=(len(plan.cases), len(MUSCLES)))
     visibility = Visibility(plan, scale, _seen(noise), budget)
     parts = [_of_size(engine, p, visibility, w) for p, w in zip(_hidden(kind, engine, made), wanted, strict=False)]
-    slips = draw_slips(rng, plan, visibility, count, everywhere)
+    slips = draw_slips(pen, plan, visibility, count, everywhere)
     truth = {"seed": list(seed), "engine": which, "kind": kind, "budget_multiple": budget, "finger_scale": scale}
     truth |= _truth_of_parts(engine, parts, visibility, scale)
     truth |= _truth_of_session(plan, noise, slips)
