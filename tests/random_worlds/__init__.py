@@ -4,6 +4,6 @@ The physics is that of the two simulators, which share no code with the product;
 of a stage, muscles or a joint, a function of an angle and one of the load.
 """
 
-from tests.random_worlds.worlds import Settings, World, draw_world, write_truth, write_world
+from tests.random_worlds.worlds import Settings, World, draw_world, write_drawn, write_truth, write_world
 
-__all__ = ["Settings", "World", "draw_world", "write_truth", "write_world"]
+__all__ = ["Settings", "World", "draw_world", "write_drawn", "write_truth", "write_world"]

@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from tests.random_worlds.engines import NAMES, Engine, FirstRig, Part, SecondRig, loads
+from tests.random_worlds.engines import NAMES, Engine, Part, loads
+from tests.random_worlds.first_rig import FirstRig, nearest_effect
 from tests.random_worlds.laws import Law, draw_law
 from tests.random_worlds.protocols import Plan, Rng, draw_plan
 from tests.random_worlds.recording import write_document, write_readings
+from tests.random_worlds.second_rig import SecondRig
 from tests.random_worlds.slips import Slip, as_stated, draw_slips
 from tests.random_worlds.visibility import Noise, Visibility, pulls
 from tests.second_simulator.reading import TENSION_FACTOR
@@ -121,11 +123,15 @@ def write_world(folder: Path, seed: Sequence[int], fixed: Settings | None = None
     Returns:
         the truth in plain values, as `write_truth` keeps it.
     """
-    world = draw_world(seed, fixed)
+    return write_drawn(folder, draw_world(seed, fixed))
+
+
+def write_drawn(folder: Path, world: World) -> dict[str, Any]:
+    """The same of a world that is drawn already, which can be written once."""
     folder.mkdir(parents=True, exist_ok=True)
     held = world.engine.read(world.parts, world.passes)
     write_readings(folder, world.plan, held, lambda t: world.engine.wander(world.parts, t), world.noise, world.rng)
-    name = "W-" + "-".join(str(s) for s in seed)
+    name = "W-" + "-".join(str(s) for s in world.truth["seed"])
     side = "left" if world.truth["engine"] == "second" else "right"
     write_document(folder, world.plan, as_stated(world.plan, world.slips), world.scale, side, name)
     return world.truth
@@ -202,7 +208,7 @@ def _truth_of_parts(engine: Engine, parts: Sequence[Part], visibility: Visibilit
             | {"sds_beside": visibility.sds(changes[i], others)}
         )
     laws = [p for p in parts if isinstance(p, Law)]
-    like, unlike = _nearest(engine.plan, scale, visibility, changes[0]) if laws else (None, None)
+    like, unlike = nearest_effect(engine.plan, scale, visibility, changes[0]) if laws else (None, None)
     return {
         "effects": [a["name"] for a, p in zip(acting, parts, strict=True) if not isinstance(p, Law)],
         "outside": bool(laws),
@@ -213,22 +219,6 @@ def _truth_of_parts(engine: Engine, parts: Sequence[Part], visibility: Visibilit
         "change_N": _rms(together - without),
         "sds": visibility.sds(together - without),
     }
-
-
-def _nearest(plan: Plan, scale: float, visibility: Visibility, change: Floats) -> tuple[str, float]:
-    """The effect of the catalogue that comes nearest to a change, and what it leaves in standard uncertainties."""
-    rig = FirstRig(plan, 0, 0.0, scale)
-    without = loads(rig, [])
-    left: list[tuple[float, str]] = []
-    for name in NAMES:
-        columns = [loads(rig, [p]) - without for p in rig.by_place(name)]
-        # One tendon's pulley is worn, one mount's zero is off: each is an explanation of its own.
-        size = {"worn_pulley": 1, "zero_offset": 3}.get(name, len(columns))
-        for k in range(0, len(columns), size):
-            moving = [c for c in columns[k : k + size] if np.abs(c).max() > 1e-9]
-            left.append((visibility.sds(change, moving), name))
-    sds, nearest = min(left)
-    return nearest, sds
 
 
 def _truth_of_session(plan: Plan, noise: Noise, slips: Sequence[Slip]) -> dict[str, Any]:
