@@ -163,16 +163,50 @@ def report(rows: Sequence[Row], command: str) -> list[str]:
         "",
         "## By stratum",
         "",
-        "| sessions | nothing, catalogue or outside: log | each effect: log | the whole truth: log | count |",
-        "|---|---|---|---|---|",
+        "A verdict that is undecided is neither right nor wrong.",
+        "",
+        "| sessions | nothing, catalogue, outside: log | each effect: log | whole truth: log | right | wrong | count |",
+        "|---|---|---|---|---|---|---|",
     ]
     three = (scores.category_log, scores.effects_log, scores.exact_log)
     for name, belongs in _STRATA.items():
         some = [r for r in clear if belongs(r)]
         if some:
             means = " | ".join(f"{np.mean([score(r) for r in some]):.3f}" for score in three)
-            lines.append(f"| {name} | {means} | {len(some)} |")
-    return [*lines, ""]
+            said = [scores.verdict_true(r) for r in some if not r["refused"]]
+            lines.append(f"| {name} | {means} | {said.count(True)} | {said.count(False)} | {len(some)} |")
+    return [*lines, "", *_estimates(rows)]
+
+
+def _estimates(rows: Sequence[Row]) -> list[str]:
+    """What is said of scatter and budget, where anything is."""
+    answered = [r for r in rows if not r["refused"]]
+    scatter = [
+        (
+            r["answer"]["repeatability"]["value_pct"],
+            r["answer"]["repeatability"].get("sd_pct"),
+            r["truth"]["scatter_pct"],
+        )
+        for r in answered
+        if (r["answer"].get("repeatability") or {}).get("value_pct") is not None
+    ]
+    budget = [
+        (
+            r["answer"]["budget_multiple"]["value"],
+            r["answer"]["budget_multiple"].get("sd"),
+            r["truth"]["budget_multiple"],
+        )
+        for r in answered
+        if (r["answer"].get("budget_multiple") or {}).get("value") is not None
+    ]
+    lines = []
+    for name, said in (("Scatter [%]", scatter), ("Budget multiple", budget)):
+        if said:
+            error = np.median([abs(value - true) for value, _, true in said])
+            lines.append(f"{name}: median error {error:.2f} in {len(said)} sessions.")
+            held = [abs(value - true) <= 2.0 * sd for value, sd, true in said if sd]
+            lines[-1] += f" Within two stated standard deviations: {sum(held)}/{len(held)}." if held else ""
+    return ["## Scatter and budget as stated", "", *lines, ""] if lines else []
 
 
 def comparison(new: Sequence[Row], old: Sequence[Row]) -> list[str]:
