@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from benchmarks import random_worlds_scores as scores
 from benchmarks.machine import commit, publish, use_all_cores
@@ -76,20 +76,23 @@ def read_rows(file: Path) -> list[dict[str, Any]]:
 
 def run(jobs: Sequence[tuple[int, int]], workers: int, keep: Path) -> None:
     """Diagnose these sessions and add their outcomes to a file, each as soon as it is there."""
-    pool = ProcessPoolExecutor(
-        workers, mp_context=multiprocessing.get_context("spawn"), max_tasks_per_child=_SESSIONS_A_PROCESS
-    )
-    with pool, keep.open("a", encoding="utf-8") as log:
-        for done, future in enumerate(as_completed([pool.submit(one_session, job, commit()) for job in jobs])):
-            error = future.exception()
-            if error is not None:
-                pool.shutdown(wait=False, cancel_futures=True)
-                lost = "a process was killed" if isinstance(error, BrokenProcessPool) else "a world was not made"
-                raise SystemExit(f"{lost} ({error}); what was done is kept, --resume goes on")
-            log.write(json.dumps(future.result()) + "\n")
-            log.flush()
-            if done % 10 == 9:
-                print(f"{done + 1} of {len(jobs)}", flush=True)
+    spawn, size = multiprocessing.get_context("spawn"), workers * _SESSIONS_A_PROCESS
+    with keep.open("a", encoding="utf-8") as log:
+        for first in range(0, len(jobs), size):
+            with ProcessPoolExecutor(workers, mp_context=spawn) as pool:
+                _run_some(pool, jobs[first : first + size], log)
+            print(f"{min(first + size, len(jobs))} of {len(jobs)}", flush=True)
+
+
+def _run_some(pool: ProcessPoolExecutor, jobs: Sequence[tuple[int, int]], log: TextIO) -> None:
+    for future in as_completed([pool.submit(one_session, job, commit()) for job in jobs]):
+        error = future.exception()
+        if error is not None:
+            pool.shutdown(wait=False, cancel_futures=True)
+            lost = "a process was killed" if isinstance(error, BrokenProcessPool) else "a world was not made"
+            raise SystemExit(f"{lost} ({error}); what was done is kept, --resume goes on")
+        log.write(json.dumps(future.result()) + "\n")
+        log.flush()
 
 
 def main() -> None:
