@@ -12,6 +12,8 @@ import pytest
 import yaml
 
 from benchmarks import random_worlds_scores as scores
+from benchmarks.random_worlds import base_seed
+from benchmarks.random_worlds_report import comparison, report
 from daq.checks import check
 from daq.corrections import measure
 from daq.sessions import read_session
@@ -202,3 +204,27 @@ def test_suspects_and_older_answers_are_read_alike() -> None:
     assert scores.suspects_of(given, 0.9) == ["w002"]
     assert scores.slip_cases(given) == {"w002", "w009"}
     assert scores.slip_cases(given, shown=True) == {"w002"}
+
+
+def test_the_page_holds_all_figures_whatever_was_answered() -> None:
+    made = draw_world([1, SMALL], Settings(kind="nothing", slips=1)).truth
+    said = row([], [([], 1.0)], {})
+    fuller = {
+        **said["answer"],
+        "suspects": [{"case": made["slips"][0]["cases"][0], "probability": 0.97}],
+        "repeatability": {"value_pct": made["scatter_pct"], "sd_pct": 0.1},
+        "budget_multiple": {"value": made["budget_multiple"], "sd": 0.1},
+    }
+    rows = [
+        {**said, "truth": made, "wall_s": 1.0, "seed": [1, k], "answer": answer, "refused": refused}
+        for k, (answer, refused) in enumerate([(said["answer"], None), (fuller, None), (None, "SessionError")])
+    ]
+    page = "\n".join(report(rows, "this test"))
+    assert "| refused or crashed | 33.3 %" in page
+    assert "| nothing, catalogue or outside: log | 2.303 |" in page
+    assert "Within two stated standard deviations: 1/1." in page
+    assert "| the whole truth: log | +0.0000 |" in "\n".join(comparison(rows, rows))
+
+
+def test_seeds_come_from_a_commit() -> None:
+    assert base_seed("8e4e6e8") == base_seed("8e4e6e8ffff") == 0x8E4E6E8
