@@ -17,6 +17,7 @@ from tests.simulator.finger import (
     ROTATIONS,
     Finger,
     Floats,
+    Pose,
     clamped,
     cross,
     fraction_widths,
@@ -48,14 +49,35 @@ def plain_finger(scale: float) -> Finger:
     )
 
 
-def per_newton(finger: Finger, angles: Floats) -> dict[str, Floats]:
-    """Readings (6, muscles) of a newton on each tendon by location, for angles (4,) [rad]."""
-    posed = pose(finger, angles)
-    arms = moment_arms(finger, posed, angles)
+@dataclass(frozen=True)
+class Stance:
+    """A posture of the plain finger.
+
+    Attributes:
+        angles: (4,) [rad].
+        posed: where its bones are.
+        held: (4, 4) from joint torques to Fx, Fy, Fz and Mz at the tip.
+    """
+
+    angles: Floats
+    posed: Pose
+    held: Floats
+
+    @classmethod
+    def of(cls, finger: Finger, angles: Floats) -> Stance:
+        """Pose a finger in angles (4,) [rad]."""
+        posed = pose(finger, angles)
+        tips = [clamped(finger, posed, np.zeros(len(MUSCLES)), torque)[0] for torque in np.eye(4)]
+        return cls(angles, posed, np.array(tips).T[_USED["tip"]])
+
+
+def per_newton(finger: Finger, stance: Stance) -> dict[str, Floats]:
+    """Readings (6, muscles) of a newton on each tendon by location."""
+    hood = [rhombus(finger.fraction, pull) for pull in np.eye(len(MUSCLES))]
+    slips = np.array([[shares[name] for shares in hood] for name in finger.slips])
     tip, bone = np.zeros((6, 6)), np.zeros((6, 6))
-    for m, pull in enumerate(np.eye(6)):
-        slips = rhombus(finger.fraction, pull)
-        tip[:, m], bone[:3, m] = clamped(finger, posed, pull, arms @ np.array([slips[s] for s in finger.slips]))
+    tip[_USED["tip"]] = stance.held @ moment_arms(finger, stance.posed, stance.angles) @ slips
+    bone[:3] = finger.suture.T - stance.posed.turn[3] @ tip[:3]
     return {"tip": tip, "bone": bone}
 
 
@@ -96,7 +118,7 @@ class Visibility:
         self._at = [(i, k) for i, c in enumerate(plan.cases) for k in _USED[c.location]]
         self._rows = ([i for i, _ in self._at], [k for _, k in self._at])
         self.fitted: NDArray[np.bool_] = np.array([plan.cases[i].role == "identification" for i, _ in self._at])
-        postures = {c.posture: stated_angles(plan, c.posture) for c in plan.cases}
+        postures = {c.posture: Stance.of(self._finger, stated_angles(plan, c.posture)) for c in plan.cases}
         self._maps = {n: per_newton(self._finger, a) for n, a in postures.items()}
         self.plain = self._readings(self._maps)
         jacobian = budget * np.column_stack([c[self._rows] for c in self._budget(postures)])
@@ -129,7 +151,7 @@ class Visibility:
         each = zip(self._plan.cases, self._pulls, strict=True)
         return np.array([maps[c.posture][c.location] @ pull for c, pull in each])
 
-    def _budget(self, postures: dict[str, Floats]) -> list[Floats]:
+    def _budget(self, postures: dict[str, Stance]) -> list[Floats]:
         """Changes (cases, 6) of one standard deviation of each small error."""
         f, plain = self._finger, self.plain
 
@@ -149,13 +171,13 @@ class Visibility:
                 out.append(moved(replace(f, fraction=fraction)) * sd / 0.1)
         return out + self._angles(postures) + self._instrument()
 
-    def _angles(self, postures: dict[str, Floats]) -> list[Floats]:
+    def _angles(self, postures: dict[str, Stance]) -> list[Floats]:
         out = []
         for name, setting in dict.fromkeys((c.posture, c.setting) for c in self._plan.cases):
             chosen = np.array([(c.posture, c.setting) == (name, setting) for c in self._plan.cases])
             for k in range(len(ROTATIONS)):
-                angles = postures[name] + _ANGLE * np.eye(4)[k]
-                there = {**self._maps, name: per_newton(self._finger, angles)}
+                stance = Stance.of(self._finger, postures[name].angles + _ANGLE * np.eye(4)[k])
+                there = {**self._maps, name: per_newton(self._finger, stance)}
                 out.append((self._readings(there) - self.plain) * chosen[:, None])
         return out
 
