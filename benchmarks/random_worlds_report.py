@@ -106,8 +106,8 @@ _STRATA: dict[str, Callable[[Row], bool]] = {
     "budget above 1.5": lambda r: bool(r["truth"]["budget_multiple"] >= 1.5),
     "Gaussian noise": lambda r: r["truth"]["noise"]["dof"] is None,
     "Student's noise": lambda r: r["truth"]["noise"]["dof"] is not None,
-    "24 to 47 cases": lambda r: bool(r["truth"]["cases"] < 48),
-    "48 to 96 cases": lambda r: bool(r["truth"]["cases"] >= 48),
+    "fewer than 48 cases": lambda r: bool(r["truth"]["cases"] < 48),
+    "48 cases or more": lambda r: bool(r["truth"]["cases"] >= 48),
     "first simulator's physics": lambda r: bool(r["truth"]["engine"] == "first"),
     "second simulator's physics": lambda r: bool(r["truth"]["engine"] == "second"),
     **{f"hidden: {k}": (lambda r, k=k: bool(r["truth"]["kind"] == k)) for k in ("nothing", "one", "two", "outside")},  # type: ignore[misc]

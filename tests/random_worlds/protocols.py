@@ -83,7 +83,7 @@ class _Block:
 
 
 def draw_plan(rng: Rng, tension_factor: float, sideways: bool = True) -> Plan:
-    """Draw 24 to 96 identification cases in two to six postures, 4 to 16 validation cases and perhaps repeats.
+    """Draw some 20 to 96 identification cases in one to six postures, 4 to 16 validation cases and perhaps repeats.
 
     Args:
         rng: that draws.
