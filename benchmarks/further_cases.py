@@ -26,7 +26,6 @@ def carry_on(seed: int, most: int) -> dict[str, Any]:
     """Diagnose a session, and measure what the plan offers until the true name is sure."""
     from fingermodel.diagnosis.diagnose import diagnose
     from fingermodel.diagnosis.next_cases import plan_next
-    from fingermodel.diagnosis.verdict import inclusion
     from server.workflow import open_bench
     from tests.simulator import draw_session, draw_truth
 
@@ -41,7 +40,7 @@ def carry_on(seed: int, most: int) -> dict[str, Any]:
             bench = open_bench(folder, catalogue=True)
             found = diagnose(bench.model, bench.observations)
         true = name.split(".")[0]
-        track.append(sum(p for n, p in inclusion(found.evidence.probability).items() if n in (name, true)))
+        track.append(sum(p for n, p in found.posterior.inclusion.items() if n in (name, true)))
         if track[-1] >= SURE:
             break
         if len(further) == most:

@@ -61,16 +61,19 @@ def one_session(kind: Kind, seed: int, second: bool = False) -> dict[str, Any]:
     import numpy as np
 
     from fingermodel.diagnosis.addition import add_effects
+    from fingermodel.diagnosis.answer import suspects
     from fingermodel.diagnosis.diagnose import diagnose
-    from fingermodel.diagnosis.verdict import inclusion
+    from fingermodel.diagnosis.verdict import stated_node
     from server.workflow import open_bench
 
     with tempfile.TemporaryDirectory() as folder:
         drawn = draw(Path(folder), kind, seed, second)
         bench = open_bench(folder, catalogue=True)
         found = diagnose(bench.model, bench.observations)
-        rows = [w for w in found.evidence.weighed if w.explanation.size]
-        singles = [w.explanation.effects[0] for w in rows if w.explanation.size == 1]
+        posterior = found.posterior
+        ranked = sorted(posterior.fits.values(), key=lambda f: -f.log_posterior)
+        singles = [f.explanation.effects[0] for f in ranked if f.explanation.size == 1]
+        nothing = posterior.nothing
         true = drawn.effects
         best = found.best
         out: dict[str, Any] = {
@@ -87,13 +90,15 @@ def one_session(kind: Kind, seed: int, second: bool = False) -> dict[str, Any]:
             "names": list(found.verdict.names),
             "probability": found.verdict.probability,
             "short": list(found.verdict.short),
-            "leader": sorted(set(found.evidence.weighed[0].explanation.effects)),
+            "leader": sorted(set(posterior.leader.explanation.effects)),
             "singles": list(dict.fromkeys(singles))[:3],
-            "class": sorted(_class_of(found, found.evidence.weighed[0].explanation.names)),
-            "inclusion": dict(list(inclusion(found.evidence.probability).items())[:4]),
-            "p_nothing": found.evidence.probability.get((), 0.0),
-            "p_other": found.evidence.probability[None],
-            "misfit": found.search.nothing.objective,
+            "class": sorted(_class_of(found, posterior.leader.explanation.names)),
+            "inclusion": dict(list(posterior.inclusion.items())[:4]),
+            "p_nothing": posterior.p_nothing,
+            "p_other": posterior.p_only_beyond,
+            "p_beyond": posterior.p_beyond,
+            "suspects": [s["probability"] for s in suspects(found)],
+            "misfit": nothing.freed(stated_node(nothing))[0].misfit,
             "validation_rmse_N": found.validation_rmse(best),
             "seconds": found.seconds,
         }
@@ -104,7 +109,7 @@ def one_session(kind: Kind, seed: int, second: bool = False) -> dict[str, Any]:
             from fingermodel.diagnosis.diagnose import validation_rmse
 
             out["truth_rmse_N"] = validation_rmse(
-                found.problem, compare(bench.model, bench.observations, known.fit.theta)
+                bench.model, compare(bench.model, bench.observations, known.fit.theta)
             )
             # Of two, each must show beside the other.
             others = [add_effects(bench.model, bench.observations, [t], starts=1) for t in true if len(true) > 1]
@@ -119,7 +124,7 @@ def protocol_of(seed: int) -> str:
 
 
 def _class_of(found: Any, names: Sequence[str]) -> set[str]:
-    by_name = {c.name: c.effect for c in found.candidates}
+    by_name = {c.name: c.effect for c in found.candidates.all}
     return {by_name[a] for n in names for a in (n, *found.confounding.alike(n))}
 
 
@@ -183,7 +188,7 @@ def report(rows: Sequence[dict[str, Any]], command: str, simulator: str = "tests
             (r["effects"] == r["truth"] for r in pairs if r["truth_gain"] > 10.0),
         ),
         _rate("both of two lead", "", (set(r["truth"]) <= set(r["leader"]) for r in pairs)),
-        _rate("held-out error within 10 % of knowing the truth", "", held),
+        _rate("validation error within 10 % of knowing the truth", "", held),
         "",
         "Reliability of the stated probability of the leading name (sessions with one effect or none):",
         "",

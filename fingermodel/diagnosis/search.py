@@ -24,7 +24,7 @@ from fingermodel.diagnosis.settings import MOST_FITS, P_BAD, SUSPECT, WITHIN
 Floats = NDArray[np.float64]
 
 # Explanations of each size that are fitted whatever the promise, by each of the two first linearisations.
-_FIRST = 3
+_FIRST = 4
 # Prior widths from its null at which a parameter is tried that has no slope there.
 _SHAPES = (-1.6, -1.0, -0.4, 0.4, 1.0, 1.6)
 # Where a search begins on the axes of scatter and smooth.
@@ -82,7 +82,7 @@ class Searcher:
             start: (parameters,) of an earlier fit of the base model, tried besides the priors' centre.
             most: fits.
         """
-        every = self._every(self._session.problem.centre)
+        every = self._every(self._session.problem.centre, rounds=1)
         # Scatter changes a reading as the fitted finger does, not as the normative one.
         self._fitter = replace(self._fitter, session=self._session.seen_from(every.theta))
         every = self._begun(every.theta, start)
@@ -101,11 +101,11 @@ class Searcher:
     def _session(self) -> Session:
         return self._fitter.session
 
-    def _every(self, begin: Floats) -> Optimum:
+    def _every(self, begin: Floats, rounds: int = 0) -> Optimum:
         """Fit all candidates at once, with the cases that are bad so far."""
         parameters = sorted({i for c in self._candidates.all for form in c.forms for i in form})
         all_of_them = Candidate("all candidates", "", (tuple(parameters),), 1.0, has_form=False)
-        return self._fitter.fit(Explanation((Member(all_of_them),)), begin, self._first_node, self._bad, 0.0)
+        return self._fitter.fit(Explanation((Member(all_of_them),)), begin, self._first_node, self._bad, 0.0, rounds)
 
     @property
     def _first_node(self) -> Node:
@@ -185,27 +185,44 @@ class Searcher:
         return {e: float(v) + self._log_prior(e) for e, v in zip(offers, values, strict=True)}
 
     def _nodes(self, host: Optimum) -> list[Node]:
-        """A host's best node, and the same with something smooth left out and with little of it."""
+        """A host's best node, and others at which less of what an effect may explain is explained already.
+
+        With little of what is smooth, without it, and without more than usual scatter or noise.
+        """
         little = int(np.argmin(np.abs(self._hyper.axes[SMOOTH].values - _SMOOTH)))
-        best = host.best
+        best, usual = host.best, self._first_node
         less = (*best[:SMOOTH], *(min(little, i) for i in best[SMOOTH:FORMS]), *best[FORMS:])
-        return list(dict.fromkeys([best, self._hyper.without_smooth(best), less]))
+        plain = (min(best[SCATTER], usual[SCATTER]), usual[NOISE], *self._hyper.without_smooth(best)[2:])
+        return list(dict.fromkeys([best, self._hyper.without_smooth(best), less, plain]))
 
     def _first_fits(self, every: Optimum) -> None:
-        """Fit what promises most about the base, and about where all candidates fit."""
+        """Fit what promises to come near the leader about the base, and about where all candidates fit."""
         base = self._fits[NOTHING]
+        offers: dict[Explanation, tuple[float, Optimum]] = {}
         for host in (base, every):
             nodes = self._nodes(host)
-            singles = _best_forms(self._promised(host, self._singles, nodes))
-            pairs = _best_forms(self._promised(host, self._candidates.pairs(singles[: 3 * _FIRST]), nodes))
-            for explanation in [*singles[:_FIRST], *pairs[:1]]:
-                self._fit(explanation, host)
-        for explanation, host in self._shaped(base)[:_FIRST]:
+            promised = self._promised(host, self._singles, nodes)
+            firsts = _best_forms(promised)[: 3 * _FIRST]
+            promised |= self._promised(host, self._candidates.pairs(firsts), nodes)
+            for e, v in promised.items():
+                if e not in offers or v > offers[e][0]:
+                    offers[e] = (v, host)
+        for e, (v, host) in self._shaped(base).items():
+            if v > offers[e][0]:
+                offers[e] = (v, host)
+        for explanation in _best_forms({e: v for e, (v, _) in offers.items()})[: 3 * _FIRST]:
+            promise, host = offers[explanation]
+            if promise < self._leader.log_posterior - WITHIN:
+                break
             self._fit(explanation, host)
         self._tell(0.6)
 
-    def _shaped(self, base: Optimum) -> list[tuple[Explanation, Optimum]]:
-        """Forms with a parameter that has no slope at its null (a moment, a time constant), the most promising first.
+    @property
+    def _leader(self) -> Optimum:
+        return max(self._fits.values(), key=lambda o: o.log_posterior)
+
+    def _shaped(self, base: Optimum) -> dict[Explanation, tuple[float, Optimum]]:
+        """What forms promise that have a parameter without slope at its null (a moment, a time constant).
 
         Such a parameter says where or how an effect acts, so the base is linearised with it at several values.
         """
@@ -223,8 +240,7 @@ class Searcher:
                 promise = float(v) + self._log_prior(e)
                 if e not in best or promise > best[e][0]:
                     best[e] = (promise, host)
-        ranked = _best_forms({e: v for e, (v, _) in best.items()})
-        return [(e, best[e][1]) for e in ranked]
+        return best
 
     def _fit(self, explanation: Explanation, host: Optimum) -> None:
         best = host.best if host in self._fits.values() else self._fits[NOTHING].best
@@ -235,7 +251,7 @@ class Searcher:
         """Fit the neighbours of the leader that promise to come near it, until none is left."""
         tried: set[Explanation] = set(self._fits)
         while len(self._fits) < most:
-            leader = max(self._fits.values(), key=lambda o: o.log_posterior)
+            leader = self._leader
             offers = [e for e in self._candidates.neighbours(leader.explanation) if e not in tried]
             promised = self._promised(leader, offers, self._nodes(leader))
             limit = leader.log_posterior - WITHIN
@@ -249,8 +265,8 @@ class Searcher:
 
     def _finish(self) -> None:
         """Fit what comes near the leader from where the leader expects it too: no valley is open to one alone."""
-        leader = max(self._fits.values(), key=lambda o: o.log_posterior)
-        near = [f for f in self._fits.values() if f.log_posterior > leader.log_posterior - 2.0 * WITHIN]
+        leader = self._leader
+        near = [f for f in self._fits.values() if f.log_posterior > leader.log_posterior - WITHIN]
         for fit in near:
             starts = [] if fit is leader else [leader.expected(fit.explanation, leader.best)]
             for start in starts if fit.converged else [*starts, fit.theta]:
@@ -258,7 +274,7 @@ class Searcher:
 
     def _rest(self) -> dict[Explanation, float]:
         """What the leader promises explanations that were not fitted."""
-        leader = max(self._fits.values(), key=lambda o: o.log_posterior)
+        leader = self._leader
         offers = dict.fromkeys([*self._candidates.neighbours(leader.explanation), *self._singles])
         return self._promised(leader, [e for e in offers if e not in self._fits], [leader.best])
 

@@ -43,7 +43,7 @@ def test_a_missing_effect_is_found_and_what_was_ruled_out_is_said(seen: Watched)
     assert "hanger_mass explains the same readings better" in ruled_out.inner_text()
     seen.drawn()
     # Every figure of the answer can be drawn, and a cell of the map leads to its load cases.
-    for name in ("missing_torque", "ranking", "confounding", "held_out", "residual_map"):
+    for name in ("missing_torque", "ranking", "size", "sensitivity", "confounding", "held_out", "residual_map"):
         seen.page.get_by_label("Figure").select_option(name)
         seen.drawn()
     click_point(seen.page, 0, [0, 0])
@@ -120,7 +120,7 @@ def test_the_report_has_every_section_and_figure_on_paper(seen: Watched, tmp_pat
     headings = seen.page.locator(".sheet h2").all_inner_texts()
     assert {"Verdict", "The fall of the error", "Before and after, on the finger", "Load cases"} <= set(headings)
     figures = seen.page.locator(".sheet-figure .js-plotly-plot")
-    assert figures.count() == 12
+    assert figures.count() == 14
     titles = seen.page.evaluate(
         "[...document.querySelectorAll('.sheet .js-plotly-plot')].map((p) => p.layout.title.text.split('<br>')[0])"
     )

@@ -9,13 +9,16 @@ from typing import Any
 import pytest
 
 from fingermodel.effects.user import effect_document, load_effect
+from server.commands.diagnosis import _print_verdict
 from tests.own_effect import python_file
 from tests.server.test_cli import run
+from tests.server.test_diagnosis_figures import found as missing_effect
 from tests.simulator import draw_session
 
 KEYS = {
     "verdict", "effects", "probability", "confirmed", "robustness", "ranking", "inclusion", "where", "hints",
-    "before", "after", "next_cases", "seconds",
+    "before", "after", "next_cases", "seconds", "suspects", "session_faults", "repeatability", "beyond",
+    "budget_multiple", "noise_multiple", "predictive_check", "probability_of", "size",
 }  # fmt: skip
 
 
@@ -41,14 +44,40 @@ def test_diagnose_answers_as_agreed(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert any(row["effects"] == [] for row in body["ranking"])
     assert {"by_muscle", "by_posture", "by_location", "by_component", "joint_torque_Nmm"} <= body["where"].keys()
     assert body["next_cases"][0].keys() >= {"posture", "location", "masses_g", "information_nat", "separates"}
+    assert body["robustness"]["assumptions"][0].keys() == {"group", "words", "probability"}
+    assert body["size"]["curves"][0].keys() >= {
+        "posture",
+        "location",
+        "muscle",
+        "load_g",
+        "change_N",
+        "low_N",
+        "high_N",
+    }
+    assert not {"calibration", "false_finding_rate"} & body.keys()
     assert (tmp_path / "report" / "diagnose.html").stat().st_size > 100_000
+    assert {p.stem for p in (tmp_path / "report").glob("*.png")} >= {"sensitivity", "size", "ranking"}
 
 
 def test_diagnose_prints_the_verdict_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     answer = run("diagnose", "DEV-01")
     assert (answer.code, answer.err) == (0, "")
-    assert answer.out.startswith("Nothing is missing")
+    lines = answer.out.splitlines()
+    assert lines[0].startswith("Nothing is missing")
+    assert lines[1].strip().startswith("Probability 0.9")
+    assert lines[1].endswith(": no effect acts, and nothing unknown.")
+    assert "validation RMSE [N]" in answer.out
+
+
+def test_suspects_are_named_above_the_reasons(capsys: pytest.CaptureFixture[str]) -> None:
+    body = missing_effect() | {"reasons": ["It explains the readings."]}
+    _print_verdict(body)
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    assert lines[2] == "Suspect load case: c056 (0.99; reads like FDS hung, not FDP)."
+    assert lines.index("It explains the readings.") > 2
+    assert lines[3] == "The whole session: the finger is mirrored (probability 0.03)."
+    assert any(line.startswith("Predictive check on the validation cases: p = 1e-09") for line in lines)
 
 
 def test_adding_writes_a_revision_that_compares(added: tuple[Path, dict[str, Any]]) -> None:

@@ -213,7 +213,7 @@ def size_curves() -> list[dict[str, Any]]:
                 load = [0.25 * k * mass for k in range(1, 5)]
                 change = [1e-4 * m * (2.0 if location == "bone" else 1.0) for m in load]
                 band = {"low_N": [0.8 * c for c in change], "high_N": [1.2 * c for c in change]}
-                one = {"posture": posture, "location": location, "muscle": muscle}
+                one: dict[str, Any] = {"posture": posture, "location": location, "muscle": muscle}
                 out.append(one | {"load_g": load, "change_N": change} | band)
     return out
 

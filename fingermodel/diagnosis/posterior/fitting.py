@@ -44,7 +44,7 @@ class Fitter:
         node: Node,
         bad: frozenset[int] = frozenset(),
         log_prior: float | None = None,
-        evaluations: int = 0,
+        rounds: int = 0,
     ) -> Optimum:
         """Fit from a start, alternating with the hyperparameters until both stand.
 
@@ -54,14 +54,14 @@ class Fitter:
             node: hyperparameters to begin with; those of other members' forms are replaced.
             bad: cases whose reading may be anything.
             log_prior: of the explanation; by default the candidates'.
-            evaluations: of each round.
+            rounds: most rounds.
         """
         forms = [m for m in explanation.members if m.candidate.has_form]
         at = (*node[:FORMS], *[self.hyper.form.mode] * len(forms))
         prior = self.candidates.log_prior(explanation) if log_prior is None else log_prior
         theta, found = start, None
-        for _ in range(_ROUNDS):
-            solution_theta, converged = self._solved(explanation, theta, at, bad, found, evaluations or _EVALUATIONS)
+        for _ in range(rounds or _ROUNDS):
+            solution_theta, converged = self._solved(explanation, theta, at, bad, found)
             found = self.linearised(explanation, solution_theta, at, bad, prior, converged=converged)
             theta, before, at = found.theta, at, found.mode
             if max(abs(a - b) for a, b in zip(before, at, strict=True)) <= 1:
@@ -77,7 +77,6 @@ class Fitter:
         node: Node,
         bad: frozenset[int],
         before: Optimum | None,
-        evaluations: int,
     ) -> tuple[Floats, bool]:
         """(parameters,) of the optimum under a node's covariance, and whether the solver was done."""
         problem, session = self.session.problem, self.session
@@ -96,7 +95,7 @@ class Fitter:
         free = problem.free | free_mask(problem.model, explanation)
         weighed = problem.weighed(whitener, np.where(of_budget, values.budget * problem.sd, problem.sd), free)
         begin = np.where(free, np.clip(start, problem.lower, problem.upper), problem.centre)
-        solution = solve(weighed, begin, _FLOOR, evaluations, crawl=_CRAWL)
+        solution = solve(weighed, begin, _FLOOR, _EVALUATIONS, crawl=_CRAWL)
         theta = np.where(
             free, np.clip(weighed.centre + weighed.scale * solution.x, problem.lower, problem.upper), begin
         )

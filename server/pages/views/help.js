@@ -17,7 +17,7 @@ export async function view(main, { asked }) {
         step("Look into a case.", "Click a point or a row of the table. Its readings open with the windows that were averaged. Drag a window, or type its times; every change can be undone."),
         step("Find the missing effect.", "One click fits every effect of the catalogue. The verdict is the large sentence; below it stand its reasons, what else could explain the readings, and what was ruled out."),
         step("Look at the effect.", "Its name leads to its formula, source, and what it would change in these very data: bars that follow the circles take up what the model misses."),
-        step("Add and refit.", "The error falls, or it does not. Cases that were never fitted are the judge."),
+        step("Add and refit.", "The error falls, or it does not. The validation cases are a check on it."),
         step("The fall of the error.", "Step back and forth, compare any two steps, print the report. Any step can be put in force again: nothing is overwritten.")),
       el("p", {}, "If the data cannot tell, the verdict says so, and lists what to measure next. One click puts such a case on the bench's checklist.")),
     panel("Words", el("dl", {}, [

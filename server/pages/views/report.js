@@ -6,7 +6,7 @@ import { figure } from "../plot.js";
 
 // Of a figure on the screen; on paper it is scaled down to the page.
 const WIDTH = 960;
-const COMPARISON = [["scatter", "Force components of fitted cases"], ["scatter_validation", "Force components of cases that were never fitted"],
+const COMPARISON = [["scatter", "Force components of fitted cases"], ["scatter_validation", "Force components of validation cases"],
   ["vectors", "Tip forces in each posture"], ["bone", "Net forces on the metacarpal"], ["errors", "Where the errors are"], ["z", "Each case against its uncertainty"]];
 const DIAGNOSIS = [["sensitivity", "Sensitivity analysis"], ["residual_map", "Where the model fails"], ["missing_torque", "The joint torque that is missing"], ["ranking", "Which explanation"],
   ["size", "Size of the effect"], ["confounding", "What cannot be told apart"], ["held_out", "Validation cases, before and after"]];
@@ -44,7 +44,7 @@ export async function view(main, { session, asked }) {
     job?.result ? part("Verdict", el("p", { class: "verdict" }, job.result.sentence),
       job.result.probability_of ? el("p", {}, `Probability ${percent(job.result.probability)}: ${job.result.probability_of}.`) : null, suspects(job.result), job.result.reasons.map((r) => el("p", {}, r)), job.result.notes.map(quiet)) : null,
     part("Summary", body.notes.map(quiet), table([
-      { title: "cases", cell: ([k]) => words(k).replace("/", " at the ") }, { title: "", cell: ([k]) => (k.startsWith("validation") ? "never fitted" : "fitted") },
+      { title: "cases", cell: ([k]) => words(k).replace("/", " at the ") }, { title: "", cell: ([k]) => (k.startsWith("validation") ? "not fitted" : "fitted") },
       { title: "number", n: true, cell: ([, e]) => String(e[plane].cases) }, { title: "RMSE [N]", n: true, cell: ([, e]) => number(e[plane].rmse_N) },
       { title: "RMSE [%]", n: true, cell: ([, e]) => number(e[plane].rmse_rel_pct, 1) }, { title: "direction [deg]", n: true, cell: ([, e]) => number(e[plane].direction_error_deg, 1) },
     ], Object.entries(body.summary), { caption: plane === "sagittal" ? "In the sagittal plane, in which this finger is judged" : "In space" })),

@@ -1,0 +1,75 @@
+"""The predictive check: validation cases are predicted by the model that they test, as far as they are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fingermodel.diagnosis.predictive import check, predicted
+from fingermodel.diagnosis.session_model.session import session_of
+from fingermodel.refit import drawn_starts, slopes_of
+from server.commands.diagnosis import run_diagnosis
+from server.workflow import open_bench
+
+
+def test_slopes_of_validation_readings_are_those_of_the_prediction() -> None:
+    bench = open_bench("DEV-08", catalogue=True)
+    session = session_of(bench.model, bench.observations)
+    problem = replace(session.problem, free=session.problem.free | bench.model.parameters.of_kind("effect"))
+    rows = session.rows[~session.fitted]
+    assert {bench.observations.roles[i] for i in rows // 6} == {"validation"}
+    (theta,) = drawn_starts(problem, 1)
+    way = np.random.default_rng(4).normal(size=len(theta)) * problem.free
+    step = 1e-4 * problem.scale * way
+
+    def readings(at: np.ndarray) -> np.ndarray:
+        wrench = np.asarray(bench.model.predict(bench.observations.inputs, at).reading)
+        return wrench.reshape(-1)[rows]
+
+    # What is left of a reading falls as its prediction rises.
+    expected = -(readings(theta + step) - readings(theta - step)) / 2e-4
+    slopes = slopes_of(problem, theta, rows) @ way
+    for component in np.unique(rows % 6):
+        own = rows % 6 == component
+        tolerance = 1e-3 * float(np.median(np.abs(expected[own])))
+        np.testing.assert_allclose(slopes[own], expected[own], rtol=2e-3, atol=tolerance)
+
+
+def test_validation_readings_of_unknown_uncertainty_do_not_count() -> None:
+    bench = open_bench("DEV-08", catalogue=True)
+    held = bench.observations.where("validation")
+    covariance = bench.observations.covariance.copy()
+    moments = (6 * held[:, None] + np.arange(3, 6)).reshape(-1)
+    covariance[moments, :] = covariance[:, moments] = 0.0
+    session = session_of(bench.model, replace(bench.observations, covariance=covariance))
+    assert not np.isin(session.rows, moments).any()
+    assert np.isin(6 * held, session.rows[~session.fitted]).all()
+
+
+def test_a_validation_case_that_is_spoilt_is_named_and_the_others_still_speak() -> None:
+    bench = open_bench("DEV-08", catalogue=True)
+    found = run_diagnosis(bench)
+    sound = check(found.best)
+    assert sound.bad == {}
+    assert not sound.vetoes
+    fit = found.best
+    observations = bench.observations
+    spoilt = int(observations.where("validation")[3])
+    wrench = observations.wrench.copy()
+    wrench[spoilt, :3] += 1.0
+    session = replace(
+        fit.session, problem=replace(fit.session.problem, observations=replace(observations, wrench=wrench))
+    )
+    told = check(replace(fit, session=session))
+    assert list(told.bad) == [spoilt]
+    assert not told.vetoes
+    assert predicted(fit).covariance.shape == (len(predicted(fit).away),) * 2
+
+
+def test_without_validation_cases_nothing_is_vetoed() -> None:
+    bench = open_bench("DEV-08", catalogue=True)
+    roles = tuple("check" if role == "validation" else role for role in bench.observations.roles)
+    found = run_diagnosis(replace(bench, observations=replace(bench.observations, roles=roles)))
+    assert found.verdict.effects == ("zero_offset",)
+    assert check(found.best).p_value is None
