@@ -9,19 +9,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fingermodel.budget import CERTIFICATE, Budget, anatomy_parameters, budget_effects
 from fingermodel.extensor import segment_tensions
 from fingermodel.fingers import Finger, FingerValues, Topology
 from fingermodel.hood.parts import ElasticHood
 from fingermodel.kinematics import TipKinematics, joint_poses, poses_of_turns, tip_kinematics
+from fingermodel.many_cases import many_cases, suits
 from fingermodel.parameters import ParameterTable
 from fingermodel.programs import stored
 from fingermodel.rows import picked
@@ -360,8 +361,7 @@ CHUNK = 2048
 ELASTIC_CHUNK = 128
 
 
-@stored(ClampForces)
-def clamp_forces_batch(topology: Topology, values: FingerValues, posture: Array, tension: Array) -> ClampForces:
+def clamp_forces_batch(topology: Topology, values: FingerValues, posture: ArrayLike, tension: ArrayLike) -> ClampForces:
     """Forces alone, without budget or effects, each case with its own posture and tensions.
 
     Args:
@@ -373,6 +373,17 @@ def clamp_forces_batch(topology: Topology, values: FingerValues, posture: Array,
     Returns:
         Tip wrench (n, 6) and bone force (n, 3).
     """
+    traced = any(isinstance(given, jax.core.Tracer) for given in (*values, posture, tension))
+    if traced or not suits(topology):
+        return forces_of_any(topology, values, posture, tension)
+    finger = many_cases(topology, values)
+    tip, bone = finger.forces(np.asarray(posture, dtype=float), np.asarray(tension, dtype=float))
+    return ClampForces(cast(Array, tip), cast(Array, bone))
+
+
+@stored(ClampForces)
+def forces_of_any(topology: Topology, values: FingerValues, posture: Array, tension: Array) -> ClampForces:
+    """`clamp_forces_batch` of a finger of any kind, through the stages of `predict_case`."""
 
     def one(case: tuple[Array, Array, Array]) -> ClampForces:
         cosine, sine, t = case
