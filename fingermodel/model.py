@@ -6,7 +6,7 @@ everything. All effects live in it at their null values, so choosing effects is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import NamedTuple, TypeVar, cast
@@ -25,7 +25,6 @@ from fingermodel.kinematics import TipKinematics, joint_poses, poses_of_turns, t
 from fingermodel.many_cases import many_cases, suits
 from fingermodel.parameters import ParameterTable
 from fingermodel.programs import stored
-from fingermodel.rows import picked
 from fingermodel.stages import Effect, Layout, LoadCaseInput, Stage, State
 from fingermodel.statics import ClampForces, clamp_forces, joint_loads, joint_torques
 from fingermodel.tendons import joint_pulls, moment_arms
@@ -242,21 +241,12 @@ def predict_parts(
             if getattr(getattr(effect, stage), "__func__", None) is not getattr(Effect, stage)
         }
         if active is None:
-            return _one_by_one(changes.values(), state)
-        first, always, last = list[int](), list[int](), list[int]()
-        for i in changes:
-            after = structure.effects[i].after_mounting
-            (last if after else first if _is_optional(structure, i) else always).append(i)
-        state = if_any(first, changes, state)
-        state = _one_by_one([changes[i] for i in always], state)
-        return if_any(last, changes, state)
-
-    def if_any(asked: list[int], changes: Mapping[int, Callable[[State], State]], state: State) -> State:
-        """Asked of all together first: most fits have one effect, and every answer copies what it might change."""
-        if active is None or not asked:
+            for change in changes.values():
+                state = change(state)
             return state
-        optional = [partial(_if, active[i], changes[i]) for i in asked]
-        return _if(jnp.any(picked(active, asked)), partial(_one_by_one, optional), state)
+        for i, change in changes.items():
+            state = _if(active[i], change, state) if _is_optional(structure, i) else change(state)
+        return state
 
     state = State(topology, case.posture, with_anatomy(topology, values, parts[0]), case.tension)
     state = act("tension", state)
@@ -280,12 +270,6 @@ def predict_parts(
     assert state.wrench is not None  # noqa: S101 - filled above
     assert state.torque is not None  # noqa: S101 - filled above
     return Prediction(state.wrench, forces, loads, state.torque)
-
-
-def _one_by_one(changes: Iterable[Callable[[State], State]], state: State) -> State:
-    for change in changes:
-        state = change(state)
-    return state
 
 
 def _is_optional(structure: Structure, index: int) -> bool:
@@ -313,7 +297,7 @@ def _if(active: Array, change: Callable[[State], State], state: State) -> State:
     return State(state.topology, *jax.tree.unflatten(tree, leaves))
 
 
-@stored(Prediction, ClampForces)
+@stored(Prediction, ClampForces, hurried=True)
 def predict_batch(
     structure: Structure, values: FingerValues, theta: Array, cases: LoadCaseInput, active: Array
 ) -> Prediction:
