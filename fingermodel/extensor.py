@@ -84,4 +84,5 @@ def _winslow_rhombus(topology: Topology, hood: Hood, values: FingerValues, tensi
     directly = np.array([[float(s == m and s not in hooded) for m in topology.muscles] for s in slips])
     to_central = np.array([np.full(count, float(s == hood.central_slip)) for s in slips])
     to_rest = np.array([of_rest.get(s, none) for s in slips])
-    return directly @ tension + to_central @ central + to_rest @ (enters - central)
+    shared = np.concatenate([directly, to_central, to_rest], axis=1)
+    return shared @ jnp.concatenate([tension, central, enters - central])

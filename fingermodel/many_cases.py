@@ -284,13 +284,14 @@ def _frame(axis: Floats) -> Floats:
 def _crossings(topology: Topology, values: FingerValues) -> tuple[list[_Crossing], list[int]]:
     """What crosses each joint, and the order in which segments are taken."""
     crossings, order, first = list[_Crossing](), list[int](), 0
+    axes = np.asarray(values.axis)
     for joint, centre in zip(topology.joints, values.centre, strict=True):
         last = first + len(joint.rotations)
         own = [i for i, s in enumerate(topology.segments) if s.distal_bone == joint.child]
         # An anchor, and a point that is carried through the joint: (products of both rotations, segments, 3).
         anchor, point = values.distal_point[own], values.proximal_point[own] - centre
         carried = point
-        for axis in values.axis[first:last]:
+        for axis in axes[first:last]:
             carried = _carried(carried, axis)
         # The line's square is |point|2 + |anchor|2 - 2 `towards`, and the moment arm times its length a slope of that.
         towards = np.sum(carried * anchor, axis=-1)
@@ -305,8 +306,8 @@ def _crossings(topology: Topology, values: FingerValues) -> tuple[list[_Crossing
             resting = [_unturned(row, last - 1 - flexion) for row in rows]
             if joint.flexion == 1:
                 # The line keeps to the bone, but the axis of the rotation before turns with it as ever.
-                pull = np.cross(anchor, _carried(point, values.axis[first]))
-                resting[1] = np.einsum("fi,gsi->fgs", _carried(values.axis[first], values.axis[flexion]), pull)
+                pull = np.cross(anchor, _carried(point, axes[first]))
+                resting[1] = np.tensordot(_carried(axes[first], axes[flexion]), pull, (1, 2))
             extended, flexed = (
                 np.where(np.array(wraps) == f"landsmeer1_{side}", resting, rows) for side in ("palmar", "dorsal")
             )
@@ -321,12 +322,12 @@ def _crossings(topology: Topology, values: FingerValues) -> tuple[list[_Crossing
 def _motions(topology: Topology, values: FingerValues) -> list[Floats]:
     """Motion of the load point (…, 6) [mm/rad, rad/rad] for each rotation: products of those beyond it, last first."""
     begins = np.cumsum([0, *(len(joint.rotations) for joint in topology.joints)]).tolist()
-    out = []
-    for k, axis in enumerate(values.axis):
+    out, axes = [], np.asarray(values.axis)
+    for k, axis in enumerate(axes):
         spin, move = axis, np.zeros(3)
-        for i in range(k + 1, len(values.axis)):
+        for i in range(k + 1, len(axes)):
             if i in begins:
                 move = move + np.cross(spin, values.centre[begins.index(i)])
-            spin, move = _carried(spin, values.axis[i]), _carried(move, values.axis[i])
+            spin, move = _carried(spin, axes[i]), _carried(move, axes[i])
         out.append(np.concatenate([move + np.cross(spin, values.load_point), spin], axis=-1))
     return out

@@ -45,8 +45,8 @@ class Stored(Generic[Result]):
         self, function: Callable[..., Result], returned: tuple[type, ...], options: dict[str, str | bool | int]
     ) -> None:
         update_wrapper(self, function)
-        self._name, self._jitted, self._returned = function.__name__, jax.jit(function, static_argnums=0), returned
-        self._options = options
+        self._name, self.jitted, self._returned = function.__name__, jax.jit(function, static_argnums=0), returned
+        self.options = options
         self._programs: dict[Any, Callable[..., Result]] = {}
 
     def __call__(self, structure: Any, *arguments: Any) -> Result:
@@ -61,12 +61,12 @@ class Stored(Generic[Result]):
         """
         leaves, tree = jax.tree.flatten(arguments)
         if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
-            return partial(self._jitted, structure)
+            return partial(self.jitted, structure)
         key = (structure, tree, tuple(map(_shape, leaves)))
         program = self._programs.get(key)
         if program is None:
-            exported = _exported(self._name, self._jitted, structure, arguments, self._returned)
-            program = _compiled(jax.jit(exported, compiler_options=self._options), arguments)
+            exported = _exported(self._name, self.jitted, structure, arguments, self._returned)
+            program = _compiled(jax.jit(exported, compiler_options=self.options), arguments)
             self._programs[key] = program
         return program
 
@@ -83,7 +83,11 @@ def stored(*returned: type, hurried: bool = False) -> Callable[[Callable[..., Re
 
 def _compiled(jitted: Callable[..., Result], arguments: tuple[Any, ...]) -> Callable[..., Result]:
     """Begin to compile; whoever calls the answer waits until that is done."""
-    compiling = _compilers().submit(jitted, *arguments)
+
+    def compile_it() -> None:
+        jitted(*arguments)
+
+    compiling = _compilers().submit(compile_it)
 
     def program(*given: Any) -> Result:
         compiling.result()
