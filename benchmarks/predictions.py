@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from benchmarks.mujoco_batch import MujocoBatch
 from benchmarks.numpy_finger import NumpyFinger
 from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Finger
+from fingermodel.many_cases import many_cases
 from fingermodel.model import clamp_forces_batch, jax_values
 from tests.fingermodel.fingers import straight
 
@@ -20,7 +22,9 @@ Forces = tuple[Floats, Floats]
 
 CASES = 1_000_000
 REPETITIONS = 5
-TARGET = 1_000_000
+TARGET = 3_000_000
+# Numbers of an operation whose rate is measured: two of them and the answer fit the second-level cache.
+ROOM = 8192
 
 
 def main() -> None:
@@ -60,6 +64,60 @@ def main() -> None:
         "position stage on one thread (faster than a loop of `mj_kinematics`, `mj_comPos`, `mj_tendon`), contacts and "
         "constraints off; what it has no function for (hood, solution for the tip) is the NumPy rival's code.",
     )
+    wait_until_quiet()
+    limits(
+        [
+            ("straight tendons", plain, known["straight tendons"][1]),
+            ("wrapping tendons", wrapped, known["wrapping tendons"][1]),
+        ]
+    )
+
+
+def limits(fingers: list[tuple[str, Finger, float]]) -> None:
+    """Print what the same arithmetic would take at the core's measured rates, and nothing else."""
+    rates = core_rates()
+    rows = []
+    for name, finger, seconds in fingers:
+        counts = many_cases(finger.topology, finger.values).operations()
+        least = sum(count / rates[kind] for kind, count in counts.items())
+        spent = [f"{count:,} ({1e9 * count / rates[kind]:.0f})" for kind, count in counts.items()]
+        rows.append([name, *spent, f"{1 / least:,.0f}", f"{least * CASES / seconds:.0%}"])
+    table(
+        "The limit of the core: operations a case (and the nanoseconds that they take at the best)",
+        ["", *rates, "cases/s at the limit", "reached"],
+        rows,
+        "Rates measured on this core in NumPy: "
+        + ", ".join(f"{kind} {rate / 1e9:.2f}" for kind, rate in rates.items())
+        + " × 10⁹/s. Matrix products: of two large square matrices; all others on numbers in the second-level cache.",
+    )
+
+
+def core_rates() -> dict[str, float]:
+    """Operations a second of each kind that the core does where nothing else holds it up."""
+    rng = np.random.default_rng(2)
+    a, b, out = rng.uniform(0.5, 1.0, (3, ROOM))
+    square, other = rng.uniform(size=(2, 1024, 1024))
+    product = np.empty_like(square)
+    works: dict[str, tuple[Callable[[], object], float]] = {
+        "in matrix products": (lambda: np.matmul(square, other, out=product), 2.0 * 1024**3),
+        "plain": (lambda: np.multiply(a, b, out=out), ROOM),
+        "divisions": (lambda: np.divide(a, b, out=out), ROOM),
+        "square roots": (lambda: np.sqrt(a, out=out), ROOM),
+        "tangents": (lambda: np.tan(a, out=out), ROOM),
+    }
+    return {kind: count / best_of(work) for kind, (work, count) in works.items()}
+
+
+def best_of(work: Callable[[], object], times: int = 200, seconds: float = 1.0) -> float:
+    """Shortest time of a short piece of work [s]."""
+    best, began = np.inf, perf_counter()
+    for _ in range(times):
+        start = perf_counter()
+        work()
+        best = min(best, perf_counter() - start)
+        if perf_counter() - began > seconds:
+            break
+    return float(best)
 
 
 def draw(muscles: int) -> tuple[Floats, Floats]:

@@ -31,9 +31,10 @@ class JointPose(NamedTuple):
 
 
 def turn(axis: Array, cosine: Array, sine: Array) -> Array:
-    """Matrix (3, 3) of a rotation about a unit axis, its angle given as cosine and sine."""
-    unit = jnp.eye(3)
-    return cosine * unit + sine * cross(unit, axis) + (1.0 - cosine) * jnp.outer(axis, axis)
+    """Matrices (…, 3, 3) of rotations about unit axes (…, 3), their angles given as cosines and sines (…,)."""
+    unit = np.eye(3)
+    cosine, sine, across = cosine[..., None, None], sine[..., None, None], axis[..., None, :]
+    return cosine * unit + sine * cross(unit, across) + (1.0 - cosine) * (axis[..., :, None] * across)
 
 
 def turn_about(coordinate: int, cosine: Array, sine: Array) -> Array:
@@ -50,6 +51,9 @@ def joint_poses(topology: Topology, values: FingerValues, posture: Array) -> tup
 
 def poses_of_turns(topology: Topology, values: FingerValues, cosine: Array, sine: Array) -> tuple[JointPose, ...]:
     """Return every joint's pose for angles given by their cosines and sines (rotations,)."""
+    # All at once: four operations of a kind would each be compiled, and differentiated, by itself.
+    every_axis = jnp.asarray(values.axis)
+    matrices = turn(every_axis, cosine, sine)
     poses, first = [], 0
     for joint in topology.joints:
         last = first + len(joint.rotations)
@@ -58,8 +62,7 @@ def poses_of_turns(topology: Topology, values: FingerValues, cosine: Array, sine
         unflexed: Array | None = None
         # From the most distal rotation inwards, so that each axis is carried back through those beyond it.
         for i in reversed(range(first, last)):
-            axis = jnp.asarray(values.axis[i])
-            matrix = turn(axis, cosine[i], sine[i])
+            axis, matrix = every_axis[i], matrices[i]
             axes.insert(0, axis if rotation is None else axis @ rotation)
             rotation = matrix if rotation is None else matrix @ rotation
             if i - first != joint.flexion:

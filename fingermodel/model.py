@@ -6,25 +6,25 @@ everything. All effects live in it at their null values, so choosing effects is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fingermodel.budget import CERTIFICATE, Budget, anatomy_parameters, budget_effects
 from fingermodel.extensor import segment_tensions
 from fingermodel.fingers import Finger, FingerValues, Topology
 from fingermodel.hood.parts import ElasticHood
 from fingermodel.kinematics import TipKinematics, joint_poses, poses_of_turns, tip_kinematics
+from fingermodel.many_cases import many_cases, suits
 from fingermodel.parameters import ParameterTable
 from fingermodel.programs import stored
-from fingermodel.rows import picked
 from fingermodel.stages import Effect, Layout, LoadCaseInput, Stage, State
 from fingermodel.statics import ClampForces, clamp_forces, joint_loads, joint_torques
 from fingermodel.tendons import joint_pulls, moment_arms
@@ -241,21 +241,12 @@ def predict_parts(
             if getattr(getattr(effect, stage), "__func__", None) is not getattr(Effect, stage)
         }
         if active is None:
-            return _one_by_one(changes.values(), state)
-        first, always, last = list[int](), list[int](), list[int]()
-        for i in changes:
-            after = structure.effects[i].after_mounting
-            (last if after else first if _is_optional(structure, i) else always).append(i)
-        state = if_any(first, changes, state)
-        state = _one_by_one([changes[i] for i in always], state)
-        return if_any(last, changes, state)
-
-    def if_any(asked: list[int], changes: Mapping[int, Callable[[State], State]], state: State) -> State:
-        """Asked of all together first: most fits have one effect, and every answer copies what it might change."""
-        if active is None or not asked:
+            for change in changes.values():
+                state = change(state)
             return state
-        optional = [partial(_if, active[i], changes[i]) for i in asked]
-        return _if(jnp.any(picked(active, asked)), partial(_one_by_one, optional), state)
+        for i, change in changes.items():
+            state = _if(active[i], change, state) if _is_optional(structure, i) else change(state)
+        return state
 
     state = State(topology, case.posture, with_anatomy(topology, values, parts[0]), case.tension)
     state = act("tension", state)
@@ -279,12 +270,6 @@ def predict_parts(
     assert state.wrench is not None  # noqa: S101 - filled above
     assert state.torque is not None  # noqa: S101 - filled above
     return Prediction(state.wrench, forces, loads, state.torque)
-
-
-def _one_by_one(changes: Iterable[Callable[[State], State]], state: State) -> State:
-    for change in changes:
-        state = change(state)
-    return state
 
 
 def _is_optional(structure: Structure, index: int) -> bool:
@@ -312,7 +297,7 @@ def _if(active: Array, change: Callable[[State], State], state: State) -> State:
     return State(state.topology, *jax.tree.unflatten(tree, leaves))
 
 
-@stored(Prediction, ClampForces)
+@stored(Prediction, ClampForces, hurried=True)
 def predict_batch(
     structure: Structure, values: FingerValues, theta: Array, cases: LoadCaseInput, active: Array
 ) -> Prediction:
@@ -360,8 +345,7 @@ CHUNK = 2048
 ELASTIC_CHUNK = 128
 
 
-@stored(ClampForces)
-def clamp_forces_batch(topology: Topology, values: FingerValues, posture: Array, tension: Array) -> ClampForces:
+def clamp_forces_batch(topology: Topology, values: FingerValues, posture: ArrayLike, tension: ArrayLike) -> ClampForces:
     """Forces alone, without budget or effects, each case with its own posture and tensions.
 
     Args:
@@ -373,6 +357,17 @@ def clamp_forces_batch(topology: Topology, values: FingerValues, posture: Array,
     Returns:
         Tip wrench (n, 6) and bone force (n, 3).
     """
+    traced = any(isinstance(given, jax.core.Tracer) for given in (*values, posture, tension))
+    if traced or not suits(topology):
+        return forces_of_any(topology, values, posture, tension)
+    finger = many_cases(topology, values)
+    tip, bone = finger.forces(np.asarray(posture, dtype=float), np.asarray(tension, dtype=float))
+    return ClampForces(cast(Array, tip), cast(Array, bone))
+
+
+@stored(ClampForces)
+def forces_of_any(topology: Topology, values: FingerValues, posture: Array, tension: Array) -> ClampForces:
+    """`clamp_forces_batch` of a finger of any kind, through the stages of `predict_case`."""
 
     def one(case: tuple[Array, Array, Array]) -> ClampForces:
         cosine, sine, t = case

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial, update_wrapper
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -24,6 +25,9 @@ from daq.files import replacing
 # Effects of the user's are traced anew: their sources are not this package's.
 OURS = "fingermodel."
 _known: set[type] = set()
+# What takes long to compile and runs for milliseconds: on a machine that has not compiled it yet, that is most of a
+# first diagnosis. By these it is compiled in two thirds of the time, and runs as fast (see benchmarks/compiling.md).
+HURRIED: dict[str, str | bool | int] = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
 
 Result = TypeVar("Result")
 
@@ -34,11 +38,15 @@ class Stored(Generic[Result]):
     Args:
         function: to compile.
         returned: named tuples in its result.
+        options: of the compiler.
     """
 
-    def __init__(self, function: Callable[..., Result], returned: tuple[type, ...]) -> None:
+    def __init__(
+        self, function: Callable[..., Result], returned: tuple[type, ...], options: dict[str, str | bool | int]
+    ) -> None:
         update_wrapper(self, function)
-        self._name, self._jitted, self._returned = function.__name__, jax.jit(function, static_argnums=0), returned
+        self._name, self.jitted, self._returned = function.__name__, jax.jit(function, static_argnums=0), returned
+        self.options = options
         self._programs: dict[Any, Callable[..., Result]] = {}
 
     def __call__(self, structure: Any, *arguments: Any) -> Result:
@@ -48,41 +56,64 @@ class Stored(Generic[Result]):
     def program(self, structure: Any, *arguments: Any) -> Callable[..., Result]:
         """What answers for these arguments, and any others of their shapes, given without the structure.
 
-        To find it takes a good part of a short call: who calls often asks once.
+        To find it takes a good part of a short call: who calls often asks once. A new one is compiled in a thread of
+        its own, so that the next one can be traced meanwhile.
         """
         leaves, tree = jax.tree.flatten(arguments)
         if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
-            return partial(self._jitted, structure)
+            return partial(self.jitted, structure)
         key = (structure, tree, tuple(map(_shape, leaves)))
         program = self._programs.get(key)
         if program is None:
-            program = _program(self._name, self._jitted, structure, arguments, self._returned)
+            exported = _exported(self._name, self.jitted, structure, arguments, self._returned)
+            program = _compiled(jax.jit(exported, compiler_options=self.options), arguments)
             self._programs[key] = program
         return program
 
 
-def stored(*returned: type) -> Callable[[Callable[..., Result]], Stored[Result]]:
+def stored(*returned: type, hurried: bool = False) -> Callable[[Callable[..., Result]], Stored[Result]]:
     """Compile a function of (structure, *arrays), its first argument static, and keep what tracing it made.
 
     Args:
         returned: named tuples in the function's result.
+        hurried: whether it takes so long to compile that less is to be made of it.
     """
-    return lambda function: Stored(function, returned)
+    return lambda function: Stored(function, returned, HURRIED if hurried else {})
 
 
-def _program(
+def _compiled(jitted: Callable[..., Result], arguments: tuple[Any, ...]) -> Callable[..., Result]:
+    """Begin to compile; whoever calls the answer waits until that is done."""
+
+    def compile_it() -> None:
+        jitted(*arguments)
+
+    compiling = _compilers().submit(compile_it)
+
+    def program(*given: Any) -> Result:
+        compiling.result()
+        return jitted(*given)
+
+    return program
+
+
+@cache
+def _compilers() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(2, "compiler")
+
+
+def _exported(
     name: str, jitted: Any, structure: Any, arguments: tuple[Any, ...], returned: tuple[type, ...]
 ) -> Callable[..., Any]:
     file = _file(name, structure, arguments)
     if file is None:
-        return lambda *given: jitted(structure, *given)
+        return partial(jitted, structure)
     for kind in (*returned, *_kinds(arguments)):
         _know(kind)
     exported = _read(file)
     if exported is None:
         exported = jax.export.export(_bound(jitted, structure))(*arguments)
         _write(file, bytes(exported.serialize()))
-    return jax.jit(exported.call)
+    return exported.call
 
 
 def _bound(jitted: Any, structure: Any) -> Any:

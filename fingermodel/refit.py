@@ -185,7 +185,7 @@ def _active(problem: Problem) -> NDArray[np.bool_]:
     return problem.model.acting(problem.free | (problem.centre != problem.model.parameters.initial))
 
 
-@stored()
+@stored(hurried=True)
 def _slopes(
     structure: Structure,
     values: FingerValues,

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from fingermodel.fingers import FingerValues, Topology
@@ -32,11 +33,13 @@ class ClampForces(NamedTuple):
 
 def joint_torques(poses: tuple[JointPose, ...], pulls: tuple[Pulls, ...], segment_tension: Array) -> Array:
     """Torque of all tendons about every rotation [N mm]: (rotations,), flexion positive."""
-    torques = [
-        pose.axes @ (picked(segment_tension, at_joint.segments) @ at_joint.moment)
-        for pose, at_joint in zip(poses, pulls, strict=True)
-    ]
-    return jnp.concatenate(torques)
+    # All joints at once: the products of each would be compiled, and differentiated, by themselves.
+    segments = [s for at_joint in pulls for s in at_joint.segments]
+    joints = [j for j, at_joint in enumerate(pulls) for _ in at_joint.segments]
+    rotations = [j for j, pose in enumerate(poses) for _ in range(pose.axes.shape[0])]
+    crossing = np.equal.outer(rotations, joints).astype(float)
+    moments = picked(segment_tension, segments)[:, None] * jnp.concatenate([p.moment for p in pulls])
+    return jnp.sum(jnp.concatenate([pose.axes for pose in poses]) * (crossing @ moments), axis=-1)
 
 
 def clamp_forces(

@@ -11,8 +11,8 @@ from jax import Array
 
 from fingermodel.effects.places import flexion_joints, flexion_of
 from fingermodel.fingers import Topology
-from fingermodel.kinematics import turn_about
 from fingermodel.parameters import Parameter, two_sided
+from fingermodel.rows import picked, spread
 from fingermodel.stages import Effect, Layout, LoadCaseInput, State
 
 
@@ -43,13 +43,16 @@ class AxisTilt(Effect):
 
     def geometry(self, p: Array, case: LoadCaseInput, state: State) -> State:
         """Turn the axes."""
-        axes = list(jnp.asarray(state.values.axis))
-        joints = flexion_joints(state.topology)
+        topology, tilted = state.topology, jnp.asarray(state.values.axis)
+        joints = flexion_joints(topology)
+        # Flexion joints have a rotation each; all are turned at once, which compiles as one.
+        rows = [row for joint in joints if (row := flexion_of(topology, joint.name)) is not None]
         angle = jnp.deg2rad(p)
         cosine, sine = jnp.cos(angle), jnp.sin(angle)
-        for k, joint in enumerate(joints):
-            row, other = flexion_of(state.topology, joint.name), len(joints) + k
-            if row is not None:
-                turned = turn_about(0, cosine[other], sine[other]) @ axes[row]
-                axes[row] = turn_about(1, cosine[k], sine[k]) @ turned
-        return state._replace(values=state.values._replace(axis=jnp.stack(axes)))
+        axes, count = picked(tilted, rows), len(joints)
+        x, y, z = axes.T
+        y, z = cosine[count:] * y - sine[count:] * z, sine[count:] * y + cosine[count:] * z
+        x, z = cosine[:count] * x + sine[:count] * z, cosine[:count] * z - sine[:count] * x
+        change = jnp.stack([x, y, z], axis=1) - axes
+        tilted = tilted + spread(rows, len(topology.rotations)).T @ change
+        return state._replace(values=state.values._replace(axis=tilted))

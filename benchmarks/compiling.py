@@ -1,0 +1,78 @@
+"""What a first diagnosis compiles: tracing, lowering and compiling each program, and how long it then runs."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from time import perf_counter, process_time
+from typing import Any
+
+import jax
+import numpy as np
+
+from benchmarks.machine import table
+from fingermodel.model import predict_batch
+from fingermodel.problems import map_problem
+from fingermodel.programs import Stored
+from fingermodel.refit import _slopes
+from server.workflow import open_bench
+
+TARGET = 8.0
+CALLS = 200
+
+
+def main() -> None:
+    """Print the table."""
+    bench = open_bench("DEV-08", catalogue=True)
+    jax.config.update("jax_enable_compilation_cache", False)
+    problem = map_problem(bench.model, bench.observations)
+    model, fitted = problem.model, problem.fitted_readings
+    theta = model.placed(problem.centre)
+    none = np.array([effect.always for effect in model.structure.effects])
+    few, every = none.copy(), np.ones_like(none)
+    few[np.flatnonzero(~none)[[0, -1]]] = True
+    rows = []
+    for name, program, before, after in (
+        ("predictions", predict_batch, (fitted.values, theta, fitted.every_case), ()),
+        (
+            "slopes",
+            _slopes,
+            (fitted.values, fitted.inputs, fitted.components, fitted.at, model.placed(problem.scale)),
+            (theta,),
+        ),
+    ):
+        stages, compiled = _stages(program, model.compiled, (*before, none, *after))
+        runs = [f"{1e3 * _least(compiled, (*before, active, *after)):.2f}" for active in (none, few, every)]
+        rows.append([name, *(f"{wall:.2f} ({own:.2f})" for wall, own in stages), *runs])
+    table(
+        f"Programs of a first diagnosis of DEV-08 (target: {TARGET:.0f} s for both)",
+        ["", "tracing [s]", "lowering [s]", "compiling [s]", "a call [ms]", "with two effects", "with all"],
+        rows,
+        "Seconds of the wall clock, in brackets of the processor: XLA compiles on all cores. In a diagnosis the first "
+        "program is compiled while the second is traced.",
+    )
+
+
+def _stages(program: Stored[Any], structure: Any, arguments: tuple[Any, ...]) -> tuple[list[tuple[float, float]], Any]:
+    """Wall and processor time [s] of tracing, lowering and compiling, and what was compiled."""
+    marks = [(perf_counter(), process_time())]
+    traced = program.jitted.trace(structure, *arguments)
+    marks.append((perf_counter(), process_time()))
+    lowered = traced.lower()
+    marks.append((perf_counter(), process_time()))
+    compiled = lowered.compile(compiler_options=program.options)
+    marks.append((perf_counter(), process_time()))
+    return [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(marks)], compiled
+
+
+def _least(compiled: Any, arguments: tuple[Any, ...]) -> float:
+    """Shortest time of a call [s]."""
+    best = np.inf
+    for _ in range(CALLS):
+        began = perf_counter()
+        jax.block_until_ready(compiled(*arguments))
+        best = min(best, perf_counter() - began)
+    return float(best)
+
+
+if __name__ == "__main__":
+    main()
