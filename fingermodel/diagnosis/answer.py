@@ -143,7 +143,8 @@ def suspects(d: Diagnosis) -> list[dict[str, Any]]:
     """Cases that are more probably bad than not, the likeliest first; the verdict stands without them."""
     odds = dict(d.searched.bad)
     checked = d.checks.get(d.posterior.leader.explanation)
-    if checked is not None:
+    # A validation case is suspect only where what predicts it is believed.
+    if checked is not None and d.verdict.kind in ("found", "nothing_missing"):
         odds |= checked.bad
     ids, verdict = d.session.observations.ids, d.verdict
     without = {"verdict": verdict.kind, "effects": list(verdict.effects), "probability": min(verdict.probability, 1.0)}

@@ -25,6 +25,8 @@ Floats = NDArray[np.float64]
 
 # Explanations of each size that are fitted whatever the promise, by each of the two first linearisations.
 _FIRST = 4
+# How often all candidates are fitted, each time under the scatter of the fit before.
+_TIMES = 2
 # Prior widths from its null at which a parameter is tried that has no slope there.
 _SHAPES = (-1.6, -1.0, -0.4, 0.4, 1.0, 1.6)
 # Where a search begins on the axes of scatter and smooth.
@@ -82,10 +84,13 @@ class Searcher:
             start: (parameters,) of an earlier fit of the base model, tried besides the priors' centre.
             most: fits.
         """
-        every = self._every(self._session.problem.centre, rounds=1)
-        # Scatter changes a reading as the fitted finger does, not as the normative one.
-        self._fitter = replace(self._fitter, session=self._session.seen_from(every.theta))
-        every = self._begun(every.theta, start)
+        begin = self._session.problem.centre
+        for _ in range(_TIMES):
+            every = self._every(begin)
+            # Scatter changes a reading as the fitted finger does, not as the normative one.
+            self._fitter = replace(self._fitter, session=self._session.seen_from(every.theta))
+            begin = every.theta
+        every = self._begun(begin, start)
         for _ in range(len(np.unique(self._session.fitted_noise.cases)) // 4):
             worst, odds = self._worst_case([every, self._fits[NOTHING]])
             if odds < np.log(SUSPECT / (1.0 - SUSPECT)):
@@ -94,18 +99,19 @@ class Searcher:
             every = self._begun(self._session.problem.centre, start)
         self._first_fits(every)
         self._until_none_promises(most)
-        self._finish()
+        self._finish(every)
+        self._until_none_promises(most)
         return Searched(self._session, self._candidates, self._hyper, self._fits, self._rest(), self._odds())
 
     @property
     def _session(self) -> Session:
         return self._fitter.session
 
-    def _every(self, begin: Floats, rounds: int = 0) -> Optimum:
+    def _every(self, begin: Floats) -> Optimum:
         """Fit all candidates at once, with the cases that are bad so far."""
         parameters = sorted({i for c in self._candidates.all for form in c.forms for i in form})
         all_of_them = Candidate("all candidates", "", (tuple(parameters),), 1.0, has_form=False)
-        return self._fitter.fit(Explanation((Member(all_of_them),)), begin, self._first_node, self._bad, 0.0, rounds)
+        return self._fitter.fit(Explanation((Member(all_of_them),)), begin, self._first_node, self._bad, 0.0)
 
     @property
     def _first_node(self) -> Node:
@@ -248,29 +254,34 @@ class Searcher:
         self._keep(self._fitter.fit(explanation, host.expected(explanation, node), node, self._bad))
 
     def _until_none_promises(self, most: int) -> None:
-        """Fit the neighbours of the leader that promise to come near it, until none is left."""
-        tried: set[Explanation] = set(self._fits)
+        """Fit neighbours of the leader that promise to come near it, and more than they have, until none is left."""
+        asked: set[tuple[Explanation, Optimum]] = set()
         while len(self._fits) < most:
             leader = self._leader
-            offers = [e for e in self._candidates.neighbours(leader.explanation) if e not in tried]
+            offers = [e for e in self._candidates.neighbours(leader.explanation) if (e, leader) not in asked]
             promised = self._promised(leader, offers, self._nodes(leader))
             limit = leader.log_posterior - WITHIN
-            chosen = [e for e in _best_forms(promised) if promised[e] > limit][:3]
+            known = {e: self._fits[e].log_posterior + 1.0 for e in promised if e in self._fits}
+            chosen = [e for e in _best_forms(promised) if promised[e] > max(limit, known.get(e, -np.inf))][:3]
             if not chosen:
                 break
             for explanation in chosen:
-                tried.add(explanation)
+                asked.add((explanation, leader))
                 self._fit(explanation, leader)
         self._tell(0.9)
 
-    def _finish(self) -> None:
-        """Fit what comes near the leader from where the leader expects it too: no valley is open to one alone."""
+    def _finish(self, every: Optimum) -> None:
+        """Begin the leader anew, and what comes near it from where the leader expects it: valleys may be several."""
         leader = self._leader
-        near = [f for f in self._fits.values() if f.log_posterior > leader.log_posterior - WITHIN]
+        problem = self._session.problem
+        for start in (problem.centre, every.expected(leader.explanation, self._hyper.without_smooth(every.mode))):
+            if leader.explanation.size:
+                self._keep(self._fitter.fit(leader.explanation, start, leader.best, self._bad))
+        leader = self._leader
+        near = [f for f in self._fits.values() if f.log_posterior > leader.log_posterior - WITHIN and f is not leader]
         for fit in near:
-            starts = [] if fit is leader else [leader.expected(fit.explanation, leader.best)]
-            for start in starts if fit.converged else [*starts, fit.theta]:
-                self._keep(self._fitter.fit(fit.explanation, start, fit.best, self._bad))
+            start = leader.expected(fit.explanation, leader.best)
+            self._keep(self._fitter.fit(fit.explanation, start, fit.best, self._bad))
 
     def _rest(self) -> dict[Explanation, float]:
         """What the leader promises explanations that were not fitted."""

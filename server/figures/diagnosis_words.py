@@ -250,10 +250,10 @@ METHOD = (
     "One model of the session is fitted with every explanation: none, one, two or three effects. Tendon points, "
     "tension factor, cell and clamp vary within the errors of the rig, the budget. Without it a refit would hide the "
     "effect or invent one.",
-    "Beside any explanation may act something smooth that no effect describes, scatter of the tensions from case to "
-    "case, an error of each effect's form, and single bad cases. How large budget and noise really are is left open.",
-    "Each fit is a posterior (Laplace approximation), which rewards fit and charges for freedom. Half of the prior "
-    "probability is on no effect. What is said is read off the posterior of all fits together.",
+    "Beside any explanation something smooth may act that no effect describes. So may scatter of the tensions from "
+    "case to case, an error of each effect's form, and single bad cases. How large budget and noise are is left open.",
+    "Each explanation is fitted, and linearised there: a Laplace approximation, which rewards fit and charges for "
+    "freedom. Half of the prior probability is on no effect. What is said is read off the posterior of all together.",
     "Acts by its name means: the error of the effect's form is at most a tenth, and nothing unknown beside it is "
     "larger. Found needs a probability of 0.9 that it does, nothing missing one of 0.8.",
     "Validation cases are never fitted. They enter once, as a predictive check, which may veto a verdict. The "

@@ -44,7 +44,6 @@ class Fitter:
         node: Node,
         bad: frozenset[int] = frozenset(),
         log_prior: float | None = None,
-        rounds: int = 0,
     ) -> Optimum:
         """Fit from a start, alternating with the hyperparameters until both stand.
 
@@ -54,13 +53,12 @@ class Fitter:
             node: hyperparameters to begin with; those of other members' forms are replaced.
             bad: cases whose reading may be anything.
             log_prior: of the explanation; by default the candidates'.
-            rounds: most rounds.
         """
         forms = [m for m in explanation.members if m.candidate.has_form]
         at = (*node[:FORMS], *[self.hyper.form.mode] * len(forms))
         prior = self.candidates.log_prior(explanation) if log_prior is None else log_prior
         theta, found = start, None
-        for _ in range(rounds or _ROUNDS):
+        for _ in range(_ROUNDS):
             solution_theta, converged = self._solved(explanation, theta, at, bad, found)
             found = self.linearised(explanation, solution_theta, at, bad, prior, converged=converged)
             theta, before, at = found.theta, at, found.mode
