@@ -110,7 +110,7 @@ def meaning(d: Diagnosis) -> str:
 
 
 def remarks(d: Diagnosis) -> list[str]:
-    """What the readings say of the rig: repeatability, budget and suspect cases."""
+    """What the readings say of the rig: repeatability, budget and noise."""
     out, posterior = [], d.posterior
     scatter, stated = posterior.scatter[0], d.session.stated_scatter
     if scatter > max(0.004, 1.5 * stated):
@@ -131,11 +131,6 @@ def remarks(d: Diagnosis) -> list[str]:
         )
     elif noise > 1.5:
         out.append(f"The readings scatter {noise:.1f} times as much as their stated noise.")
-    out += [
-        f"Load case {s['case']} is not as the others make it expected (probability {s['probability']:.2f}); it "
-        "counts for nothing here. Look at its masses, tendons and posture."
-        for s in suspects(d)
-    ]
     return out
 
 

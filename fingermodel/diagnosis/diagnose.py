@@ -123,6 +123,9 @@ def diagnose(
             found = hints(posterior.nothing if verdict.kind == "none_of_catalogue" else posterior.leader)
     if progress:
         progress(1.0)
+    for kept in posterior.fits.values():
+        kept.forget()
+    session.forget()
     return Diagnosis(
         session,
         candidates,

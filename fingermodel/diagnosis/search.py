@@ -24,7 +24,7 @@ from fingermodel.diagnosis.settings import MOST_FITS, P_BAD, SUSPECT, WITHIN
 Floats = NDArray[np.float64]
 
 # Explanations of each size that are fitted whatever the promise, by each of the two first linearisations.
-_FIRST = 4
+_FIRST = 3
 # How often all candidates are fitted, each time under the scatter of the fit before.
 _TIMES = 2
 # Prior widths from its null at which a parameter is tried that has no slope there.
@@ -84,19 +84,13 @@ class Searcher:
             start: (parameters,) of an earlier fit of the base model, tried besides the priors' centre.
             most: fits.
         """
-        begin = self._session.problem.centre
-        for _ in range(_TIMES):
-            every = self._every(begin)
-            # Scatter changes a reading as the fitted finger does, not as the normative one.
-            self._fitter = replace(self._fitter, session=self._session.seen_from(every.theta))
-            begin = every.theta
-        every = self._begun(begin, start)
+        every = self._begun(start)
         for _ in range(len(np.unique(self._session.fitted_noise.cases)) // 4):
             worst, odds = self._worst_case([every, self._fits[NOTHING]])
             if odds < np.log(SUSPECT / (1.0 - SUSPECT)):
                 break
             self._bad |= {worst}
-            every = self._begun(self._session.problem.centre, start)
+            every = self._begun(start)
         self._first_fits(every)
         self._until_none_promises(most)
         self._finish(every)
@@ -118,8 +112,14 @@ class Searcher:
         scatter = int(np.argmin(np.abs(self._hyper.axes[SCATTER].values - _SCATTER)))
         return (scatter, *self._hyper.start(0)[1:])
 
-    def _begun(self, begin: Floats, start: Floats | None) -> Optimum:
+    def _begun(self, start: Floats | None) -> Optimum:
         """Fit all candidates at once, and the base model from there and from the priors' centre."""
+        begin = self._session.problem.centre
+        for _ in range(_TIMES):
+            every = self._every(begin)
+            # Scatter changes a reading as the fitted finger does, not as the normative one.
+            self._fitter = replace(self._fitter, session=self._session.seen_from(every.theta))
+            begin = every.theta
         every, problem = self._every(begin), self._session.problem
         self._fits.clear()
         for one in [
@@ -135,6 +135,9 @@ class Searcher:
         known = self._fits.get(found.explanation)
         if known is None or found.log_posterior > known.log_posterior:
             self._fits[found.explanation] = found
+        for fit in self._fits.values():
+            if fit is not self._leader and fit.explanation.size:
+                fit.forget()
 
     def _worst_case(self, hosts: Sequence[Optimum]) -> tuple[int, float]:
         """The case that is most probably bad whichever of some explanations holds, and its log odds."""
@@ -209,6 +212,9 @@ class Searcher:
             nodes = self._nodes(host)
             promised = self._promised(host, self._singles, nodes)
             firsts = _best_forms(promised)[: 3 * _FIRST]
+            # The best singles are fitted whatever they promise: the base is bent to do without them.
+            for explanation in firsts[:_FIRST]:
+                self._fit(explanation, host)
             promised |= self._promised(host, self._candidates.pairs(firsts), nodes)
             for e, v in promised.items():
                 if e not in offers or v > offers[e][0]:
@@ -220,7 +226,8 @@ class Searcher:
             promise, host = offers[explanation]
             if promise < self._leader.log_posterior - WITHIN:
                 break
-            self._fit(explanation, host)
+            if explanation not in self._fits:
+                self._fit(explanation, host)
         self._tell(0.6)
 
     @property
@@ -271,12 +278,13 @@ class Searcher:
         self._tell(0.9)
 
     def _finish(self, every: Optimum) -> None:
-        """Begin the leader anew, and what comes near it from where the leader expects it: valleys may be several."""
+        """Begin the leader and its members anew, and what comes near it from where the leader expects that."""
+        problem, node = self._session.problem, self._hyper.without_smooth(every.mode)
         leader = self._leader
-        problem = self._session.problem
-        for start in (problem.centre, every.expected(leader.explanation, self._hyper.without_smooth(every.mode))):
-            if leader.explanation.size:
-                self._keep(self._fitter.fit(leader.explanation, start, leader.best, self._bad))
+        for members in dict.fromkeys([leader.explanation.members, *((m,) for m in leader.explanation.members)]):
+            explanation = Explanation(members)
+            for start in (problem.centre, every.expected(explanation, node)) if members else ():
+                self._keep(self._fitter.fit(explanation, start, leader.best, self._bad))
         leader = self._leader
         near = [f for f in self._fits.values() if f.log_posterior > leader.log_posterior - WITHIN and f is not leader]
         for fit in near:

@@ -122,11 +122,18 @@ def sensitivity(posterior: Posterior, verdict: Verdict) -> Sensitivity:
 
 def _statement(verdict: Verdict, posterior: Posterior) -> Callable[[Posterior], float]:
     """The probability of what a verdict says, in any posterior."""
-    names = verdict.names or posterior.leader.explanation.names
-    if verdict.kind == "nothing_missing" or (verdict.kind == "undecided" and not names):
-        return lambda p: p.p_nothing
-    if verdict.kind == "none_of_catalogue":
-        return lambda p: p.p_only_beyond
+    names = verdict.names
+    if not names:
+        # Undecided: the likeliest single statement.
+        name, p_name = next(iter(posterior.inclusion.items()), ("", 0.0))
+        ranked = [(posterior.p_nothing, "nothing"), (posterior.p_only_beyond, "beyond"), (p_name, "name")]
+        kinds = {"nothing_missing": "nothing", "none_of_catalogue": "beyond"}
+        which = kinds.get(verdict.kind, max(ranked)[1])
+        if which == "nothing":
+            return lambda p: p.p_nothing
+        if which == "beyond":
+            return lambda p: p.p_only_beyond
+        names = (name,)
     if verdict.kind == "one_of":
         return lambda p: p.of_any(names)
     return lambda p: p.of_names(names)

@@ -67,6 +67,11 @@ class Linearised:
     def _inner(self) -> dict[tuple[int, int, frozenset[int]], Inner]:
         return {}
 
+    def forget(self) -> None:
+        """Let go of inner products; what is asked of them again is made again."""
+        for name in ("_inner", "_fitted", "_asked"):
+            self.__dict__.pop(name, None)
+
     @cached_property
     def x(self) -> Floats:
         """(parameters,) in prior widths about the priors' centre."""

@@ -242,6 +242,10 @@ class Session:
             self._kept[key] = WhitenedSmooth(roots, log_det, tuple(p[self.fitted] for p in self._smooth_parts))
         return self._kept[key]
 
+    def forget(self) -> None:
+        """Let go of what `whitened_smooth` has kept."""
+        self._kept.clear()
+
     @cached_property
     def _kept(self) -> dict[tuple[float, float, frozenset[int]], WhitenedSmooth]:
         return {}

@@ -1,0 +1,69 @@
+"""Ordinary benches: cases that scatter by a percent or two, and a slip of the pen in the session's file."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from server.commands.diagnosis import diagnosis_answer, run_diagnosis
+from server.workflow import open_bench
+from tests.simulator import draw_session
+
+
+def rough(folder: Path, seed: int, effects: dict[str, Any], scatter: float, spoilt: str | None = None) -> str | None:
+    """Write a session whose true tensions scatter about what its file says; and spoil one mass or label in it.
+
+    Returns:
+        The id of the spoilt case.
+    """
+    draw_session(folder, seed, effects, nuisance_scale=0.8)
+    file = folder / "session.yaml"
+    document = yaml.safe_load(file.read_text(encoding="utf-8"))
+    rng = np.random.default_rng(seed)
+    for case in document["cases"]:
+        case["masses_g"] = {m: float(g * np.exp(scatter * rng.normal())) for m, g in case["masses_g"].items()}
+    case = next(
+        c for c in document["cases"] if "FDP" in c["masses_g"] and c["location"] == "tip" and len(c["masses_g"]) == 1
+    )
+    if spoilt == "mass":
+        case["masses_g"]["FDP"] *= 0.6
+    if spoilt == "label":
+        case["masses_g"] = {"FDS": case["masses_g"]["FDP"]}
+    file.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    return str(case["id"]) if spoilt else None
+
+
+@cache
+def diagnosed(folder: Path) -> dict[str, Any]:
+    bench = open_bench(folder, catalogue=True)
+    return diagnosis_answer(bench, run_diagnosis(bench))
+
+
+def test_a_clean_bench_that_repeats_to_two_percent_stays_clean(tmp_path: Path) -> None:
+    rough(tmp_path, 41, {}, 0.02)
+    found = diagnosed(tmp_path)
+    assert found["verdict"] == "nothing_missing"
+    assert found["repeatability"]["value_pct"] == pytest.approx(2.0, abs=0.7)
+    assert not found["suspects"]
+
+
+def test_an_effect_is_found_beside_scatter(tmp_path: Path) -> None:
+    rough(tmp_path, 42, {"hanger_mass": 40.0}, 0.015)
+    found = diagnosed(tmp_path)
+    assert (found["verdict"], found["effects"]) == ("found", ["hanger_mass"])
+    assert found["repeatability"]["value_pct"] == pytest.approx(1.5, abs=0.6)
+
+
+@pytest.mark.parametrize(("spoilt", "effects"), [("mass", {}), ("label", {"cell_rotation": (5.0, -4.0, 6.0)})])
+def test_a_slip_of_the_pen_is_a_suspect_and_no_story(tmp_path: Path, spoilt: str, effects: dict[str, Any]) -> None:
+    case = rough(tmp_path, 43, effects, 0.01, spoilt)
+    found = diagnosed(tmp_path)
+    assert found["suspects"][0]["case"] == case
+    assert found["suspects"][0]["probability"] > 0.9
+    assert set(found["effects"]) == set(effects)
+    assert found["verdict"] == ("found" if effects else "nothing_missing")
