@@ -35,7 +35,8 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
     nothing, verdict = posterior.nothing, diagnosis.verdict
     before, after = d.comparisons[nothing.explanation], d.comparisons[best.explanation]
     rows = len(nothing.residual)
-    alone, added = (f.freed(stated_node(f))[0].misfit for f in (nothing, best))
+    alone = d.stated.freed(d.stated.node)[0].misfit
+    added = best.freed(stated_node(best))[0].misfit if best.explanation.size else alone
     budget, noise, scatter = posterior.budget, posterior.noise, posterior.scatter
     return {
         "verdict": verdict.kind,
@@ -49,7 +50,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "robustness": d.sensitivity.as_dict(),
         "ranking": ranking(d),
         "inclusion": {name: p for name, p in posterior.inclusion.items() if p >= _SHOWN},
-        "where": where(d.session.problem, nothing.theta),
+        "where": where(d.session.problem, d.stated.theta),
         "hints": [h.as_dict() for h in d.hints],
         "ready_made": ready_made(d),
         "suspects": suspects(d),

@@ -14,15 +14,16 @@ from fingermodel.diagnosis.confounding import Confounding, confounding
 from fingermodel.diagnosis.hints import Hint, hints
 from fingermodel.diagnosis.nulls import Null, nulls
 from fingermodel.diagnosis.nulls_frames import rig_mistake
+from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.predictive import PredictiveCheck, check
 from fingermodel.diagnosis.search import Searched, Searcher
 from fingermodel.diagnosis.sensitivity import Sensitivity, sensitivity
-from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation
+from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.settings import MOST_FITS
-from fingermodel.diagnosis.verdict import Verdict, judge, likeliest
+from fingermodel.diagnosis.verdict import Verdict, judge, likeliest, stated_node
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
 from fingermodel.observations import Observations
@@ -39,6 +40,7 @@ class Diagnosis:
         candidates: that were searched.
         searched: every fit.
         posterior: of which everything that is said is a marginal.
+        stated: the base model as budget and noise are stated: what it leaves is what there is to explain.
         confounding: what the protocol cannot tell apart.
         verdict: with its reasons.
         checks: predictive check of explanations on the validation cases, by explanation.
@@ -53,6 +55,7 @@ class Diagnosis:
     candidates: Candidates
     searched: Searched
     posterior: Posterior
+    stated: Optimum
     confounding: Confounding
     verdict: Verdict
     checks: dict[Explanation, PredictiveCheck]
@@ -106,12 +109,15 @@ def diagnose(
     searched = Searcher(session, candidates, progress).run(start, most)
     session = searched.nothing.session
     posterior = Posterior.of(searched.fits, searched.promised)
-    alike = confounding(posterior.nothing, candidates)
+    nothing = posterior.nothing
+    fitter = Fitter(session, candidates, searched.hyper)
+    stated = fitter.fit_at(NOTHING, [nothing.theta, session.problem.centre], stated_node(nothing), nothing.bad)
+    alike = confounding(nothing, candidates)
     named = likeliest(posterior)
     fit = posterior.best_fit(named) or posterior.leader
     chosen = dict.fromkeys([fit, posterior.leader, posterior.nothing])
     checks = {f.explanation: check(f) for f in chosen}
-    verdict = judge(posterior, candidates, alike, checks[fit.explanation], fit.explanation.names)
+    verdict = judge(posterior, stated, candidates, alike, checks[fit.explanation], fit.explanation.names)
     asked = sensitivity(posterior, verdict)
     found: tuple[Hint, ...] = ()
     if verdict.kind in ("none_of_catalogue", "undecided"):
@@ -123,7 +129,7 @@ def diagnose(
             found = hints(posterior.nothing if verdict.kind == "none_of_catalogue" else posterior.leader)
     if progress:
         progress(1.0)
-    for kept in posterior.fits.values():
+    for kept in (*posterior.fits.values(), stated):
         kept.forget()
     session.forget()
     return Diagnosis(
@@ -131,6 +137,7 @@ def diagnose(
         candidates,
         searched,
         posterior,
+        stated,
         alike,
         verdict,
         checks,
@@ -138,7 +145,7 @@ def diagnose(
         found,
         nulls(model, observations),
         time.perf_counter() - began,
-        {e: compare(model, observations, f.theta) for e, f in posterior.fits.items()},
+        {e: compare(model, observations, (f if e.size else stated).theta) for e, f in posterior.fits.items()},
     )
 
 

@@ -237,7 +237,8 @@ class _InSession:
             leader = self.posterior.leader
             bad = leader.bad
             starts = [leader.expected(explanation, leader.best), self.posterior.nothing.theta]
-            found = [self._fitter.fit(explanation, s, leader.best, bad) for s in starts]
+            # Its prior is that of what acts here alone, added by whoever asks.
+            found = [self._fitter.fit(explanation, s, leader.best, bad, 0.0) for s in starts]
             known = self._fits[explanation] = max(found, key=lambda f: f.log_posterior)
         return known
 

@@ -43,6 +43,7 @@ class Verdict:
 
 def judge(
     posterior: Posterior,
+    stated: Optimum,
     candidates: Candidates,
     classes: Confounding,
     check: PredictiveCheck,
@@ -52,12 +53,13 @@ def judge(
 
     Args:
         posterior: of the session.
+        stated: the base model as budget and noise are stated.
         candidates: that were searched.
         classes: what the load cases cannot tell apart.
         check: of the validation cases, under what the verdict would add.
         checked: names of what was checked.
     """
-    verdict = _undisputed(posterior, candidates, classes)
+    verdict = _undisputed(posterior, stated, candidates, classes)
     cases = _cases(posterior)
     if cases < LEAST_CASES:
         short = f"{cases} identification cases are too few to decide anything (at least {LEAST_CASES})"
@@ -80,16 +82,16 @@ def likeliest(posterior: Posterior) -> tuple[str, ...]:
     return posterior.leader.explanation.names
 
 
-def _undisputed(posterior: Posterior, candidates: Candidates, classes: Confounding) -> Verdict:
+def _undisputed(posterior: Posterior, stated: Optimum, candidates: Candidates, classes: Confounding) -> Verdict:
     order = [c.name for c in candidates.all]
     effect_of = {c.name: c.effect for c in candidates.all}
     sure = sorted((name for name, p in posterior.inclusion.items() if p >= SURE), key=order.index)
     if sure and posterior.of_names(sure) >= SURE:
-        return _found(posterior, sure, tuple(dict.fromkeys(effect_of[n] for n in sure)))
+        return _found(posterior, stated, sure, tuple(dict.fromkeys(effect_of[n] for n in sure)))
     if posterior.p_only_beyond >= SURE:
         return Verdict("none_of_catalogue", (), (), posterior.p_only_beyond, _beyond(posterior))
     if posterior.p_nothing >= NOTHING_SURE:
-        return _nothing(posterior)
+        return _nothing(posterior, stated)
     for members in _classes_of(posterior, classes):
         p = posterior.of_any(members)
         if p >= SURE:
@@ -99,10 +101,10 @@ def _undisputed(posterior: Posterior, candidates: Candidates, classes: Confoundi
     return _undecided(posterior)
 
 
-def _found(posterior: Posterior, sure: Sequence[str], effects: tuple[str, ...]) -> Verdict:
+def _found(posterior: Posterior, stated: Optimum, sure: Sequence[str], effects: tuple[str, ...]) -> Verdict:
     probability, names = posterior.of_names(sure), tuple(sure)
     fit = posterior.best_fit(names) or posterior.leader
-    before, after = _misfit(posterior.nothing), _misfit(fit)
+    before, after = _misfit(stated), _misfit(fit)
     explain = "explain" if len(names) > 1 else "explains"
     reasons = [
         f"{words(names)} {explain} the readings: misfit {before:.0f} falls to {after:.0f} for "
@@ -120,10 +122,8 @@ def _found(posterior: Posterior, sure: Sequence[str], effects: tuple[str, ...]) 
     return Verdict("found", names, effects, probability, tuple(reasons))
 
 
-def _nothing(posterior: Posterior) -> Verdict:
-    fit, p = posterior.nothing, posterior.p_nothing
-    stated = stated_node(fit)
-    misfit = fit.freed(stated)[0].misfit
+def _nothing(posterior: Posterior, fit: Optimum) -> Verdict:
+    p, misfit = posterior.p_nothing, fit.freed(fit.node)[0].misfit
     n = len(fit.residual)
     if chdtrc(n, misfit) < P_VALUE:
         multiple, _ = posterior.budget
@@ -181,7 +181,8 @@ def _classes_of(posterior: Posterior, classes: Confounding) -> list[tuple[str, .
 
 def _misfit(fit: Optimum) -> float:
     """Weighted sum of squares that is left with budget and noise as stated, priors' penalty included."""
-    return fit.freed(stated_node(fit))[0].misfit
+    node = stated_node(fit) if fit.explanation.size else fit.node
+    return fit.freed(node)[0].misfit
 
 
 def _cases(posterior: Posterior) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -67,6 +68,16 @@ class Fitter:
         self.fits.append(explanation)
         assert found is not None  # noqa: S101 - there is at least one round
         return found
+
+    def fit_at(
+        self, explanation: Explanation, starts: Sequence[Floats], node: Node, bad: frozenset[int] = frozenset()
+    ) -> Optimum:
+        """Fit from some starts under the hyperparameters of one node, which stay as they are; the least misfit."""
+        found = []
+        for start in starts:
+            theta, converged = self._solved(explanation, start, node, bad, None)
+            found.append(self.linearised(explanation, theta, node, bad, 0.0, converged=converged))
+        return min(found, key=lambda f: f.freed(node)[0].misfit)
 
     def _solved(
         self,
