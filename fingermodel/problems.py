@@ -200,13 +200,34 @@ def map_problem(
             "noise above zero in every component",
             "Give force_sd_N, or a budget with reading_sd_N",
         ) from error
+    return weighted_problem(model, observations, rows, np.linalg.inv(factor), plane, effects)
+
+
+def weighted_problem(
+    model: Model,
+    observations: Observations,
+    rows: NDArray[np.intp],
+    whitener: Floats,
+    plane: Plane,
+    effects: Collection[str] = (),
+) -> Problem:
+    """All parameters with the budget's priors and bounds, for some readings with a covariance of their own.
+
+    Args:
+        model: finger, budget and effects.
+        observations: of one session.
+        rows: (residuals,) indices into the flattened (cases, 6) wrench.
+        whitener: (residuals, residuals) of these readings.
+        plane: which force components count.
+        effects: names of the effects' parameters that are free; all others stay at their null.
+    """
     table = model.parameters
     free = table.free & (~table.of_kind("effect") | np.isin(table.names, list(effects)))
     return Problem(
         model=model,
         observations=observations,
         rows=rows,
-        whitener=np.linalg.inv(factor),
+        whitener=whitener,
         weighted=True,
         start=table.centre.copy(),
         centre=table.centre,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from fingermodel.compare import muscles_of
 from fingermodel.diagnosis.diagnose import Diagnosis
+from fingermodel.diagnosis.instruments import INSTRUMENTS
 from fingermodel.diagnosis.posterior.gaussian import root_of
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import free_mask
@@ -29,22 +30,6 @@ Floats = NDArray[np.float64]
 DRAWS = 48
 SEED = 20191107
 OFFERED = 5
-
-INSTRUMENTS = {
-    "hanger_mass": "weigh the hangers",
-    "rig_friction": "pull a known weight through the pulleys, or read the bone's clamp",
-    "worn_pulley": "pull a known weight through that pulley",
-    "goniometer_bias": "measure the joint angles again, with another instrument",
-    "cell_rotation": "hang a known weight on the cell in three directions",
-    "cell_crosstalk": "hang a known weight on the cell in three directions",
-    "zero_offset": "read the unloaded cell before and after, at that mount",
-    "tare_drift": "tare again before each case",
-    "segment_length": "measure the bones in an X-ray",
-    "tip_location": "measure where the clamp holds the pulp",
-    "suture_angle": "photograph the sutures against the metacarpal",
-    "clamp_compliance": "measure the joint angles with the weight on",
-    "joint_friction": "read the bone's clamp as well",
-}
 
 
 @dataclass(frozen=True)

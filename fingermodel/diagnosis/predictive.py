@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
+from scipy.stats import binom
 
 from fingermodel.diagnosis.posterior.gaussian import root_of
 from fingermodel.diagnosis.posterior.optimum import Optimum
@@ -105,4 +106,6 @@ def check(fit: Optimum) -> PredictiveCheck:
     z = np.linalg.solve(factor, p.away[sound])
     misfit = float(z @ z)
     log_density = -0.5 * misfit - float(np.log(np.diag(factor)).sum()) - 0.5 * len(z) * float(np.log(2.0 * np.pi))
-    return PredictiveCheck(log_density, float(chdtrc(len(z), misfit)) if len(z) else None, bad)
+    # So many bad cases among so few are no slips either: then the explanation misses them.
+    slips = float(binom.sf(len(bad) - 1, len(np.unique(p.cases)), P_BAD))
+    return PredictiveCheck(log_density, min(float(chdtrc(len(z), misfit)), slips), bad)

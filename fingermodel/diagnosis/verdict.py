@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fingermodel.diagnosis.confounding import Confounding
+from fingermodel.diagnosis.instruments import INSTRUMENTS
 from fingermodel.diagnosis.posterior.hyper import BUDGET, NOISE
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
@@ -87,7 +88,7 @@ def _undisputed(posterior: Posterior, stated: Optimum, candidates: Candidates, c
     effect_of = {c.name: c.effect for c in candidates.all}
     sure = sorted((name for name, p in posterior.inclusion.items() if p >= SURE), key=order.index)
     if sure and posterior.of_names(sure) >= SURE:
-        return _found(posterior, stated, sure, tuple(dict.fromkeys(effect_of[n] for n in sure)))
+        return _found(posterior, stated, classes, sure, tuple(dict.fromkeys(effect_of[n] for n in sure)))
     if posterior.p_only_beyond >= SURE:
         return Verdict("none_of_catalogue", (), (), posterior.p_only_beyond, _beyond(posterior))
     if posterior.p_nothing >= NOTHING_SURE:
@@ -101,7 +102,9 @@ def _undisputed(posterior: Posterior, stated: Optimum, candidates: Candidates, c
     return _undecided(posterior)
 
 
-def _found(posterior: Posterior, stated: Optimum, sure: Sequence[str], effects: tuple[str, ...]) -> Verdict:
+def _found(
+    posterior: Posterior, stated: Optimum, classes: Confounding, sure: Sequence[str], effects: tuple[str, ...]
+) -> Verdict:
     probability, names = posterior.of_names(sure), tuple(sure)
     fit = posterior.best_fit(names) or posterior.leader
     before, after = _misfit(stated), _misfit(fit)
@@ -111,6 +114,11 @@ def _found(posterior: Posterior, stated: Optimum, sure: Sequence[str], effects: 
         f"{len(fit.residual)} readings; it changes the forces by "
         f"{fit.size_newton(np.sum(fit.changes, axis=0)):.3f} N (RMS)."
     ]
+    alike = list(dict.fromkeys(a for n in names for a in classes.alike(n) if a not in names))
+    if alike:
+        asked = [INSTRUMENTS[e] for e in (n.split(".")[0] for n in [*names, *alike]) if e in INSTRUMENTS]
+        how = f"; to part them, {asked[0]}" if asked else ""
+        reasons.append(f"In these load cases it is much like {words(alike)}{how}.")
     if posterior.p_beyond >= 0.5:
         reasons.append(
             f"Something else acts beside it with a probability of {posterior.p_beyond:.2f}, of about "

@@ -22,7 +22,7 @@ from fingermodel.diagnosis.settings import BAD_N, CLAMP_SHARE, LEVER_MM
 from fingermodel.fingers import Plane
 from fingermodel.model import Model, tips_of
 from fingermodel.observations import Observations
-from fingermodel.problems import Problem, map_problem
+from fingermodel.problems import Problem, weighted_problem
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -343,11 +343,15 @@ def session_of(
             "at least one to fit to",
             "Give cases role: identification; validation cases are never fitted",
         )
+    known = np.diagonal(observations.covariance)[rows] > 0.0
+    if not known.all():
+        raise SessionError(
+            "a reading states no uncertainty at all",
+            "noise above zero in every component",
+            "Give force_sd_N, or a budget with reading_sd_N",
+        )
     stated = model.budget.tension_factor_case_sd
-    # Scatter is part of this model's noise, not of the covariance that it starts from.
-    plain = replace(model, budget=replace(model.budget, tension_factor_case_sd=0.0))
-    problem = map_problem(plain, observations, chosen, held)
-    problem = replace(problem, rows=rows[fitted], whitener=np.eye(int(fitted.sum())), _fitted=[])
+    problem = weighted_problem(model, observations, rows[fitted], np.eye(int(fitted.sum())), chosen, held)
     return Session(problem, rows, fitted, chosen, stated)
 
 
