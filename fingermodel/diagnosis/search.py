@@ -13,13 +13,14 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
+from scipy.stats import binom
 
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidate, Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.settings import MOST_FITS, P_BAD, SUSPECT, WITHIN
+from fingermodel.diagnosis.settings import MOST_FITS, P_BAD, P_VALUE, SUSPECT, WITHIN
 
 Floats = NDArray[np.float64]
 
@@ -85,7 +86,7 @@ class Searcher:
             most: fits.
         """
         every = self._begun(start)
-        for _ in range(len(np.unique(self._session.fitted_noise.cases)) // 4):
+        for _ in range(self._most_bad):
             worst, odds = self._worst_case([every, self._fits[NOTHING]])
             if odds < np.log(SUSPECT / (1.0 - SUSPECT)):
                 break
@@ -96,6 +97,12 @@ class Searcher:
         self._finish(every)
         self._until_none_promises(most)
         return Searched(self._session, self._candidates, self._hyper, self._fits, self._rest(), self._odds())
+
+    @property
+    def _most_bad(self) -> int:
+        """So many bad cases may be slips; that there are more is out of the question."""
+        cases = len(np.unique(self._session.fitted_noise.cases))
+        return int(np.sum(binom.sf(np.arange(cases), cases, P_BAD) >= P_VALUE))
 
     @property
     def _session(self) -> Session:
