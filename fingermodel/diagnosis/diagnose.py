@@ -45,6 +45,7 @@ class Diagnosis:
         verdict: with its reasons.
         checks: predictive check of explanations on the validation cases, by explanation.
         sensitivity: the verdict's probability under other assumptions.
+        fault: of the whole session (axes, signs or units of the readings), in words; None where none is seen.
         hints: formulas, where nothing fits.
         nulls: what the readings say without any model of the tendons.
         seconds: of the computation.
@@ -60,6 +61,7 @@ class Diagnosis:
     verdict: Verdict
     checks: dict[Explanation, PredictiveCheck]
     sensitivity: Sensitivity
+    fault: str | None
     hints: tuple[Hint, ...]
     nulls: tuple[Null, ...]
     seconds: float
@@ -120,13 +122,13 @@ def diagnose(
     verdict = judge(posterior, stated, candidates, alike, checks[fit.explanation], fit.explanation.names)
     asked = sensitivity(posterior, verdict)
     found: tuple[Hint, ...] = ()
-    if verdict.kind in ("none_of_catalogue", "undecided"):
-        if mistake := rig_mistake(model, observations):
-            # To be put right in the session; a formula would only make up for it.
-            verdict = replace_reasons(verdict, f"{mistake[0].upper()}{mistake[1:]}.")
-        else:
-            # Where no effect stands, a formula is to stand alone; else beside the likeliest.
-            found = hints(posterior.nothing if verdict.kind == "none_of_catalogue" else posterior.leader)
+    mistake = rig_mistake(model, observations)
+    if mistake:
+        # To be put right in the session: what would make up for it is no finding.
+        verdict = in_doubt(verdict, f"{mistake[0].upper()}{mistake[1:]}.")
+    elif verdict.kind in ("none_of_catalogue", "undecided"):
+        # Where no effect stands, a formula is to stand alone; else beside the likeliest.
+        found = hints(posterior.nothing if verdict.kind == "none_of_catalogue" else posterior.leader)
     if progress:
         progress(1.0)
     for kept in (*posterior.fits.values(), stated):
@@ -142,6 +144,7 @@ def diagnose(
         verdict,
         checks,
         asked,
+        mistake,
         found,
         nulls(model, observations),
         time.perf_counter() - began,
@@ -149,11 +152,10 @@ def diagnose(
     )
 
 
-def replace_reasons(verdict: Verdict, first: str) -> Verdict:
-    """The same verdict with one more reason before the others."""
-    return Verdict(
-        verdict.kind, verdict.names, verdict.effects, verdict.probability, (first, *verdict.reasons), verdict.short
-    )
+def in_doubt(verdict: Verdict, fault: str) -> Verdict:
+    """What is left of a verdict where the whole session has a fault, which is said first."""
+    kind = verdict.kind if verdict.kind == "none_of_catalogue" else "undecided"
+    return Verdict(kind, (), (), verdict.probability, (fault, *verdict.reasons), verdict.short)
 
 
 def validation_rmse(model: Model, comparison: Comparison) -> float | None:

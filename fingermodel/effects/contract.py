@@ -160,12 +160,12 @@ def _behaviour_faults(
         if not _same(_leaves(state), _leaves(_acted(effect, jnp.asarray(null), case, state))):
             yield f"effect {effect.name} changes something at its null values; expected nothing, to the last bit"
             break
-    yield from flat_faults(effect, topology, layout)
     for i, parameter in enumerate(declared):
         if parameter.sd > 0.0 and not any(
             _moves(effect, i, parameter, p, case, s) for p, (case, s) in zip(off, sampled, strict=True)
         ):
             yield f"parameter {parameter.name} changes nothing at any load case tried; expected it to act"
+    yield from flat_faults(effect, topology, layout)
 
 
 def flat_faults(effect: Effect, topology: Topology, layout: Layout) -> list[str]:
