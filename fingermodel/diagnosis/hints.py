@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -122,8 +121,9 @@ def _library(session: Session, theta: Floats) -> Iterator[Term]:
         for words, pull in squares:
             formula = f"torque[{rotation}] += k * {words}"
             yield ("torque", rotation, formula, "mm/N"), 0.3, answer[:, row] * pull[:, None]
-    losses = _losses(session, theta)
-    for m, slope in losses.items():
+    by_tension = session.by_tension(theta)
+    slopes = {m: by_tension[:, :, k] for k, m in enumerate(topology.muscles) if by_tension[:, :, k].any()}
+    for m, slope in slopes.items():
         for shape, values in _shapes(joints, angles):
             yield ("tension", None, f"tension[{m}] *= 1 + k{shape}", "1"), 0.1, slope * values[:, None]
     reading = np.asarray(model.predict(inputs, theta).reading)
@@ -146,17 +146,3 @@ def _shapes(joints: list[Any], angles: dict[str, Floats]) -> Iterator[tuple[str,
         rotation = joint.rotations[joint.flexion]
         yield f" * sin(q_{rotation})", np.sin(angles[rotation])
         yield f" * q_{rotation}", angles[rotation]
-
-
-def _losses(session: Session, theta: Floats) -> dict[str, Floats]:
-    """(n, 6) change of every reading when a tendon's tension doubles: forces are nearly linear in tension."""
-    model, inputs = session.model, session.observations.inputs
-    now = np.asarray(model.predict(inputs, theta).reading)
-    out = {}
-    for k, muscle in enumerate(model.finger.topology.muscles):
-        tension = np.asarray(inputs.tension).copy()
-        tension[:, k] *= 1.01
-        more = np.asarray(model.predict(inputs._replace(tension=jnp.asarray(tension)), theta).reading)
-        if np.abs(more - now).max() > 0:
-            out[muscle] = (more - now) * 100.0
-    return out

@@ -7,13 +7,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
-from scipy.stats import binom
 
 from fingermodel.diagnosis.posterior.gaussian import root_of
 from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.bad_cases import (
+    LOG_PRIOR_ODDS,
+    SUSPECT_LOG_ODDS,
+    bad_size,
+    chance_of,
+    gain_if_bad,
+)
 from fingermodel.diagnosis.session_model.candidates import free_mask
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.settings import BAD_N, LEVER_MM, P_BAD, P_VALUE, SUSPECT
+from fingermodel.diagnosis.settings import P_VALUE
 from fingermodel.refit import slopes_of
 
 Floats = NDArray[np.float64]
@@ -80,7 +86,7 @@ def check(fit: Optimum) -> PredictiveCheck:
     if session.fitted.all():
         return PredictiveCheck(None, None, {})
     p = predicted(fit)
-    size = BAD_N * np.where(p.moment, LEVER_MM, 1.0)
+    size = bad_size(p.moment)
     bad: dict[int, float] = {}
     for _ in range(1 + len(np.unique(p.cases)) // 4):
         inflated = p.covariance + np.diag(np.isin(p.cases, list(bad)) * size**2)
@@ -93,12 +99,10 @@ def check(fit: Optimum) -> PredictiveCheck:
             if case in bad:
                 continue
             at = np.flatnonzero(p.cases == case)
-            inner = np.eye(len(at)) + size[at][:, None] * precision[np.ix_(at, at)] * size[at][None, :]
-            score = size[at] * a[at]
-            gain = 0.5 * score @ np.linalg.solve(inner, score) - 0.5 * np.linalg.slogdet(inner)[1]
-            odds[int(case)] = float(gain + np.log(P_BAD / (1.0 - P_BAD)))
+            information = size[at][:, None] * precision[np.ix_(at, at)] * size[at][None, :]
+            odds[int(case)] = float(gain_if_bad(information, size[at] * a[at])) + LOG_PRIOR_ODDS
         worst = max(odds, key=lambda c: odds[c], default=None)
-        if worst is None or odds[worst] < np.log(SUSPECT / (1.0 - SUSPECT)):
+        if worst is None or odds[worst] < SUSPECT_LOG_ODDS:
             break
         bad[worst] = odds[worst]
     sound = ~np.isin(p.cases, list(bad))
@@ -107,5 +111,5 @@ def check(fit: Optimum) -> PredictiveCheck:
     misfit = float(z @ z)
     log_density = -0.5 * misfit - float(np.log(np.diag(factor)).sum()) - 0.5 * len(z) * float(np.log(2.0 * np.pi))
     # So many bad cases among so few are no slips either: then the explanation misses them.
-    slips = float(binom.sf(len(bad) - 1, len(np.unique(p.cases)), P_BAD))
+    slips = float(chance_of(len(bad), len(np.unique(p.cases))))
     return PredictiveCheck(log_density, min(float(chdtrc(len(z), misfit)), slips), bad)

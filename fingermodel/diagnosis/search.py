@@ -13,14 +13,14 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
-from scipy.stats import binom
 
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, SUSPECT_LOG_ODDS, chance_of
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidate, Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.settings import MOST_FITS, P_BAD, P_VALUE, SUSPECT, WITHIN
+from fingermodel.diagnosis.settings import MOST_FITS, P_VALUE, WITHIN
 
 Floats = NDArray[np.float64]
 
@@ -39,15 +39,12 @@ class Searched:
     """Everything that was fitted, and what the rest promises.
 
     Attributes:
-        session: that was searched.
-        candidates: of which explanations are made.
+        hyper: axes of the hyperparameters.
         fits: the best optimum of each explanation.
         promised: log posterior of explanations that were not fitted.
         bad: log odds of each case that is taken for a bad one, by index of the case.
     """
 
-    session: Session
-    candidates: Candidates
     hyper: Hyperparameters
     fits: dict[Explanation, Optimum]
     promised: dict[Explanation, float]
@@ -57,11 +54,6 @@ class Searched:
     def nothing(self) -> Optimum:
         """The base model."""
         return self.fits[NOTHING]
-
-    @property
-    def leader(self) -> Optimum:
-        """The most probable explanation."""
-        return max(self.fits.values(), key=lambda o: o.log_posterior)
 
 
 class Searcher:
@@ -88,7 +80,7 @@ class Searcher:
         every = self._begun(start)
         for _ in range(self._most_bad):
             worst, odds = self._worst_case([every, self._fits[NOTHING]])
-            if odds < np.log(SUSPECT / (1.0 - SUSPECT)):
+            if odds < SUSPECT_LOG_ODDS:
                 break
             self._bad |= {worst}
             every = self._begun(start)
@@ -96,13 +88,13 @@ class Searcher:
         self._until_none_promises(most)
         self._finish(every)
         self._until_none_promises(most)
-        return Searched(self._session, self._candidates, self._hyper, self._fits, self._rest(), self._odds())
+        return Searched(self._hyper, self._fits, self._rest(), self._odds())
 
     @property
     def _most_bad(self) -> int:
         """So many bad cases may be slips; that there are more is out of the question."""
         cases = len(np.unique(self._session.fitted_noise.cases))
-        return int(np.sum(binom.sf(np.arange(cases), cases, P_BAD) >= P_VALUE))
+        return int(np.sum(chance_of(np.arange(1, cases + 1), cases) >= P_VALUE))
 
     @property
     def _session(self) -> Session:
@@ -142,8 +134,9 @@ class Searcher:
         known = self._fits.get(found.explanation)
         if known is None or found.log_posterior > known.log_posterior:
             self._fits[found.explanation] = found
+        leader = self._leader
         for fit in self._fits.values():
-            if fit is not self._leader and fit.explanation.size:
+            if fit is not leader and fit.explanation.size:
                 fit.forget()
 
     def _worst_case(self, hosts: Sequence[Optimum]) -> tuple[int, float]:
@@ -164,21 +157,20 @@ class Searcher:
         joint = np.array([host.log_joint(node) for node in nodes])
         total = float(logsumexp([host.log_posterior, *joint]))
         gains = [host.log_odds_bad(node) for node in nodes]
-        prior = float(np.log(P_BAD / (1.0 - P_BAD)))
         return {
-            c: prior + float(logsumexp([j + g[c] for j, g in zip(joint, gains, strict=True)])) - total for c in gains[0]
+            c: LOG_PRIOR_ODDS + float(logsumexp([j + g[c] for j, g in zip(joint, gains, strict=True)])) - total
+            for c in gains[0]
         }
 
     def _odds(self) -> dict[int, float]:
         """Log odds of the cases taken for bad, by the leading explanations."""
         out = {}
-        prior = float(np.log(P_BAD / (1.0 - P_BAD)))
         for case in self._bad:
             without = self._bad - {case}
             bad, sound = [], []
             for fit in self._fits.values():
-                bad.append(fit.log_posterior + prior)
-                sound.append(max(fit.log_joint(node, without) for node in (*_widened(fit, self._hyper),)))
+                bad.append(fit.log_posterior + LOG_PRIOR_ODDS)
+                sound.append(max(fit.log_joint(node, without) for node in _widened(fit, self._hyper)))
             out[case] = float(logsumexp(bad) - logsumexp(sound))
         return out
 

@@ -109,11 +109,11 @@ def sensitivity(posterior: Posterior, verdict: Verdict) -> Sensitivity:
         out.append(Assumption("noise", f"the noise is {noises[index]:.2g} times as stated", p))
     few = list(dict.fromkeys([*ranked[:_ASKED_OF_PARTS], posterior.nothing]))
     for words, gone in _parts(posterior.nothing):
-        out.append(Assumption("without", words, said(_again([_without(f, gone) for f in few], _as_it_is))))
+        out.append(Assumption("without", words, said(_less(few, gone))))
     sagittal = None
     if posterior.nothing.session.plane == "space":
         aside = ~np.isin(posterior.nothing.session.rows[posterior.nothing.session.fitted] % 6, (0, 1, 5))
-        planar = _again([_without(f, aside) for f in asked], _as_it_is)
+        planar = _less(asked, aside)
         p = said(planar)
         out.append(Assumption("plane", "only the sagittal plane counts", p))
         sagittal = _kind(planar, verdict, p)
@@ -149,22 +149,20 @@ def _kind(posterior: Posterior, verdict: Verdict, probability: float) -> Kind:
 
 
 def _again(fits: Sequence[Optimum], value: Value) -> Posterior:
-    """The posterior of some explanations, each node with another value."""
-    return Posterior.of({f.explanation: _Valued.of(f, value) for f in fits}, {})
+    """The posterior of some explanations, the best node of each with another value.
+
+    Around that node the sum changes little: what is asked is how it fares.
+    """
+    nodes = {f.explanation: {f.best: value(f, f.best)} for f in fits}
+    return Posterior.of({f.explanation: f for f in fits}, nodes=nodes)
 
 
-class _Valued(Optimum):
-    """An optimum whose nodes have other values."""
-
-    @classmethod
-    def of(cls, fit: Optimum, value: Value) -> Optimum:
-        other = replace(fit)
-        other.__dict__.update({k: v for k, v in fit.__dict__.items() if k not in ("best", "log_posterior")})
-        # Around its best node the sum changes little: what is asked is how that node fares.
-        node = fit.best if "nodes" in fit.__dict__ else fit.node
-        nodes = {node: value(fit, node)}
-        other.__dict__["nodes"] = nodes
-        return other
+def _less(fits: Sequence[Optimum], gone: Mask) -> Posterior:
+    """The posterior of some explanations without some of the fitted readings (n,), at their best nodes."""
+    less = [_without(f, gone) for f in fits]
+    return Posterior.of(
+        {f.explanation: f for f in less}, nodes={f.explanation: {f.node: f.log_joint(f.node)} for f in less}
+    )
 
 
 def _prior(p: float) -> Value:
@@ -178,10 +176,6 @@ def _width(factor: float) -> Value:
 
 def _fixed(axis: int, index: int) -> Value:
     return lambda fit, node: fit.log_joint((*node[:axis], index, *node[axis + 1 :]))
-
-
-def _as_it_is(fit: Optimum, node: Node) -> float:
-    return fit.log_joint(node)
 
 
 def _without(fit: Optimum, gone: Mask) -> Optimum:

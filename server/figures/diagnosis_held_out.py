@@ -17,6 +17,7 @@ from server.figures.style import (
     NothingToDrawError,
     axis,
     figure,
+    legend,
     load_text,
     number,
     plain,
@@ -92,14 +93,7 @@ def held_out_figure(answer: Answer) -> go.Figure:
         ),
         "annotations": [_change(c, i) for i, c in enumerate(cases)],
         "showlegend": True,
-        "legend": {
-            "orientation": "h",
-            "x": 0.0,
-            "xanchor": "left",
-            "y": 1.0 + 10 / plot,
-            "yanchor": "bottom",
-            "font": {"size": SMALL_PX + 1},
-        },
+        "legend": legend(10, plot),
     }
     many = f"The worst {len(cases)} of {total} cases" if total > len(cases) else f"{total} cases"
     return figure(

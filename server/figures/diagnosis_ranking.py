@@ -35,6 +35,7 @@ from server.figures.style import (
     NothingToDrawError,
     axis,
     figure,
+    legend,
     mix,
     plain,
 )
@@ -97,14 +98,7 @@ def ranking_figure(answer: Answer) -> go.Figure:
         "annotations": [*_labels(shown, names, named), *_columns(shown)],
         "shapes": [_band(i) for i, r in enumerate(shown) if r in named],
         "showlegend": True,
-        "legend": {
-            "orientation": "h",
-            "x": 0.0,
-            "xanchor": "left",
-            "y": 1.0 + 38 / plot,
-            "yanchor": "bottom",
-            "font": {"size": SMALL_PX + 1},
-        },
+        "legend": legend(38, plot),
     }
     return figure(
         data,

@@ -15,6 +15,7 @@ from server.figures.style import (
     NothingToDrawError,
     axis,
     figure,
+    legend,
     plain,
 )
 
@@ -93,14 +94,7 @@ def sensitivity_figure(answer: Answer) -> go.Figure:
         ],
         "shapes": _lines(answer),
         "showlegend": True,
-        "legend": {
-            "orientation": "h",
-            "x": 0.0,
-            "xanchor": "left",
-            "y": 1.0 + 10 / plot,
-            "yanchor": "bottom",
-            "font": {"size": SMALL_PX + 1},
-        },
+        "legend": legend(10, plot),
     }
     stated = value(answer.get("probability"))
     said = "Dashed: 0.9, from which a verdict is sure."

@@ -18,13 +18,13 @@ from server.figures.diagnosis_answer import (
     vector,
 )
 from server.figures.style import (
-    SMALL_PX,
     TEXT_PX,
     WIDTH,
     NothingToDrawError,
     axis,
     domain,
     figure,
+    legend,
     load_styles,
     number,
     plain,
@@ -130,14 +130,7 @@ def size_figure(answer: Answer) -> go.Figure:
             data += _traces(curve, styles[curve.muscle], suffix, named=curve.muscle not in told)
             told.add(curve.muscle)
     layout["showlegend"] = True
-    layout["legend"] = {
-        "orientation": "h",
-        "x": 0.0,
-        "xanchor": "left",
-        "y": 1.0 + 6 / plot,
-        "yanchor": "bottom",
-        "font": {"size": SMALL_PX + 1},
-    }
+    layout["legend"] = legend(6, plot)
     named = [shortened(explanation_name(r), 50) for r in named_rows(answer)]
     cut = f" The first {len(keys)} of {total} panels." if total > len(keys) else ""
     return figure(

@@ -10,7 +10,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from server.figures.style import INK, MUTED, SMALL_PX, WIDTH, axis, domain, figure, fixed, heading, mix, number
+from server.figures.style import INK, MUTED, SMALL_PX, WIDTH, axis, domain, figure, fixed, heading, legend, mix, number
 
 Floats = NDArray[np.float64]
 TAUT, SLACK, REST, BONE = "#0072B2", "#D55E00", "#b4b4b4", "#d9d2c3"
@@ -89,14 +89,7 @@ def network_figure(
             )
     margin = {"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM}
     data += _key()
-    layout["legend"] = {
-        "orientation": "h",
-        "x": 0.0,
-        "xanchor": "left",
-        "y": -12 / up,
-        "yanchor": "top",
-        "font": {"size": SMALL_PX + 1},
-    }
+    layout["legend"] = legend(-12, up)
     return figure(
         data,
         layout,
@@ -176,14 +169,7 @@ def forces_figure(
             "force [N]", domain=domain(top - _BARS / plot, top), anchor=f"x{suffix}", rangemode="tozero", nticks=6
         )
         layout["annotations"].append(heading(title, top, 6))
-    layout["legend"] = {
-        "orientation": "h",
-        "x": 0.0,
-        "xanchor": "left",
-        "y": -36 / plot,
-        "yanchor": "top",
-        "font": {"size": SMALL_PX + 1},
-    }
+    layout["legend"] = legend(-36, plot)
     return figure(
         data,
         layout,

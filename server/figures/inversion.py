@@ -22,6 +22,7 @@ from server.figures.style import (
     figure,
     heading,
     in_order,
+    legend,
     load_styles,
     load_text,
     number,
@@ -229,14 +230,7 @@ def _strips(panels: Sequence[_Panel], order: _Order, names: tuple[str, str], *, 
             zerolinewidth=1,
         )
         layout["annotations"].append(heading(panel.title, top, 4))
-    layout["legend"] = {
-        "orientation": "h",
-        "x": 0.0,
-        "xanchor": "left",
-        "y": 1.0 + 26 / up,
-        "yanchor": "bottom",
-        "font": {"size": SMALL_PX + 1},
-    }
+    layout["legend"] = legend(26, up)
     return figure(
         data,
         layout,

@@ -16,12 +16,12 @@ from server.figures.static import write_static
 from server.figures.style import (
     INK,
     MUTED,
-    SMALL_PX,
     TEXT_PX,
     WIDTH,
     axis,
     domain,
     figure,
+    legend,
     number,
     plain,
 )
@@ -225,14 +225,7 @@ def _grid(result: MovementResult, panels: Sequence[Panel], *, columns: int, titl
                 )
             )
             named.add(line.name)
-    layout["legend"] = {
-        "orientation": "h",
-        "x": 0.0,
-        "xanchor": "left",
-        "y": 1.0 + 24 / up,
-        "yanchor": "bottom",
-        "font": {"size": SMALL_PX + 1},
-    }
+    layout["legend"] = legend(24, up)
     margin = {"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM}
     return figure(data, layout, title=title, subtitle=subtitle, height=height, margin=margin)
 

@@ -24,6 +24,7 @@ from server.figures.style import (
     domain,
     figure,
     in_order,
+    legend,
     load_styles,
     load_text,
     mix,
@@ -213,15 +214,7 @@ def panels_figure(
         bars, words = scale_bars(low, size, mm_per_N, names, first=index == 0)
         data += bars
         layout["annotations"] += words
-    layout["legend"] = {
-        "orientation": "h",
-        "x": 0.0,
-        "xanchor": "left",
-        "y": -14 / plot,
-        "yanchor": "top",
-        "font": {"size": SMALL_PX + 1},
-        "traceorder": "normal",
-    }
+    layout["legend"] = legend(-14, plot) | {"traceorder": "normal"}
     margin = {"l": _SIDE, "r": _SIDE, "t": top, "b": int(bottom)}
     total = round(plot + top + bottom)
     return figure([*data, *keys], layout, title=title, subtitle=subtitle, height=total, margin=margin)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import plotly.graph_objects as go
 
-from server.figures.style import INK, SMALL_PX, axis, domain, figure, heading, mix, number
+from server.figures.style import INK, axis, domain, figure, heading, legend, mix, number
 
 COLORS = {"minimal": "#0072B2", "chao": "#D55E00"}
 _PANEL, _GAP, _TOP, _BOTTOM = 190, 52, 96, 84  # [px]
@@ -75,14 +75,7 @@ def pressing_figure(panels: Sequence[Panel], models: Mapping[str, str]) -> go.Fi
         )
         notes.append(heading(panel.title, top, 6))
     layout["annotations"] = notes
-    layout["legend"] = {
-        "orientation": "h",
-        "x": 0.0,
-        "xanchor": "left",
-        "y": -36 / plot,
-        "yanchor": "top",
-        "font": {"size": SMALL_PX + 1},
-    }
+    layout["legend"] = legend(-36, plot)
     return figure(
         data,
         layout,

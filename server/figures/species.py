@@ -19,7 +19,7 @@ from server.figures.report import Picture, Section, Table, write_report
 from server.figures.scales import scale_bars
 from server.figures.skeleton import finger_traces
 from server.figures.static import write_static
-from server.figures.style import INK, MUTED, SMALL_PX, TEXT_PX, WIDTH, axis, domain, figure, mix, number, plain
+from server.figures.style import INK, MUTED, SMALL_PX, TEXT_PX, WIDTH, axis, domain, figure, legend, mix, number, plain
 from server.figures.style import posture_name as named
 from server.reproduce.report import ours, verdict
 from server.reproduce.study import Plot
@@ -119,14 +119,7 @@ def species_figure(result: SpeciesResult) -> go.Figure:
         layout["annotations"] += [w | {"text": f"{w['text']} per N"} if w["text"].endswith(" N") else w for w in words]
     data += _bar_traces(bars, layout, plot, len(panels))
     data += _keys(sides, result)
-    layout["legend"] = {
-        "orientation": "h",
-        "x": 0.0,
-        "xanchor": "left",
-        "y": 1.0 + 50 / plot[1],
-        "yanchor": "bottom",
-        "font": {"size": SMALL_PX + 1},
-    }
+    layout["legend"] = legend(50, plot[1])
     angles = "the same angles" if same else "each with its own angles"
     return figure(
         data,

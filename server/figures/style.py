@@ -180,6 +180,24 @@ def heading(text: str, y: float, above_px: int) -> dict[str, Any]:
     }
 
 
+def legend(offset_px: float, plot_px: float) -> dict[str, Any]:
+    """Return a legend in one line at the left.
+
+    Args:
+        offset_px: of its lower edge above the plot, or if negative of its upper edge below the plot.
+        plot_px: height of the plot.
+    """
+    above = offset_px > 0.0
+    return {
+        "orientation": "h",
+        "x": 0.0,
+        "xanchor": "left",
+        "y": float(above) + offset_px / plot_px,
+        "yanchor": "bottom" if above else "top",
+        "font": {"size": SMALL_PX + 1},
+    }
+
+
 def figure(
     data: Sequence[Any],
     layout: Mapping[str, Any],

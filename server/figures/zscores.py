@@ -12,12 +12,12 @@ from fingermodel.compare import CaseComparison, Comparison
 from fingermodel.fingers import Plane
 from server.figures.style import (
     INK,
-    SMALL_PX,
     NothingToDrawError,
     axis,
     case_text,
     figure,
     in_order,
+    legend,
     load_styles,
     number,
     plain,
@@ -115,14 +115,7 @@ def _layout(labels: list[str], low: float, high: float, end: float, plot: int, *
             ticks="",
             showline=False,
         ),
-        "legend": {
-            "orientation": "h",
-            "x": 0.0,
-            "xanchor": "left",
-            "y": -50 / plot,
-            "yanchor": "top",
-            "font": {"size": SMALL_PX + 1},
-        },
+        "legend": legend(-50, plot),
     }
 
 

@@ -14,13 +14,9 @@ import yaml
 from tests.random_worlds.protocols import Case, Plan, Rng
 from tests.random_worlds.visibility import Noise
 from tests.simulator.finger import DATA, Floats
+from tests.simulator.recording import COLUMNS, RATE_HZ, REST, STEP, settling
 
-RATE_HZ = 25.0
-STEP = np.array([1 / 160] * 3 + [1 / 32] * 3)
-COLUMNS = ("t_s", "Fx_N", "Fy_N", "Fz_N", "Tx_Nmm", "Ty_Nmm", "Tz_Nmm")
 TORQUE_MM = 6.7
-_SETTLES_S = 0.1
-_REST = np.array([1.0, 1.0, 1.0, 15.0, 15.0, 15.0])
 _FRAMES = {"tip": "distal_phalanx", "bone": "metacarpal"}
 
 
@@ -45,17 +41,14 @@ def write_readings(
     for case, load in zip(plan.cases, held, strict=True):
         if case.block != block:
             # The finger's weight and how its clamps hold it; by then the posture is set and nothing swings.
-            block, rest = case.block, rng.normal(size=6) * _REST
+            block, rest = case.block, rng.normal(size=6) * REST
             starts.append(case.set_s)
             levels.append(rest)
             swings.append(0.0)
         starts.append(case.hung_s)
         levels.append(rest + load)
         swings.append(1.0)
-    at = np.searchsorted(starts, t + 1e-9, side="right") - 1
-    jump = np.diff(np.array(levels), axis=0, prepend=0.0) * np.array(swings)[:, None]
-    since = (t - np.array(starts)[at])[:, None]
-    signal = np.array(levels)[at] - jump[at] * np.exp(-since / _SETTLES_S) + wander(t)
+    signal = settling(t, starts, levels, swings) + wander(t)
     signal += noise.reading_N * unit * rng.normal(size=signal.shape)
     if noise.reading_N:
         signal = np.round(signal / STEP) * STEP

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ STEP = np.array([1 / 160] * 3 + [1 / 32] * 3)
 COLUMNS = ("t_s", "Fx_N", "Fy_N", "Fz_N", "Tx_Nmm", "Ty_Nmm", "Tz_Nmm")
 # Of the clamp and the swinging weight after a change of load; gone before any window opens.
 _SETTLES_S = 0.1
-_REST = np.array([1.0, 1.0, 1.0, 15.0, 15.0, 15.0])
+REST = np.array([1.0, 1.0, 1.0, 15.0, 15.0, 15.0])
 
 
 def record(
@@ -52,7 +52,7 @@ def record(
         if case.block != block:
             # The finger's weight and how its clamps hold it.
             block = case.block
-            rest = (rng if case.block_start_s < protocol.end_s else late).normal(size=6) * _REST
+            rest = (rng if case.block_start_s < protocol.end_s else late).normal(size=6) * REST
             starts.append(case.block_start_s)
             levels.append(rest)
             # By the time a block begins, its posture is set and nothing swings.
@@ -60,11 +60,8 @@ def record(
         starts.append(case.load_start_s)
         levels.append(rest + load)
         swings.append(1.0)
-    at = np.searchsorted(starts, t + 1e-9, side="right") - 1
-    jump = np.diff(np.array(levels), axis=0, prepend=0.0) * np.array(swings)[:, None]
-    since = (t - np.array(starts)[at])[:, None]
     clock = wander(t)
-    signal = np.array(levels)[at] - jump[at] * np.exp(-since / _SETTLES_S) + clock
+    signal = settling(t, starts, levels, swings) + clock
     sd = noise_N * np.array([1.0] * 3 + [6.7] * 3)
     creep = rng.uniform(0.5, 2.0) * np.array([0.01] * 3 + [0.05] * 3) / 60.0 / np.sqrt(RATE_HZ)
     signal += sd * noise()
@@ -73,6 +70,22 @@ def record(
     table = pa.table(dict(zip(COLUMNS, [np.round(t, 4), *signal.T], strict=True)))
     pa.parquet.write_table(table, folder / "readings.parquet", compression="zstd")
     return loads + np.array([_mean(t, clock, c.loaded_s) - _mean(t, clock, c.unloaded_s) for c in protocol.cases])
+
+
+def settling(t: Floats, starts: Sequence[float], levels: Sequence[Floats], swings: Sequence[float]) -> Floats:
+    """What a cell without noise reads (n, 6) at times t (n,).
+
+    Args:
+        t: times [s].
+        starts: when each level begins [s].
+        levels: (6,) each [N, N mm].
+        swings: share of each jump to a level that settles only after it.
+    """
+    at = np.searchsorted(starts, t + 1e-9, side="right") - 1
+    jump = np.diff(np.array(levels), axis=0, prepend=0.0) * np.array(swings)[:, None]
+    since = (t - np.array(starts)[at])[:, None]
+    out: Floats = np.array(levels)[at] - jump[at] * np.exp(-since / _SETTLES_S)
+    return out
 
 
 def _mean(t: Floats, values: Floats, window: tuple[float, float]) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,6 @@ class Fitter:
     session: Session
     candidates: Candidates
     hyper: Hyperparameters
-    fits: list[Explanation] = field(default_factory=list)
 
     def fit(
         self,
@@ -65,7 +64,6 @@ class Fitter:
             theta, before, at = found.theta, at, found.mode
             if max(abs(a - b) for a, b in zip(before, at, strict=True)) <= 1:
                 break
-        self.fits.append(explanation)
         assert found is not None  # noqa: S101 - there is at least one round
         return found
 

@@ -16,7 +16,7 @@ from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.posterior.hyper import FAMILIES, NOISE, SCATTER, Hyperparameters, Node
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
-from fingermodel.diagnosis.session_model.session import Session, WhitenedSmooth, whitened
+from fingermodel.diagnosis.session_model.session import Rows, Session, WhitenedSmooth, whitened
 from fingermodel.fit_report import held_at_bound
 
 Floats = NDArray[np.float64]
@@ -155,6 +155,14 @@ class Linearised:
             return float(values.smooth_N[int(name.removeprefix("smooth"))])
         return values.budget if name == BUDGET else 1.0
 
+    def widths(self, names: Sequence[str], node: Node) -> Floats:
+        """(k,) widths of the priors of all weights of some blocks at a node."""
+        return np.concatenate([np.full(self.size(name), self.width(name, node)) for name in names])
+
+    def places(self, names: Sequence[str]) -> Floats:
+        """(k,) where all weights of some blocks stand."""
+        return np.concatenate([self.place(name) for name in names])
+
     def acting(self, node: Node) -> list[str]:
         """Names of the blocks that act at a node, besides those of effects."""
         forms = [f"form{k}" for k in range(len(self.form_errors))]
@@ -202,6 +210,10 @@ class Linearised:
             inner.products[a, b] = self._whitened(inner, a).T @ self._whitened(inner, b)
         return inner.products[a, b]
 
+    def noise_roots(self, node: Node) -> list[tuple[Rows, Floats]]:
+        """Rows of the fitted readings and inverse roots of their noise by case at a node."""
+        return self._inner_at(node, self.bad).smooth.roots
+
     def whitened_blocks(self, names: Sequence[str], node: Node) -> Floats:
         """(n, k) whitened columns of some blocks at a node."""
         inner = self._inner_at(node, self.bad)
@@ -209,4 +221,4 @@ class Linearised:
 
     def whitened_columns(self, columns: Floats, node: Node) -> Floats:
         """Other columns (n, k) of the fitted readings, whitened at a node."""
-        return whitened(self._inner_at(node, self.bad).smooth.roots, columns)
+        return whitened(self.noise_roots(node), columns)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,19 +61,26 @@ class Posterior:
     log_norm: float
 
     @classmethod
-    def of(cls, fits: dict[Explanation, Optimum], promised: dict[Explanation, float]) -> Posterior:
+    def of(
+        cls,
+        fits: dict[Explanation, Optimum],
+        promised: Mapping[Explanation, float] = MappingProxyType({}),
+        nodes: Mapping[Explanation, Mapping[Node, float]] | None = None,
+    ) -> Posterior:
         """Normalise what was fitted and what the rest promises.
 
         Args:
             fits: by explanation.
             promised: log posterior of explanations that were not fitted.
+            nodes: log joint of each fit's nodes, where it is asked under other assumptions than it was fitted under.
         """
-        log_values = [*(v for fit in fits.values() for v in fit.nodes.values()), *promised.values()]
+        values_of = {e: fit.nodes for e, fit in fits.items()} if nodes is None else nodes
+        log_values = [*(v for values in values_of.values() for v in values.values()), *promised.values()]
         log_norm = float(logsumexp(log_values))
         entries = []
         for explanation, fit in fits.items():
             sizes = fit.sizes_newton
-            for node, value in fit.nodes.items():
+            for node, value in values_of[explanation].items():
                 named, beyond = _named(fit, node, sizes)
                 entries.append(Entry(explanation, fit, node, named, beyond, float(np.exp(value - log_norm))))
         for explanation, value in promised.items():

@@ -14,8 +14,9 @@ from scipy.special import logsumexp
 from fingermodel.diagnosis.posterior.gaussian import Freed, Quadratic, log_mass, log_mass_apart, screened
 from fingermodel.diagnosis.posterior.hyper import NOISE, Node, climbed, explored
 from fingermodel.diagnosis.posterior.linearised import OTHERS, OWN, Linearised
+from fingermodel.diagnosis.session_model.bad_cases import bad_size, gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import Explanation
-from fingermodel.diagnosis.settings import BAD_N, LEVER_MM, NODES_WITHIN
+from fingermodel.diagnosis.settings import NODES_WITHIN
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -65,11 +66,9 @@ class Optimum(Linearised):
         """The explanation's own parameters at a node, all else left open; and minus half the noise's ln det."""
         names = [*self.acting(node), OWN]
         quadratic, of_noise = self.quadratic(names, node, bad)
-        widths = np.concatenate(
-            [np.full(self.size(n), self.width(n, node) * (width if n == OWN else 1.0)) for n in names]
-        )
-        place = np.concatenate([self.place(n) for n in names])
-        return quadratic.freed(widths, place, self.size(OWN)), of_noise
+        widths, own = self.widths(names, node), self.size(OWN)
+        widths[len(widths) - own :] *= width
+        return quadratic.freed(widths, self.places(names), own), of_noise
 
     def log_joint(self, node: Node, bad: frozenset[int] | None = None, width: float = 1.0) -> float:
         """Log of prior times likelihood at a node, everything linear integrated out.
@@ -129,9 +128,8 @@ class Optimum(Linearised):
         first = [n for n in self.acting(node) if forms or not n.startswith("form")]
         names = [*first, OWN, OTHERS]
         quadratic, of_noise = self.quadratic(names, node)
-        widths = np.concatenate([np.full(self.size(n), self.width(n, node)) for n in first])
-        place = np.concatenate([self.place(n) for n in first])
-        left = quadratic.eliminated(np.arange(len(widths)), widths, place)
+        widths = self.widths(first, node)
+        left = quadratic.eliminated(np.arange(len(widths)), widths, self.places(first))
         index = np.concatenate([self.parameters_of[OWN], self.parameters_of[OTHERS]])
         return left, index, of_noise
 
@@ -166,8 +164,7 @@ class Optimum(Linearised):
         first = [n for n in self.acting(node) if not (other and n.startswith("form"))]
         names = [*first, OWN, *([OTHERS] if other else [])]
         quadratic, _ = self.quadratic(names, node)
-        place = np.concatenate([self.place(n) for n in names])
-        widths = np.concatenate([np.full(self.size(n), self.width(n, node)) for n in names])
+        place, widths = self.places(names), self.widths(names, node)
         indices = [(n, self.parameters_of.get(n, np.zeros(0, dtype=np.intp))) for n in names]
         parameter = np.concatenate([np.concatenate([i, np.full(self.size(n) - len(i), -1)]) for n, i in indices])
         if other and explanation is not None:
@@ -227,24 +224,17 @@ class Optimum(Linearised):
     def log_odds_bad(self, node: Node) -> dict[int, float]:
         """Log evidence gained at a node by taking each fitted case (alone) for a bad one, prior not counted."""
         names, noise = [*self.acting(node), OWN], self.session.fitted_noise
-        values = self.hyper.values(node)
-        roots, _ = noise.whitening(values.scatter, values.noise, self.bad)
         blocks = self.whitened_blocks(names, node)
-        widths = np.concatenate([np.full(self.size(n), self.width(n, node)) for n in names])
-        left = self.whitened_columns(self.residual, node) + blocks @ np.concatenate([self.place(n) for n in names])
-        u = blocks * widths
+        left = self.whitened_columns(self.residual, node) + blocks @ self.places(names)
+        u = blocks * self.widths(names, node)
         factor = np.linalg.cholesky(np.eye(u.shape[1]) + u.T @ u)
         across = solve_triangular(factor, u.T, lower=True, check_finite=False)
         a = left - across.T @ (across @ left)
         out: dict[int, float] = {}
-        for rows, inverse in roots:
-            size = BAD_N * np.where(noise.moment[rows], LEVER_MM, 1.0)
-            grown = inverse * size[:, None, :]
+        for rows, inverse in self.noise_roots(node):
             mine = across[:, rows].transpose(1, 2, 0)
             precision = np.eye(rows.shape[1]) - mine @ mine.swapaxes(1, 2)
-            inner = np.eye(rows.shape[1]) + grown.swapaxes(1, 2) @ precision @ grown
-            score = np.einsum("gji,gj->gi", grown, a[rows])
-            solved = np.linalg.solve(inner, score[..., None])[..., 0]
-            gain = 0.5 * (score * solved).sum(axis=1) - 0.5 * np.linalg.slogdet(inner)[1]
+            grown = inverse * bad_size(noise.moment[rows])[:, None, :]
+            gain = gain_if_bad(grown.swapaxes(1, 2) @ precision @ grown, np.einsum("gji,gj->gi", grown, a[rows]))
             out |= {int(c): float(g) for c, g in zip(noise.cases[rows[:, 0]], gain, strict=True)}
         return out

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import SessionError
+from fingermodel.diagnosis.session_model.bad_cases import bad_size
 from fingermodel.diagnosis.session_model.discrepancy import Places, constant_columns, loaded_columns, torque_columns
-from fingermodel.diagnosis.settings import BAD_N, CLAMP_SHARE, LEVER_MM
+from fingermodel.diagnosis.settings import CLAMP_SHARE, LEVER_MM
 from fingermodel.fingers import Plane
 from fingermodel.model import Model, tips_of
 from fingermodel.observations import Observations
@@ -83,8 +84,7 @@ class CaseNoise:
         for rows, measured, by_tension in self.groups:
             blocks = multiple**2 * measured + scatter**2 * by_tension @ by_tension.swapaxes(1, 2)
             is_bad = np.isin(self.cases[rows[:, 0]], list(bad))
-            size = BAD_N * np.where(self.moment[rows], LEVER_MM, 1.0)
-            blocks = blocks + (is_bad[:, None] * size**2)[:, :, None] * np.eye(rows.shape[1])
+            blocks = blocks + (is_bad[:, None] * bad_size(self.moment[rows]) ** 2)[:, :, None] * np.eye(rows.shape[1])
             out.append((rows, blocks))
         return out
 
@@ -177,7 +177,7 @@ class Session:
     def seen_from(self, theta: Floats) -> Session:
         """The same with the scatter's columns made at a parameter vector (parameters,)."""
         other = replace(self, about=theta)
-        for name in ("places", "_smooth_parts", "smooth", "families", "torque_answer", "tares", "nuisances"):
+        for name in ("places", "_smooth_parts", "smooth", "families", "torque_answer", "_tips", "tares", "nuisances"):
             # What does not depend on it need not be made again.
             other.__dict__[name] = getattr(self, name)
         return other
@@ -209,16 +209,23 @@ class Session:
     @cached_property
     def torque_answer(self) -> Floats:
         """(cases, rotations, 6) change of every reading per N mm of torque about a rotation."""
-        model, inputs = self.model, self.observations.inputs
-        topology = model.finger.topology
-        tip = tips_of(topology, model.values, inputs)
-        jacobian, to_base = np.asarray(tip.jacobian), np.asarray(tip.to_base)
+        topology, jacobian = self.model.finger.topology, self._tips[0]
         rows = list(topology.reactions)
-        inverse = np.linalg.inv(np.swapaxes(jacobian[:, rows], 1, 2))
         wrench = np.zeros((len(jacobian), len(topology.rotations), 6))
-        wrench[:, :, rows] = np.swapaxes(inverse, 1, 2)
+        wrench[:, :, rows] = np.swapaxes(np.linalg.inv(np.swapaxes(jacobian[:, rows], 1, 2)), 1, 2)
+        return self._as_read(wrench)
+
+    @cached_property
+    def _tips(self) -> tuple[Floats, Floats]:
+        """Jacobian (cases, 6, rotations) of the load point, and (cases, 3, 3) from its axes to the metacarpal's."""
+        tip = tips_of(self.model.finger.topology, self.model.values, self.observations.inputs)
+        return np.asarray(tip.jacobian), np.asarray(tip.to_base)
+
+    def _as_read(self, wrench: Floats) -> Floats:
+        """Changes of the tip's wrench (cases, k, 6) as the cell reads them at either mount; a check reads none."""
+        inputs = self.observations.inputs
         bone = np.zeros_like(wrench)
-        bone[:, :, :3] = -np.einsum("nij,nrj->nri", to_base, wrench[:, :, :3])
+        bone[:, :, :3] = -np.einsum("nij,nkj->nki", self._tips[1], wrench[:, :, :3])
         at_bone, check = np.asarray(inputs.at_bone), np.asarray(inputs.is_check)
         out: Floats = np.where(at_bone[:, None, None], bone, wrench) * ~check[:, None, None]
         return out
@@ -259,16 +266,20 @@ class Session:
     @cached_property
     def _by_tension(self) -> Floats:
         """(n, muscles) change of every reading by the logarithm of each tension."""
-        inputs = self.observations.inputs
         theta = self.problem.centre if self.about is None else self.about
+        return self.by_tension(theta)[self.rows // 6, self.rows % 6]
+
+    def by_tension(self, theta: Floats) -> Floats:
+        """(cases, 6, muscles) change of every reading by the logarithm of each tension, about some parameters."""
+        inputs = self.observations.inputs
         tension = np.asarray(inputs.tension)
-        now = np.asarray(self.model.predict(inputs, theta).reading).reshape(-1)[self.rows]
-        out = np.zeros((len(self.rows), tension.shape[1]))
+        now = np.asarray(self.model.predict(inputs, theta).reading)
+        out = np.zeros((*now.shape, tension.shape[1]))
         for k in range(tension.shape[1]):
             more = tension.copy()
             more[:, k] *= 1.0 + _STEP
             changed = self.model.predict(inputs._replace(tension=jnp.asarray(more)), theta).reading
-            out[:, k] = (np.asarray(changed).reshape(-1)[self.rows] - now) / _STEP
+            out[:, :, k] = (np.asarray(changed) - now) / _STEP
         return out
 
     @cached_property
@@ -288,20 +299,15 @@ class Session:
         aside = [r for r in rotations if r not in {j.name for j in topology.joints}]
         if not free or not aside or not self.places.moment.any():
             return []
-        tip = tips_of(topology, model.values, inputs)
-        jacobian, to_base = np.asarray(tip.jacobian), np.asarray(tip.to_base)
+        jacobian = self._tips[0]
         torque = np.asarray(model.predict(inputs, self.problem.centre).torque)[:, rotations.index(aside[0])]
-        at_bone, check = np.asarray(inputs.at_bone), np.asarray(inputs.is_check)
         setting, out = np.asarray(inputs.setting), []
         for c in free:
             wrench = np.zeros((len(torque), 6))
             wrench[:, c] = 1.0
             lever = np.swapaxes(jacobian[:, carried], 1, 2)
             wrench[:, carried] = -np.linalg.solve(lever, jacobian[:, c, :, None])[..., 0]
-            wrench *= CLAMP_SHARE * torque[:, None]
-            bone = np.zeros_like(wrench)
-            bone[:, :3] = -np.einsum("nij,nj->ni", to_base, wrench[:, :3])
-            change = np.where(at_bone[:, None], bone, wrench) * ~check[:, None]
+            change = self._as_read(CLAMP_SHARE * torque[:, None, None] * wrench[:, None])[:, 0]
             for k in np.unique(setting):
                 column = (change * (setting == k)[:, None]).reshape(-1)[self.rows]
                 if column.any():

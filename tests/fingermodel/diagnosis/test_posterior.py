@@ -102,16 +102,8 @@ def test_probabilities_sum_to_one(nothing: Optimum, hanger: Optimum, sheath: Opt
 def test_a_law_that_is_off_by_more_than_a_tenth_is_not_named(sheath: Optimum, nothing: Optimum) -> None:
     index = int(np.argmax(sheath.hyper.form.values > FORM_NAMED))
     off = (*sheath.best[:-1], index)
-    other = Posterior.of({sheath.explanation: with_node(sheath, off), NOTHING: nothing}, {})
+    fits = {sheath.explanation: sheath, NOTHING: nothing}
+    other = Posterior.of(fits, nodes={sheath.explanation: {off: 0.0}, NOTHING: nothing.nodes})
     entry = next(e for e in other.entries if e.node == off)
     assert not entry.named
     assert entry.beyond_newton > 0.0
-
-
-def with_node(fit: Optimum, node: tuple[int, ...]) -> Optimum:
-    """The same fit with all its probability at one node."""
-    from dataclasses import replace
-
-    other = replace(fit)
-    other.__dict__["nodes"] = {node: 0.0}
-    return other

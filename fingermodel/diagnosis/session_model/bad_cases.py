@@ -1,0 +1,39 @@
+"""Bad cases: how often a case is one, how far its reading may then be off, and what taking it for one gains."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binom
+
+from fingermodel.diagnosis.settings import BAD_N, LEVER_MM, P_BAD, SUSPECT
+
+Floats = NDArray[np.float64]
+
+# Log odds of a case to be bad, before its reading; and from which it is suspect.
+LOG_PRIOR_ODDS = float(np.log(P_BAD / (1.0 - P_BAD)))
+SUSPECT_LOG_ODDS = float(np.log(SUSPECT / (1.0 - SUSPECT)))
+
+
+def bad_size(moment: NDArray[np.bool_]) -> Floats:
+    """How far each reading of a bad case may be off [N, N mm], of the shape of `moment`: whether it is a moment."""
+    out: Floats = BAD_N * np.where(moment, LEVER_MM, 1.0)
+    return out
+
+
+def gain_if_bad(information: Floats, score: Floats) -> Floats:
+    """Log evidence (…) gained by letting readings be off, with N(0, 1) weights.
+
+    Args:
+        information: (…, L, L) of these weights, everything else left open.
+        score: (…, L) of them.
+    """
+    inner = information + np.eye(information.shape[-1])
+    solved = np.linalg.solve(inner, score[..., None])[..., 0]
+    out: Floats = 0.5 * (score * solved).sum(axis=-1) - 0.5 * np.linalg.slogdet(inner)[1]
+    return out
+
+
+def chance_of(bad: NDArray[np.intp] | int, cases: int) -> Floats:
+    """Probability that so many cases or more of all are bad."""
+    return np.asarray(binom.sf(np.asarray(bad) - 1, cases, P_BAD), dtype=np.float64)
