@@ -12,7 +12,8 @@ from server.console import answer, progress, say, table
 from server.workflow import open_bench
 
 if TYPE_CHECKING:
-    from fingermodel.diagnosis.several import Pooled, SharedEffect
+    from fingermodel.diagnosis.several import Pooled
+    from fingermodel.diagnosis.several_verdict import SharedEffect
 
 
 def diagnose_sessions(

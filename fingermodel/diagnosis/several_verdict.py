@@ -1,0 +1,179 @@
+"""What may be said of several sessions together: what they share, that it is nothing, or that it is not settled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.diagnosis.diagnose import Diagnosis
+from fingermodel.diagnosis.posterior.gaussian import Quadratic
+from fingermodel.diagnosis.session_model.candidates import Explanation
+from fingermodel.diagnosis.settings import LEAST_CASES, SURE
+from fingermodel.diagnosis.verdict import Kind, words
+from fingermodel.parameters import Parameter
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class InSession:
+    """What one session says of what is shared.
+
+    Attributes:
+        gain: log evidence that it acts there, over what else may act.
+        values: (k,) of its parameters, in their units, by this session alone.
+        sd: (k,) of them.
+        own: candidates that act beside it there alone; None is something unknown.
+        by_name: probability that it acts there by its known law, if it acts.
+        size: what the session says of its parameters, in prior widths.
+    """
+
+    gain: float
+    values: Floats
+    sd: Floats
+    own: tuple[str, ...] | None
+    by_name: float
+    size: Quadratic
+
+
+@dataclass(frozen=True, eq=False)
+class SharedEffect:
+    """Candidates that act in all sessions.
+
+    Attributes:
+        explanation: what is shared, as the first session has it.
+        parameters: of what is shared.
+        one_size: whether one size serves all sessions better than one in each.
+        value: (k,) size by all sessions together, in the parameters' units.
+        sd: (k,) of it.
+        log_evidence_shared: that it acts in all over that it acts in none, with one size for all.
+        log_evidence_own: the same with a size for each session.
+        each: by session.
+        log_posterior: its prior included.
+        probability: of this explanation among all pooled ones.
+    """
+
+    explanation: Explanation
+    parameters: tuple[Parameter, ...]
+    one_size: bool
+    value: Floats
+    sd: Floats
+    log_evidence_shared: float
+    log_evidence_own: float
+    each: tuple[InSession, ...]
+    log_posterior: float
+    probability: float = 0.0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the candidates."""
+        return self.explanation.names
+
+
+@dataclass(frozen=True)
+class PooledVerdict:
+    """What the sessions say together, and why.
+
+    Attributes:
+        kind: of the verdict.
+        names: candidates that it names.
+        probability: of the verdict.
+        sentence: in plain words.
+        short: what was short of a stronger verdict.
+        rests_on: sessions without which what is shared would not be sure.
+    """
+
+    kind: Kind
+    names: tuple[str, ...]
+    probability: float
+    sentence: str
+    short: tuple[str, ...] = ()
+    rests_on: tuple[str, ...] = ()
+
+
+def judge_together(
+    sessions: Sequence[str],
+    diagnoses: Sequence[Diagnosis],
+    ranking: Sequence[SharedEffect],
+    apart: tuple[float, float, float],
+    rests_on: Sequence[str],
+) -> PooledVerdict:
+    """Read off what sessions share.
+
+    Args:
+        sessions: ids.
+        diagnoses: of each by itself.
+        ranking: what may be shared, best first.
+        apart: probability that nothing is shared; of that, that nothing is missing in any, and that in each it is
+            something outside the catalogue.
+        rests_on: sessions without which what leads would not be sure.
+    """
+    p_apart, p_nothing, p_other = apart
+    few = [s for s, d in zip(sessions, diagnoses, strict=True) if _cases(d) < LEAST_CASES]
+    if few:
+        text = f"Undecided: {words(few)} {'has' if len(few) == 1 else 'have'} fewer than {LEAST_CASES} cases."
+        return PooledVerdict("undecided", (), p_apart, text)
+    included: dict[str, float] = {}
+    for effect in ranking:
+        # Of a law that would have to be another in most sessions, none is found by its name.
+        if np.median([s.by_name for s in effect.each]) >= 0.5:
+            for name in effect.names:
+                included[name] = included.get(name, 0.0) + effect.probability
+    sure = tuple(name for name, p in included.items() if p >= SURE)
+    exact = next((e for e in ranking if set(e.names) == set(sure)), None)
+    if sure and exact is not None:
+        beside = [f"{words(s.own)} in {name}" for name, s in zip(sessions, exact.each, strict=True) if s.own]
+        also = f" Beside it acts {'; '.join(beside)}." if beside else ""
+        p = min(included[n] for n in sure)
+        text = f"Found in all sessions together: {words(sure)}, {_sizes(exact)}.{also}"
+        return PooledVerdict("found", sure, min(p, 1.0), text, (), tuple(rests_on))
+    if p_apart >= SURE:
+        kinds = {d.verdict.kind for d in diagnoses}
+        if kinds == {"nothing_missing"}:
+            return PooledVerdict("nothing_missing", (), p_nothing, "Taken together, nothing is missing in any session.")
+        if kinds == {"none_of_catalogue"}:
+            text = "Something is missing in every session that no effect here describes."
+            return PooledVerdict("none_of_catalogue", (), p_other, text)
+        return PooledVerdict("undecided", (), p_apart, f"The sessions share no effect: {_each(sessions, diagnoses)}.")
+    likely = max(included, key=lambda n: included[n], default=None)
+    short = [f"they share nothing with a probability of {p_apart:.2f}"]
+    short += [f"{likely} has {included[likely]:.2f}"] if likely is not None else []
+    if not included and ranking:
+        short.append(f"the law of {words(ranking[0].names)} would have to be another in most of them")
+    text = "Undecided: together the sessions single out no effect that they share."
+    best = max(included.values(), default=0.0)
+    return PooledVerdict("undecided", (), best, text, tuple(short), tuple(rests_on))
+
+
+def _cases(d: Diagnosis) -> int:
+    roles = d.session.observations.roles
+    return sum(role == "identification" for role in roles)
+
+
+def _sizes(effect: SharedEffect) -> str:
+    of = effect.parameters[:3]
+    if not effect.one_size:
+        return "with a size of its own in each"
+    return ", ".join(
+        f"{p.name} = {v:.3g} ± {s:.2g} {p.unit if p.unit != '1' else ''}".strip()
+        for p, v, s in zip(of, effect.value, effect.sd, strict=False)
+    )
+
+
+def _each(sessions: Sequence[str], diagnoses: Sequence[Diagnosis]) -> str:
+    """What each session says by itself, in words."""
+    said: dict[str, list[str]] = {}
+    for session, d in zip(sessions, diagnoses, strict=True):
+        verdict = d.verdict
+        what = {
+            "found": f"{words(verdict.names)} {'act' if len(verdict.names) > 1 else 'acts'}",
+            "one_of": f"one of {', '.join(verdict.names)} acts",
+            "none_of_catalogue": "something acts that no effect here describes",
+            "nothing_missing": "nothing is missing",
+            "undecided": "it is not decided",
+        }[verdict.kind]
+        said.setdefault(what, []).append(session)
+    return "; ".join(f"in {words(where)} {what}" for what, where in said.items())
