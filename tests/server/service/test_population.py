@@ -145,8 +145,10 @@ def test_effects_are_added_and_see_the_same_draws(plain: tuple[dict[str, Any], K
     without, with_effect = (s["sessions"][NAMES[0]] for s in result["sets"])
     assert without["parameters"] == {}
     assert {"zero_offset.tip.x", "zero_offset.tip.y"} <= with_effect["parameters"].keys()
+    # Zeros of forces are in newtons, and those of the tip's moments in newton millimetres.
+    assert {found["unit"] for found in with_effect["parameters"].values()} <= {"N", "N mm"}
+    assert with_effect["parameters"]["zero_offset.tip.x"]["unit"] == "N"
     for found in with_effect["parameters"].values():
-        assert found["unit"] == "N"
         assert found["low"] < found["mean"] < found["high"]
         assert 0.0 < found["sd"] < 2.0 * (found["high"] - found["low"])
     # Priors' centre is where the effect is not: with it the same draws are fitted no worse.
