@@ -80,7 +80,8 @@ def main() -> None:
 
 def said_of(bench: Bench, wrench: Floats) -> str | None:
     """What is said of other readings of a session."""
-    return rig_mistake(bench.model, replace(bench.observations, wrench=wrench))
+    found = rig_mistake(bench.model, replace(bench.observations, wrench=wrench))
+    return None if found is None else found.words
 
 
 def report(found: dict[str, Counter[str]], sessions: int) -> list[str]:

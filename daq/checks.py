@@ -5,7 +5,7 @@ Everything that can be found is collected; the first fault stops nothing but wha
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +17,17 @@ from daq.check_recording import RecordingScan, recording_findings
 from daq.check_session import session_findings
 from daq.check_weights import weight_findings
 from daq.check_windows import overlap_findings, tare_life_findings, window_findings
-from daq.corrections import assemble, windows_of
+from daq.corrections import assemble, gathered, windows_of
 from daq.errors import InputError, ReadingsError, SessionError
 from daq.findings import CheckReport, Finding, finding, report
 from daq.measured import MeasuredSession
+from daq.plateaus import Plateau
 from daq.readings import ReadingSource, open_readings
 from daq.session_models import Session
-from daq.sessions import find_session, parse_session, read_yaml
-from daq.windows import Recording, gather
+from daq.sessions import find_session, parse_session, session_data
+from daq.windows import Recording, Span, gather
 
-__all__ = ["CheckReport", "Finding", "check"]
+__all__ = ["CheckReport", "Finding", "check", "measure_and_check"]
 
 Progress = Callable[[float], None]
 
@@ -45,7 +46,7 @@ def check(session: Session | str | Path, progress: Progress | None = None) -> Ch
         return _report(session, progress)
     try:
         file = find_session(session)
-        data = read_yaml(file)
+        data = session_data(file)
     except SessionError as error:
         return report(str(session), [Finding("error", "session", str(session), str(error))], {})
     name = f"{file.parent.name}/{file.name}"
@@ -63,8 +64,37 @@ def check(session: Session | str | Path, progress: Progress | None = None) -> Ch
     return report(str(data.get("id", file.parent.name)) if isinstance(data, dict) else name, findings, facts)
 
 
+def measure_and_check(
+    session: Session, progress: Progress | None = None
+) -> tuple[MeasuredSession, tuple[Finding, ...]]:
+    """Correct a session, and check it by the way: its recording is read once.
+
+    Args:
+        session: as read from its folder.
+        progress: is told the share of the recording that has been read, 0 to 1.
+
+    Returns:
+        What `corrections.measure` returns, and what is to be looked at (errors and warnings).
+
+    Raises:
+        ReadingsError, SessionError: as `corrections.measure`.
+    """
+    session = session.amended
+    spec = _spec(session)
+    scan = RecordingScan(range=None if spec is None else np.array(spec.range))
+    plateaus, notes = gathered(session, progress, scan.watch)
+    measured = assemble(session, plateaus, notes)
+    findings = _of_description(session)
+    if plateaus:
+        findings += _of_recording(session, scan, plateaus, spec)
+    findings += _of_measured(measured, {})
+    found = report(session.id, findings, {})
+    return measured, (*found.errors, *found.warnings)
+
+
 def _report(session: Session, progress: Progress | None) -> CheckReport:
-    findings = [*session_findings(session), *overlap_findings(session), *tare_life_findings(session)]
+    session = session.amended
+    findings = _of_description(session)
     facts: dict[str, Any] = {
         "cases": len(session.cases),
         "excluded": sum(c.excluded is not None for c in session.cases),
@@ -74,24 +104,44 @@ def _report(session: Session, progress: Progress | None) -> CheckReport:
     }
     recording: Recording | None = None
     path = session.readings_path
-    windows = windows_of(session)
     if path is not None:
-        cell = session.load_cell
-        spec = None
-        if cell is not None:
-            spec = cell_spec(cell.model) or cell_spec(f"{cell.model or ''} {cell.calibration or ''}")
+        spec = _spec(session)
         scan, recording = _scan(path, session, spec, findings, progress)
-        findings += recording_findings(scan, path.name, cell.rate_hz if cell else None, spec)
+        findings += _of_recording(session, scan, recording.plateaus, spec)
         facts["recording"] = scan.facts() if scan.rows else None
-        findings += [*window_findings(session, scan), *plateau_findings(session, recording.plateaus)]
-    elif windows:
+    elif windows_of(session):
         findings.append(finding("error", "readings", "readings", "the folder of the readings is not known"))
     measured = _measured(session, recording, findings)
     if measured is not None:
-        tares, facts["tares"] = tare_findings(measured)
-        weights, facts["known_weights"] = weight_findings(measured.checks)
-        findings += [*tares, *sign_findings(measured), *force_findings(measured), *weights]
+        findings += _of_measured(measured, facts)
     return report(session.id, findings, facts)
+
+
+def _of_description(session: Session) -> list[Finding]:
+    return [*session_findings(session), *overlap_findings(session), *tare_life_findings(session)]
+
+
+def _of_recording(
+    session: Session, scan: RecordingScan, plateaus: Mapping[Span, Plateau], spec: CellSpec | None
+) -> list[Finding]:
+    cell, name = session.load_cell, Path(session.readings or "readings").name
+    return [
+        *recording_findings(scan, name, cell.rate_hz if cell else None, spec),
+        *window_findings(session, scan),
+        *plateau_findings(session, plateaus),
+    ]
+
+
+def _of_measured(measured: MeasuredSession, facts: dict[str, Any]) -> list[Finding]:
+    """Findings in tares, signs, forces and known weights; numbers go to `facts`."""
+    tares, facts["tares"] = tare_findings(measured)
+    weights, facts["known_weights"] = weight_findings(measured.checks)
+    return [*tares, *sign_findings(measured), *force_findings(measured), *weights]
+
+
+def _spec(session: Session) -> CellSpec | None:
+    cell = session.load_cell
+    return None if cell is None else cell_spec(cell.model) or cell_spec(f"{cell.model or ''} {cell.calibration or ''}")
 
 
 def _scan(

@@ -5,7 +5,7 @@ One pass over the readings; each window is reduced when it is complete.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from daq.calibration import MountTransform, mount_transform
 from daq.errors import SessionError
 from daq.measured import MeasuredCase, MeasuredCheck, MeasuredSession, Tare
 from daq.plateaus import Plateau
-from daq.readings import open_readings
+from daq.readings import ReadingBlock, open_readings
 from daq.session_models import KnownWeight, LoadCase, Session, TensionEstimate
 from daq.windows import Span, gather
 
@@ -34,23 +34,42 @@ def measure(session: Session, progress: Progress | None = None) -> MeasuredSessi
         ReadingsError: the readings cannot be used, or a window lies outside them.
         SessionError: the readings' folder is not known, or the friction correction cannot be estimated.
     """
-    notes: tuple[str, ...] = ()
-    plateaus: Mapping[Span, Plateau] = {}
+    session = session.amended
+    return assemble(session, *gathered(session, progress))
+
+
+def gathered(
+    session: Session,
+    progress: Progress | None = None,
+    watch: Callable[[Iterator[ReadingBlock]], Iterator[ReadingBlock]] | None = None,
+) -> tuple[Mapping[Span, Plateau], tuple[str, ...]]:
+    """Read a session's windows.
+
+    Args:
+        session: as read from its folder, amendments heeded.
+        progress: is told the share of the recording that has been read, 0 to 1.
+        watch: sees every block of the recording on its way.
+
+    Returns:
+        Plateaus by window, and notes on the recording; nothing where there are only averaged forces.
+    """
     windows = windows_of(session)
-    if windows:
-        path = session.readings_path
-        if path is None:
-            raise SessionError(
-                f"session {session.id} has windows, but its folder is not known", "a session read from its folder"
-            )
-        source = open_readings(path)
-        plateaus = gather(source.blocks(), windows, path.name, progress).plateaus
-        notes = (*(f"converted {c}" for c in source.conversions), *source.notes)
-    return assemble(session, plateaus, notes)
+    if not windows:
+        return {}, ()
+    path = session.readings_path
+    if path is None:
+        raise SessionError(
+            f"session {session.id} has windows, but its folder is not known", "a session read from its folder"
+        )
+    source = open_readings(path)
+    blocks = source.blocks() if watch is None else watch(source.blocks())
+    plateaus = gather(blocks, windows, path.name, progress).plateaus
+    return plateaus, (*(f"converted {c}" for c in source.conversions), *source.notes)
 
 
 def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[str, ...] = ()) -> MeasuredSession:
     """Make a measured session from its reduced windows."""
+    session = session.amended
     cases = [c for c in session.cases if c.excluded is None]
     mounts = session.load_cell.mounts if session.load_cell else {}
     transforms = {m: mount_transform(mounts.get(m), session.specimen.side) for m in ("tip", "bone")}

@@ -280,8 +280,47 @@ def _some(value: Any) -> Any:
     return value
 
 
+class Amendment(Strict):
+    """What a load case really was, where it was entered wrongly; the entry itself stays as it is.
+
+    Attributes:
+        case: its id.
+        masses_g: what hung [g], instead of what was entered.
+        posture: in which.
+        excluded: why the case is left out.
+        why: how it is known.
+        at: when it was amended (ISO 8601).
+        by: who did.
+    """
+
+    case: Word
+    masses_g: Masses | None = None
+    posture: Word | None = None
+    excluded: Word | None = None
+    why: Word
+    at: Word
+    by: Word | None = None
+
+    @model_validator(mode="after")
+    def _changes_something(self) -> Amendment:
+        if not self.changes:
+            refuse("changes nothing", "masses_g, posture or excluded")
+        return self
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """What stands instead of the entry, by the key of the case."""
+        values = {name: getattr(self, name) for name in ("masses_g", "posture", "excluded")}
+        return {name: value for name, value in values.items() if value is not None}
+
+
 class Session(Open):
-    """One bench session: what was hung, where it was read, and how."""
+    """One bench session: what was hung, where it was read, and how.
+
+    Attributes:
+        light_masses: whether masses below 1 g are meant as they stand.
+        amendments: of cases that were entered wrongly, in the order in which they were made; `amended` heeds them.
+    """
 
     format: Annotated[str, BeforeValidator(_format)]
     id: Word
@@ -299,13 +338,40 @@ class Session(Open):
     budget: Annotated[str | dict[str, Any] | None, BeforeValidator(_named_or_spelled_out)] = None
     protocol: Word | None = None
     provenance: Annotated[str | dict[str, Any] | None, BeforeValidator(_named_or_spelled_out)] = None
+    light_masses: bool = False
+    amendments: tuple[Amendment, ...] = ()
 
     _folder: Path | None = PrivateAttr(default=None)
+    _entered: Session | None = PrivateAttr(default=None)
 
     @property
     def folder(self) -> Path | None:
         """The folder that the session was read from."""
         return self._folder
+
+    @property
+    def amended(self) -> Session:
+        """The session with its amendments heeded; they are still listed, and heeding them twice changes nothing."""
+        if not self.amendments:
+            return self
+        cases = {c.id: c for c in self.cases}
+        for amendment in self.amendments:
+            cases[amendment.case] = cases[amendment.case].model_copy(update=amendment.changes)
+        out = self.model_copy(update={"cases": tuple(cases.values())})
+        out._folder, out._entered = self._folder, self.entered
+        return out
+
+    @property
+    def entered(self) -> Session:
+        """The session as it was entered."""
+        return self._entered or self
+
+    @property
+    def unamended(self) -> Session:
+        """The session as it was entered, without its amendments."""
+        out = self.entered.model_copy(update={"amendments": ()})
+        out._folder = self._folder
+        return out
 
     @property
     def readings_path(self) -> Path | None:

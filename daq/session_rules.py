@@ -32,6 +32,8 @@ def faults_between(session: Mapping[str, Any]) -> list[Fault]:
         *_repeats(cases),
         *_mounts(session, cases),
         *_recordings(session, cases),
+        *_light_masses(session, cases),
+        *_amendments(session, cases),
     ]
 
 
@@ -118,3 +120,37 @@ def _recordings(session: Mapping[str, Any], cases: Sequence[tuple[int, Mapping[s
             )
     if _list(session.get("checks")):
         yield Fault(("checks",), "have windows, but the session names no readings", "readings: the file's name")
+
+
+def _light_masses(session: Mapping[str, Any], cases: Sequence[tuple[int, Mapping[str, Any]]]) -> Iterator[Fault]:
+    if session.get("light_masses") is True:
+        return
+    listed = [("cases", i, case) for i, case in cases]
+    listed += [("amendments", i, a) for i, a in enumerate(_list(session.get("amendments"))) if isinstance(a, Mapping)]
+    for key, i, entry in listed:
+        masses = entry.get("masses_g")
+        for tendon, mass in masses.items() if isinstance(masses, Mapping) else ():
+            if isinstance(mass, int | float) and 0.0 < mass < 1.0:
+                yield Fault(
+                    (key, i, "masses_g", str(tendon)),
+                    f"is {mass:g} g; that looks like kg",
+                    "a mass in grams, 1 g or more",
+                    f"Is it {1000.0 * mass:g} g? If it is meant, set light_masses: true",
+                )
+
+
+def _amendments(session: Mapping[str, Any], cases: Sequence[tuple[int, Mapping[str, Any]]]) -> Iterator[Fault]:
+    ids, postures = [str(case.get("id")) for _, case in cases], session.get("postures_deg")
+    for i, amendment in enumerate(_list(session.get("amendments"))):
+        if not isinstance(amendment, Mapping):
+            continue
+        name, posture = amendment.get("case"), amendment.get("posture")
+        if name is not None and str(name) not in ids:
+            hint = did_you_mean(str(name), ids)
+            yield Fault(("amendments", i, "case"), f"is {name!r}", "the id of a case", hint[:1].upper() + hint[1:])
+        if posture is not None and isinstance(postures, Mapping) and str(posture) not in [str(k) for k in postures]:
+            yield Fault(
+                ("amendments", i, "posture"),
+                f"is {posture!r}, which postures_deg does not have",
+                f"one of {' '.join(str(k) for k in postures)}",
+            )

@@ -10,12 +10,14 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from daq.amendments import read_amendments
 from daq.errors import SessionError
 from daq.files import replacing
 from daq.locations import data_dir
 from daq.session_errors import line_of, lines_of, summary
 from daq.session_models import (
     FORMAT,
+    Amendment,
     Environment,
     Event,
     KnownWeight,
@@ -38,6 +40,7 @@ __all__ = [
     "ROLES",
     "SESSION_FILE",
     "TENDONS",
+    "Amendment",
     "Environment",
     "Event",
     "KnownWeight",
@@ -55,6 +58,7 @@ __all__ = [
     "plain_document",
     "read_session",
     "read_yaml",
+    "session_data",
     "session_names",
     "whole_document",
     "write_session",
@@ -111,11 +115,20 @@ def read_session(path: str | Path) -> Session:
         SessionError: it is absent or cannot be used; the line names the place in the file and how many faults follow.
     """
     file = find_session(path)
-    data = read_yaml(file)
-    session, faults = parse_session(data, file.parent, _short(file))
+    session, faults = parse_session(session_data(file), file.parent, _short(file))
     if session is None:
         raise summary(faults)
     return session
+
+
+def session_data(file: Path) -> Any:
+    """Plain data of a `session.yaml` and of the amendments beside it."""
+    data = read_yaml(file)
+    beside = read_amendments(file.parent)
+    if beside and isinstance(data, Mapping):
+        before = data.get("amendments")
+        return {**data, "amendments": [*(before if isinstance(before, list) else []), *beside]}
+    return data
 
 
 def parse_session(data: object, folder: Path | None, file: str = "") -> tuple[Session | None, list[SessionError]]:
@@ -154,13 +167,14 @@ def faults_of(path: str | Path) -> list[SessionError]:
     """List every fault in a session's description."""
     try:
         file = find_session(path)
-        return parse_session(read_yaml(file), file.parent, _short(file))[1]
+        return parse_session(session_data(file), file.parent, _short(file))[1]
     except SessionError as error:
         return [error]
 
 
 def plain_document(session: Session) -> dict[str, Any]:
-    """Return a session as plain data; defaults that a reader would have to know are written out."""
+    """Return a session as it was entered, as plain data; defaults that a reader would have to know are written out."""
+    session = session.entered
     data = session.model_dump(mode="json", exclude_defaults=True)
     data["gravity_m_s2"] = session.gravity_m_s2
     data["postures_deg"] = {name: posture.model_dump() for name, posture in session.postures_deg.items()}

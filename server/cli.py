@@ -27,6 +27,45 @@ def check(session: Session, json: Json = None) -> None:
 
 
 @app.command()
+def amend(
+    session: Session,
+    case: Annotated[str | None, typer.Argument(help="The load case that was entered wrongly.")] = None,
+    tendon: Annotated[
+        list[str] | None,
+        typer.Option(metavar="TRUE=ENTERED", help="FDS=FDP: the weight hung on FDS, where FDP was entered."),
+    ] = None,
+    mass: Annotated[
+        list[str] | None, typer.Option(metavar="TENDON=GRAMS", help="What really hung there; 0 for nothing.")
+    ] = None,
+    posture: Annotated[str | None, typer.Option(help="The posture that was really set.")] = None,
+    exchange: Annotated[
+        str | None, typer.Option(metavar="CASE", help="Another case, entered in this one's place.")
+    ] = None,
+    exclude: Annotated[bool, typer.Option("--exclude", help="Leave the case out.")] = False,
+    undo: Annotated[bool, typer.Option("--undo", help="Take the case's last amendment back.")] = False,
+    why: Annotated[str | None, typer.Option(help="How it is known; kept with the amendment.")] = None,
+    by: Annotated[str | None, typer.Option(metavar="NAME", help="Who says so.")] = None,
+    json: Json = None,
+) -> None:
+    """Say what a load case really was; the entry stays, and the amendment is heeded and shown everywhere."""
+    from server.commands.amend import amend_case
+
+    amend_case(
+        session,
+        case,
+        tendon=tendon or [],
+        mass=mass or [],
+        posture=posture,
+        exchange=exchange,
+        exclude=exclude,
+        undo=undo,
+        why=why,
+        by=by,
+        json=json,
+    )
+
+
+@app.command()
 def friction(sessions: Annotated[list[str], typer.Argument(help="One or more sessions.")], json: Json = None) -> None:
     """Find the friction factor by force balance (Synek 2019 Eq 1): per case, specimen and pooled."""
     from server.commands.bench import friction_of

@@ -8,13 +8,14 @@ from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daq.corrections import measure
+from daq.checks import measure_and_check
 from daq.sessions import read_session
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from daq.findings import Finding
     from daq.measured import MeasuredSession
     from fingermodel.compare import Comparison
     from fingermodel.fingers import Finger
@@ -31,11 +32,12 @@ STARTS = 8
 
 @dataclass(frozen=True)
 class Bench:
-    """A measured session with the model that is held against it."""
+    """A measured session with the model that is held against it; `findings` are what a check warns of."""
 
     measured: MeasuredSession
     observations: Observations
     loaded: LoadedModel
+    findings: tuple[Finding, ...] = ()
 
     @property
     def model(self) -> Model:
@@ -55,6 +57,7 @@ def open_bench(
     *,
     catalogue: bool = False,
     effects: Sequence[Effect | str] = (),
+    amended: bool = True,
 ) -> Bench:
     """Read a session, correct its readings and load the model to compare with.
 
@@ -64,10 +67,12 @@ def open_bench(
         progress: called with the fraction of the readings that has been read.
         catalogue: whether the model shall hold the catalogue's effects, at their null.
         effects: the user's own, or their files, which come with the catalogue.
+        amended: whether the session's amendments are heeded.
     """
     prepare_jax()
-    measured = measure(read_session(session_path), progress)
-    return bench_of(measured, model, catalogue=catalogue, effects=effects)
+    session = read_session(session_path)
+    measured, findings = measure_and_check(session if amended else session.unamended, progress)
+    return replace(bench_of(measured, model, catalogue=catalogue, effects=effects), findings=findings)
 
 
 def bench_of(

@@ -13,6 +13,8 @@ from fingermodel.diagnosis.effect_size import effect_size
 from fingermodel.diagnosis.posterior.marginals import Entry, Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Explanation
+from fingermodel.diagnosis.session_model.slips import Explained
+from fingermodel.diagnosis.settings import SUSPECT
 from fingermodel.diagnosis.verdict import stated_node
 from fingermodel.diagnosis.where import where
 from fingermodel.parameters import with_unit
@@ -23,6 +25,8 @@ Floats = NDArray[np.float64]
 _SHOWN, _BENT = 1e-4, 2.0
 # Of what is known beyond the catalogue.
 _OFFERED = 0.05
+# Slips of a suspect that are shown at most, and from which probability.
+_SLIPS, _SLIP = 3, 0.05
 
 
 def answer(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -54,7 +58,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "hints": [h.as_dict() for h in d.hints],
         "ready_made": ready_made(d),
         "suspects": suspects(d),
-        "session_faults": [],
+        "session_faults": [{"kind": f.kind, "words": f.words, "probability": f.probability} for f in d.faults],
         "repeatability": {
             "value_pct": 100.0 * scatter[0],
             "sd_pct": 100.0 * scatter[1],
@@ -137,16 +141,41 @@ def remarks(d: Diagnosis) -> list[str]:
 
 def suspects(d: Diagnosis) -> list[dict[str, Any]]:
     """Cases that are more probably bad than not, the likeliest first; the verdict stands without them."""
-    odds = dict(d.searched.bad)
+    odds, slips = dict(d.searched.bad), dict(d.searched.slips)
     checked = d.checks.get(d.posterior.leader.explanation)
-    # A validation case is suspect only where what predicts it is believed.
-    if checked is not None and d.verdict.kind in ("found", "nothing_missing"):
+    # So many among the validation cases as slips can hardly be say that the prediction is wrong, not the cases.
+    if checked is not None and not checked.vetoes:
         odds |= checked.bad
-    ids, verdict = d.session.observations.ids, d.verdict
+        slips |= checked.slips
+    observations, verdict = d.session.observations, d.verdict
     without = {"verdict": verdict.kind, "effects": list(verdict.effects), "probability": min(verdict.probability, 1.0)}
-    found = sorted(((float(1.0 / (1.0 + np.exp(-o))), ids[c]) for c, o in odds.items()), reverse=True)
+    found = sorted(((1.0 / (1.0 + float(np.exp(-o))), case) for case, o in odds.items()), reverse=True)
     return [
-        {"case": case, "probability": p, "reads_like": [], "verdict_without": without} for p, case in found if p >= 0.5
+        {
+            "case": observations.ids[case],
+            "role": observations.roles[case],
+            "probability": p,
+            "reads_like": reads_like(slips[case]) if case in slips else [],
+            "verdict_without": without,
+        }
+        for p, case in found
+        if p >= SUSPECT
+    ]
+
+
+def reads_like(explained: Explained) -> list[dict[str, Any]]:
+    """What would make a suspect's reading expected, the most probable first; empty where nothing known does."""
+    return [
+        {
+            "kind": slip.kind,
+            "words": slip.words,
+            "masses_g": dict(slip.masses_g),
+            "posture": slip.posture,
+            "probability": probability,
+            "chi_square": chi_square,
+        }
+        for slip, probability, chi_square in explained.slips[:_SLIPS]
+        if probability >= _SLIP
     ]
 
 

@@ -13,13 +13,13 @@ from fingermodel.compare import Comparison, compare
 from fingermodel.diagnosis.confounding import Confounding, confounding
 from fingermodel.diagnosis.hints import Hint, hints
 from fingermodel.diagnosis.nulls import Null, nulls
-from fingermodel.diagnosis.nulls_frames import rig_mistake
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.predictive import PredictiveCheck, check
 from fingermodel.diagnosis.search import Searched, Searcher
 from fingermodel.diagnosis.sensitivity import Sensitivity, sensitivity
+from fingermodel.diagnosis.session_faults import SessionFault, session_faults
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.settings import MOST_FITS
@@ -45,7 +45,7 @@ class Diagnosis:
         verdict: with its reasons.
         checks: predictive check of explanations on the validation cases, by explanation.
         sensitivity: the verdict's probability under other assumptions.
-        fault: of the whole session (axes, signs or units of the readings), in words; None where none is seen.
+        faults: of the whole session (labels, side, signs, units, gain), most probable first.
         hints: formulas, where nothing fits.
         nulls: what the readings say without any model of the tendons.
         seconds: of the computation.
@@ -61,7 +61,7 @@ class Diagnosis:
     verdict: Verdict
     checks: dict[Explanation, PredictiveCheck]
     sensitivity: Sensitivity
-    fault: str | None
+    faults: tuple[SessionFault, ...]
     hints: tuple[Hint, ...]
     nulls: tuple[Null, ...]
     seconds: float
@@ -122,10 +122,10 @@ def diagnose(
     verdict = judge(posterior, stated, candidates, alike, checks[fit.explanation], fit.explanation.names)
     asked = sensitivity(posterior, verdict)
     found: tuple[Hint, ...] = ()
-    mistake = rig_mistake(model, observations)
-    if mistake:
+    faults = tuple(session_faults(session, candidates, posterior))
+    if faults:
         # To be put right in the session: what would make up for it is no finding.
-        verdict = in_doubt(verdict, f"{mistake[0].upper()}{mistake[1:]}.")
+        verdict = in_doubt(verdict, said(faults[0]))
     elif verdict.kind in ("none_of_catalogue", "undecided"):
         # Where no effect stands, a formula is to stand alone; else beside the likeliest.
         found = hints(posterior.nothing if verdict.kind == "none_of_catalogue" else posterior.leader)
@@ -144,12 +144,18 @@ def diagnose(
         verdict,
         checks,
         asked,
-        mistake,
+        faults,
         found,
         nulls(model, observations),
         time.perf_counter() - began,
         {e: compare(model, observations, (f if e.size else stated).theta) for e, f in posterior.fits.items()},
     )
+
+
+def said(fault: SessionFault) -> str:
+    """A fault of the whole session in a sentence."""
+    words = f"{fault.words[0].upper()}{fault.words[1:]}"
+    return f"A fault of the whole session (probability {fault.probability:.2f}): {words}."
 
 
 def in_doubt(verdict: Verdict, fault: str) -> Verdict:

@@ -7,7 +7,7 @@ should balance the tendons' pulls: put right, the readings do, whatever the fing
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
@@ -77,7 +77,48 @@ class _Way:
         return f"taken as ({', '.join(names)}) instead of (x, y, z)"
 
 
-def rig_mistake(model: Model, observations: Observations) -> str | None:
+@dataclass(frozen=True, eq=False)
+class RigMistake:
+    """What went wrong with the readings of a whole session.
+
+    Attributes:
+        words: a sentence's beginning: what would have to be done, and what it would bring.
+        unit: whether a factor is part of it.
+        factor: on the forces as stated.
+        tip: (cases, 3, 3) what makes forces at the tip of those stated, factor not counted.
+        bone: (3, 3) likewise at the bone.
+    """
+
+    words: str
+    unit: bool
+    factor: float
+    tip: Floats
+    bone: Floats
+
+    def put_right(self, observations: Observations) -> Observations:
+        """The session's readings as they should have been stated."""
+        at_bone = np.array([place == "bone" for place in observations.locations])
+        axes = np.where(at_bone[:, None, None], self.bone, self.tip)
+        turn = np.zeros((len(at_bone), 6, 6))
+        turn[:, :3, :3] = axes
+        turn[:, 3:, 3:] = axes
+        turn *= self.factor
+        whole = np.zeros((6 * len(turn), 6 * len(turn)))
+        for k, one in enumerate(turn):
+            whole[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = one
+        read = np.isfinite(observations.wrench)
+        # A component that was not read may be turned into one that is asked for; then that is not known either.
+        known = np.einsum("nij,nj->ni", np.abs(turn) > 1e-6 * self.factor, ~read) == 0
+        wrench = np.einsum("nij,nj->ni", turn, np.nan_to_num(observations.wrench))
+        return replace(
+            observations,
+            wrench=np.where(known, wrench, np.nan),
+            covariance=whole @ observations.covariance @ whole.T,
+            shared_tares=whole @ observations.shared_tares,
+        )
+
+
+def rig_mistake(model: Model, observations: Observations) -> RigMistake | None:
     """Find the mistake that, put right, would make tip and bone balance the tendons' pulls.
 
     Args:
@@ -85,12 +126,12 @@ def rig_mistake(model: Model, observations: Observations) -> str | None:
         observations: of one session.
 
     Returns:
-        A sentence; None where readings balance as they are, or no mistake known here makes them balance.
+        None where readings balance as they are, or no mistake known here makes them balance.
     """
     return mistake_in(readings_of(model, observations))
 
 
-def mistake_in(r: Readings) -> str | None:
+def mistake_in(r: Readings) -> RigMistake | None:
     """The same of readings."""
     pairs = [(t, b) for t, b in r.both_ends if r.read[[*t, *b], :3].all()]
     if len(pairs) < LEAST_LOADS or len({r.observations.postures[b[0]] for _, b in pairs}) < LEAST_POSTURES:
@@ -129,9 +170,15 @@ def mistake_in(r: Readings) -> str | None:
         return None
     left = max(f[0] for f in simplest)
     missed = "are far off" if stated > FAR_OFF else f"miss them by {figure(100.0 * stated)} %"
-    return (
+    words = (
         f"{', or '.join(_worded(factor, way) for _, factor, way in simplest)}, tip and bone would balance the tendons' "
         f"pulls within {figure(100.0 * left)} % (RMS); as stated they {missed}"
+    )
+    _, factor, way = min(simplest, key=lambda f: f[0])
+    turn = r.to_base if way.tip_in_base else np.broadcast_to(way.tip, r.to_base.shape)
+    another = _another_unit(factor)
+    return RigMistake(
+        words, another, factor if another else 1.0, turn.swapaxes(1, 2) if way.tip_in_base else turn, way.bone
     )
 
 

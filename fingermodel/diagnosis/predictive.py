@@ -13,12 +13,13 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import (
     LOG_PRIOR_ODDS,
     SUSPECT_LOG_ODDS,
+    Apart,
     bad_size,
     chance_of,
-    gain_if_bad,
 )
 from fingermodel.diagnosis.session_model.candidates import free_mask
 from fingermodel.diagnosis.session_model.session import Session
+from fingermodel.diagnosis.session_model.slips import Explained, Slips
 from fingermodel.diagnosis.settings import P_VALUE
 from fingermodel.refit import slopes_of
 
@@ -50,11 +51,13 @@ class PredictiveCheck:
         log_density: of all of them; None where there are none.
         p_value: that they would be missed so far; None where there are none.
         bad: log odds of the cases that are more probably bad than not, by index of the case.
+        slips: what may have been done in these instead of what was entered.
     """
 
     log_density: float | None
     p_value: float | None
     bad: dict[int, float]
+    slips: dict[int, Explained]
 
     @property
     def vetoes(self) -> bool:
@@ -84,32 +87,35 @@ def check(fit: Optimum) -> PredictiveCheck:
     """Hold the validation cases against an explanation; single bad ones are set apart, and named."""
     session: Session = fit.session
     if session.fitted.all():
-        return PredictiveCheck(None, None, {})
+        return PredictiveCheck(None, None, {}, {})
     p = predicted(fit)
     size = bad_size(p.moment)
+    component, slips = session.rows[~session.fitted] % 6, Slips(session)
     bad: dict[int, float] = {}
+    explained: dict[int, Explained] = {}
     for _ in range(1 + len(np.unique(p.cases)) // 4):
-        inflated = p.covariance + np.diag(np.isin(p.cases, list(bad)) * size**2)
-        factor = root_of(inflated)
-        precision = np.linalg.inv(factor)
-        precision = precision.T @ precision
+        factor = root_of(p.covariance + np.diag(np.isin(p.cases, list(bad)) * size**2))
+        inverse = np.asarray(np.linalg.inv(factor), dtype=np.float64)
+        precision = inverse.T @ inverse
         a = precision @ p.away
-        odds = {}
-        for case in np.unique(p.cases):
-            if case in bad:
-                continue
+        apart = {}
+        for case in np.unique(p.cases).tolist():
             at = np.flatnonzero(p.cases == case)
-            information = size[at][:, None] * precision[np.ix_(at, at)] * size[at][None, :]
-            odds[int(case)] = float(gain_if_bad(information, size[at] * a[at])) + LOG_PRIOR_ODDS
+            if case not in bad:
+                apart[case] = Apart.of(case, component[at], precision[np.ix_(at, at)], a[at], bad=False)
+        could = {case: one for case, one in apart.items() if one.misfit > -LOG_PRIOR_ODDS}
+        found = slips.explain(could, fit.theta, fit.hyper.values(fit.best).scatter)
+        odds = {case: LOG_PRIOR_ODDS + could[case].anything + found[case].gain for case in could}
         worst = max(odds, key=lambda c: odds[c], default=None)
         if worst is None or odds[worst] < SUSPECT_LOG_ODDS:
             break
-        bad[worst] = odds[worst]
+        for case in {worst, found[worst].partner} - {None}:
+            bad[case], explained[case] = max(odds[case], SUSPECT_LOG_ODDS), found[case]
     sound = ~np.isin(p.cases, list(bad))
     factor = root_of(p.covariance[np.ix_(sound, sound)])
     z = np.linalg.solve(factor, p.away[sound])
     misfit = float(z @ z)
     log_density = -0.5 * misfit - float(np.log(np.diag(factor)).sum()) - 0.5 * len(z) * float(np.log(2.0 * np.pi))
     # So many bad cases among so few are no slips either: then the explanation misses them.
-    slips = float(chance_of(len(bad), len(np.unique(p.cases))))
-    return PredictiveCheck(log_density, min(float(chdtrc(len(z), misfit)), slips), bad)
+    many = float(chance_of(len(bad), len(np.unique(p.cases))))
+    return PredictiveCheck(log_density, min(float(chdtrc(len(z), misfit)), many), bad, explained)

@@ -6,7 +6,7 @@ is said is read from fits, and from promises only of what they leave far behind.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -20,6 +20,7 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, SUSPECT_LOG_ODDS, chance_of
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidate, Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.session import Session
+from fingermodel.diagnosis.session_model.slips import Explained, Slips
 from fingermodel.diagnosis.settings import MOST_FITS, P_VALUE, WITHIN
 
 Floats = NDArray[np.float64]
@@ -43,12 +44,14 @@ class Searched:
         fits: the best optimum of each explanation.
         promised: log posterior of explanations that were not fitted.
         bad: log odds of each case that is taken for a bad one, by index of the case.
+        slips: what may have been done in these instead of what was entered.
     """
 
     hyper: Hyperparameters
     fits: dict[Explanation, Optimum]
     promised: dict[Explanation, float]
     bad: dict[int, float] = field(default_factory=dict)
+    slips: dict[int, Explained] = field(default_factory=dict)
 
     @property
     def nothing(self) -> Optimum:
@@ -65,6 +68,7 @@ class Searcher:
         self._candidates, self._hyper = candidates, Hyperparameters.of(session)
         self._fitter = Fitter(session, candidates, self._hyper)
         self._tell = progress or (lambda _: None)
+        self._slips = Slips(session)
         self._fits: dict[Explanation, Optimum] = {}
         self._bad: frozenset[int] = frozenset()
         self._singles = candidates.singles
@@ -78,17 +82,17 @@ class Searcher:
             most: fits.
         """
         every = self._begun(start)
-        for _ in range(self._most_bad):
-            worst, odds = self._worst_case([every, self._fits[NOTHING]])
-            if odds < SUSPECT_LOG_ODDS:
+        while len(self._bad) < self._most_bad:
+            worst = self._worst([every, self._fits[NOTHING]])
+            if not worst:
                 break
-            self._bad |= {worst}
+            self._bad |= worst
             every = self._begun(start)
         self._first_fits(every)
         self._until_none_promises(most)
         self._finish(every)
         self._until_none_promises(most)
-        return Searched(self._hyper, self._fits, self._rest(), self._odds())
+        return Searched(self._hyper, self._fits, self._rest(), *self._odds())
 
     @property
     def _most_bad(self) -> int:
@@ -139,15 +143,27 @@ class Searcher:
             if fit is not leader and fit.explanation.size:
                 fit.forget()
 
-    def _worst_case(self, hosts: Sequence[Optimum]) -> tuple[int, float]:
-        """The case that is most probably bad whichever of some explanations holds, and its log odds."""
-        each = [self._bad_odds(host) for host in hosts]
-        cases = [c for c in each[0] if c not in self._bad]
-        if not cases:
-            return -1, -np.inf
-        least = {c: min(odds[c] for odds in each) for c in cases}
+    def _worst(self, hosts: Sequence[Optimum]) -> frozenset[int]:
+        """The case (or the two exchanged) most probably bad whichever of some explanations holds."""
+        least: dict[int, float] = {c: np.inf for c in range(len(self._session.observations.ids)) if c not in self._bad}
+        partners: dict[int, int | None] = {}
+        for host in hosts:
+            odds = self._bad_odds(host)
+            slips = self._explained(host, least)
+            least = {c: min(o, odds[c] + (slips[c].gain if c in slips else 0.0)) for c, o in least.items() if c in odds}
+            partners |= {c: e.partner for c, e in slips.items()}
+            least = {c: o for c, o in least.items() if o >= SUSPECT_LOG_ODDS}
+        if not least:
+            return frozenset()
         worst = max(least, key=lambda c: least[c])
-        return worst, least[worst]
+        partner = partners.get(worst)
+        return frozenset({worst} | ({partner} if partner is not None else set()))
+
+    def _explained(self, host: Optimum, cases: Collection[int]) -> dict[int, Explained]:
+        """Slips of the cases that any could make probable enough, two at once included."""
+        apart = host.left_out(host.best)
+        asked = {c: a for c, a in apart.items() if c in cases and a.misfit > -LOG_PRIOR_ODDS}
+        return self._slips.explain(asked, host.theta, self._hyper.values(host.best).scatter)
 
     def _bad_odds(self, host: Optimum) -> dict[int, float]:
         """Log odds of each case to be bad, summed over nodes in which scatter, noise and smooth explain less."""
@@ -162,8 +178,8 @@ class Searcher:
             for c in gains[0]
         }
 
-    def _odds(self) -> dict[int, float]:
-        """Log odds of the cases taken for bad, by the leading explanations."""
+    def _odds(self) -> tuple[dict[int, float], dict[int, Explained]]:
+        """Log odds of the cases taken for bad, by the leading explanations; and what may have been done instead."""
         out = {}
         for case in self._bad:
             without = self._bad - {case}
@@ -172,7 +188,8 @@ class Searcher:
                 bad.append(fit.log_posterior + LOG_PRIOR_ODDS)
                 sound.append(max(fit.log_joint(node, without) for node in _widened(fit, self._hyper)))
             out[case] = float(logsumexp(bad) - logsumexp(sound))
-        return out
+        slips = self._explained(self._leader, self._bad) if self._bad else {}
+        return {case: odds + (slips[case].gain if case in slips else 0.0) for case, odds in out.items()}, slips
 
     def _log_prior(self, explanation: Explanation) -> float:
         if explanation not in self._prior:

@@ -37,6 +37,23 @@ P_NOISE = 0.05
 # A bad case: how often, and how far its force may then be off [N].
 P_BAD = 0.002
 BAD_N = 1.5
+# What a bad case is: a slip of a kind, or anything. How far a load may then be off that is none of those in use,
+# relative.
+SLIP_SHARES = {
+    "anything": 0.2,
+    "tendon": 0.2,
+    "mass": 0.2,
+    "exchanged": 0.15,
+    "amount": 0.1,
+    "posture": 0.06,
+    "unloaded": 0.03,
+    "kept": 0.03,
+    "window": 0.03,
+}
+AMOUNT = 0.5
+# A fault of the whole session: how often, and how far one mount's gain may then be from 1.
+P_FAULT = 0.02
+GAIN_SPREAD = 0.3
 # Share of the abduction torque that a clamp which resists twist carries as Mx and My.
 CLAMP_SHARE = 0.1
 # A lever [mm] that turns an unexplained force into an unexplained moment; postures [rad] that resemble each other.

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fingermodel.parameters import with_unit
-from server.commands.twin import provenance
+from server.commands.twin import provenance, say_first
 from server.console import answer, progress, say, table
 from server.workflow import Bench, open_bench
 
@@ -35,6 +35,9 @@ def diagnose_session(
     with progress("Fitting every effect") as tell:
         diagnosis = run_diagnosis(bench, thorough, tell)
     body = diagnosis_body(bench, diagnosis, frozen)
+    if bench.measured.session.amendments:
+        with progress("The same without the amendments") as tell:
+            body["without_amendments"] = verdict_without_amendments(session, model, thorough, effects, tell)
     page = None
     if figures:
         from server.diagnosis_report import draw_diagnosis
@@ -46,6 +49,19 @@ def diagnose_session(
     print_diagnosis(body)
     if page:
         say(f"Report: {page}")
+
+
+def verdict_without_amendments(
+    session: str, model: str | None, thorough: bool, effects: list[str], tell: Any = None
+) -> dict[str, Any]:
+    """The verdict on the session as it was entered."""
+    bench = open_bench(session, model, catalogue=True, effects=effects, amended=False)
+    verdict = run_diagnosis(bench, thorough, tell).verdict
+    return {
+        "verdict": verdict.kind,
+        "effects": list(verdict.effects),
+        "probability": min(verdict.probability, 1.0),
+    }
 
 
 def run_diagnosis(bench: Bench, thorough: bool = False, tell: Any = None) -> Diagnosis:
@@ -115,7 +131,8 @@ def confirmation(bench: Bench, diagnosis: Diagnosis, frozen: Sequence[Mapping[st
 
 
 def print_diagnosis(body: dict[str, Any]) -> None:
-    """Print the verdict first, then what it stands on."""
+    """Print what has to be known before, the verdict, then what it stands on."""
+    say_first(body)
     _print_verdict(body)
     _print_sensitivity(body["robustness"])
     if body.get("confirmation"):
@@ -141,6 +158,10 @@ def _print_verdict(body: dict[str, Any]) -> None:
         say(f"  Suspect load case{'s' if len(suspects) > 1 else ''}: {', '.join(suspects)}.")
     for fault in body["session_faults"]:
         say(f"  The whole session: {fault['words']} (probability {fault['probability']:.2f}).")
+    if entered := body.get("without_amendments"):
+        names = f" ({' and '.join(entered['effects'])})" if entered["effects"] else ""
+        kind = entered["verdict"].replace("_", " ")
+        say(f"  Without the amendments: {kind}{names}, probability {entered['probability']:.2f}.")
     for note in body["notes"]:
         say(f"  Note: {note}")
     for reason in body["reasons"]:

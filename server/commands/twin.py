@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from daq.amendments import listed
 from daq.errors import InputError
+from server.commands.amend import amended_line
 from server.console import answer, columns_wide, progress, say, table
 from server.drawing import draw_comparison
 from server.workflow import Bench, compare_bench, open_bench, refit_bench, save_revision
 
 if TYPE_CHECKING:
+    from daq.findings import Finding
     from fingermodel.compare import Comparison
     from fingermodel.fit_report import Fit, FittedParameter
 
@@ -31,6 +35,7 @@ def compare_session(
         body["figures"] = str(page)
     if answer("compare", body, json):
         return
+    say_first(body)
     print_comparison(bench, comparison)
     if page:
         say(f"Figures: {page}")
@@ -65,6 +70,7 @@ def refit_session(
     body = provenance(bench) | fit_body(fit, before, after) | {"model": str(path)}
     if answer("refit", body, json):
         return
+    say_first(body)
     print_fit(fit, before, after)
     say(f"Model: {path}   (fingertwin compare {session} --model {path})")
     if page:
@@ -91,7 +97,22 @@ def provenance(bench: Bench) -> dict[str, Any]:
         "budget": bench.model.budget.name,
         "judged_in": bench.model.finger.judged_in,
         "notes": [*measured.notes, *bench.loaded.notes],
+        "warnings": warnings_of(bench.findings),
+        "amendments": listed(measured.session),
     }
+
+
+def warnings_of(findings: Sequence[Finding]) -> list[dict[str, str]]:
+    """What a check warns of, as every answer that judges a session carries it."""
+    return [{"code": f.code, "place": f.where, "words": f.text} for f in findings]
+
+
+def say_first(body: Mapping[str, Any]) -> None:
+    """Print what has to be known before a result: warnings of the check, and what was amended."""
+    for warning in body["warnings"]:
+        say(f"Warning: {warning['place']}: {warning['words']}")
+    for row in body["amendments"]:
+        say(amended_line(row))
 
 
 def fit_body(fit: Fit, before: Comparison, after: Comparison) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -97,6 +97,7 @@ def draw_session(
     protocol: str = "dev",
     nuisance_scale: float | None = None,
     further: Sequence[tuple[str, str, Mapping[str, float]]] = (),
+    done: Callable[[Protocol], tuple[Protocol, Protocol]] | None = None,
 ) -> Truth:
     """Write `session.yaml` and `readings.parquet` of a test on a specimen of its own.
 
@@ -113,6 +114,7 @@ def draw_session(
         nuisance_scale: specimen and rig against the budget; by default drawn from 0.5 to 2.
         further: identification cases after the protocol's end (posture, location, masses [g]), each in a posture set
             anew; the readings before them stay as they were.
+        done: gives what is done and what the session states, of the protocol; see `slips`.
     """
     if protocol not in PROTOCOLS:
         raise KeyError(f"{protocol} is none of {', '.join(PROTOCOLS)}")
@@ -127,6 +129,7 @@ def draw_session(
     if further:
         plan = plan.with_further(further)
         bare = bare.with_settings(plan, seed, scale)
+    plan, stated = (plan, plan) if done is None else done(plan)
     sizes = sizes_of(effects or {})
     rig = bare.with_effects(acting(CATALOGUE[n], sizes[n], seed) for n in CATALOGUE if n in sizes)
     plain = read_cases(bare, plan)
@@ -141,7 +144,7 @@ def draw_session(
         named[outside], loads = _of_a_size(rig, plan, OUTSIDE[outside], seed, share, loads)
     folder.mkdir(parents=True, exist_ok=True)
     wrench = record(folder, plan, loads, lambda t: wander(rig, t, plan.end_s), noise_N, seed)
-    write_session(folder, plan, f"SIM-{seed:05d}")
+    write_session(folder, stated, f"SIM-{seed:05d}")
     ids = [c.id for c in plan.cases]
     return Truth(
         seed=seed,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fingermodel.diagnosis.posterior.gaussian import root_of
 from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, free_mask
@@ -97,7 +98,7 @@ class Fitter:
         covariance = shared @ shared.T
         for rows, own in session.fitted_noise.covariances(values.scatter, values.noise, bad):
             covariance[rows[:, :, None], rows[:, None, :]] += own
-        whitener = np.linalg.inv(np.linalg.cholesky(covariance))
+        whitener = np.asarray(np.linalg.inv(root_of(covariance)), dtype=np.float64)
         of_budget = problem.model.parameters.of_kind("budget")
         free = problem.free | free_mask(problem.model, explanation)
         weighed = problem.weighed(whitener, np.where(of_budget, values.budget * problem.sd, problem.sd), free)

@@ -65,7 +65,7 @@ class Quadratic:
         chosen = self.hessian if len(moving) == len(self.gradient) else self.hessian[moving[:, None], moving]
         inner = chosen * w
         inner *= w[:, None]
-        inner.flat[:: len(w) + 1] += 1.0
+        add_one(inner)
         factor, failed = dpotrf(inner, lower=1, clean=1, overwrite_a=1)
         if failed:
             raise np.linalg.LinAlgError("1 + w G w is not positive definite: G is not finite")
@@ -140,7 +140,7 @@ def screened(quadratic: Quadratic, sets: list[tuple[int, ...]], x: Floats, one_s
     real = index >= 0
     # Where a set is shorter, what fills it up has no slope: it changes nothing.
     inner = at_null.hessian[index[:, :, None], index[:, None, :]] * (real[:, :, None] & real[:, None, :])
-    inner = inner + np.eye(most)
+    add_one(inner)
     score = at_null.gradient[index] * real
     factor = np.linalg.cholesky(inner)
     inverse = np.linalg.inv(factor)
@@ -194,6 +194,17 @@ def _log_orthant(mean: Floats, covariance: Floats, draws: int = 512) -> float:
     return float(top + np.log(np.mean(np.exp(log_weight - top))))
 
 
+def add_one(gram: Floats) -> None:
+    """Add 1 to the diagonal of inner products (…, k, k) in place, so that what comes of it is positive definite.
+
+    They are known to rounding errors only, and these may be more than 1 where slopes are steep: by so much more is
+    added.
+    """
+    k = gram.shape[-1]
+    diagonal = gram[..., np.arange(k), np.arange(k)]
+    gram[..., np.arange(k), np.arange(k)] = diagonal * (1.0 + k * np.finfo(np.float64).eps) + 1.0
+
+
 def root_of(covariance: Floats) -> Floats:
     """Lower triangular root (k, k) of a positive semidefinite covariance, however nearly singular.
 
@@ -201,6 +212,8 @@ def root_of(covariance: Floats) -> Floats:
     """
     size = max(float(np.trace(covariance)) / max(len(covariance), 1), 1e-300)
     symmetric = 0.5 * (covariance + covariance.T)
+    if not np.isfinite(symmetric).all():
+        raise np.linalg.LinAlgError("a covariance is not finite")
     jitter = 1e-12
     while True:
         try:

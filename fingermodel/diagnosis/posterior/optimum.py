@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
-from fingermodel.diagnosis.posterior.gaussian import Freed, Quadratic, log_mass, log_mass_apart, screened
+from fingermodel.diagnosis.posterior.gaussian import Freed, Quadratic, add_one, log_mass, log_mass_apart, screened
 from fingermodel.diagnosis.posterior.hyper import NOISE, Node, climbed, explored
 from fingermodel.diagnosis.posterior.linearised import OTHERS, OWN, Linearised
-from fingermodel.diagnosis.session_model.bad_cases import bad_size, gain_if_bad
+from fingermodel.diagnosis.session_model.bad_cases import Apart, bad_size, gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.settings import NODES_WITHIN
 
@@ -221,20 +221,41 @@ class Optimum(Linearised):
         information = (new**2).sum(axis=0) - np.einsum("ik,ik->k", across, found.covariance @ across)
         return np.maximum(information, 0.0), new.T @ left
 
-    def log_odds_bad(self, node: Node) -> dict[int, float]:
-        """Log evidence gained at a node by taking each fitted case (alone) for a bad one, prior not counted."""
-        names, noise = [*self.acting(node), OWN], self.session.fitted_noise
+    def _precision(self, node: Node) -> list[tuple[Ints, Floats, Floats]]:
+        """Rows (g, L), block (g, L, L) of the inverse covariance of all readings and score (g, L), by case."""
+        names = [*self.acting(node), OWN]
         blocks = self.whitened_blocks(names, node)
         left = self.whitened_columns(self.residual, node) + blocks @ self.places(names)
         u = blocks * self.widths(names, node)
-        factor = np.linalg.cholesky(np.eye(u.shape[1]) + u.T @ u)
+        gram = u.T @ u
+        add_one(gram)
+        factor = np.linalg.cholesky(gram)
         across = solve_triangular(factor, u.T, lower=True, check_finite=False)
         a = left - across.T @ (across @ left)
-        out: dict[int, float] = {}
+        out = []
         for rows, inverse in self.noise_roots(node):
             mine = across[:, rows].transpose(1, 2, 0)
             precision = np.eye(rows.shape[1]) - mine @ mine.swapaxes(1, 2)
-            grown = inverse * bad_size(noise.moment[rows])[:, None, :]
-            gain = gain_if_bad(grown.swapaxes(1, 2) @ precision @ grown, np.einsum("gji,gj->gi", grown, a[rows]))
+            turned = inverse.swapaxes(1, 2)
+            out.append((rows, turned @ precision @ inverse, (turned @ a[rows][..., None])[..., 0]))
+        return out
+
+    def log_odds_bad(self, node: Node) -> dict[int, float]:
+        """Log evidence gained at a node by taking each fitted case (alone) for a bad one, prior not counted."""
+        noise = self.session.fitted_noise
+        out: dict[int, float] = {}
+        for rows, precision, score in self._precision(node):
+            size = bad_size(noise.moment[rows])
+            gain = gain_if_bad(size[:, :, None] * precision * size[:, None, :], size * score)
             out |= {int(c): float(g) for c, g in zip(noise.cases[rows[:, 0]], gain, strict=True)}
         return out
+
+    def left_out(self, node: Node) -> dict[int, Apart]:
+        """Each fitted case against what all others predict of it at a node."""
+        session = self.session
+        noise, component = session.fitted_noise, session.rows[session.fitted] % 6
+        return {
+            case: Apart.of(case, component[own], block, score, case in self.bad)
+            for rows, precision, scores in self._precision(node)
+            for own, block, score, case in zip(rows, precision, scores, noise.cases[rows[:, 0]].tolist(), strict=True)
+        }

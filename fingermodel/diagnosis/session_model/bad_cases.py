@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom
@@ -19,6 +21,51 @@ def bad_size(moment: NDArray[np.bool_]) -> Floats:
     """How far each reading of a bad case may be off [N, N mm], of the shape of `moment`: whether it is a moment."""
     out: Floats = BAD_N * np.where(moment, LEVER_MM, 1.0)
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class Apart:
+    """One case's readings against what the rest of the session predicts of them.
+
+    Attributes:
+        case: its index.
+        rows: (L,) components of the wrench, 0 to 5.
+        away: (L,) reading less prediction [N, N mm].
+        covariance: (L, L) of it, the case taken for a sound one.
+        anything: log evidence gained by a reading that may be anything.
+    """
+
+    case: int
+    rows: NDArray[np.intp]
+    away: Floats
+    covariance: Floats
+    anything: float
+
+    @classmethod
+    def of(cls, case: int, rows: NDArray[np.intp], precision: Floats, score: Floats, bad: bool) -> Apart:
+        """From the readings' block of the session's precision.
+
+        Args:
+            case: its index.
+            rows: (L,) components of the wrench, 0 to 5.
+            precision: (L, L) block of the inverse covariance of all readings.
+            score: (L,) of the precision times what all readings are away from their prediction.
+            bad: whether that covariance lets the case be anything already.
+        """
+        size = bad_size(rows >= 3)
+        covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
+        away = covariance @ score
+        if bad:
+            values, vectors = np.linalg.eigh(covariance - np.diag(size**2))
+            covariance = np.asarray((vectors * np.maximum(values, 1e-6)) @ vectors.T, dtype=np.float64)
+            precision = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+        gain = gain_if_bad(size[:, None] * precision * size, size * (precision @ away))
+        return cls(case, rows, away, covariance, float(gain))
+
+    @property
+    def misfit(self) -> float:
+        """Chi-square of the readings."""
+        return float(self.away @ np.linalg.solve(self.covariance, self.away))
 
 
 def gain_if_bad(information: Floats, score: Floats) -> Floats:

@@ -1,0 +1,133 @@
+"""`fingertwin amend`: say what a load case really was; what was entered stays, and everything heeds the amendment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from daq.amendments import amendment, case_of, exchanged, listed, read_amendments, words, write_amendments
+from daq.errors import InputError, SessionError
+from daq.locations import data_dir
+from daq.session_models import Amendment, Session
+from daq.sessions import find_session, read_session
+from server.console import answer, say
+
+# The tendon or weight that `--tendon` and `--mass` give.
+_TENDON, _MASS = "TRUE=ENTERED, such as FDS=FDP", "TENDON=GRAMS, such as FDP=950"
+
+
+def amend_case(
+    session: str,
+    case: str | None,
+    *,
+    tendon: Sequence[str],
+    mass: Sequence[str],
+    posture: str | None,
+    exchange: str | None,
+    exclude: bool,
+    undo: bool,
+    why: str | None,
+    by: str | None,
+    json: str | None,
+) -> None:
+    """Amend a case, take its last amendment back, or list what was amended; see `fingertwin amend --help`."""
+    changes = bool(tendon or mass or posture or exchange or exclude)
+    read = read_session(session)
+    if case is None:
+        if changes or undo:
+            raise InputError("no load case given", "fingertwin amend SESSION CASE …", "Name the case that was wrong")
+        _tell(session, read, [], json)
+        return
+    folder = _folder(session)
+    case_of(read, case)
+    beside = [Amendment.model_validate(a) for a in read_amendments(folder)]
+    if undo:
+        if changes:
+            raise InputError("--undo beside a change", "one of them", "Undo first, then amend")
+        _undo(session, beside, case, folder, json)
+        return
+    if not changes:
+        raise InputError(
+            f"nothing to amend in case {case}",
+            "--tendon, --mass, --posture, --exchange or --exclude",
+            "Say what it was",
+        )
+    if why is None:
+        raise InputError("an amendment without a reason", '--why "…"', "Say how it is known")
+    if exchange is not None:
+        if tendon or mass or posture or exclude:
+            raise InputError("--exchange beside another change", "one of them", "Amend in two steps")
+        new = list(exchanged(read, case, exchange, why, by))
+    else:
+        tendons = {entered: true for true, entered in (_pair(t, _TENDON) for t in tendon)}
+        masses = {name: _grams(value, _MASS) for name, value in (_pair(m, _MASS) for m in mass)}
+        new = [amendment(read, case, why, tendons=tendons, masses_g=masses, posture=posture, exclude=exclude, by=by)]
+    write_amendments(folder, (*beside, *new))
+    _tell(session, read_session(session), new, json)
+
+
+def _undo(session: str, beside: Sequence[Amendment], case: str, folder: Path, json: str | None) -> None:
+    last = next((i for i in reversed(range(len(beside))) if beside[i].case == case), None)
+    if last is None:
+        raise SessionError(f"case {case} has no amendment here", "one that was made with fingertwin amend")
+    write_amendments(folder, (*beside[:last], *beside[last + 1 :]))
+    if not _tell(session, read_session(session), [], json):
+        say(f"Taken back: {case}: {words(beside[last])}.")
+
+
+def _tell(session: str, read: Session, new: Sequence[Amendment], json: str | None) -> bool:
+    """Show what is amended now; True where the answer took standard output."""
+    rows = listed(read)
+    body: dict[str, Any] = {"session": read.id, "amendments": rows, "made": [a.case for a in new]}
+    if answer("amend", body, json):
+        return True
+    if not rows:
+        say(f"{read.id}: nothing is amended.")
+    for row in rows:
+        say(amended_line(row))
+    if new:
+        say(
+            f"The entries stay in session.yaml. Look again: fingertwin diagnose {session}; or take it back with --undo."
+        )
+    return False
+
+
+def amended_line(row: dict[str, Any]) -> str:
+    """One amendment on one line."""
+    entered = []
+    for name, value in row["entered"].items():
+        if isinstance(value, dict):
+            entered.append(" and ".join(f"{m} {g:g} g" for m, g in value.items()) or "no weight")
+        elif name != "excluded":
+            entered.append(str(value))
+    instead = f" (entered: {', '.join(entered)})" if entered else ""
+    return f"Amended {row['case']}: {row['words']}{instead}; {row['why']} [{row['at']}]"
+
+
+def _folder(session: str) -> Path:
+    folder = find_session(session).parent
+    if folder.resolve().is_relative_to((data_dir() / "sessions").resolve()):
+        raise SessionError(
+            f"{folder.name} comes with the software and stays as it is", "a session of yours", "Copy its folder first"
+        )
+    return folder
+
+
+def _pair(text: str, expected: str) -> tuple[str, str]:
+    name, separator, value = text.partition("=")
+    if not separator or not name or not value:
+        raise InputError(f"{text!r}", expected)
+    return name, value
+
+
+def _grams(text: str, expected: str) -> float:
+    try:
+        value = float(text.removesuffix("g"))
+    except ValueError as error:
+        raise InputError(f"{text!r} is no mass", expected) from error
+    if not 0.0 <= value < 1e6:
+        raise InputError(
+            f"{text} g", "a mass of 0 g or more", "Leave the case out with --exclude where it is not known"
+        )
+    return value
