@@ -15,7 +15,7 @@ import yaml
 from daq.errors import InputError, SessionError
 from daq.files import replacing
 from daq.session_models import Amendment, LoadCase, Session
-from daq.vocabulary import did_you_mean
+from daq.vocabulary import TENDONS, did_you_mean
 
 FILE = "amendments.yaml"
 FORMAT = "bench-amendments/1"
@@ -56,6 +56,10 @@ def amendment(
     for tendon, grams in (masses_g or {}).items():
         masses[tendon] = float(grams)
     masses = {tendon: grams for tendon, grams in masses.items() if grams > 0.0}
+    for tendon in masses:
+        if tendon not in TENDONS:
+            hint = did_you_mean(tendon, TENDONS)
+            raise SessionError(f"tendon {tendon!r}", f"one of {' '.join(TENDONS)}", hint[:1].upper() + hint[1:])
     if posture is not None and posture not in session.postures_deg:
         hint = did_you_mean(posture, session.postures_deg)
         raise SessionError(

@@ -27,7 +27,7 @@ from daq.session_models import Session
 from daq.sessions import find_session, parse_session, session_data
 from daq.windows import Recording, Span, gather
 
-__all__ = ["CheckReport", "Finding", "check", "measure_and_check"]
+__all__ = ["CheckReport", "Finding", "check", "measure_and_check", "warnings_of"]
 
 Progress = Callable[[float], None]
 
@@ -90,6 +90,14 @@ def measure_and_check(
     findings += _of_measured(measured, {})
     found = report(session.id, findings, {})
     return measured, (*found.errors, *found.warnings)
+
+
+def warnings_of(measured: MeasuredSession, plateaus: Mapping[Span, Plateau]) -> tuple[Finding, ...]:
+    """Errors and warnings of a session whose recording as a whole is not at hand, only its reduced windows."""
+    session = measured.session.amended
+    findings = [*_of_description(session), *plateau_findings(session, plateaus), *_of_measured(measured, {})]
+    found = report(session.id, findings, {})
+    return (*found.errors, *found.warnings)
 
 
 def _report(session: Session, progress: Progress | None) -> CheckReport:

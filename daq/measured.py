@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,6 +105,17 @@ class MeasuredSession:
     tension_factor: float
     tension_factor_source: str
     notes: tuple[str, ...]
+
+    @property
+    def as_entered(self) -> MeasuredSession:
+        """The same readings under the entries as they were made; a case that an amendment left out stays out."""
+        entries = {c.id: c for c in self.session.entered.cases}
+
+        def entered(m: MeasuredCase) -> MeasuredCase:
+            entry = entries[m.case.id]
+            return replace(m, case=m.case.model_copy(update={"masses_g": entry.masses_g, "posture": entry.posture}))
+
+        return replace(self, session=self.session.unamended, cases=tuple(entered(m) for m in self.cases))
 
     def covariance(self, indices: Sequence[int] | None = None) -> Floats:
         """Return the covariance (6 n, 6 n) of the wrenches, one after another: own parts and shared tares.

@@ -356,7 +356,8 @@ class Session(Open):
             return self
         cases = {c.id: c for c in self.cases}
         for amendment in self.amendments:
-            cases[amendment.case] = cases[amendment.case].model_copy(update=amendment.changes)
+            if amendment.case in cases:
+                cases[amendment.case] = cases[amendment.case].model_copy(update=amendment.changes)
         out = self.model_copy(update={"cases": tuple(cases.values())})
         out._folder, out._entered = self._folder, self.entered
         return out

@@ -57,7 +57,6 @@ def open_bench(
     *,
     catalogue: bool = False,
     effects: Sequence[Effect | str] = (),
-    amended: bool = True,
 ) -> Bench:
     """Read a session, correct its readings and load the model to compare with.
 
@@ -67,11 +66,9 @@ def open_bench(
         progress: called with the fraction of the readings that has been read.
         catalogue: whether the model shall hold the catalogue's effects, at their null.
         effects: the user's own, or their files, which come with the catalogue.
-        amended: whether the session's amendments are heeded.
     """
     prepare_jax()
-    session = read_session(session_path)
-    measured, findings = measure_and_check(session if amended else session.unamended, progress)
+    measured, findings = measure_and_check(read_session(session_path), progress)
     return replace(bench_of(measured, model, catalogue=catalogue, effects=effects), findings=findings)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -155,7 +156,7 @@ def suspects(d: Diagnosis) -> list[dict[str, Any]]:
             "case": observations.ids[case],
             "role": observations.roles[case],
             "probability": p,
-            "reads_like": reads_like(slips[case]) if case in slips else [],
+            "reads_like": reads_like(slips[case], observations.ids) if case in slips else [],
             "verdict_without": without,
         }
         for p, case in found
@@ -163,7 +164,7 @@ def suspects(d: Diagnosis) -> list[dict[str, Any]]:
     ]
 
 
-def reads_like(explained: Explained) -> list[dict[str, Any]]:
+def reads_like(explained: Explained, ids: Sequence[str]) -> list[dict[str, Any]]:
     """What would make a suspect's reading expected, the most probable first; empty where nothing known does."""
     return [
         {
@@ -171,6 +172,7 @@ def reads_like(explained: Explained) -> list[dict[str, Any]]:
             "words": slip.words,
             "masses_g": dict(slip.masses_g),
             "posture": slip.posture,
+            "exchanged_with": None if slip.partner is None else ids[slip.partner],
             "probability": probability,
             "chi_square": chi_square,
         }

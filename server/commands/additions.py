@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
-from server.commands.twin import fit_body, print_fit, provenance
+from server.commands.twin import fit_body, print_fit, provenance, say_first
 from server.console import answer, progress, say, table
 from server.workflow import Bench, compare_bench, open_bench, save_revision
 
@@ -61,6 +61,7 @@ def add_to_session(
     }
     if answer("add", body, json):
         return
+    say_first(body)
     print_fit(addition.fit, before, after)
     if addition.names:
         say(f"Evidence: ln Z rises by {addition.log_evidence_gain:.1f} with {', '.join(addition.names)}")

@@ -10,7 +10,7 @@ from daq.amendments import amendment, case_of, exchanged, listed, read_amendment
 from daq.errors import InputError, SessionError
 from daq.locations import data_dir
 from daq.session_models import Amendment, Session
-from daq.sessions import find_session, read_session
+from daq.sessions import find_session, parse_session, read_session, session_data
 from server.console import answer, say
 
 # The tendon or weight that `--tendon` and `--mass` give.
@@ -63,8 +63,19 @@ def amend_case(
         tendons = {entered: true for true, entered in (_pair(t, _TENDON) for t in tendon)}
         masses = {name: _grams(value, _MASS) for name, value in (_pair(m, _MASS) for m in mass)}
         new = [amendment(read, case, why, tendons=tendons, masses_g=masses, posture=posture, exclude=exclude, by=by)]
+    _require_sound(session, new)
     write_amendments(folder, (*beside, *new))
     _tell(session, read_session(session), new, json)
+
+
+def _require_sound(session: str, new: Sequence[Amendment]) -> None:
+    """Refuse what would make the session unusable, before anything is written."""
+    file = find_session(session)
+    data = session_data(file)
+    listed_too = [a.model_dump(mode="json", exclude_none=True) for a in new]
+    _, faults = parse_session({**data, "amendments": [*data.get("amendments", []), *listed_too]}, file.parent)
+    if faults:
+        raise faults[0]
 
 
 def _undo(session: str, beside: Sequence[Amendment], case: str, folder: Path, json: str | None) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from fingermodel.parameters import with_unit
 from server.commands.twin import provenance, say_first
 from server.console import answer, progress, say, table
-from server.workflow import Bench, open_bench
+from server.workflow import Bench, bench_of, open_bench
 
 if TYPE_CHECKING:
     from fingermodel.diagnosis.diagnose import Diagnosis
@@ -36,8 +36,9 @@ def diagnose_session(
         diagnosis = run_diagnosis(bench, thorough, tell)
     body = diagnosis_body(bench, diagnosis, frozen)
     if bench.measured.session.amendments:
+        entered = bench_of(bench.measured.as_entered, model, catalogue=True, effects=effects)
         with progress("The same without the amendments") as tell:
-            body["without_amendments"] = verdict_without_amendments(session, model, thorough, effects, tell)
+            body["without_amendments"] = bare_verdict(run_diagnosis(entered, thorough, tell))
     page = None
     if figures:
         from server.diagnosis_report import draw_diagnosis
@@ -51,12 +52,9 @@ def diagnose_session(
         say(f"Report: {page}")
 
 
-def verdict_without_amendments(
-    session: str, model: str | None, thorough: bool, effects: list[str], tell: Any = None
-) -> dict[str, Any]:
-    """The verdict on the session as it was entered."""
-    bench = open_bench(session, model, catalogue=True, effects=effects, amended=False)
-    verdict = run_diagnosis(bench, thorough, tell).verdict
+def bare_verdict(diagnosis: Diagnosis) -> dict[str, Any]:
+    """A verdict alone, as it stands beside another one."""
+    verdict = diagnosis.verdict
     return {
         "verdict": verdict.kind,
         "effects": list(verdict.effects),

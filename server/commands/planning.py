@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from server.commands.diagnosis import run_diagnosis
-from server.commands.twin import provenance
+from server.commands.twin import provenance, say_first
 from server.console import answer, progress, say, table
 from server.workflow import Bench, open_bench, readings_digest
 
@@ -31,6 +31,7 @@ def next_cases(
     body = plan_body(bench, diagnosis, plan) | {"frozen": str(path) if path else None}
     if answer("next", body, json):
         return
+    say_first(body)
     say(plan.text)
     table(
         "Explanations held against each other",

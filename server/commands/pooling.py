@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from daq.errors import InputError
 from fingermodel.parameters import with_unit
 from server.commands.diagnosis import diagnosis_body
+from server.commands.twin import say_first
 from server.console import answer, progress, say, table
 from server.workflow import open_bench
 
@@ -76,6 +77,7 @@ def diagnose_sessions(
     )
     for name, own in each.items():
         say(f"{name}: {own['sentence']}")
+        say_first(own)
         for reason in own["reasons"]:
             say(f"    {reason}")
     for page in body.get("figures", []):

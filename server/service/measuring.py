@@ -141,14 +141,16 @@ class Measuring:
             return Measured(record, None, None, {}, {}, error)
         if record.stream is None:
             record = self._sessions.read(record.id)
-        reduced = self._windows.reduce(record.id, record.stream, windows_of(whole))
-        states = {c.id: _state(c, reduced) for c in whole.cases}
+        reduced = self._windows.reduce(record.id, record.stream, windows_of(whole.amended))
+        states = {c.id: _state(c, reduced) for c in whole.amended.cases}
         done = tuple(_bracketed(c, reduced) for c in whole.cases if states[c.id].state == "measured")
         checks = tuple(w for w in whole.checks if {w.unloaded_s, w.loaded_s} <= set(reduced.plateaus))
         if not done:
             return Measured(record, None, None, {}, states)
-        session = whole.model_copy(update={"cases": done, "checks": checks})
-        used = {w: reduced.plateaus[w] for w in windows_of(session)}
+        names = {c.id for c in done}
+        amendments = tuple(a for a in whole.amendments if a.case in names)
+        session = whole.model_copy(update={"cases": done, "checks": checks, "amendments": amendments})
+        used = {w: reduced.plateaus[w] for w in windows_of(session.amended)}
         try:
             measured = _assembled(session, used)
         except InputError as error:

@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 # What an edit may do to a session.
-EDIT_KINDS = ("case", "windows", "exclude", "include", "undo")
+EDIT_KINDS = ("case", "windows", "exclude", "include", "amend", "undo")
 WINDOWS = ("unloaded_s", "loaded_s", "unloaded_after_s")
 
 
@@ -151,6 +151,7 @@ def apply_edits(document: Mapping[str, Any], changes: Sequence[Edit]) -> dict[st
     """Return a document with those edits that nobody took back."""
     out = deepcopy(dict(document))
     cases: dict[str, dict[str, Any]] = {c["id"]: c for c in out["cases"]}
+    amended: list[dict[str, Any]] = list(out.get("amendments", ()))
     for edit in live_edits(changes):
         name = edit.case or ""
         if edit.kind == "case":
@@ -165,7 +166,10 @@ def apply_edits(document: Mapping[str, Any], changes: Sequence[Edit]) -> dict[st
             cases[name] = cases[name] | {"excluded": edit.body["reason"]}
         elif edit.kind == "include":
             cases[name] = {k: v for k, v in cases[name].items() if k != "excluded"}
-    return out | {"cases": list(cases.values())}
+        elif edit.kind == "amend":
+            said = {"at": edit.created_utc, **({"by": edit.author} if edit.author else {})}
+            amended += [dict(a) | said for a in edit.body["amendments"]]
+    return out | {"cases": list(cases.values())} | ({"amendments": amended} if amended else {})
 
 
 def steps_of(record: Record) -> list[dict[str, str]]:

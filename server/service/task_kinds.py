@@ -145,6 +145,8 @@ def _document(measured: Measured) -> dict[str, Any]:
     done = {c.id for c in session.cases}
     kept = [w.model_dump(mode="json") for w in session.checks]
     out = document | {"cases": [c for c in document["cases"] if c["id"] in done]}
+    if "amendments" in out:
+        out["amendments"] = [a for a in out["amendments"] if a["case"] in done]
     out |= {"checks": [{k: v for k, v in w.items() if v is not None} for w in kept]} if kept else {}
     if not kept:
         out.pop("checks", None)

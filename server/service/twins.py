@@ -6,12 +6,13 @@ import hashlib
 import threading
 from collections import OrderedDict
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import select
 
+from daq.checks import warnings_of
 from server.service.answers import dumps
 from server.service.database import Database
 from server.service.measuring import Measured, Measuring
@@ -109,7 +110,10 @@ class Twins:
             known = self._benches.get(key)
         if known is not None:
             return known
-        bench = bench_of(forces, found, catalogue=effects is not None, effects=effects or ())
+        bench = replace(
+            bench_of(forces, found, catalogue=effects is not None, effects=effects or ()),
+            findings=warnings_of(forces, measured.plateaus),
+        )
         with self._lock:
             self._benches[key] = bench
             while len(self._benches) > _MOST_BENCHES:

@@ -145,14 +145,21 @@ def case_bodies(measured: Measured, twins: Twins) -> list[dict[str, Any]]:
         except (InputError, ProblemError) as error:
             problem = str(error)
     out = []
-    for case in measured.record.cases:
-        name = case["id"]
+    amended: dict[str, list[dict[str, Any]]] = {}
+    for one in (measured.record.document or {}).get("amendments", ()):
+        amended.setdefault(one["case"], []).append(one)
+    for entry in measured.record.cases:
+        name = entry["id"]
+        case = entry
+        for one in amended.get(name, ()):
+            case = case | {k: one[k] for k in ("masses_g", "posture", "excluded") if k in one}
         state = measured.states.get(name)
         body: dict[str, Any] = {k: case.get(k) for k in ("id", "role", "posture", "location", "masses_g")}
         body |= {"state": "waiting" if state is None else state.state, "why": "" if state is None else state.why}
         if state is None and measured.problem is not None:
             body |= {"state": "failed", "why": str(measured.problem)}
         body |= {k: case[k] for k in ("repeat_of", "direction", "note") if case.get(k) is not None}
+        body |= {"amended": amended[name], "entered": entry["masses_g"]} if name in amended else {}
         body |= {"windows": {k: case[k] for k in ("unloaded_s", "loaded_s", "unloaded_after_s") if case.get(k)}}
         force = measured.force(name) if body["state"] == "measured" else None
         body |= force or {"measured_N": None, "measured_sd_N": None, "measured_Nmm": None, "steady": None}

@@ -148,6 +148,11 @@ def top(**values: Any) -> Change:
     return lambda d, _: d.update(values)
 
 
+def light(data: dict[str, Any], _: ReadingBlock) -> None:
+    data["light_masses"] = True
+    data["cases"][0]["masses_g"] = {"FDP": 0.95}
+
+
 def overloaded(data: dict[str, Any], _: ReadingBlock) -> None:
     """More than the published protocol hangs on FDP, though less than anything else would remark."""
     data["protocol"] = "synek2019"
@@ -186,7 +191,8 @@ DEFECTS: dict[str, tuple[Change, str, str]] = {
     "gain": (scaled(1.05), "warning", "weight_gain"),
     "gain changed": (scaled(0.97, after_s=40.0), "warning", "weight_change"),
     "crosstalk": (leak, "warning", "weight_crosstalk"),
-    "kg": (every_case(masses_g={"FDP": 0.95}), "warning", "mass_units"),
+    "kg": (every_case(masses_g={"FDP": 0.95}), "error", "session"),
+    "kg, said to be meant": (light, "warning", "mass_units"),
     "newton": (case(masses_g={"FDP": 9.32}), "warning", "mass_units"),
     "beyond": (case(masses_g={"FDP": 1500}), "warning", "load_beyond_protocol"),
     "no such protocol": (top(protocol="own.yaml"), "warning", "unknown_protocol"),

@@ -244,7 +244,7 @@ def test_everything_optional_survives(tmp_path: Path) -> None:
     assert again.readings_path.is_file()
 
 
-masses = st.dictionaries(st.sampled_from(TENDONS), st.floats(0, 2000), max_size=6)
+masses = st.dictionaries(st.sampled_from(TENDONS), st.just(0.0) | st.floats(1, 2000), max_size=6)
 forces = st.tuples(*[st.floats(-50, 50)] * 3).map(list)
 
 

@@ -428,11 +428,11 @@ def test_a_name_under_specimen_is_refused(tmp_path: Path) -> None:
     assert "Jane" not in line
 
 
-def test_masses_in_kilograms_are_remarked(tmp_path: Path) -> None:
+def test_masses_in_kilograms_are_refused(tmp_path: Path) -> None:
     kilograms = every_case(lambda c: c.update(masses_g={k: m / 1000 for k, m in c["masses_g"].items()}))
     code, found = checked(altered(tmp_path, kilograms))
-    assert code == 0
-    assert ("warning", "mass_units") in found
+    assert code == 2
+    assert ("error", "session") in found
 
 
 @pytest.mark.parametrize(

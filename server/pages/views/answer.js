@@ -8,7 +8,7 @@ const FIGURES = [["residual_map", "Where the model fails"], ["missing_torque", "
 const COLOURS = { found: "good", nothing_missing: "good", one_of: "warn", none_of_catalogue: "warn", undecided: "warn" };
 const name = (r) => r.candidates.join(" + ") || (r.effects.length ? "something else" : "nothing is missing");
 
-export function answer(job, { session, model, add, keep, planned, signal }) {
+export function answer(job, { session, model, add, amend, keep, planned, signal }) {
   const body = job.result;
   const plane = body.judged_in === "sagittal" ? "sagittal" : "space";
   const best = (body.ranking.find((r) => r.candidates.length) || { candidates: [] }).candidates;
@@ -23,8 +23,10 @@ export function answer(job, { session, model, add, keep, planned, signal }) {
   const link = (r) => `${base}/effect?${new URLSearchParams({ name: r.candidates.join(","), job: job.id, ...(model() ? { model: model() } : {}) })}`;
   const sure = body.verdict === "found" || body.verdict === "one_of";
   const out = [
-    body.suspects?.length || body.session_faults?.length ? panel("Suspect load cases", suspects(body, base)) : null,
+    before(body),
+    body.suspects?.length || body.session_faults?.length ? panel("Suspect load cases", suspects(body, base, amend)) : null,
     panel("The verdict", el("p", { class: `verdict ${COLOURS[body.verdict] || ""}` }, body.sentence),
+      body.without_amendments ? quiet(`Without the amendments: ${[words(body.without_amendments.verdict), ...body.without_amendments.effects].join(", ")}, probability ${percent(body.without_amendments.probability)}.`) : null,
       body.probability_of ? el("p", {}, `Probability ${percent(body.probability)}: ${body.probability_of}.`) : null,
       body.reasons.map((r) => el("p", {}, r)), body.notes.map(quiet),
       body.robustness.flips_when.slice(0, 3).map((f) => quiet(`It would be less probable than not if ${f}.`)),
@@ -56,6 +58,13 @@ export function answer(job, { session, model, add, keep, planned, signal }) {
   return out;
 }
 
+// What has to be known before a result: warnings of the check, and what was amended.
+export function before(body) {
+  const warned = (body.warnings || []).map((w) => el("p", { class: "warn" }, `${w.place}: ${w.words}`));
+  const amended = (body.amendments || []).map((a) => el("p", {}, `${a.case} is amended: ${a.words}. ${a.why}`));
+  return warned.length || amended.length ? panel("Before you read on", warned, amended) : null;
+}
+
 function ranking(body, link) {
   const rows = body.ranking.filter((r) => r.log_evidence_gain !== null && (r.probability >= 0.01 || !r.effects.length)).slice(0, 12);
   return table([
@@ -68,16 +77,22 @@ function ranking(body, link) {
   ], rows, { caption: `${body.candidates_searched} explanations searched, fitted or by the linearised model. A name leads to what the effect is.` });
 }
 
-function suspects(body, base) {
+// What is known of the rig by name is amended; a load that is only estimated, or a wrong window, is left out.
+const LEFT_OUT = new Set(["amount", "window"]);
+
+function suspects(body, base, amend) {
+  const like = (s) => s.reads_like.map((r) => el("div", {}, `${r.words} (${percent(r.probability)}) `,
+    el("button", { class: "small no-print", "aria-label": `${s.case}: ${LEFT_OUT.has(r.kind) ? "leave out" : "amend"}, ${r.words}`, onclick: () => amend(s.case, r, LEFT_OUT.has(r.kind)) },
+      LEFT_OUT.has(r.kind) ? "Leave it out" : "Amend")));
   const without = (s) => [words(s.verdict_without?.verdict), ...(s.verdict_without?.effects || [])].filter(Boolean).join(", ");
   return [
     (body.session_faults || []).map((f) => el("p", {}, `The whole session: ${f.words} (probability ${percent(f.probability)}).`)),
     body.suspects?.length ? table([
       { title: "load case", cell: (s) => el("a", { href: `${base}/compare?${new URLSearchParams({ case: s.case })}` }, s.case) },
       { title: "probability that it is bad", n: true, cell: (s) => percent(s.probability) },
-      { title: "reads like", wrap: true, cell: (s) => s.reads_like.map((r) => r.words).join("; ") || "" },
+      { title: "reads like", wrap: true, cell: (s) => (s.reads_like.length ? like(s) : "nothing known; look at its notes") },
       { title: "verdict without it", wrap: true, cell: without },
-    ], body.suspects, { caption: "They count for nothing in the verdict. Look at their masses, tendons and postures." }) : null,
+    ], body.suspects, { caption: "They count for nothing in the verdict. An amendment keeps the entry and can be undone; search again after it." }) : null,
   ];
 }
 

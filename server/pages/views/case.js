@@ -39,6 +39,7 @@ export function oneCase({ session, path, model, changed, signal }) {
     const traces = el("div");
     const where = `${path}/cases/${encodeURIComponent(c.id)}`;
     fill(node, el("h2", {}, `${c.id}: ${masses(c.masses_g)}, ${words(c.posture)}, ${c.location}`),
+      (c.amended || []).map((a) => el("p", {}, `Amended (entered: ${masses(c.entered)}): ${a.why}`)),
       c.why ? el("p", { class: "warn" }, `${words(c.state)}: ${c.why}`) : null,
       el("p", {}, el("span", { class: "big" }, `${number(norm(c.measured_N), 2)} N`), " measured; ",
         c.blinded ? "the prediction is hidden until the bench closes the session" : c.predicted_N ? `${number(norm(c.predicted_N), 2)} N predicted by ${model() || "the session's own model"}` : "no prediction"),

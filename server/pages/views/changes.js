@@ -1,9 +1,9 @@
 // What was changed of a session, by whom, and each change's undo.
 import { get, post } from "../api.js";
 import { el, fill, notice, problem, quiet, table } from "../dom.js";
-import { when } from "../format.js";
+import { masses, when, words } from "../format.js";
 
-const NAMES = { windows: "window moved", exclude: "left out", include: "taken in again", case: "load case added", plan: "proposed to measure", undo: "undone" };
+const NAMES = { windows: "window moved", exclude: "left out", include: "taken in again", amend: "amended", case: "load case added", plan: "proposed to measure", undo: "undone" };
 
 /**
  * The list of changes; `edit` awaits a change, tells of it with an undo, and calls `done`.
@@ -66,5 +66,6 @@ function said(e) {
   if (e.kind === "exclude") return e.body.reason;
   if (e.kind === "windows") return Object.entries(e.body).map(([k, v]) => `${k.replace("_s", "").replaceAll("_", " ")}: ${v ? `${v[0]} to ${v[1]} s` : "none"}`).join("; ");
   if (e.kind === "plan") return e.body.why || "";
+  if (e.kind === "amend") return e.body.amendments.map((a) => `${a.case}: ${[a.masses_g ? masses(a.masses_g) : "", a.posture ? words(a.posture) : ""].filter(Boolean).join(", ")}; ${a.why}`).join("; ");
   return "";
 }

@@ -3,6 +3,7 @@ import { at, get } from "../api.js";
 import { el, empty, fill, panel, problem, quiet, table } from "../dom.js";
 import { compact, masses, norm, number, vector, words } from "../format.js";
 import { figure } from "../plot.js";
+import { before } from "./answer.js";
 import { oneCase } from "./case.js";
 import { changes } from "./changes.js";
 import { models } from "./models.js";
@@ -87,7 +88,7 @@ export async function view(main, { session, asked }) {
       const names = Object.entries(body[state]);
       if (names.length) told.push(`${names.length} ${state}: ${names.slice(0, 3).map(([i, why]) => `${i} (${why})`).join("; ")}${names.length > 3 ? " …" : ""}`);
     }
-    fill(head, quiet(`Model ${body.model}; friction factor c = ${number(body.tension_factor, 3)}, ${body.tension_factor_source}; axes x proximal, y dorsal, z radial.`),
+    fill(head, before(body), quiet(`Model ${body.model}; friction factor c = ${number(body.tension_factor, 3)}, ${body.tension_factor_source}; axes x proximal, y dorsal, z radial.`),
       told.map((t) => el("p", { class: "warn" }, t)), body.notes.map(quiet));
     const shown = value(plane) || (body.judged_in === "sagittal" ? "sagittal" : "space");
     const found = Object.entries(body[value(by)]);

@@ -47,7 +47,19 @@ export async function view(main, { session, asked }) {
 
   function show(job) {
     shown = job;
-    fill(found, answer(job, { session, model: () => revision(job.result), add, keep, planned, signal: away.signal }));
+    fill(found, answer(job, { session, model: () => revision(job.result), add, amend, keep, planned, signal: away.signal }));
+  }
+
+  async function amend(id, like, leftOut) {
+    const where = `${path}/cases/${encodeURIComponent(id)}`;
+    const why = `Its reading looks so: ${like.words}`;
+    const body = like.exchanged_with ? { exchanged_with: like.exchanged_with, why } : { masses_g: like.masses_g, posture: like.posture, why };
+    try {
+      const done = await (leftOut ? post(`${where}/exclude`, { reason: why }) : post(`${where}/amend`, body));
+      notice(new Error(`${id} is ${leftOut ? "left out" : "amended"}: ${like.words}. Search again to see what changes.`), "good", ["Undo", async () => {
+        try { await post(`${path}/edits/${done.edit}/undo`); } catch (error) { notice(error); }
+      }]);
+    } catch (error) { notice(error); }
   }
 
   async function keep(document_) {

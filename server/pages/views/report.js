@@ -3,6 +3,7 @@ import { at, get } from "../api.js";
 import { el, fill, problem, quiet, table } from "../dom.js";
 import { compact, masses, norm, number, percent, vector, when, within, withUnit, words } from "../format.js";
 import { figure } from "../plot.js";
+import { before } from "./answer.js";
 
 // Of a figure on the screen; on paper it is scaled down to the page.
 const WIDTH = 960;
@@ -42,7 +43,7 @@ export async function view(main, { session, asked }) {
   fill(sheet, el("p", { class: "title" }, `${session}: predicted and measured forces`),
     quiet(`Model ${body.model}; friction factor c = ${number(body.tension_factor, 3)}, ${body.tension_factor_source}; axes x proximal, y dorsal, z radial. Made ${when(new Date().toISOString())}.`),
     job?.result ? part("Verdict", el("p", { class: "verdict" }, job.result.sentence),
-      job.result.probability_of ? el("p", {}, `Probability ${percent(job.result.probability)}: ${job.result.probability_of}.`) : null, suspects(job.result), job.result.reasons.map((r) => el("p", {}, r)), job.result.notes.map(quiet)) : null,
+      job.result.probability_of ? el("p", {}, `Probability ${percent(job.result.probability)}: ${job.result.probability_of}.`) : null, before(job.result), suspects(job.result), job.result.reasons.map((r) => el("p", {}, r)), job.result.notes.map(quiet)) : null,
     part("Summary", body.notes.map(quiet), table([
       { title: "cases", cell: ([k]) => words(k).replace("/", " at the ") }, { title: "", cell: ([k]) => (k.startsWith("validation") ? "not fitted" : "fitted") },
       { title: "number", n: true, cell: ([, e]) => String(e[plane].cases) }, { title: "RMSE [N]", n: true, cell: ([, e]) => number(e[plane].rmse_N) },
@@ -73,7 +74,8 @@ export async function view(main, { session, asked }) {
 }
 
 function suspects(body) {
-  const named = (body.suspects || []).map((s) => `${s.case} (${percent(s.probability)})`);
+  const like = (s) => (s.reads_like.length ? `; reads like: ${s.reads_like[0].words}` : "");
+  const named = (body.suspects || []).map((s) => `${s.case} (${percent(s.probability)}${like(s)})`);
   const faults = (body.session_faults || []).map((f) => el("p", {}, `The whole session: ${f.words} (probability ${percent(f.probability)}).`));
   return [named.length ? el("p", {}, `Suspect load case${named.length > 1 ? "s" : ""}: ${named.join(", ")}.`) : null, faults];
 }

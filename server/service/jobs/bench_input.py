@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import ModelError
@@ -60,7 +60,7 @@ class BenchInput:
         """Make it of a session; windows that its cases do not use are left out."""
         from daq.corrections import windows_of
 
-        document = session.model_dump(mode="json", exclude_none=True)
+        document = session.entered.model_dump(mode="json", exclude_none=True)
         used = {window: plateaus[window] for window in windows_of(session)}
         return cls(document, used, notes, model, effects, readings_sha256)
 
@@ -94,22 +94,28 @@ class BenchInput:
             raise faults[0]
         return assemble(session, self.plateaus, self.notes)
 
-    def open(self, *, catalogue: bool = False, effects: Sequence[Effect] = ()) -> Bench:
+    def open(self, *, catalogue: bool = False, effects: Sequence[Effect] = (), as_entered: bool = False) -> Bench:
         """Load the model and hold it against the session.
 
         Args:
             catalogue: whether the model shall hold the catalogue's effects, at their null.
             effects: more effects of the user's, which come with the catalogue.
+            as_entered: whether amendments are passed over.
 
         Raises:
             InputError: session, model or effects cannot be used.
         """
+        from daq.checks import warnings_of
         from fingermodel.effects.user import effect_from_dict
         from server.workflow import bench_of, prepare_jax
 
         prepare_jax()
         own = [effect_from_dict(dict(document), "the session's own effect") for document in self.effects]
-        return bench_of(self.measured(), self._model(), catalogue=catalogue, effects=[*own, *effects])
+        measured = self.measured()
+        if as_entered:
+            measured = measured.as_entered
+        bench = bench_of(measured, self._model(), catalogue=catalogue, effects=[*own, *effects])
+        return replace(bench, findings=warnings_of(measured, self.plateaus))
 
     def _model(self) -> Finger | Revision:
         """The model itself: no name in a document is ever taken for a path."""

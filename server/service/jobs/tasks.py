@@ -158,10 +158,14 @@ def add(payload: AddInput, tell: Tell) -> Answer:
 
 def diagnose(payload: DiagnoseInput, tell: Tell) -> Answer:
     """Say where the model fails and what is missing, and return `body`."""
-    from server.commands.diagnosis import diagnosis_answer
+    from server.commands.diagnosis import bare_verdict, diagnosis_answer, run_diagnosis
 
     bench, diagnosis = _diagnosed(payload.bench, payload.thorough, tell)
-    return _answer("diagnose", diagnosis_answer(bench, diagnosis, payload.frozen), payload.bench)
+    body = diagnosis_answer(bench, diagnosis, payload.frozen)
+    if bench.measured.session.amendments:
+        entered = payload.bench.open(catalogue=True, as_entered=True)
+        body["without_amendments"] = bare_verdict(run_diagnosis(entered, payload.thorough))
+    return _answer("diagnose", body, payload.bench)
 
 
 def pooled(payload: PooledInput, tell: Tell) -> Answer:

@@ -7,15 +7,19 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query, Request, Response
 from sqlalchemy import select
 
+from daq.amendments import amendment, case_of, exchanged
+from daq.checks import warnings_of
 from daq.errors import InputError
 from server.service.answers import JsonAnswer
 from server.service.importing import import_folder
+from server.service.measuring import Measured
 from server.service.planned import planned_steps
 from server.service.problems import ProblemError
 from server.service.records import steps_of, undone_edits
 from server.service.schema import streams
 from server.service.schemas.common import CaseId, Limit, SessionId, Shown, documented
 from server.service.schemas.sessions import (
+    Amended,
     Author,
     CaseList,
     CaseShown,
@@ -178,6 +182,23 @@ def include(session: SessionId, case: CaseId, body: Author, request: Request) ->
     return _edited(of(request), session, "include", case, {}, author=body.author)
 
 
+@kept.post("/{session}/cases/{case}/amend", responses=documented(Edited))
+def amend(session: SessionId, case: CaseId, body: Amended, request: Request) -> JsonAnswer:
+    """Say what a load case really was; its entry is kept, everything heeds the amendment, and it can be undone."""
+    parts = of(request)
+    known = parts.sessions.read(session).session()
+    if body.exchanged_with is not None:
+        if body.masses_g is not None or body.posture is not None:
+            raise ProblemError(422, "exchanged_with beside another change", "one of them", "Amend in two steps")
+        made = list(exchanged(known, case, body.exchanged_with, body.why))
+    else:
+        here = case_of(known.amended, case)
+        gone = dict.fromkeys(here.masses_g, 0.0) if body.masses_g is not None else {}
+        made = [amendment(known, case, body.why, masses_g=gone | (body.masses_g or {}), posture=body.posture)]
+    kept_as = [a.model_dump(mode="json", exclude_none=True, exclude={"at"}) for a in made]
+    return _edited(parts, session, "amend", case, {"amendments": kept_as}, author=body.author)
+
+
 @kept.get("/{session}/edits", responses=documented(EditList))
 def edit_list(session: SessionId, request: Request) -> JsonAnswer:
     """Return every change that was made after the bench, with those that are taken back."""
@@ -229,6 +250,14 @@ def _case(parts: Services, session: str, case: str) -> dict[str, Any]:
     return found
 
 
+def _warned(measured: Measured) -> list[dict[str, str]]:
+    """What a check warns of, as far as the session is measured."""
+    if measured.measured is None:
+        return []
+    found = warnings_of(measured.measured, measured.plateaus)
+    return [{"code": f.code, "place": f.where, "words": f.text} for f in found]
+
+
 def _shown(parts: Services, session: str) -> dict[str, Any]:
     measured = parts.measuring.of(session)
     record = measured.record
@@ -257,4 +286,5 @@ def _shown(parts: Services, session: str) -> dict[str, Any]:
         ],
         "cases": {s: states.count(s) for s in dict.fromkeys(states)},
         "problem": problem,
+        "warnings": _warned(measured),
     }

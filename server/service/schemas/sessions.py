@@ -200,6 +200,20 @@ class Exclusion(Form):
     author: Name | None = None
 
 
+class Amended(Form):
+    """What a load case really was, where it was entered wrongly; the entry is kept."""
+
+    masses_g: dict[Annotated[str, Field(max_length=40)], Annotated[float, Field(ge=0.0, le=1e6)]] | None = Field(
+        None, max_length=40, description="Everything that hung [g].", examples=[{"FDS": 950.0}]
+    )
+    posture: Annotated[str, Field(max_length=200)] | None = Field(None, description="The posture that was really set.")
+    exchanged_with: Annotated[str, Field(max_length=100)] | None = Field(
+        None, description="Another case, entered in this one's place; nothing else then."
+    )
+    why: Reason
+    author: Name | None = None
+
+
 class Author(Form):
     """Who does it."""
 

@@ -130,6 +130,67 @@ def test_an_undone_edit_leaves_nothing_behind_and_an_undo_can_be_undone(fresh: S
     ]  # fmt: skip
 
 
+def test_an_amendment_is_heeded_kept_beside_the_entry_and_undone(fresh: ServiceReceiver) -> None:
+    client = fresh.client()
+    upload(client, RECORDED)
+    path = f"{AT}/{RECORDED}"
+    before = client.get(f"{path}/comparison").json()
+    case = before["cases"][0]
+    made = client.post(
+        f"{path}/cases/{case['id']}/amend", json={"masses_g": {"FDS": 950.0}, "why": "a photo", "author": "A"}
+    )
+    assert made.status_code == 200
+    assert made.json()["case"]["masses_g"] == {"FDS": 950.0}
+    assert made.json()["case"]["entered"] == case["masses_g"]
+    after = client.get(f"{path}/comparison").json()
+    assert after["cases"][0]["predicted_N"] != case["predicted_N"]
+    assert after["cases"][0]["measured_N"] == case["measured_N"]
+    assert after["cases"][1:] == before["cases"][1:]
+    assert after["amendments"][0]["entered"] == {"masses_g": case["masses_g"]}
+    kept = client.get(f"{path}/document").json()
+    assert kept["cases"][0]["masses_g"] == case["masses_g"]
+    assert (kept["amendments"][0]["why"], kept["amendments"][0]["by"]) == ("a photo", "A")
+    client.post(f"{path}/edits/{made.json()['edit']}/undo", json={}).raise_for_status()
+    assert client.get(f"{path}/comparison").json()["cases"] == before["cases"]
+
+
+def test_two_cases_are_exchanged_in_one_edit(fresh: ServiceReceiver) -> None:
+    client = fresh.client()
+    client.post(AT, json={"id": "S1", "document": small(cases=4)}).raise_for_status()
+    path = f"{AT}/S1"
+    cases = client.get(f"{path}/cases").json()["cases"]
+    a, b = cases[0], next(c for c in cases if c["masses_g"] != cases[0]["masses_g"])
+    done = client.post(f"{path}/cases/{a['id']}/amend", json={"exchanged_with": b["id"], "why": "the sheet"})
+    done.raise_for_status()
+    now = {c["id"]: c["masses_g"] for c in client.get(f"{path}/comparison").json()["cases"]}
+    assert (now[a["id"]], now[b["id"]]) == (b["masses_g"], a["masses_g"])
+    client.post(f"{path}/edits/{done.json()['edit']}/undo", json={}).raise_for_status()
+    now = {c["id"]: c["masses_g"] for c in client.get(f"{path}/comparison").json()["cases"]}
+    assert (now[a["id"]], now[b["id"]]) == (a["masses_g"], b["masses_g"])
+
+
+@pytest.mark.parametrize(
+    ("body", "status"),
+    [
+        ({"why": "x"}, 422),
+        ({"masses_g": {"FDS": 5.0}}, 422),
+        ({"posture": "fist", "why": "x"}, 422),
+        ({"masses_g": {"FDS": 0.5}, "why": "x"}, 422),
+        ({"masses_g": {"ABC": 50.0}, "why": "x"}, 422),
+        ({"exchanged_with": "c9", "why": "x"}, 422),
+        ({"exchanged_with": "c002", "posture": "hook", "why": "x"}, 422),
+    ],
+)
+def test_an_amendment_that_cannot_be_changes_nothing(
+    service: ServiceReceiver, body: dict[str, Any], status: int
+) -> None:
+    path = f"{AT}/{PUBLISHED}"
+    case = service.client().get(f"{path}/cases").json()["cases"][0]["id"]
+    answer = service.client().post(f"{path}/cases/{case}/amend", json=body)
+    assert answer.status_code == status
+    assert service.client().get(f"{path}/edits").json()["edits"] == []
+
+
 def test_an_edit_that_would_make_the_session_unusable_changes_nothing(fresh: ServiceReceiver) -> None:
     client = fresh.client()
     upload(client, RECORDED)

@@ -1,0 +1,105 @@
+"""Slips as explanations: what they predict, and each case against all others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fingermodel.diagnosis.posterior.fitting import Fitter
+from fingermodel.diagnosis.posterior.gaussian import add_one, root_of
+from fingermodel.diagnosis.posterior.hyper import Hyperparameters
+from fingermodel.diagnosis.posterior.linearised import OWN
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.bad_cases import Apart
+from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
+from fingermodel.diagnosis.session_model.session import session_of
+from fingermodel.diagnosis.session_model.slips import Slips
+from fingermodel.diagnosis.settings import SLIP_SHARES
+from server.workflow import open_bench
+
+
+@pytest.fixture(scope="module")
+def nothing() -> Optimum:
+    bench = open_bench("DEV-01", catalogue=True)
+    session = session_of(bench.model, bench.observations)
+    fitter = Fitter(session, Candidates.of(bench.model), Hyperparameters.of(session))
+    return fitter.fit(NOTHING, session.problem.centre, fitter.hyper.start(0))
+
+
+def test_a_case_against_all_others_is_the_dense_gaussian(nothing: Optimum) -> None:
+    node, session = nothing.best, nothing.session
+    values = nothing.hyper.values(node)
+    n = len(nothing.residual)
+    covariance, y = np.zeros((n, n)), nothing.residual.copy()
+    for rows, blocks in session.fitted_noise.covariances(values.scatter, values.noise, ()):
+        covariance[rows[:, :, None], rows[:, None, :]] = blocks
+    for name in [*nothing.acting(node), OWN]:
+        columns = nothing.block(name, session.fitted, nothing.slopes)
+        covariance += nothing.width(name, node) ** 2 * columns @ columns.T
+        y += columns @ nothing.place(name)
+    case = int(session.fitted_noise.cases[40])
+    own = np.flatnonzero(session.fitted_noise.cases == case)
+    rest = np.flatnonzero(session.fitted_noise.cases != case)
+    weights = np.linalg.solve(covariance[np.ix_(rest, rest)], covariance[np.ix_(rest, own)]).T
+    found = nothing.left_out(node)[case]
+    assert found.away == pytest.approx(y[own] - weights @ y[rest], abs=1e-5)
+    expected = covariance[np.ix_(own, own)] - weights @ covariance[np.ix_(rest, own)]
+    assert found.covariance == pytest.approx(expected, rel=1e-4, abs=1e-8)
+
+
+def test_every_slip_says_something_else_than_the_entry(nothing: Optimum) -> None:
+    slips = Slips(nothing.session)
+    observations = nothing.session.observations
+    for case in range(0, len(observations.ids), 7):
+        found = slips.of(case)
+        tension = np.asarray(observations.inputs.tension)[case]
+        for slip in found:
+            same = np.allclose(slip.tension, tension) and slip.posture == observations.postures[case]
+            assert not same or slip.sign != 1.0
+        assert sum(s.share for s in found) <= 1.0 - SLIP_SHARES["anything"] - SLIP_SHARES["amount"] + 1e-9
+        assert len({s.words for s in found}) == len(found)
+
+
+def test_a_reading_of_another_entry_is_told_by_it(nothing: Optimum) -> None:
+    slips, session = Slips(nothing.session), nothing.session
+    case = session.observations.ids.index("c056")
+    apart = nothing.left_out(nothing.best)[case]
+    asked = slips.of(case)
+    changes = slips.changes([(case, s) for s in asked], nothing.theta)
+    for slip, change in zip(asked, changes, strict=True):
+        size = np.linalg.norm(change[apart.rows][:3])
+        if slip.partner is not None or size < 0.3:
+            continue
+        moved = Apart(case, apart.rows, change[apart.rows], apart.covariance, apart.anything)
+        best, probability, chi_square = slips.explain({case: moved}, nothing.theta, 0.0)[case].slips[0]
+        assert chi_square < 1.0
+        alike = np.linalg.norm(slips.changes([(case, best)], nothing.theta)[0][apart.rows] - change[apart.rows])
+        assert best.kind == "amount" or alike < 0.3 * size
+        assert probability > 0.05
+
+
+@given(
+    st.integers(2, 12),
+    st.integers(0, 2**32 - 1),
+    st.floats(-8.0, 8.0),
+    st.floats(0.0, 9.0),
+)
+def test_steep_and_nearly_collinear_columns_end_no_factorisation(
+    size: int, seed: int, log_scale: float, log_spread: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    first = rng.normal(size=(40, 1)) * 10.0**log_scale
+    columns = first + rng.normal(size=(40, size)) * 10.0 ** (log_scale - log_spread)
+    gram = columns.T @ columns
+    add_one(gram)
+    assert np.isfinite(np.linalg.cholesky(gram)).all()
+    covariance = columns @ columns.T
+    root = root_of(covariance)
+    assert root @ root.T == pytest.approx(covariance, abs=1e-5 * np.trace(covariance))
+
+
+def test_a_covariance_that_is_not_finite_is_refused() -> None:
+    with pytest.raises(np.linalg.LinAlgError, match="not finite"):
+        root_of(np.array([[1.0, np.nan], [np.nan, 1.0]]))

@@ -1,0 +1,78 @@
+"""Slips of the pen in simulated sessions: which case is wrong, what was really done, and what stands beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from server.commands.diagnosis import diagnosis_answer, run_diagnosis
+from server.workflow import open_bench
+from tests.simulator import draw_session
+from tests.simulator.protocols import PROTOCOLS
+from tests.simulator.slips import Done
+
+
+def diagnosed(folder: Path) -> dict[str, Any]:
+    bench = open_bench(folder, catalogue=True)
+    return diagnosis_answer(bench, run_diagnosis(bench))
+
+
+@pytest.mark.parametrize(
+    ("kind", "effects", "scatter"),
+    [("posture", {}, 0.01), ("exchanged", {"hanger_mass": 40.0}, 0.01), ("kept", {}, 0.0), ("tare", {}, 0.01)],
+)
+def test_the_case_is_named_and_what_was_done(
+    tmp_path: Path, kind: str, effects: dict[str, Any], scatter: float
+) -> None:
+    done = Done(51, scatter, kind)
+    draw_session(tmp_path, 51, effects, nuisance_scale=0.8, done=done)
+    found = diagnosed(tmp_path)
+    wrong = done.wrong(PROTOCOLS["dev"]())
+    assert {s["case"] for s in found["suspects"]} == set(wrong)
+    truth = {c.id: c for c in PROTOCOLS["dev"]().cases}
+    for suspect in found["suspects"]:
+        assert suspect["probability"] > 0.9
+        like = suspect["reads_like"][0]
+        if kind == "tare":
+            assert like["kind"] in ("window", "mass", "unloaded")
+        else:
+            assert like["posture"] == truth[suspect["case"]].posture
+            assert like["masses_g"] == pytest.approx(truth[suspect["case"]].masses_g)
+        if kind == "exchanged":
+            assert {suspect["case"], like["exchanged_with"]} == set(wrong)
+    assert found["verdict"] == ("found" if effects else "nothing_missing")
+    assert set(found["effects"]) == set(effects)
+
+
+def test_a_validation_case_with_a_slip_is_named_and_does_not_veto(tmp_path: Path) -> None:
+    draw_session(tmp_path, 52, {"hanger_mass": 40.0}, nuisance_scale=0.8)
+    file = tmp_path / "session.yaml"
+    document = yaml.safe_load(file.read_text(encoding="utf-8"))
+    case = next(c for c in document["cases"] if c["role"] == "validation" and c["location"] == "tip")
+    (wrong, grams), *_ = case["masses_g"].items()
+    case["masses_g"][wrong] = 0.4 * grams
+    file.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    found = diagnosed(tmp_path)
+    assert [(s["case"], s["role"]) for s in found["suspects"]] == [(case["id"], "validation")]
+    assert (found["verdict"], found["effects"]) == ("found", ["hanger_mass"])
+
+
+@pytest.mark.parametrize("effects", [{}, {"hanger_mass": 40.0}])
+def test_tendons_exchanged_throughout_are_a_fault_of_the_session(tmp_path: Path, effects: dict[str, Any]) -> None:
+    draw_session(tmp_path, 53, effects, nuisance_scale=0.8)
+    file = tmp_path / "session.yaml"
+    document = yaml.safe_load(file.read_text(encoding="utf-8"))
+    other = {"FDP": "FDS", "FDS": "FDP"}
+    for case in document["cases"]:
+        case["masses_g"] = {other.get(m, m): g for m, g in case["masses_g"].items()}
+    file.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    found = diagnosed(tmp_path)
+    fault = found["session_faults"][0]
+    assert (fault["kind"], fault["words"]) == ("tendon_labels", "FDP and FDS were exchanged throughout")
+    assert fault["probability"] > 0.9
+    # What would make up for it is no finding.
+    assert found["effects"] == []
+    assert "exchanged throughout" in found["reasons"][0]

@@ -1,0 +1,92 @@
+"""`fingertwin amend`, and what the other commands say of it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from daq.locations import data_dir
+from tests.server.test_cli import refused, run
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    out = tmp_path / "H01"
+    shutil.copytree(data_dir() / "sessions" / "synek2019_H01", out)
+    return out
+
+
+def amended(folder: Path, *arguments: str) -> dict[str, Any]:
+    answer = run("amend", folder, *arguments, "--json", "-")
+    assert (answer.code, answer.err) == (0, "")
+    body: dict[str, Any] = json.loads(answer.out)
+    assert body["schema"] == "fingertwin/amend/1"
+    return body
+
+
+def entry(folder: Path, case: str = "") -> dict[str, Any]:
+    cases = run("compare", folder, "--json", "-").body("compare")["cases"]
+    found: dict[str, Any] = next(c for c in cases if not case or c["id"] == case)
+    return found
+
+
+def test_an_amendment_is_made_shown_and_taken_back(folder: Path) -> None:
+    before = entry(folder)
+    name, ((tendon, grams),) = before["id"], before["masses_g"].items()
+    other = "FDS" if tendon != "FDS" else "FDP"
+    body = amended(folder, name, "--tendon", f"{other}={tendon}", "--why", "the photo shows it", "--by", "A")
+    assert [a["case"] for a in body["amendments"]] == body["made"] == [name]
+    after = entry(folder, name)
+    assert after["masses_g"] == {other: grams}
+    assert after["predicted_N"] != before["predicted_N"]
+    shown = run("compare", folder)
+    assert shown.out.startswith(f"Amended {name}: {other} {grams:g} g hung (entered: {tendon} {grams:g} g); the photo")
+    assert run("amend", folder).out.startswith(f"Amended {name}")
+    taken = run("amend", folder, name, "--undo")
+    assert taken.code == 0
+    assert "Taken back" in taken.out
+    assert entry(folder, name) == before
+    assert run("amend", folder).out == "synek2019_H01: nothing is amended.\n"
+
+
+def test_two_cases_are_exchanged_and_one_is_left_out(folder: Path) -> None:
+    cases = run("compare", folder, "--json", "-").body("compare")["cases"]
+    a, b = cases[0], next(c for c in cases if c["masses_g"] != cases[0]["masses_g"])
+    amended(folder, a["id"], "--exchange", b["id"], "--why", "entered in the other order")
+    assert entry(folder, a["id"])["masses_g"] == b["masses_g"]
+    assert entry(folder, b["id"])["masses_g"] == a["masses_g"]
+    amended(folder, cases[5]["id"], "--exclude", "--why", "the suture slipped")
+    assert cases[5]["id"] not in {c["id"] for c in run("compare", folder, "--json", "-").body("compare")["cases"]}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "saying", "instead"),
+    [
+        (["c999", "--exclude", "--why", "x"], "no case c999", "the id of a load case"),
+        (["CASE", "--exclude"], "without a reason", "--why"),
+        (["CASE", "--why", "x"], "nothing to amend", "--tendon"),
+        (["CASE", "--mass", "FDP", "--why", "x"], "'FDP'", "TENDON=GRAMS"),
+        (["CASE", "--mass", "FDP=heavy", "--why", "x"], "no mass", "FDP=950"),
+        (["CASE", "--mass", "FDP=-5", "--why", "x"], "-5 g", "0 g or more"),
+        (["CASE", "--mass", "FDP=0.95", "--why", "x"], "0.95 g", "1 g or more"),
+        (["CASE", "--undo"], "no amendment", "fingertwin amend"),
+        (["CASE", "--undo", "--exclude"], "--undo beside", "one of them"),
+        (["CASE", "--exchange", "CASE", "--why", "x"], "the same entry", "two that differ"),
+    ],
+)
+def test_what_cannot_be_amended_is_one_line_and_changes_nothing(
+    folder: Path, arguments: list[str], saying: str, instead: str
+) -> None:
+    name = entry(folder)["id"]
+    refused("amend", folder, *(name if a == "CASE" else a for a in arguments), saying=saying, instead=instead)
+    assert not (folder / "amendments.yaml").exists()
+
+
+def test_a_session_that_comes_with_the_software_stays_as_it_is() -> None:
+    refused(
+        "amend", "synek2019_H01", "c001", "--exclude", "--why", "x", saying="comes with the software", instead="yours"
+    )
