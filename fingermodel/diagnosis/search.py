@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,9 +166,13 @@ class Searcher:
 
     def _bad_odds(self, host: Optimum) -> dict[int, float]:
         """Log odds of each case to be bad, summed over nodes in which scatter, noise and smooth explain less."""
-        best, hyper = host.best, self._hyper
-        lower = [sorted({i, hyper.axes[k].mode, (i + hyper.axes[k].mode) // 2}) for k, i in enumerate(best[:FORMS])]
-        nodes = [(*some, *best[FORMS:]) for some in product(*lower)]
+        best = host.best
+        modes = [axis.mode for axis in self._hyper.axes]
+        usual = [(mode, (i + mode) // 2) for i, mode in zip(best[:FORMS], modes, strict=False)]
+        # All that a bad case may have raised, half or whole: together, or one by one.
+        together = [tuple(pair[k] for pair in usual) for k in (0, 1)]
+        single = [(*best[:a], i, *best[a + 1 : FORMS]) for a, pair in enumerate(usual) for i in pair]
+        nodes = [(*some, *best[FORMS:]) for some in dict.fromkeys([best[:FORMS], *together, *single])]
         joint = np.array([host.log_joint(node) for node in nodes])
         total = float(logsumexp([host.log_posterior, *joint]))
         gains = [host.log_odds_bad(node) for node in nodes]

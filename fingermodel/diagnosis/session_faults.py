@@ -99,14 +99,20 @@ def session_faults(session: Session, candidates: Candidates, posterior: Posterio
 
 
 def _log_posterior(session: Session, candidates: Candidates, posterior: Posterior, offer: _Corrected) -> float:
-    """Of the base model with a fault put right."""
+    """Of the base model with a fault put right, and of one effect beside it."""
     other = session_of(session.model, offer.observations, session.plane)
     other = replace(other, problem=replace(other.problem, free=session.problem.free))
     nothing = posterior.nothing
     fitter = Fitter(other, candidates, nothing.hyper)
     first = fitter.fit(NOTHING, session.problem.centre, nothing.hyper.start(0))
     again = replace(fitter, session=other.seen_from(first.theta))
-    return again.fit(NOTHING, first.theta, first.mode).log_posterior + offer.log_density
+    base = again.fit(NOTHING, first.theta, first.mode)
+    # An effect may act as well: the one that the base promises most.
+    node = base.hyper.without_smooth(base.best)
+    promised = base.promises(candidates.singles, [base.best, node])
+    best = candidates.singles[int(np.argmax(promised + [candidates.log_prior(e) for e in candidates.singles]))]
+    beside = again.fit(best, base.expected(best, node), node)
+    return float(np.logaddexp(base.log_posterior, beside.log_posterior)) + offer.log_density
 
 
 def _missed(session: Session, observations: Observations) -> float:

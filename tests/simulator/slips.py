@@ -13,6 +13,10 @@ from tests.simulator.situation import Case
 KINDS = ("tendon", "mass", "digit", "posture", "exchanged", "kept", "amount", "tare")
 
 
+# Of these the entry is as it was planned.
+_DONE = ("kept", "tare")
+
+
 @dataclass(frozen=True)
 class Done:
     """A protocol as it was carried out, and as the session states it.
@@ -38,10 +42,10 @@ class Done:
         ]
         stated = list(plan.cases)
         for index, entry in self._slipped(plan).items():
-            stated[index] = replace(stated[index], masses_g=entry.masses_g, posture=entry.posture)
-            if self.kind == "tare":
-                # Less a tare that holds the load too, nothing is left.
-                done[index] = replace(done[index], masses_g={})
+            if self.kind in _DONE:
+                done[index] = replace(done[index], masses_g=entry.masses_g)
+            else:
+                stated[index] = replace(stated[index], masses_g=entry.masses_g, posture=entry.posture)
         return replace(plan, cases=tuple(done)), replace(plan, cases=tuple(stated))
 
     def wrong(self, plan: Protocol) -> tuple[str, ...]:
@@ -49,7 +53,7 @@ class Done:
         return tuple(plan.cases[i].id for i in self._slipped(plan))
 
     def _slipped(self, plan: Protocol) -> dict[int, Case]:
-        """What is entered in the cases that are stated wrongly, by index."""
+        """What is entered, or done where that is what goes wrong, in the cases that are stated wrongly, by index."""
         if self.kind is None:
             return {}
         rng = np.random.default_rng([self.seed, 78])
@@ -106,12 +110,12 @@ def _posture(rng: np.random.Generator, plan: Protocol, index: int) -> Case | Non
 
 
 def _kept(rng: np.random.Generator, plan: Protocol, index: int) -> Case | None:
-    """A weight of the case before still hung: that case had it, and this one is entered without."""
-    if index == 0 or plan.cases[index - 1].block_start_s != plan.cases[index].block_start_s:
-        return None
+    """The weights of the case before still hung."""
     case, before = plan.cases[index], plan.cases[index - 1]
-    rest = {m: g for m, g in case.masses_g.items() if before.masses_g.get(m) != g}
-    return replace(case, masses_g=rest) if 0 < len(rest) < len(case.masses_g) else None
+    more = {m: g for m, g in before.masses_g.items() if m not in case.masses_g}
+    if index == 0 or before.block_start_s != case.block_start_s or not more:
+        return None
+    return replace(case, masses_g={**case.masses_g, **more})
 
 
 def _amount(rng: np.random.Generator, plan: Protocol, index: int) -> Case | None:
@@ -122,7 +126,8 @@ def _amount(rng: np.random.Generator, plan: Protocol, index: int) -> Case | None
 
 
 def _tare(rng: np.random.Generator, plan: Protocol, index: int) -> Case | None:
-    return plan.cases[index]
+    """The tare was taken with the weight on: less that, nothing is left."""
+    return replace(plan.cases[index], masses_g={})
 
 
 _SLIPS: dict[str, Callable[[np.random.Generator, Protocol, int], Case | None]] = {

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart, gain_if_bad
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.settings import AMOUNT, FORM_SCALE, SLIP_SHARES
 from fingermodel.stages import LoadCaseInput
@@ -24,7 +24,6 @@ Kind = Literal["tendon", "mass", "unloaded", "kept", "posture", "exchanged", "wi
 # Factors by which a mass is entered wrongly in another unit, or with its decimal point in another place.
 _UNITS = {
     1000.0: "kg were entered for g",
-    0.001: "g were entered for kg",
     10.0: "a digit is lacking",
     0.1: "a digit is too many",
 }
@@ -203,13 +202,16 @@ class Slips:
             (case, slip) for case in apart for slip in self.of(case) if slip.partner is None or slip.partner in apart
         ]
         changes = self.changes(pairs, theta)
-        gains = [_gain(apart[case], change, scatter) for (case, _), change in zip(pairs, changes, strict=True)]
+        gains = [
+            _gain(apart[case], change[apart[case].rows], scatter)
+            for (case, _), change in zip(pairs, changes, strict=True)
+        ]
         found: dict[int, list[tuple[Slip, float, float]]] = {case: [] for case in apart}
-        for (case, slip), (gain, chi) in zip(pairs, gains, strict=True):
+        for (case, slip), (gain, chi, _) in zip(pairs, gains, strict=True):
             if slip.partner is None:
                 found[case].append((slip, float(np.log(slip.share)) + gain, chi))
         for case in apart:
-            found[case] += self._amounts(apart[case], along[case])
+            found[case] += self._amounts(apart[case], along[case], scatter)
         # Whatever else may have happened to a case, by itself: of two that are exchanged this is no longer to be paid.
         alone = {
             case: float(np.logaddexp(0.0, LOG_PRIOR_ODDS + _all_together(apart[case], slips)))
@@ -217,31 +219,29 @@ class Slips:
         }
         swapped = {
             (case, slip.partner): gain
-            for (case, slip), (gain, _) in zip(pairs, gains, strict=True)
+            for (case, slip), (gain, *_) in zip(pairs, gains, strict=True)
             if slip.partner is not None
         }
-        for (case, slip), (gain, chi) in zip(pairs, gains, strict=True):
+        for (case, slip), (gain, chi, _) in zip(pairs, gains, strict=True):
             if slip.partner is not None:
                 both = gain + swapped[slip.partner, case] - alone[slip.partner]
                 found[case].append((slip, float(np.log(slip.share)) + both, chi))
         return {case: _weighed(apart[case], slips) for case, slips in found.items()}
 
-    def _amounts(self, apart: Apart, along: Floats) -> Iterator[tuple[Slip, float, float]]:
+    def _amounts(self, apart: Apart, along: Floats, scatter: float) -> Iterator[tuple[Slip, float, float]]:
         """Another load on a tendon that was loaded, whatever it was: a weight that slipped, stuck or was another."""
         o, case = self._observations, apart.case
         loaded = {m: g for m, g in o.masses_g[case].items() if g > 0.0}
         for muscle, grams in loaded.items():
             column = along[apart.rows, self._muscles.index(muscle)]
             solved = np.linalg.solve(apart.covariance, column)
-            information, score = float(column @ solved), float(solved @ apart.away)
-            if information <= 0.0:
+            amount = float(solved @ apart.away) / (float(column @ solved) + AMOUNT**-2)
+            if amount <= -1.0 or not column.any():
                 continue
-            gain = float(gain_if_bad(np.array([[information * AMOUNT**2]]), np.array([score * AMOUNT])))
-            amount = score / (information + AMOUNT**-2)
-            if amount <= -1.0:
-                continue
-            left = apart.away - amount * column
-            chi = float(left @ np.linalg.solve(apart.covariance, left))
+            found, chi, grown = _gain(apart, amount * column, scatter)
+            # What is lost by not having said beforehand how much it would be.
+            spread = float(column @ np.linalg.solve(grown, column)) * AMOUNT**2
+            gain = found - 0.5 * (amount / AMOUNT) ** 2 - 0.5 * float(np.log1p(spread))
             value = float(f"{grams * (1.0 + amount):.2g}")
             words = f"{muscle} bore about {value:g} g, not {grams:g} g"
             share = SLIP_SHARES["amount"] / len(loaded)
@@ -259,19 +259,19 @@ def _turned(grams: float) -> list[float]:
     return [float(text[:k] + text[k + 1] + text[k] + text[k + 2 :]) for k in range(len(text) - 1) if text[k + 1] != "0"]
 
 
-def _gain(apart: Apart, change: Floats, scatter: float) -> tuple[float, float]:
-    """Log evidence gained by a change of the prediction, and the chi-square that it leaves.
+def _gain(apart: Apart, change: Floats, scatter: float) -> tuple[float, float, Floats]:
+    """Log evidence gained by a change (L,) of the prediction, the chi-square that it leaves, and its covariance.
 
     The prediction of another load is as uncertain as the form of an effect, and scatters as the loads do.
     """
-    delta = change[apart.rows]
+    delta = change
     moment = apart.rows >= 3
     size = np.where(moment, np.linalg.norm(delta[moment]), np.linalg.norm(delta[~moment]))
     grown = apart.covariance + (scatter**2 + FORM_SCALE**2) * np.diag(size**2)
     left = apart.away - delta
     after = float(left @ np.linalg.solve(grown, left))
     determinants = float(np.linalg.slogdet(apart.covariance)[1] - np.linalg.slogdet(grown)[1])
-    return 0.5 * (apart.misfit - after + determinants), after
+    return 0.5 * (apart.misfit - after + determinants), after, grown
 
 
 def _all_together(apart: Apart, slips: Sequence[tuple[Slip, float, float]]) -> float:
