@@ -98,9 +98,7 @@ def _tell(session: str, read: Session, new: Sequence[Amendment], json: str | Non
     for row in rows:
         say(amended_line(row))
     if new:
-        say(
-            f"The entries stay in session.yaml. Look again: fingertwin diagnose {session}; or take it back with --undo."
-        )
+        say(f"The entries stay in session.yaml. Look again: fingertwin diagnose {session}; take it back with --undo.")
     return False
 
 
