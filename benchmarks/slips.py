@@ -2,8 +2,8 @@
 
     python -m benchmarks.slips [--each 4] [--seed-from COMMIT] [--out FILE]
 
-On sessions of the independent simulator: each kind of slip and none, with an effect drawn from the catalogue and without
-one, with a scatter of 0, 1 and 2 % from case to case. Seeds come from a commit's name. A slip shows where it moves the
+On sessions of the independent simulator: each kind of slip and none, with an effect drawn from the catalogue and
+without one, with a scatter of 0, 1 and 2 % from case to case. Seeds come from a commit's name. A slip shows where it moves the
 readings of its cases by more than three times what noise and scatter do (RMS over force components). Writes
 `benchmarks/slips.md`, and every session's outcome beside it as JSON lines.
 """
@@ -89,11 +89,11 @@ def report(rows: list[dict[str, Any]], each: int) -> list[str]:
     clean = [r for r in rows if r["kind"] is None]
     beside = [r for r in seen if r["effects"]]
     alone = [r for r in seen if not r["effects"]]
-    out = [
+    return [
         "# Slips of the pen",
         "",
-        f"`python -m benchmarks.slips --each {each}`, {dt.datetime.now(tz=dt.UTC).date()}, commit {commit()}; {len(rows)} sessions, "
-        f"{np.median([r['seconds'] for r in rows]):.1f} s each (median, compiling included).",
+        f"`python -m benchmarks.slips --each {each}`, {dt.datetime.now(tz=dt.UTC).date()}, commit {commit()}; "
+        f"{len(rows)} sessions, {np.median([r['seconds'] for r in rows]):.1f} s each (median, compiling included).",
         "",
         "| figure | rate | 95 % (Wilson) | count |",
         "|---|---|---|---|",
@@ -109,10 +109,9 @@ def report(rows: list[dict[str, Any]], each: int) -> list[str]:
         line("no fault of the session: one named", [bool(r["faults"]) for r in rows]),
         "",
         "What was really done is told exactly (masses and posture) where the first suspect is right: "
-        f"{sum(r['told'] for r in seen if first(r))}/{sum(first(r) for r in seen)}; a slip of kind amount or tare cannot be.",
+        f"{sum(r['told'] for r in seen if first(r))}/{sum(first(r) for r in seen)}; amount and tare cannot be.",
         "",
     ]
-    return out
 
 
 def main() -> None:
