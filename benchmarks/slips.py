@@ -3,8 +3,8 @@
     python -m benchmarks.slips [--each 4] [--seed-from COMMIT] [--out FILE]
 
 On sessions of the independent simulator: each kind of slip and none, with an effect drawn from the catalogue and
-without one, with a scatter of 0, 1 and 2 % from case to case. Seeds come from a commit's name. A slip shows where it moves the
-readings of its cases by more than three times what noise and scatter do (RMS over force components). Writes
+without one, with a scatter of 0, 1 and 2 % from case to case. Seeds come from a commit's name. A slip shows where it
+moves the readings of its cases by more than three times what noise and scatter do (RMS over forces). Writes
 `benchmarks/slips.md`, and every session's outcome beside it as JSON lines.
 """
 
