@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,23 @@ from daq.windows import Span
 
 Floats = NDArray[np.float64]
 Predict = Callable[[LoadCase], tuple[Floats, Floats] | None]
+
+
+@runtime_checkable
+class Likens(Protocol):
+    """What predicts, and can also say which other case a force is like."""
+
+    def __call__(self, case: LoadCase) -> tuple[Floats, Floats] | None:
+        """Force (3,) and half width (3,) of its band [N]."""
+        ...
+
+    def like(self, case: LoadCase, force_N: Floats) -> str:
+        """A question about what hangs, where a force (3,) is more like another case's than like its own; else nothing.
+
+        It tells no prediction, so it may be asked about validation cases.
+        """
+        ...
+
 
 COVERAGE = 2.0
 # No finger multiplies its weights: as in `fingertwin check`.
@@ -97,13 +114,16 @@ class Forces:
         return out
 
     def doubts(self, case: LoadCase, result: Result) -> list[str]:
-        """Why a force can hardly be right; of a validation case nothing that a prediction says."""
+        """Why a force can hardly be right; of a validation case no number that a prediction gives."""
         out = []
         weight_N = sum(case.masses_g.values()) * 1e-3 * self._gravity
         force_N = float(np.linalg.norm(result.force_N))
         if force_N > MOST_SHARE * weight_N + MOST_MORE_N:
             out.append(f"{force_N:.2f} N for {weight_N:.2f} N of weights: wrong weight, or forgotten tare?")
-        if result.outside and result.predicted_N is not None:
+        like = self._like(case, result.force_N)
+        if like:
+            out.append(f"{case.id} {like}")
+        elif result.outside and result.predicted_N is not None:
             out.append(
                 f"{case.id} reads {_vector(result.force_N)} N, far from {_vector(result.predicted_N)} N: "
                 "wrong tendon, wrong weight, forgotten tare, or drift?"
@@ -129,6 +149,15 @@ class Forces:
         mine = f"checks[{len(self._checks) - 1}]"
         doubts = [f.text for f in findings if f.level != "note" and (f.where.startswith(mine) or "at " in f.where)]
         return {k: round(results[-1][k], 6) for k in ("gain", "gain_sd", "crosstalk", "crosstalk_sd")}, doubts
+
+    def _like(self, case: LoadCase, force: Floats) -> str:
+        if not isinstance(self._predict, Likens) or not np.isfinite(force).all():
+            return ""
+        try:
+            return self._predict.like(case, force)
+        except Exception as error:  # the log must not end because a model fails
+            self.failure = f"no prediction ({type(error).__name__}: {error})"
+            return ""
 
     def _compared(self, case: LoadCase, force: Floats, sd: Floats, blind: bool) -> Result:
         # Not even asked for: what nobody has computed nobody can see.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +14,15 @@ from daq.bench.result import PUBLISHED_TENSION_FACTOR
 from daq.session_models import LoadCase, TensionEstimate
 
 Floats = NDArray[np.float64]
-Key = tuple[str, str, tuple[tuple[str, float], ...]]
+Masses = tuple[tuple[str, float], ...]
+Key = tuple[str, str, Masses]
 
 # Fingers differ from the model's by some tenths of a force (the published error is 11 % of it, 0.11 N a component);
 # a wrong tendon, weight or tare by more.
 BAND_SHARE, BAND_N = 0.4, 0.3
+# In half widths of the band: from where a force is far from its case, how near another one has to be; and how many
+# times nearer than its own.
+FAR, NEAR, TIMES = 0.6, 0.35, 3.0
 
 
 def predictor(setup: BenchSetup, model: str | None = None) -> Predict:
@@ -30,13 +35,59 @@ def predictor(setup: BenchSetup, model: str | None = None) -> Predict:
     Raises:
         InputError: the model cannot be used, or not with these cases.
     """
-    table = _predicted(setup, model)
+    return Planned(_predicted(setup, model))
 
-    def predict(case: LoadCase) -> tuple[Floats, Floats] | None:
-        force = table.get(_key(case))
-        return None if force is None else (force, np.full(3, BAND_SHARE * float(np.linalg.norm(force)) + BAND_N))
 
-    return predict
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """Predictions of the planned cases.
+
+    Attributes:
+        table: force (3,) [N] of each.
+    """
+
+    table: Mapping[Key, Floats]
+
+    def __call__(self, case: LoadCase) -> tuple[Floats, Floats] | None:
+        """Force (3,) and half width (3,) of its band [N]."""
+        force = self.table.get(_key(case))
+        return None if force is None else (force, np.full(3, _band(force)))
+
+    def like(self, case: LoadCase, force_N: Floats) -> str:
+        """A question about what hangs, where a force (3,) is more like another planned case's, or like none at all."""
+        own = self.table.get(_key(case))
+        if own is None:
+            return ""
+        posture, location, masses = _key(case)
+        away = _away(force_N, own)
+        others = {"hardly any force: does the weight hang, and was the tare taken without it?": np.zeros(3)}
+        for (where, at, hung), force in self.table.items():
+            if at != location:
+                continue
+            if where == posture and hung != masses:
+                said = " and ".join(f"{tendon} {grams:g} g" for tendon, grams in hung) or "no weight"
+                others[f"like {said}: {_question(hung, masses)}?"] = force
+            elif where != posture and hung == masses:
+                others[f"like the posture {where}: is it set to {posture}?"] = force
+        best, least = min(((words, _away(force_N, force)) for words, force in others.items()), key=lambda o: o[1])
+        return f"reads {best}" if away >= FAR and least <= min(NEAR, away / TIMES) else ""
+
+
+def _band(force: Floats) -> float:
+    return BAND_SHARE * float(np.linalg.norm(force)) + BAND_N
+
+
+def _away(force: Floats, predicted: Floats) -> float:
+    """How far a force is from a prediction, in half widths of its band."""
+    return float(np.linalg.norm(force - predicted)) / _band(predicted)
+
+
+def _question(hung: Masses, entered: Masses) -> str:
+    """What to look at, where one entry is taken for another."""
+    tendons = [t for t, _ in hung if t not in dict(entered)]
+    if tendons:
+        return f"is a weight on {tendons[0]}"
+    return "are these the weights" if dict(hung).keys() == dict(entered).keys() else "is a weight lacking"
 
 
 def _predicted(setup: BenchSetup, model: str | None) -> Mapping[Key, Floats]:
