@@ -15,10 +15,8 @@ import yaml
 from daq.errors import InputError, SessionError
 from daq.files import replacing
 from daq.session_models import Amendment, LoadCase, Session
+from daq.sessions import AMENDMENTS_FILE, AMENDMENTS_FORMAT
 from daq.vocabulary import TENDONS, did_you_mean
-
-FILE = "amendments.yaml"
-FORMAT = "bench-amendments/1"
 
 
 def amendment(
@@ -59,12 +57,10 @@ def amendment(
     for tendon in masses:
         if tendon not in TENDONS:
             hint = did_you_mean(tendon, TENDONS)
-            raise SessionError(f"tendon {tendon!r}", f"one of {' '.join(TENDONS)}", hint[:1].upper() + hint[1:])
+            raise SessionError(f"tendon {tendon!r}", f"one of {' '.join(TENDONS)}", hint)
     if posture is not None and posture not in session.postures_deg:
         hint = did_you_mean(posture, session.postures_deg)
-        raise SessionError(
-            f"posture {posture!r}", f"one of {' '.join(session.postures_deg)}", hint[:1].upper() + hint[1:]
-        )
+        raise SessionError(f"posture {posture!r}", f"one of {' '.join(session.postures_deg)}", hint)
     changes: dict[str, Any] = {}
     if masses != entry.masses_g:
         changes["masses_g"] = masses
@@ -104,28 +100,7 @@ def case_of(session: Session, name: str) -> LoadCase:
         if case.id == name:
             return case
     hint = did_you_mean(name, [c.id for c in session.cases])
-    raise SessionError(f"no case {name} in {session.id}", "the id of a load case", hint[:1].upper() + hint[1:])
-
-
-def read_amendments(folder: Path) -> list[dict[str, Any]]:
-    """Plain data of the amendments in a session's folder; none where there is no such file.
-
-    Raises:
-        SessionError: the file cannot be used.
-    """
-    file = folder / FILE
-    if not file.is_file():
-        return []
-    try:
-        document = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise SessionError(f"{FILE} cannot be read ({error})".replace("\n", " "), f"format: {FORMAT}") from error
-    if not isinstance(document, Mapping) or document.get("format") != FORMAT:
-        raise SessionError(f"{FILE} has another format", f"format: {FORMAT}", "Write it with fingertwin amend")
-    listed = document.get("amendments")
-    if not isinstance(listed, list) or not all(isinstance(a, Mapping) for a in listed):
-        raise SessionError(f"{FILE} has no list of amendments", "amendments: a list", "Write it with fingertwin amend")
-    return [dict(a) for a in listed]
+    raise SessionError(f"no case {name} in {session.id}", "the id of a load case", hint)
 
 
 def write_amendments(folder: Path, amendments: tuple[Amendment, ...]) -> Path:
@@ -134,7 +109,7 @@ def write_amendments(folder: Path, amendments: tuple[Amendment, ...]) -> Path:
     Raises:
         InputError: the folder cannot be written to.
     """
-    file = folder / FILE
+    file = folder / AMENDMENTS_FILE
     try:
         if not amendments:
             file.unlink(missing_ok=True)
@@ -142,7 +117,9 @@ def write_amendments(folder: Path, amendments: tuple[Amendment, ...]) -> Path:
         listed = [a.model_dump(mode="json", exclude_none=True) for a in amendments]
         with replacing(file) as temporary:
             temporary.write_text(
-                yaml.safe_dump({"format": FORMAT, "amendments": listed}, sort_keys=False, allow_unicode=True),
+                yaml.safe_dump(
+                    {"format": AMENDMENTS_FORMAT, "amendments": listed}, sort_keys=False, allow_unicode=True
+                ),
                 encoding="utf-8",
             )
     except OSError as error:

@@ -57,7 +57,7 @@ def _unknown_keys(session: Session) -> Iterator[Finding]:
                 where,
                 f"unknown key {key!r}, which changes nothing",
                 "keys of bench-session/1",
-                hint[:1].upper() + hint[1:] or "Remove it, or put it into a note",
+                hint or "Remove it, or put it into a note",
             )
 
 
@@ -72,7 +72,7 @@ def _finger(session: Session) -> Iterator[Finding]:
             "finger",
             f"no parameter set {session.finger!r}",
             f"one of {' '.join(shipped)}, or a path",
-            hint[:1].upper() + hint[1:],
+            hint,
         )
 
 

@@ -88,14 +88,17 @@ def measure_and_check(
     if plateaus:
         findings += _of_recording(session, scan, plateaus, spec)
     findings += _of_measured(measured, {})
-    found = report(session.id, findings, {})
-    return measured, (*found.errors, *found.warnings)
+    return measured, _to_look_at(session, findings)
 
 
 def warnings_of(measured: MeasuredSession, plateaus: Mapping[Span, Plateau]) -> tuple[Finding, ...]:
     """Errors and warnings of a session whose recording as a whole is not at hand, only its reduced windows."""
     session = measured.session.amended
     findings = [*_of_description(session), *plateau_findings(session, plateaus), *_of_measured(measured, {})]
+    return _to_look_at(session, findings)
+
+
+def _to_look_at(session: Session, findings: list[Finding]) -> tuple[Finding, ...]:
     found = report(session.id, findings, {})
     return (*found.errors, *found.warnings)
 

@@ -145,7 +145,7 @@ def _column(header: str, index: int, file: str) -> Column | None:
         raise ReadingsError(
             f"{file}: column {header.strip()!r} is in {unit!r}, which is not a unit of {_kind(quantity)}",
             f"one of {' '.join(list(units)[:8])} …, such as {example}",
-            hint[:1].upper() + hint[1:],
+            hint,
         )
     return Column(quantity, header, index, factor)
 

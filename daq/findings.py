@@ -28,6 +28,10 @@ class Finding:
     where: str
     text: str
 
+    def as_warning(self) -> dict[str, str]:
+        """Plain data, as every answer that judges a session carries it."""
+        return {"code": self.code, "place": self.where, "words": self.text}
+
 
 def finding(level: Level, code: str, where: str, found: str, expected: str = "", remedy: str = "") -> Finding:
     """Make a finding whose text is built like that of an error."""

@@ -65,7 +65,7 @@ def lines_of(error: ValidationError, data: object, file: str) -> list[SessionErr
             known = _keys_at(at)
             hint = did_you_mean(str(at[-1]), known)
             found = f"{place_name(at, data)} is not a known key"
-            out.append(_line(file, found, f"one of {' '.join(known)}", hint[:1].upper() + hint[1:]))
+            out.append(_line(file, found, f"one of {' '.join(known)}", hint))
         else:
             found = f"{place_name(at, data)} is {shown(fault['input'])}"
             out.append(_line(file, found, _WANTED.get(kind, str(fault["msg"]))))

@@ -138,7 +138,7 @@ class Posture(BaseModel):
             refuse(f"lacks {' '.join(missing)}", wanted)
         for name in set(angles) - set(JOINT_ANGLES):
             meant = [j for j in missing if same_letters(j, name)]
-            hint = f"Did you mean {meant[0]}?" if meant else did_you_mean(name, JOINT_ANGLES[3:]).capitalize()
+            hint = f"Did you mean {meant[0]}?" if meant else did_you_mean(name, JOINT_ANGLES[3:])
             if hint:
                 refuse("is not a joint angle", f"one of {' '.join(JOINT_ANGLES)}", hint, at=[name])
         return angles
@@ -280,6 +280,10 @@ def _some(value: Any) -> Any:
     return value
 
 
+# Of a load case, what an amendment may set anew.
+AMENDABLE = ("masses_g", "posture", "excluded")
+
+
 class Amendment(Strict):
     """What a load case really was, where it was entered wrongly; the entry itself stays as it is.
 
@@ -304,13 +308,13 @@ class Amendment(Strict):
     @model_validator(mode="after")
     def _changes_something(self) -> Amendment:
         if not self.changes:
-            refuse("changes nothing", "masses_g, posture or excluded")
+            refuse("changes nothing", f"one of {' '.join(AMENDABLE)}")
         return self
 
     @property
     def changes(self) -> dict[str, Any]:
         """What stands instead of the entry, by the key of the case."""
-        values = {name: getattr(self, name) for name in ("masses_g", "posture", "excluded")}
+        values = {name: getattr(self, name) for name in AMENDABLE}
         return {name: value for name, value in values.items() if value is not None}
 
 

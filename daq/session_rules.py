@@ -71,7 +71,7 @@ def _postures(session: Mapping[str, Any], cases: Sequence[tuple[int, Mapping[str
                 ("cases", i, "posture"),
                 f"is {name!r}, which postures_deg does not have",
                 f"one of {' '.join(names)}" if names else "postures_deg to name it",
-                hint[:1].upper() + hint[1:],
+                hint,
             )
 
 
@@ -83,9 +83,7 @@ def _repeats(cases: Sequence[tuple[int, Mapping[str, Any]]]) -> Iterator[Fault]:
             continue
         if str(name) not in ids or str(name) == str(case.get("id")):
             hint = did_you_mean(str(name), ids)
-            yield Fault(
-                ("cases", i, "repeat_of"), f"is {name!r}", "the id of another case", hint[:1].upper() + hint[1:]
-            )
+            yield Fault(("cases", i, "repeat_of"), f"is {name!r}", "the id of another case", hint)
 
 
 def _mounts(session: Mapping[str, Any], cases: Sequence[tuple[int, Mapping[str, Any]]]) -> Iterator[Fault]:
@@ -147,7 +145,7 @@ def _amendments(session: Mapping[str, Any], cases: Sequence[tuple[int, Mapping[s
         name, posture = amendment.get("case"), amendment.get("posture")
         if name is not None and str(name) not in ids:
             hint = did_you_mean(str(name), ids)
-            yield Fault(("amendments", i, "case"), f"is {name!r}", "the id of a case", hint[:1].upper() + hint[1:])
+            yield Fault(("amendments", i, "case"), f"is {name!r}", "the id of a case", hint)
         if posture is not None and isinstance(postures, Mapping) and str(posture) not in [str(k) for k in postures]:
             yield Fault(
                 ("amendments", i, "posture"),

@@ -10,7 +10,6 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from daq.amendments import read_amendments
 from daq.errors import SessionError
 from daq.files import replacing
 from daq.locations import data_dir
@@ -34,6 +33,8 @@ from daq.session_rules import faults_between
 from daq.vocabulary import LOCATIONS, ROLES, TENDONS, did_you_mean
 
 __all__ = [
+    "AMENDMENTS_FILE",
+    "AMENDMENTS_FORMAT",
     "FINGER_DOCUMENT",
     "FORMAT",
     "LOCATIONS",
@@ -56,6 +57,7 @@ __all__ = [
     "find_session",
     "parse_session",
     "plain_document",
+    "read_amendments",
     "read_session",
     "read_yaml",
     "session_data",
@@ -70,6 +72,7 @@ except ImportError:
     from yaml import SafeLoader  # type: ignore[assignment]
 
 SESSION_FILE = "session.yaml"
+AMENDMENTS_FILE, AMENDMENTS_FORMAT = "amendments.yaml", "bench-amendments/1"
 # Of a document that brings its own finger instead of naming a file.
 FINGER_DOCUMENT = "finger_document"
 
@@ -101,7 +104,7 @@ def find_session(path: str | Path) -> Path:
     raise SessionError(
         f"no session at {path}",
         f"a session's folder, its {SESSION_FILE}, or a shipped one by name",
-        hint[:1].upper() + hint[1:] or "Shipped sessions lie in data/sessions",
+        hint or "Shipped sessions lie in data/sessions",
     )
 
 
@@ -129,6 +132,24 @@ def session_data(file: Path) -> Any:
         before = data.get("amendments")
         return {**data, "amendments": [*(before if isinstance(before, list) else []), *beside]}
     return data
+
+
+def read_amendments(folder: Path) -> list[dict[str, Any]]:
+    """Plain data of the amendments in a session's folder; none where there is no such file.
+
+    Raises:
+        SessionError: the file cannot be used.
+    """
+    file = folder / AMENDMENTS_FILE
+    if not file.is_file():
+        return []
+    document, remedy = read_yaml(file), "Write it with fingertwin amend"
+    if not isinstance(document, Mapping) or document.get("format") != AMENDMENTS_FORMAT:
+        raise SessionError(f"{AMENDMENTS_FILE} has another format", f"format: {AMENDMENTS_FORMAT}", remedy)
+    listed = document.get("amendments")
+    if not isinstance(listed, list) or not all(isinstance(a, Mapping) for a in listed):
+        raise SessionError(f"{AMENDMENTS_FILE} has no list of amendments", "amendments: a list", remedy)
+    return [dict(a) for a in listed]
 
 
 def parse_session(data: object, folder: Path | None, file: str = "") -> tuple[Session | None, list[SessionError]]:

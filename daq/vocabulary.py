@@ -37,12 +37,12 @@ AXIS_NAMES: Mapping[str, tuple[float, float, float]] = {
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return "did you mean …?" for the nearest of the known words, or nothing."""
+    """Return "Did you mean …?" for the nearest of the known words, or nothing."""
     lower = {k.lower(): k for k in known}
     # Exchanged letters are the commonest slip, and the shortest words look alike to difflib.
     near = [k for k in lower if same_letters(k, str(word))]
     near = near or difflib.get_close_matches(str(word).lower(), lower, n=1, cutoff=0.6)
-    return f"did you mean {lower[near[0]]}?" if near else ""
+    return f"Did you mean {lower[near[0]]}?" if near else ""
 
 
 def same_letters(a: str, b: str) -> bool:
@@ -124,7 +124,7 @@ def _masses(value: Any) -> dict[str, float]:
     for tendon, mass in value.items():
         if tendon not in TENDONS:
             hint = did_you_mean(str(tendon), TENDONS)
-            refuse("is not a tendon", f"one of {' '.join(TENDONS)}", hint[:1].upper() + hint[1:], at=[str(tendon)])
+            refuse("is not a tendon", f"one of {' '.join(TENDONS)}", hint, at=[str(tendon)])
         grams = number(mass, [tendon], "g")
         if not 0.0 <= grams <= 1e6:
             refuse(f"is {grams:g}", "a mass in g that is not negative, and below a ton", at=[tendon])
@@ -210,7 +210,7 @@ def one_of(*known: str) -> BeforeValidator:
     def validate(value: Any) -> Any:
         if value not in known:
             hint = did_you_mean(str(value), known)
-            refuse(f"is {shown(value)}", f"one of {' '.join(known)}", hint[:1].upper() + hint[1:])
+            refuse(f"is {shown(value)}", f"one of {' '.join(known)}", hint)
         return value
 
     return BeforeValidator(validate)

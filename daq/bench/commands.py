@@ -24,7 +24,7 @@ def perform(run: BenchRun, command: str, argument: str = "") -> Events:
     found = _COMMANDS.get(command)
     if found is None:
         hint = did_you_mean(command, COMMANDS)
-        raise SessionError(f"no command {command!r}", f"one of {' '.join(COMMANDS)}", hint[:1].upper() + hint[1:])
+        raise SessionError(f"no command {command!r}", f"one of {' '.join(COMMANDS)}", hint)
     return found(run, argument.strip())
 
 

@@ -260,7 +260,7 @@ def _factor(taken: Taken, channel: Channel, known: Mapping[str, float], file: st
         raise ReadingsError(
             f"the mapping for {file} has {taken.channel} in {taken.unit!r}",
             f"one of {' '.join(list(known)[:8])}",
-            hint[:1].upper() + hint[1:],
+            hint,
         )
     stated = known.get(plain_unit(channel.unit))
     if stated is not None and stated != factor:

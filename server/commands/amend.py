@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from daq.amendments import amendment, case_of, exchanged, listed, read_amendments, words, write_amendments
+from daq.amendments import amendment, case_of, exchanged, listed, words, write_amendments
 from daq.errors import InputError, SessionError
 from daq.locations import data_dir
 from daq.session_models import Amendment, Session
-from daq.sessions import find_session, parse_session, read_session, session_data
+from daq.sessions import find_session, parse_session, read_amendments, read_session, session_data
 from server.console import answer, say
 
 # The tendon or weight that `--tendon` and `--mass` give.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,6 @@ from server.drawing import draw_comparison
 from server.workflow import Bench, compare_bench, open_bench, refit_bench, save_revision
 
 if TYPE_CHECKING:
-    from daq.findings import Finding
     from fingermodel.compare import Comparison
     from fingermodel.fit_report import Fit, FittedParameter
 
@@ -97,14 +96,9 @@ def provenance(bench: Bench) -> dict[str, Any]:
         "budget": bench.model.budget.name,
         "judged_in": bench.model.finger.judged_in,
         "notes": [*measured.notes, *bench.loaded.notes],
-        "warnings": warnings_of(bench.findings),
+        "warnings": [f.as_warning() for f in bench.findings],
         "amendments": listed(measured.session),
     }
-
-
-def warnings_of(findings: Sequence[Finding]) -> list[dict[str, str]]:
-    """What a check warns of, as every answer that judges a session carries it."""
-    return [{"code": f.code, "place": f.where, "words": f.text} for f in findings]
 
 
 def say_first(body: Mapping[str, Any]) -> None:

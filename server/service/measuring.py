@@ -6,13 +6,16 @@ import threading
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
 from daq.bench.result import PUBLISHED_TENSION_FACTOR
+from daq.checks import warnings_of
 from daq.corrections import assemble, windows_of
 from daq.errors import InputError, SessionError
+from daq.findings import Finding
 from daq.measured import MeasuredSession
 from daq.plateaus import Plateau
 from daq.session_models import LoadCase, Session, TensionEstimate
@@ -63,6 +66,11 @@ class Measured:
         """Tells one state of a session from every other; how far the readings of a case are makes no difference."""
         settled = tuple((i, s.state, bool(s.why)) for i, s in self.states.items() if s.state != "waiting")
         return self.record.id, self.record.version, self.record.stream, settled
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """What a check warns of, as far as the session is measured."""
+        return () if self.measured is None else warnings_of(self.measured, self.plateaus)
 
     @property
     def waits(self) -> bool:

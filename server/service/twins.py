@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import select
 
-from daq.checks import warnings_of
 from server.service.answers import dumps
 from server.service.database import Database
 from server.service.measuring import Measured, Measuring
@@ -112,7 +111,7 @@ class Twins:
             return known
         bench = replace(
             bench_of(forces, found, catalogue=effects is not None, effects=effects or ()),
-            findings=warnings_of(forces, measured.plateaus),
+            findings=measured.findings,
         )
         with self._lock:
             self._benches[key] = bench

@@ -11,6 +11,7 @@ from typing import Any
 from sqlalchemy import select
 
 from daq.errors import InputError
+from daq.session_models import AMENDABLE
 from server.service.answers import dumps
 from server.service.database import Database
 from server.service.measuring import Measured, Measuring
@@ -152,7 +153,7 @@ def case_bodies(measured: Measured, twins: Twins) -> list[dict[str, Any]]:
         name = entry["id"]
         case = entry
         for one in amended.get(name, ()):
-            case = case | {k: one[k] for k in ("masses_g", "posture", "excluded") if k in one}
+            case = case | {k: one[k] for k in AMENDABLE if k in one}
         state = measured.states.get(name)
         body: dict[str, Any] = {k: case.get(k) for k in ("id", "role", "posture", "location", "masses_g")}
         body |= {"state": "waiting" if state is None else state.state, "why": "" if state is None else state.why}

@@ -88,7 +88,7 @@ def _tendon(rng: np.random.Generator, plan: Protocol, index: int) -> Case | None
 def _mass(rng: np.random.Generator, plan: Protocol, index: int) -> Case | None:
     case = plan.cases[index]
     muscle = str(rng.choice(sorted(case.masses_g)))
-    weights = sorted({g for c in plan.cases for m, g in c.masses_g.items()} - {case.masses_g[muscle]})
+    weights = sorted({g for c in plan.cases for g in c.masses_g.values()} - {case.masses_g[muscle]})
     return replace(case, masses_g={**case.masses_g, muscle: float(rng.choice(weights))})
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +63,7 @@ class Apart:
         gain = gain_if_bad(size[:, None] * precision * size, size * (precision @ away))
         return cls(case, rows, away, covariance, float(gain))
 
-    @property
+    @cached_property
     def misfit(self) -> float:
         """Chi-square of the readings."""
         return float(self.away @ np.linalg.solve(self.covariance, self.away))

@@ -127,7 +127,7 @@ class Slips:
     def _all(self, case: int) -> Iterator[Slip]:
         masses, posture = self._observations.masses_g[case], self._observations.postures[case]
         loaded = {m: g for m, g in masses.items() if g > 0.0}
-        weight = self._pull(case)
+        weight = float(np.asarray(self._observations.inputs.weight)[case])
 
         def hung(kind: Kind, words: str, new: Mapping[str, float], **more: object) -> Slip:
             tension = np.array([new.get(m, 0.0) * weight for m in self._muscles])
@@ -183,9 +183,6 @@ class Slips:
                 yield Slip(
                     "exchanged", words, o.masses_g[other], o.postures[other], self._tension[other], other, 1.0, other
                 )
-
-    def _pull(self, case: int) -> float:
-        return float(np.asarray(self._observations.inputs.weight)[case])
 
     def explain(self, apart: Mapping[int, Apart], theta: Floats, scatter: float) -> dict[int, Explained]:
         """Weigh every slip of some cases against a reading that may be anything.

@@ -8,11 +8,9 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from sqlalchemy import select
 
 from daq.amendments import amendment, case_of, exchanged
-from daq.checks import warnings_of
 from daq.errors import InputError
 from server.service.answers import JsonAnswer
 from server.service.importing import import_folder
-from server.service.measuring import Measured
 from server.service.planned import planned_steps
 from server.service.problems import ProblemError
 from server.service.records import steps_of, undone_edits
@@ -250,14 +248,6 @@ def _case(parts: Services, session: str, case: str) -> dict[str, Any]:
     return found
 
 
-def _warned(measured: Measured) -> list[dict[str, str]]:
-    """What a check warns of, as far as the session is measured."""
-    if measured.measured is None:
-        return []
-    found = warnings_of(measured.measured, measured.plateaus)
-    return [{"code": f.code, "place": f.where, "words": f.text} for f in found]
-
-
 def _shown(parts: Services, session: str) -> dict[str, Any]:
     measured = parts.measuring.of(session)
     record = measured.record
@@ -286,5 +276,5 @@ def _shown(parts: Services, session: str) -> dict[str, Any]:
         ],
         "cases": {s: states.count(s) for s in dict.fromkeys(states)},
         "problem": problem,
-        "warnings": _warned(measured),
+        "warnings": [f.as_warning() for f in measured.findings],
     }
