@@ -95,7 +95,7 @@ def _cell(cell: Mapping[str, Any]) -> dict[str, Any]:
 def _steps(record: Record, state: BenchState | None) -> list[dict[str, Any]]:
     """Return the steps in order with what hangs in each; those of no protocol stand at the end."""
     listed = {s["id"]: s for s in steps_of(record)}
-    taken = {c["id"]: c for c in record.cases}
+    taken = {c["id"]: c for c in record.amended_cases}
     planned = [] if state is None else state.standing.steps.all
     skipped: set[str] = set() if state is None else state.standing.steps.skipped
     out = []

@@ -343,4 +343,4 @@ def _about(measured: Measured, bench: Bench) -> dict[str, Any]:
 def _told(measured: Measured) -> list[Told]:
     """The cases that a figure may lead to: while a bench is running, none of validation."""
     hidden = blinded(measured)
-    return [c for c in told_of(measured.record.cases) if c.id not in hidden]
+    return [c for c in told_of(measured.record.amended_cases) if c.id not in hidden]

@@ -139,7 +139,7 @@ def _case(measured: Measured, case: str) -> DrawnCase:
         ProblemError: 404 there is none.
     """
     record = measured.record
-    for taken in record.cases:
+    for taken in record.amended_cases:
         if taken["id"] == case:
             known = {k: taken.get(k) for k in ("role", "posture", "location")}
             return DrawnCase(case, **{k: str(v) for k, v in known.items()}, masses_g=dict(taken.get("masses_g") or {}))

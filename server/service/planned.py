@@ -89,5 +89,5 @@ def _alike(record: Record, wanted: Mapping[str, Any]) -> int:
         c.get("posture") == wanted["posture"]
         and c.get("location") == wanted["location"]
         and hung(c.get("masses_g")) == hung(wanted["masses_g"])
-        for c in record.cases
+        for c in record.amended_cases
     )

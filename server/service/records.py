@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from sqlalchemy import Connection, select
@@ -13,7 +14,7 @@ from daq.bench.record import STARTED, BenchRecord
 from daq.bench.steps import Steps
 from daq.errors import InputError, SessionError
 from daq.journal.rows import Event
-from daq.session_models import Session
+from daq.session_models import AMENDABLE, Session
 from daq.sessions import FINGER_DOCUMENT, parse_session
 from server.service.ingest import stored_events
 from server.service.problems import not_found
@@ -96,6 +97,25 @@ class Record:
         """Plain data of each case."""
         return [] if self.document is None else self.document["cases"]
 
+    @cached_property
+    def amendments(self) -> dict[str, list[dict[str, Any]]]:
+        """Plain data of the amendments, by case."""
+        out: dict[str, list[dict[str, Any]]] = {}
+        for one in (self.document or {}).get("amendments", ()):
+            out.setdefault(one["case"], []).append(one)
+        return out
+
+    @cached_property
+    def amended_cases(self) -> list[dict[str, Any]]:
+        """Plain data of each case as it really was: what is shown, drawn and counted; `cases` are the entries."""
+        out = []
+        for entry in self.cases:
+            case = entry
+            for one in self.amendments.get(entry["id"], ()):
+                case = case | {k: one[k] for k in AMENDABLE if k in one}
+            out.append(case)
+        return out
+
     def session(self) -> Session:
         """Return the session, checked.
 
@@ -174,7 +194,7 @@ def apply_edits(document: Mapping[str, Any], changes: Sequence[Edit]) -> dict[st
 
 def steps_of(record: Record) -> list[dict[str, str]]:
     """Return each step with what is hung where, and whether it is done."""
-    cases = {c["id"]: c for c in record.cases}
+    cases = {c["id"]: c for c in record.amended_cases}
     planned = Steps.of(record.bench.setup.cases()).all if record.bench is not None else []
     weighed = {str(c.get("when")) for c in (record.document or {}).get("checks", [])}
     out = []

@@ -11,7 +11,6 @@ from typing import Any
 from sqlalchemy import select
 
 from daq.errors import InputError
-from daq.session_models import AMENDABLE
 from server.service.answers import dumps
 from server.service.database import Database
 from server.service.measuring import Measured, Measuring
@@ -146,14 +145,9 @@ def case_bodies(measured: Measured, twins: Twins) -> list[dict[str, Any]]:
         except (InputError, ProblemError) as error:
             problem = str(error)
     out = []
-    amended: dict[str, list[dict[str, Any]]] = {}
-    for one in (measured.record.document or {}).get("amendments", ()):
-        amended.setdefault(one["case"], []).append(one)
-    for entry in measured.record.cases:
-        name = entry["id"]
-        case = entry
-        for one in amended.get(name, ()):
-            case = case | {k: one[k] for k in AMENDABLE if k in one}
+    amended = measured.record.amendments
+    for entry, case in zip(measured.record.cases, measured.record.amended_cases, strict=True):
+        name = case["id"]
         state = measured.states.get(name)
         body: dict[str, Any] = {k: case.get(k) for k in ("id", "role", "posture", "location", "masses_g")}
         body |= {"state": "waiting" if state is None else state.state, "why": "" if state is None else state.why}

@@ -142,6 +142,11 @@ def test_an_amendment_is_heeded_kept_beside_the_entry_and_undone(fresh: ServiceR
     assert made.status_code == 200
     assert made.json()["case"]["masses_g"] == {"FDS": 950.0}
     assert made.json()["case"]["entered"] == case["masses_g"]
+    # The finger is drawn with what hung, and the checklist says it.
+    drawn = client.get("/api/v1/figures/finger", params={"session": RECORDED, "case": case["id"]})
+    assert "FDS 950 g" in drawn.text
+    steps = {s["id"]: s["text"] for s in client.get(f"{path}/checklist").json()["steps"]}
+    assert steps[case["id"]].startswith("FDS 950 g,")
     after = client.get(f"{path}/comparison").json()
     assert after["cases"][0]["predicted_N"] != case["predicted_N"]
     assert after["cases"][0]["measured_N"] == case["measured_N"]
