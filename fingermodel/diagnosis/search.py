@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,8 @@ Floats = NDArray[np.float64]
 
 # Explanations of each size that are fitted whatever the promise, by each of the two first linearisations.
 _FIRST = 3
-# How often all candidates are fitted, each time under the scatter of the fit before.
-_TIMES = 2
+# Evaluations of the fit at which the columns of scatter are made.
+_ROUGH = 15
 # Prior widths from its null at which a parameter is tried that has no slope there.
 _SHAPES = (-1.6, -1.0, -0.4, 0.4, 1.0, 1.6)
 # Where a search begins on the axes of scatter and smooth.
@@ -103,11 +104,12 @@ class Searcher:
     def _session(self) -> Session:
         return self._fitter.session
 
-    def _every(self, begin: Floats) -> Optimum:
-        """Fit all candidates at once, with the cases that are bad so far."""
+    @cached_property
+    def _every(self) -> Explanation:
+        """All candidates at once."""
         parameters = sorted({i for c in self._candidates.all for form in c.forms for i in form})
         all_of_them = Candidate("all candidates", "", (tuple(parameters),), 1.0, has_form=False)
-        return self._fitter.fit(Explanation((Member(all_of_them),)), begin, self._first_node, self._bad, 0.0)
+        return Explanation((Member(all_of_them),))
 
     @property
     def _first_node(self) -> Node:
@@ -116,13 +118,12 @@ class Searcher:
 
     def _begun(self, start: Floats | None) -> Optimum:
         """Fit all candidates at once, and the base model from there and from the priors' centre."""
-        begin = self._session.problem.centre
-        for _ in range(_TIMES):
-            every = self._every(begin)
-            # Scatter changes a reading as the fitted finger does, not as the normative one.
-            self._fitter = replace(self._fitter, session=self._session.seen_from(every.theta))
-            begin = every.theta
-        every, problem = self._every(begin), self._session.problem
+        problem = self._session.problem
+        node, explanation = self._first_node, self._every
+        rough = self._fitter.fit_at(explanation, [problem.centre], node, self._bad, _ROUGH)
+        # Scatter changes a reading as the fitted finger does, not as the normative one.
+        self._fitter = replace(self._fitter, session=self._session.seen_from(rough.theta))
+        every = self._fitter.fit(explanation, rough.theta, node, self._bad, 0.0)
         self._fits.clear()
         for one in [
             problem.centre,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.posterior.gaussian import root_of
+from fingermodel.diagnosis.posterior.gaussian import inverse_of, root_of
 from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, free_mask
@@ -18,8 +18,10 @@ from fingermodel.solver import CONVERGED, STALLED
 
 Floats = NDArray[np.float64]
 
-# Rounds of optimum and hyperparameters, evaluations of each, and units of chi-square that a step must promise.
-_ROUNDS, _EVALUATIONS, _FLOOR = 3, 80, 0.02
+# Rounds of optimum and hyperparameters, and units of chi-square that a step must promise.
+_ROUNDS, _FLOOR = 3, 0.02
+# Evaluations of a round whose hyperparameters may still move, and of one whose stand.
+_ROUGH, _EVALUATIONS = 40, 80
 # What is far from fitting need not be known to the last digit (see `minimise`).
 _CRAWL = 3e-3
 
@@ -58,23 +60,29 @@ class Fitter:
         forms = [m for m in explanation.members if m.candidate.has_form]
         at = (*node[:FORMS], *[self.hyper.form.mode] * len(forms))
         prior = self.candidates.log_prior(explanation) if log_prior is None else log_prior
-        theta, found = start, None
-        for _ in range(_ROUNDS):
-            solution_theta, converged = self._solved(explanation, theta, at, bad, found)
-            found = self.linearised(explanation, solution_theta, at, bad, prior, converged=converged)
-            theta, before, at = found.theta, at, found.mode
-            if max(abs(a - b) for a, b in zip(before, at, strict=True)) <= 1:
+        found, most = None, _ROUGH
+        for left in reversed(range(_ROUNDS)):
+            theta, converged = self._solved(explanation, start, at, bad, found, most if left else _EVALUATIONS)
+            found = self.linearised(explanation, theta, at, bad, prior, converged=converged)
+            stands = max(abs(a - b) for a, b in zip(at, found.mode, strict=True)) <= 1
+            if stands and converged:
                 break
+            start, at, most = found.theta, found.mode, _EVALUATIONS if stands else _ROUGH
         assert found is not None  # noqa: S101 - there is at least one round
         return found
 
     def fit_at(
-        self, explanation: Explanation, starts: Sequence[Floats], node: Node, bad: frozenset[int] = frozenset()
+        self,
+        explanation: Explanation,
+        starts: Sequence[Floats],
+        node: Node,
+        bad: frozenset[int] = frozenset(),
+        most: int = _EVALUATIONS,
     ) -> Optimum:
         """Fit from some starts under the hyperparameters of one node, which stay as they are; the least misfit."""
         found = []
         for start in starts:
-            theta, converged = self._solved(explanation, start, node, bad, None)
+            theta, converged = self._solved(explanation, start, node, bad, None, most)
             found.append(self.linearised(explanation, theta, node, bad, 0.0, converged=converged))
         return min(found, key=lambda f: f.freed(node)[0].misfit)
 
@@ -85,8 +93,12 @@ class Fitter:
         node: Node,
         bad: frozenset[int],
         before: Optimum | None,
+        most: int,
     ) -> tuple[Floats, bool]:
-        """(parameters,) of the optimum under a node's covariance, and whether the solver was done."""
+        """(parameters,) of the optimum under a node's covariance, and whether the solver was done.
+
+        It has so many evaluations at most. Errors of form are those found before.
+        """
         problem, session = self.session.problem, self.session
         values, fitted = self.hyper.values(node), session.fitted
         blocks = [session.tares[fitted], values.budget * session.nuisances[fitted]]
@@ -98,12 +110,12 @@ class Fitter:
         covariance = shared @ shared.T
         for rows, own in session.fitted_noise.covariances(values.scatter, values.noise, bad):
             covariance[rows[:, :, None], rows[:, None, :]] += own
-        whitener = np.asarray(np.linalg.inv(root_of(covariance)), dtype=np.float64)
+        whitener = inverse_of(root_of(covariance))
         of_budget = problem.model.parameters.of_kind("budget")
         free = problem.free | free_mask(problem.model, explanation)
         weighed = problem.weighed(whitener, np.where(of_budget, values.budget * problem.sd, problem.sd), free)
         begin = np.where(free, np.clip(start, problem.lower, problem.upper), problem.centre)
-        solution = solve(weighed, begin, _FLOOR, _EVALUATIONS, crawl=_CRAWL)
+        solution = solve(weighed, begin, _FLOOR, most, crawl=_CRAWL)
         theta = np.where(
             free, np.clip(weighed.centre + weighed.scale * solution.x, problem.lower, problem.upper), begin
         )

@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotrf
+from scipy.linalg.lapack import dpotrf, dtrtri
 from scipy.special import log_ndtr, ndtri_exp
 
 Floats = NDArray[np.float64]
@@ -221,6 +221,14 @@ def root_of(covariance: Floats) -> Floats:
         except np.linalg.LinAlgError:
             # Of a covariance this ends: once the jitter exceeds what rounding took away.
             jitter *= 100.0
+
+
+def inverse_of(root: Floats) -> Floats:
+    """Inverse (k, k) of a lower triangular root."""
+    inverse, failed = dtrtri(root, lower=1)
+    if failed:
+        raise np.linalg.LinAlgError("a root of a covariance has nothing on its diagonal")
+    return np.asarray(inverse, dtype=np.float64)
 
 
 @cache

@@ -129,19 +129,19 @@ def climbed(log_joint: Callable[[Node], float], start: Node, sizes: Sequence[int
         start: where to begin.
         sizes: values of each axis.
     """
-    node, moved = start, True
-    while moved:
-        moved = False
-        for axis, size in enumerate(sizes):
-            for step in (1, -1):
-                went = False
-                while 0 <= node[axis] + step < size:
-                    trial = (*node[:axis], node[axis] + step, *node[axis + 1 :])
-                    if log_joint(trial) <= log_joint(node):
-                        break
-                    node, moved, went = trial, True, True
-                if went:
+    node, axis, stood = start, 0, 0
+    while stood < len(sizes):
+        before = node
+        for step in (1, -1):
+            while 0 <= node[axis] + step < sizes[axis]:
+                trial = (*node[:axis], node[axis] + step, *node[axis + 1 :])
+                if log_joint(trial) <= log_joint(node):
                     break
+                node = trial
+            if node != before:
+                break
+        stood = stood + 1 if node == before else 1
+        axis = (axis + 1) % len(sizes)
     return node
 
 

@@ -11,8 +11,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
-from fingermodel.diagnosis.posterior.gaussian import Quadratic
+from fingermodel.diagnosis.posterior.gaussian import Quadratic, add_one
 from fingermodel.diagnosis.posterior.hyper import FAMILIES, NOISE, SCATTER, Hyperparameters, Node
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
@@ -26,17 +27,28 @@ Mask = NDArray[np.bool_]
 # Names of the blocks; `smooth0`, … and `form0`, … besides.
 ALWAYS, BUDGET, OWN, OTHERS = "always", "budget", "own", "others"
 
+_EPS = float(np.finfo(np.float64).eps)
 # Share of the largest change from which a reading counts as touched by an effect.
 _TOUCHED = 0.05
 
 
 @dataclass(eq=False)
 class Inner:
-    """Inner products of one linearisation's blocks under one noise by case."""
+    """Inner products of one linearisation's blocks under one noise by case.
+
+    Attributes:
+        smooth: columns that every explanation shares.
+        blocks: (n, k) whitened columns.
+        products: (k, l) of two blocks.
+        beside: the same with the weights of what always acts left open.
+        across: (always, k) of each block, turned by the root of what always acts.
+    """
 
     smooth: WhitenedSmooth
-    blocks: dict[str, Floats]
+    blocks: dict[str, Floats] = field(default_factory=dict)
     products: dict[tuple[str, str], Floats] = field(default_factory=dict)
+    beside: dict[tuple[str, str], Floats] = field(default_factory=dict)
+    across: dict[str, Floats] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,18 +182,62 @@ class Linearised:
         return [ALWAYS, BUDGET, *(name for name in [*smooth, *forms] if self.width(name, node) > 0.0)]
 
     def quadratic(self, names: Sequence[str], node: Node, bad: frozenset[int] | None = None) -> tuple[Quadratic, float]:
-        """Misfit as a function of the weights of some blocks, in their order; and minus half the noise's ln det."""
+        """Misfit as a function of the weights of some blocks, in their order; and minus half the noise's ln det.
+
+        What always acts is eliminated where it is not among the blocks. That depends on the noise alone, and is done
+        once for all nodes that share it.
+        """
         inner = self._inner_at(node, self.bad if bad is None else bad)
-        hessian = np.block([[self._product(inner, a, b) for b in names] for a in names])
-        gradient = np.concatenate([self._product(inner, a, "residual")[:, 0] for a in names])
-        value = float(self._product(inner, "residual", "residual")[0, 0])
-        return Quadratic(value, gradient, hessian, 0.0), -0.5 * inner.smooth.log_det
+        sizes = [self.size(name) for name in names]
+        ends = np.cumsum(sizes, dtype=int).tolist()
+        spans = [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
+        hessian, gradient = np.empty((sum(sizes), sum(sizes))), np.empty(sum(sizes))
+        if ALWAYS in names:
+            product, value, log_det = self._product, float(self._product(inner, "residual", "residual")[0, 0]), 0.0
+        else:
+            product, (value, log_det) = self._beside, self._always(inner)
+        for k, (a, of_a) in enumerate(zip(names, spans, strict=True)):
+            gradient[of_a] = product(inner, a, "residual")[:, 0]
+            for b, of_b in zip(names[: k + 1], spans[: k + 1], strict=True):
+                hessian[of_a, of_b] = product(inner, a, b)
+                hessian[of_b, of_a] = hessian[of_a, of_b].T
+        return Quadratic(value, gradient, hessian, log_det), -0.5 * inner.smooth.log_det
+
+    def _always(self, inner: Inner) -> tuple[float, float]:
+        """Misfit with the weights of what always acts at their best, and ln det of these."""
+        place = self.place(ALWAYS)
+        step = self._turned(inner, "residual")[:, 0]
+        misfit = float(self._product(inner, "residual", "residual")[0, 0]) + float(place @ place) - float(step @ step)
+        return misfit, 2.0 * float(np.log(np.diag(inner.across["factor"])).sum())
+
+    def _turned(self, inner: Inner, name: str) -> Floats:
+        if not inner.across:
+            gram = self._product(inner, ALWAYS, ALWAYS).copy()
+            add_one(gram)
+            inner.across["factor"] = np.linalg.cholesky(gram)
+        if name not in inner.across:
+            product = self._product(inner, ALWAYS, name)
+            if name == "residual":
+                product = product - self.place(ALWAYS)[:, None]
+            inner.across[name] = np.asarray(
+                solve_triangular(inner.across["factor"], product, lower=True, check_finite=False), dtype=np.float64
+            )
+        return inner.across[name]
+
+    def _beside(self, inner: Inner, a: str, b: str) -> Floats:
+        if (a, b) not in inner.beside:
+            plain = self._product(inner, a, b)
+            inner.beside[a, b] = plain - self._turned(inner, a).T @ self._turned(inner, b)
+            if a == b:
+                # What is left may be less than the rounding errors of what it is left of.
+                inner.beside[a, b].flat[:: len(plain) + 1] += self.size(ALWAYS) * _EPS * np.diag(plain)
+        return inner.beside[a, b]
 
     def _inner_at(self, node: Node, bad: frozenset[int]) -> Inner:
         key = (node[SCATTER], node[NOISE], bad)
         if key not in self._inner:
             values = self.hyper.values(node)
-            self._inner[key] = Inner(self.session.whitened_smooth(values.scatter, values.noise, bad), {})
+            self._inner[key] = Inner(self.session.whitened_smooth(values.scatter, values.noise, bad))
         return self._inner[key]
 
     def _whitened(self, inner: Inner, name: str) -> Floats:

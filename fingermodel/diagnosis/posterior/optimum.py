@@ -64,7 +64,7 @@ class Optimum(Linearised):
 
     def freed(self, node: Node, bad: frozenset[int] | None = None, width: float = 1.0) -> tuple[Freed, float]:
         """The explanation's own parameters at a node, all else left open; and minus half the noise's ln det."""
-        names = [*self.acting(node), OWN]
+        names = [*self.acting(node)[1:], OWN]
         quadratic, of_noise = self.quadratic(names, node, bad)
         widths, own = self.widths(names, node), self.size(OWN)
         widths[len(widths) - own :] *= width
@@ -91,7 +91,7 @@ class Optimum(Linearised):
         """The node to which the one that it was fitted under leads upwards."""
         sizes = self.hyper.sizes(self.node)
         best = climbed(self._asked, self.node, sizes)
-        if best[NOISE] != self.hyper.axes[NOISE].mode:
+        if best[NOISE] != self.hyper.axes[NOISE].mode and best == self.hyper.without_smooth(best):
             # What is taken for noise may be something smooth.
             best = max(best, climbed(self._asked, self.hyper.with_smooth(best), sizes), key=self._asked)
         return best
@@ -125,7 +125,7 @@ class Optimum(Linearised):
             node: of the hyperparameters.
             forms: whether the errors of form that are found here may act.
         """
-        first = [n for n in self.acting(node) if forms or not n.startswith("form")]
+        first = [n for n in self.acting(node)[1:] if forms or not n.startswith("form")]
         names = [*first, OWN, OTHERS]
         quadratic, of_noise = self.quadratic(names, node)
         widths = self.widths(first, node)

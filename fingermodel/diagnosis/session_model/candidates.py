@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from math import factorial, prod
 
@@ -62,7 +63,7 @@ class Explanation:
 
     members: tuple[Member, ...] = ()
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Of the candidates."""
         return tuple(m.candidate.name for m in self.members)
@@ -72,7 +73,7 @@ class Explanation:
         """Of their effects, each once."""
         return tuple(dict.fromkeys(m.candidate.effect for m in self.members))
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[int, ...]:
         """Indices of what is free besides the base model's."""
         return tuple(i for m in self.members for i in m.parameters)
@@ -130,14 +131,26 @@ class Candidates:
             ]
         return cls(tuple(out))
 
-    @property
+    @cached_property
+    def _order(self) -> dict[str, int]:
+        return {c.name: k for k, c in enumerate(self.all)}
+
+    @cached_property
+    def _weights(self) -> dict[str, float]:
+        """Share of the prior that each effect has among those of its size."""
+        inside = {c.effect for c in self.all if not c.outside}
+        outside = {c.effect for c in self.all if c.outside}
+        weight = {e: (1.0 - P_OUTSIDE) / max(len(inside), 1) for e in inside}
+        return weight | {e: P_OUTSIDE / len(outside) for e in outside}
+
+    @cached_property
     def singles(self) -> list[Explanation]:
         """Every candidate alone, in each of its forms."""
         return [Explanation((Member(c, k),)) for c in self.all for k in range(len(c.forms))]
 
     def joined(self, members: Iterable[Member]) -> Explanation | None:
         """Members acting together, in the order of the candidates; None where two are one candidate or share one."""
-        chosen = sorted(members, key=lambda m: self.all.index(m.candidate))
+        chosen = sorted(members, key=lambda m: self._order[m.candidate.name])
         parameters = [i for m in chosen for i in m.parameters]
         alone = len({m.candidate.name for m in chosen}) == len(chosen) and len(set(parameters)) == len(parameters)
         return Explanation(tuple(chosen)) if alone else None
@@ -161,10 +174,7 @@ class Candidates:
         """Log prior: by size, then by effect of that size, then by candidate and form."""
         if not explanation.size:
             return float(np.log(P_NOTHING))
-        inside = {c.effect for c in self.all if not c.outside}
-        outside = {c.effect for c in self.all if c.outside}
-        weight = {e: (1.0 - P_OUTSIDE) / max(len(inside), 1) for e in inside}
-        weight |= {e: P_OUTSIDE / len(outside) for e in outside}
+        weight = self._weights
         counts = Counter(m.candidate.effect for m in explanation.members)
         orders = factorial(explanation.size) / prod(factorial(n) for n in counts.values())
         each = [weight[m.candidate.effect] * m.candidate.share / len(m.candidate.forms) for m in explanation.members]
