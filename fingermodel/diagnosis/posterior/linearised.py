@@ -214,7 +214,7 @@ class Linearised:
         if not inner.across:
             gram = self._product(inner, ALWAYS, ALWAYS).copy()
             add_one(gram)
-            inner.across["factor"] = np.linalg.cholesky(gram)
+            inner.across["factor"] = np.asarray(np.linalg.cholesky(gram), dtype=np.float64)
         if name not in inner.across:
             product = self._product(inner, ALWAYS, name)
             if name == "residual":
