@@ -62,8 +62,13 @@ class EffectFile(Document):
     outside: bool = False
 
 
-def formula_effect(raw: Any, where: str) -> FormulaEffect:
-    """Build an effect from the contents of its file; `where` names it in errors.
+def formula_effect(raw: Any, where: str, *, tried: bool = False) -> FormulaEffect:
+    """Build an effect from the contents of its file.
+
+    Args:
+        raw: contents.
+        where: what names the file in errors.
+        tried: whether its formulas are known to be neutral at their null, and to have values and slopes elsewhere.
 
     Raises:
         ModelError: the first fault, in one line.
@@ -81,7 +86,8 @@ def formula_effect(raw: Any, where: str) -> FormulaEffect:
     for formula in formulas:
         require_dimensions(formula, units, where)
     _require_used(document, formulas, where)
-    require_neutral(formulas, declared, where)
+    if not tried:
+        require_neutral(formulas, declared, where)
     return OF_STAGE[formulas[0].target.stage](
         name=document.name,
         title=document.title,

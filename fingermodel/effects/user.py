@@ -54,28 +54,29 @@ def load_effect(path: Path, topology: Topology | None = None, layout: Layout = A
         ModelError: the first fault, in one line.
     """
     found = _find(path)
+    # Those that are shipped are tried by tests.
+    shipped = found.parent == data_dir() / "effects"
     try:
-        effect = _read(found)
+        effect = _read(found, tried=shipped)
     except (OSError, RecursionError) as fault:
         raise ModelError(f"{found.name} cannot be read ({fault})", WANTED) from fault
     _require_new(effect, found.name)
     if isinstance(effect, FormulaEffect):
         if topology is not None:
             effect.check(topology)
-        if found.parent != data_dir() / "effects":
-            # Those that are shipped are tried by tests.
+        if not shipped:
             _require_slopes(effect, topology or read_finger("an1979_middle").topology, layout, found.name)
     else:
         require_contract(effect, topology or read_finger("an1979_middle").topology, layout, found.name)
     return effect
 
 
-def _read(path: Path) -> Effect:
+def _read(path: Path, *, tried: bool) -> Effect:
     if path.stat().st_size > LARGEST:
         raise ModelError(f"{path.name} is larger than {LARGEST // 1024} kB", "a short file with one effect")
     if path.suffix == ".py":
         return python_effect(path.resolve(), path.read_bytes())
-    return formula_effect(read_document(path, WANTED, ModelError), path.name)
+    return formula_effect(read_document(path, WANTED, ModelError), path.name, tried=tried)
 
 
 def _find(path: Path) -> Path:
