@@ -3,7 +3,8 @@
     python -m benchmarks.slips [--each 4] [--seed-from COMMIT] [--out FILE]
 
 On sessions of the independent simulator: each kind of slip and none, with an effect drawn from the catalogue and
-without one, with a scatter of 0, 1 and 2 % from case to case. Seeds come from a commit's name. A slip shows where it
+without one, with a scatter of 0, 1 and 2 % from case to case. With an effect the session without its slip is
+diagnosed too. Seeds come from a commit's name. A slip shows where it
 moves the readings of its cases by more than three times what noise and scatter do (RMS over forces). Writes
 `benchmarks/slips.md`, and every session's outcome beside it as JSON lines.
 """
@@ -48,6 +49,11 @@ def one_session(seed: int, kind: str | None, acts: bool, scatter: float) -> dict
         began = time.perf_counter()
         body = diagnosis_answer(bench, run_diagnosis(bench))
         seconds = time.perf_counter() - began
+        plain = None
+        if acts and kind is not None:
+            draw_session(place / "no slip", seed, effects, nuisance_scale=1.0, done=Done(seed, scatter))
+            bench = open_bench(place / "no slip", catalogue=True)
+            plain = diagnosis_answer(bench, run_diagnosis(bench))["effects"]
     wrong = done.wrong(plan)
     moved = np.array([true.wrench[c][:3] - said.wrench[c][:3] for c in wrong]).reshape(-1, 3)
     size = np.array([clean.wrench[c][:3] for c in wrong]).reshape(-1, 3)
@@ -66,6 +72,7 @@ def one_session(seed: int, kind: str | None, acts: bool, scatter: float) -> dict
         "shows": shown,
         "verdict": body["verdict"],
         "named": body["effects"],
+        "named_without_slip": plain,
         "suspects": [(s["case"], s["probability"]) for s in body["suspects"]],
         "first_like": None if like is None else like["words"],
         "told": told,
@@ -87,7 +94,7 @@ def report(rows: list[dict[str, Any]], each: int) -> list[str]:
 
     seen = [r for r in rows if r["kind"] and r["shows"] >= SHOWS]
     clean = [r for r in rows if r["kind"] is None]
-    beside = [r for r in seen if r["effects"]]
+    beside = [r for r in seen if r["effects"] and r["named_without_slip"] == r["effects"]]
     alone = [r for r in seen if not r["effects"]]
     return [
         "# Slips of the pen",
@@ -101,9 +108,14 @@ def report(rows: list[dict[str, Any]], each: int) -> list[str]:
         *(line(f"- {kind}", [first(r) for r in seen if r["kind"] == kind]) for kind in KINDS),
         *(line(f"- scatter {100 * s:g} %", [first(r) for r in seen if r["scatter"] == s]) for s in SCATTERS),
         line(
-            "an effect beside a slip that shows: found, and nothing else", [r["named"] == r["effects"] for r in beside]
+            "an effect that is found without the slip: found beside one that shows, and nothing else",
+            [r["named"] == r["effects"] for r in beside],
         ),
-        line("the same without a slip", [r["named"] == r["effects"] for r in clean if r["effects"]]),
+        line(
+            "an effect without a slip: found, and nothing else",
+            [r["named"] == r["effects"] for r in clean if r["effects"]]
+            + [r["named_without_slip"] == r["effects"] for r in seen if r["effects"]],
+        ),
         line("no effect beside a slip that shows: nothing named", [not r["named"] for r in alone]),
         line("no slip: a case accused, 0.5 or more", [bool(r["suspects"]) for r in clean]),
         line("no fault of the session: one named", [bool(r["faults"]) for r in rows]),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Protocol
 
 import jax
 import numpy as np
@@ -25,6 +26,14 @@ EQ5_WEIGHT = {"DIP": 10.0, "PIP": 10.0, "MCP": 1.0}
 
 # Rows too are rounded up (see `stages`).
 ROWS_STEP = 64
+
+
+class Whitener(Protocol):
+    """What makes readings independent and of variance 1."""
+
+    def __matmul__(self, other: Floats) -> Floats:
+        """Whiten a vector (n,) or columns (n, k)."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,26 +118,6 @@ class Problem:
         if not self._fitted or any(a is not b for a, b in zip(self._fitted[0].of, self.source, strict=True)):
             self._fitted[:] = [FittedReadings.of_problem(self)]
         return self._fitted[0]
-
-    def less(self, change: Floats) -> Problem:
-        """The same for readings from which a change (cases, 6) has been taken [N, N mm]."""
-        observations = replace(self.observations, wrench=self.observations.wrench - change)
-        other = replace(self, observations=observations, _fitted=[])
-        measured = self.fitted_readings.measured - change.reshape(-1)[self.rows]
-        other._fitted.append(replace(self.fitted_readings, of=other.source, measured=measured))
-        return other
-
-    def weighed(self, whitener: Floats, sd: Floats, free: NDArray[np.bool_]) -> Problem:
-        """The same readings under another covariance, with other widths of the priors, over other parameters.
-
-        Args:
-            whitener: (residuals, residuals).
-            sd: (parameters,).
-            free: (parameters,).
-        """
-        other = replace(self, whitener=whitener, sd=sd, free=free, _fitted=[])
-        other._fitted.append(replace(self.fitted_readings, of=other.source, whitener=Tiles.of(whitener)))
-        return other
 
     @property
     def source(self) -> tuple[object, ...]:

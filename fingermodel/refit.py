@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fingermodel.fingers import FingerValues
 from fingermodel.fit_report import Fit, Optimum, Outcome, describe
 from fingermodel.model import Structure, parts_of, predict_batch, predict_parts
-from fingermodel.problems import FittedReadings, Problem, objective_at
+from fingermodel.problems import FittedReadings, Problem, Whitener, objective_at
 from fingermodel.programs import stored
 from fingermodel.solver import CONVERGED, NOT_FINITE, STALLED, Solution, minimise
 from fingermodel.stages import LoadCaseInput
@@ -79,6 +79,7 @@ def solve(
     crawl: float = 0.0,
     bends: bool = True,
     begun: Solution | None = None,
+    whitener: Whitener | None = None,
 ) -> Solution:
     """Minimise a problem; the answer is in coordinates scaled about the priors' centre.
 
@@ -90,19 +91,21 @@ def solve(
         crawl: of `minimise`, for fits that only have to show that they are not in question.
         bends: of `minimise`.
         begun: of `minimise`: an earlier answer for this problem, to go on from.
+        whitener: instead of the problem's.
     """
     scale, centre, fitted, model = problem.scale, problem.centre, problem.fitted_readings, problem.model
     active, at = _active(problem), model.places[problem.free]
+    white = fitted.whitener if whitener is None else whitener
     # Of all cases, fitted or not: the program that predicts them is there anyway.
     predict = predict_batch.program(model.compiled, fitted.values, model.placed(centre), fitted.every_case, active)
     differentiate = _slopes_program(problem, active, fitted, len(problem.rows))
 
     def residuals(x: Floats) -> Floats:
         reading = predict(fitted.values, model.placed(centre + scale * x), fitted.every_case, active).reading
-        return fitted.whitener @ (fitted.measured - np.asarray(reading).reshape(-1)[problem.rows])
+        return white @ (fitted.measured - np.asarray(reading).reshape(-1)[problem.rows])
 
     def slopes(x: Floats) -> Floats:
-        return fitted.whitener @ np.take(differentiate(centre + scale * x), at, axis=1)
+        return white @ np.take(differentiate(centre + scale * x), at, axis=1)
 
     return minimise(
         residuals,

@@ -16,7 +16,7 @@ from fingermodel.diagnosis.nulls import Null, nulls
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.predictive import PredictiveCheck, check
+from fingermodel.diagnosis.predictive import PredictiveCheck, checks
 from fingermodel.diagnosis.search import Searched, Searcher
 from fingermodel.diagnosis.sensitivity import Sensitivity, sensitivity
 from fingermodel.diagnosis.session_faults import SessionFault, session_faults
@@ -117,9 +117,8 @@ def diagnose(
     alike = confounding(nothing, candidates)
     named = likeliest(posterior)
     fit = posterior.best_fit(named) or posterior.leader
-    chosen = dict.fromkeys([fit, posterior.leader, posterior.nothing])
-    checks = {f.explanation: check(f) for f in chosen}
-    verdict = judge(posterior, stated, candidates, alike, checks[fit.explanation], fit.explanation.names)
+    checked = checks(posterior, dict.fromkeys([fit, posterior.leader, posterior.nothing]))
+    verdict = judge(posterior, stated, candidates, alike, checked[fit.explanation], fit.explanation.names)
     asked = sensitivity(posterior, verdict)
     found: tuple[Hint, ...] = ()
     faults = tuple(session_faults(session, candidates, posterior))
@@ -142,7 +141,7 @@ def diagnose(
         stated,
         alike,
         verdict,
-        checks,
+        checked,
         asked,
         faults,
         found,

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtrc, expit, logit, logsumexp
 
 from fingermodel.diagnosis.posterior.gaussian import root_of
+from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import (
     LOG_PRIOR_ODDS,
@@ -17,7 +19,7 @@ from fingermodel.diagnosis.session_model.bad_cases import (
     bad_size,
     chance_of,
 )
-from fingermodel.diagnosis.session_model.candidates import free_mask
+from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slips import Explained, Slips
 from fingermodel.diagnosis.settings import P_VALUE
@@ -48,21 +50,45 @@ class PredictiveCheck:
     """What the validation cases say of an explanation.
 
     Attributes:
-        log_density: of all of them; None where there are none.
+        log_density: of those that are not bad; None where there are none.
         p_value: that they would be missed so far; None where there are none.
         bad: log odds of the cases that are more probably bad than not, by index of the case.
         slips: what may have been done in these instead of what was entered.
+        log_evidence: for the explanation by all of them, whichever are bad.
+        prediction: of them.
     """
 
     log_density: float | None
     p_value: float | None
     bad: dict[int, float]
     slips: dict[int, Explained]
+    log_evidence: float = 0.0
+    prediction: Prediction | None = field(default=None, repr=False)
 
     @property
     def vetoes(self) -> bool:
         """Whether the explanation does not predict them."""
         return self.p_value is not None and self.p_value < P_VALUE
+
+    def setting_apart(self, bad: dict[int, float], slips: dict[int, Explained]) -> PredictiveCheck:
+        """The same with these cases for the bad ones."""
+        p = self.prediction
+        if p is None:
+            return self
+        sound = ~np.isin(p.cases, list(bad))
+        log_density, misfit = _log_normal(p.away[sound], p.covariance[np.ix_(sound, sound)])
+        # So many bad cases among so few are no slips either: then the explanation misses them.
+        many = float(chance_of(len(bad), len(np.unique(p.cases))))
+        p_value = min(float(chdtrc(int(sound.sum()), misfit)), many)
+        return replace(self, log_density=log_density, p_value=p_value, bad=bad, slips=slips)
+
+
+def _log_normal(away: Floats, covariance: Floats) -> tuple[float, float]:
+    """Log density and misfit of some readings (n,) under a covariance (n, n)."""
+    factor = root_of(covariance)
+    z = np.linalg.solve(factor, away)
+    misfit = float(z @ z)
+    return -0.5 * misfit - float(np.log(np.diag(factor)).sum()) - 0.5 * len(z) * float(np.log(2.0 * np.pi)), misfit
 
 
 def predicted(fit: Optimum) -> Prediction:
@@ -111,11 +137,28 @@ def check(fit: Optimum) -> PredictiveCheck:
             break
         for case in {worst, found[worst].partner} - {None}:
             bad[case], explained[case] = max(odds[case], SUSPECT_LOG_ODDS), found[case]
-    sound = ~np.isin(p.cases, list(bad))
-    factor = root_of(p.covariance[np.ix_(sound, sound)])
-    z = np.linalg.solve(factor, p.away[sound])
-    misfit = float(z @ z)
-    log_density = -0.5 * misfit - float(np.log(np.diag(factor)).sum()) - 0.5 * len(z) * float(np.log(2.0 * np.pi))
-    # So many bad cases among so few are no slips either: then the explanation misses them.
-    many = float(chance_of(len(bad), len(np.unique(p.cases))))
-    return PredictiveCheck(log_density, min(float(chdtrc(len(z), misfit)), many), bad, explained)
+    log_evidence, _ = _log_normal(p.away, p.covariance + np.diag(np.isin(p.cases, list(bad)) * size**2))
+    log_evidence += sum(LOG_PRIOR_ODDS + one.gain for one in explained.values())
+    return PredictiveCheck(None, None, {}, {}, log_evidence, p).setting_apart(bad, explained)
+
+
+def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation, PredictiveCheck]:
+    """Check some explanations; bad are cases that are so whichever explanation holds, all fitted ones weighed.
+
+    A case may be as one explanation expects it and a slip under another. How probable each is, it says itself.
+    """
+    out = {fit.explanation: check(fit) for fit in chosen}
+    if not any(c.bad for c in out.values()):
+        return out
+    asked = out | {e: check(fit) for e, fit in posterior.fits.items() if e not in out}
+    log = {e: posterior.fits[e].log_posterior + c.log_evidence for e, c in asked.items()}
+    top = float(logsumexp(list(log.values())))
+    bad: dict[int, float] = {}
+    slips: dict[int, Explained] = {}
+    for case in dict.fromkeys(case for c in asked.values() for case in c.bad):
+        p = [(float(np.exp(log[e] - top)), expit(c.bad.get(case, -np.inf)), c) for e, c in asked.items()]
+        odds = float(logit(min(sum(weight * one for weight, one, _ in p), 1.0 - 1e-15)))
+        if odds >= SUSPECT_LOG_ODDS:
+            bad[case] = odds
+            slips[case] = max(p, key=lambda entry: entry[0] * entry[1])[2].slips[case]
+    return {e: c.setting_apart(bad, slips) for e, c in out.items()}

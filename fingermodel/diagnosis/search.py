@@ -27,8 +27,8 @@ Floats = NDArray[np.float64]
 
 # Explanations of each size that are fitted whatever the promise, by each of the two first linearisations.
 _FIRST = 3
-# Evaluations of the fit at which the columns of scatter are made.
-_ROUGH = 15
+# Units of chi-square that a step of the fit must promise at which the columns of scatter are made.
+_ROUGH = 2.0
 # Prior widths from its null at which a parameter is tried that has no slope there.
 _SHAPES = (-1.6, -1.0, -0.4, 0.4, 1.0, 1.6)
 # Where a search begins on the axes of scatter and smooth.
@@ -81,18 +81,30 @@ class Searcher:
             start: (parameters,) of an earlier fit of the base model, tried besides the priors' centre.
             most: fits.
         """
-        every = self._begun(start)
-        while len(self._bad) < self._most_bad:
-            worst = self._worst([every, self._fits[NOTHING]])
-            if not worst:
-                break
-            self._bad |= worst
-            every = self._begun(start)
+        every = self._without_bad_cases(start)
         self._first_fits(every)
         self._until_none_promises(most)
         self._finish(every)
         self._until_none_promises(most)
         return Searched(self._hyper, self._fits, self._rest(), *self._odds())
+
+    def _without_bad_cases(self, start: Floats | None) -> Optimum:
+        """Take cases for bad, the worst first, until none is; then those back that the later ones had made so."""
+        every = self._begun(start)
+        taken: list[frozenset[int]] = []
+        while len(self._bad) < self._most_bad and (worst := self._worst(self._least_odds(every))):
+            if worst in taken:
+                break
+            taken.append(worst)
+            self._bad |= worst
+            every = self._begun(start)
+            for cases in [t for t in taken[:-1] if t <= self._bad]:
+                kept = self._bad, self._fitter, self._fits, every
+                self._bad, self._fits = self._bad - cases, {}
+                every = self._begun(start)
+                if cases & self._least_odds(every).keys():
+                    self._bad, self._fitter, self._fits, every = kept
+        return every
 
     @property
     def _most_bad(self) -> int:
@@ -143,20 +155,25 @@ class Searcher:
             if fit is not leader and fit.explanation.size:
                 fit.forget()
 
-    def _worst(self, hosts: Sequence[Optimum]) -> frozenset[int]:
-        """The case (or the two exchanged) most probably bad whichever of some explanations holds."""
+    def _least_odds(self, every: Optimum) -> dict[int, tuple[float, int | None]]:
+        """Log odds of cases probably bad whether all candidates act or none, and what each was swapped with."""
         least: dict[int, float] = {c: np.inf for c in range(len(self._session.observations.ids)) if c not in self._bad}
         partners: dict[int, int | None] = {}
-        for host in hosts:
+        for host in (every, self._fits[NOTHING]):
             odds = self._bad_odds(host)
             slips = self._explained(host, least)
             least = {c: min(o, odds[c] + (slips[c].gain if c in slips else 0.0)) for c, o in least.items() if c in odds}
             partners |= {c: e.partner for c, e in slips.items()}
             least = {c: o for c, o in least.items() if o >= SUSPECT_LOG_ODDS}
-        if not least:
+        return {c: (o, partners.get(c)) for c, o in least.items()}
+
+    @staticmethod
+    def _worst(odds: dict[int, tuple[float, int | None]]) -> frozenset[int]:
+        """The case (or the two exchanged) most probably bad."""
+        if not odds:
             return frozenset()
-        worst = max(least, key=lambda c: least[c])
-        partner = partners.get(worst)
+        worst = max(odds, key=lambda c: odds[c][0])
+        partner = odds[worst][1]
         return frozenset({worst} | ({partner} if partner is not None else set()))
 
     def _explained(self, host: Optimum, cases: Collection[int]) -> dict[int, Explained]:
@@ -190,7 +207,7 @@ class Searcher:
             bad, sound = [], []
             for fit in self._fits.values():
                 bad.append(fit.log_posterior + LOG_PRIOR_ODDS)
-                sound.append(max(fit.log_joint(node, without) for node in _widened(fit, self._hyper)))
+                sound.append(max(fit.log_joint(node, without) for node in self._hyper.widened(fit.best)))
             out[case] = float(logsumexp(bad) - logsumexp(sound))
         slips = self._explained(self._leader, self._bad) if self._bad else {}
         return {case: odds + (slips[case].gain if case in slips else 0.0) for case, odds in out.items()}, slips
@@ -324,14 +341,3 @@ def _best_forms(promised: dict[Explanation, float]) -> list[Explanation]:
     for explanation in sorted(promised, key=lambda e: -promised[e]):
         best.setdefault(explanation.names, explanation)
     return list(best.values())
-
-
-def _widened(fit: Optimum, hyper: Hyperparameters) -> list[Node]:
-    """Nodes by which a bad case may be explained as a sound one: more scatter, noise, or something smooth."""
-    best = fit.best
-    more = [
-        (*best[:axis], index, *best[axis + 1 :])
-        for axis in (SCATTER, NOISE, *range(SMOOTH, FORMS))
-        for index in range(best[axis] + 1, len(hyper.axes[axis].values))
-    ]
-    return [best, *more]

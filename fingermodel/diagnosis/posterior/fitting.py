@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.posterior.gaussian import inverse_of, root_of
 from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.posterior.whitening import Whitening
 from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, free_mask
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.refit import reading_slopes, solve
@@ -77,12 +77,15 @@ class Fitter:
         starts: Sequence[Floats],
         node: Node,
         bad: frozenset[int] = frozenset(),
-        most: int = _EVALUATIONS,
+        floor: float = _FLOOR,
     ) -> Optimum:
-        """Fit from some starts under the hyperparameters of one node, which stay as they are; the least misfit."""
+        """Fit from some starts under the hyperparameters of one node, which stay as they are; the least misfit.
+
+        Done once a step promises less than `floor` units of chi-square.
+        """
         found = []
         for start in starts:
-            theta, converged = self._solved(explanation, start, node, bad, None, most)
+            theta, converged = self._solved(explanation, start, node, bad, None, _EVALUATIONS, floor)
             found.append(self.linearised(explanation, theta, node, bad, 0.0, converged=converged))
         return min(found, key=lambda f: f.freed(node)[0].misfit)
 
@@ -94,6 +97,7 @@ class Fitter:
         bad: frozenset[int],
         before: Optimum | None,
         most: int,
+        floor: float = _FLOOR,
     ) -> tuple[Floats, bool]:
         """(parameters,) of the optimum under a node's covariance, and whether the solver was done.
 
@@ -106,16 +110,13 @@ class Fitter:
             blocks.append(values.smooth_N[session.families] * session.smooth[fitted])
         if before is not None:
             blocks += [e * f[fitted] for e, f in zip(values.forms, before.form_errors, strict=True) if e > 0.0]
-        shared = np.concatenate(blocks, axis=1)
-        covariance = shared @ shared.T
-        for rows, own in session.fitted_noise.covariances(values.scatter, values.noise, bad):
-            covariance[rows[:, :, None], rows[:, None, :]] += own
-        whitener = inverse_of(root_of(covariance))
+        roots, _ = session.fitted_noise.whitening(values.scatter, values.noise, bad)
+        whitening = Whitening.of(roots, np.concatenate(blocks, axis=1))
         of_budget = problem.model.parameters.of_kind("budget")
         free = problem.free | free_mask(problem.model, explanation)
-        weighed = problem.weighed(whitener, np.where(of_budget, values.budget * problem.sd, problem.sd), free)
+        weighed = replace(problem, sd=np.where(of_budget, values.budget * problem.sd, problem.sd), free=free)
         begin = np.where(free, np.clip(start, problem.lower, problem.upper), problem.centre)
-        solution = solve(weighed, begin, _FLOOR, most, crawl=_CRAWL)
+        solution = solve(weighed, begin, floor, most, crawl=_CRAWL, whitener=whitening)
         theta = np.where(
             free, np.clip(weighed.centre + weighed.scale * solution.x, problem.lower, problem.upper), begin
         )

@@ -120,6 +120,15 @@ class Hyperparameters:
             if 0 <= index < len(axis.values) and index != node[k]
         ]
 
+    def widened(self, node: Node) -> list[Node]:
+        """This node, and those with more scatter, noise or something smooth: there a bad case may be a sound one."""
+        more = [
+            (*node[:axis], index, *node[axis + 1 :])
+            for axis in (SCATTER, NOISE, *range(SMOOTH, FORMS))
+            for index in range(node[axis] + 1, len(self.axes[axis].values))
+        ]
+        return [node, *more]
+
 
 def climbed(log_joint: Callable[[Node], float], start: Node, sizes: Sequence[int]) -> Node:
     """From a node along one axis after another to the best value there, until none of them has a better one.
