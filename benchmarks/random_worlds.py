@@ -7,7 +7,8 @@ The sessions (`tests/random_worlds`) share no code with the model. Nothing, one 
 composed law outside it is hidden, from far below to far above what noise and budget hide. The seeds come from a
 commit's name. Writes `benchmarks/random_worlds.md` and every session's outcome beside it, so that a run that was
 stopped can be resumed, or reported as far as it went (`--resume --sessions 0`). `--against` compares with the outcomes
-of another run on the same sessions.
+of another run on the same sessions. A mass in kilograms is refused when a session is read, with its case's name: it is
+put right as a user would, and counts neither as a slip that is named nor as one that is missed.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any, TextIO
+
+import yaml
 
 from benchmarks import random_worlds_scores as scores
 from benchmarks.machine import commit, publish, use_all_cores
@@ -55,6 +58,7 @@ def one_session(seed: tuple[int, int], measured: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         truth = write_world(Path(folder), seed)
         row: dict[str, Any] = {"seed": list(seed), "commit": measured, "truth": truth, "answer": None, "refused": None}
+        row["mended"] = mended(Path(folder) / "session.yaml")
         began = time.perf_counter()
         try:
             bench = open_bench(folder, catalogue=True)
@@ -66,6 +70,20 @@ def one_session(seed: tuple[int, int], measured: str) -> dict[str, Any]:
     # Plain values only, as they will be read back.
     out: dict[str, Any] = json.loads(json.dumps(row, default=float))
     return out
+
+
+def mended(file: Path) -> list[str]:
+    """Write masses below 1 g, which are refused by name, as the kilograms that they are; return their cases."""
+    document = yaml.safe_load(file.read_text(encoding="utf-8"))
+    cases = []
+    for case in document["cases"]:
+        light = {m: 1000.0 * g for m, g in (case.get("masses_g") or {}).items() if 0.0 < g < 1.0}
+        if light:
+            case["masses_g"].update(light)
+            cases.append(case["id"])
+    if cases:
+        file.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    return cases
 
 
 def read_rows(file: Path) -> list[dict[str, Any]]:

@@ -22,7 +22,7 @@ from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.session_model.bad_cases import gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
 from fingermodel.diagnosis.session_model.session import Session, session_of
-from fingermodel.diagnosis.settings import GAIN_SPREAD, P_FAULT, SUSPECT, WITHIN
+from fingermodel.diagnosis.settings import GAIN_SPREAD, P_FAULT, SUSPECT
 from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
@@ -107,13 +107,12 @@ def _log_posterior(session: Session, candidates: Candidates, posterior: Posterio
     first = fitter.fit(NOTHING, session.problem.centre, nothing.hyper.start(0))
     again = replace(fitter, session=other.seen_from(first.theta))
     base = again.fit(NOTHING, first.theta, first.mode)
+    if base.log_posterior + offer.log_density < nothing.log_posterior:
+        return base.log_posterior + offer.log_density
     # An effect may act as well: the one that the base promises most.
     node = base.hyper.without_smooth(base.best)
     promised = base.promises(candidates.singles, [base.best, node])
-    promised = promised + [candidates.log_prior(e) for e in candidates.singles]
-    best = candidates.singles[int(np.argmax(promised))]
-    if promised.max() + offer.log_density < posterior.log_norm - WITHIN:
-        return base.log_posterior + offer.log_density
+    best = candidates.singles[int(np.argmax(promised + [candidates.log_prior(e) for e in candidates.singles]))]
     beside = again.fit(best, base.expected(best, node), node)
     return float(np.logaddexp(base.log_posterior, beside.log_posterior)) + offer.log_density
 
