@@ -166,7 +166,7 @@ def verdict_true(row: Row) -> bool | None:
 
 
 def slip_cases(row: Row, shown: bool = False) -> set[str]:
-    """Cases whose lines are wrong, as the session was diagnosed; `shown`: of slips in fitted cases that are there to be seen."""
+    """Cases whose lines are wrong as diagnosed; `shown`: of slips in fitted cases that are there to be seen."""
     slips = [s for s in row["truth"]["slips"] if not shown or (s["fitted"] and s["sds"] >= SLIP_SHOWS)]
     return {c for s in slips for c in s["cases"]} - set(row.get("mended", []))
 
