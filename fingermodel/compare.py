@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -113,6 +113,10 @@ class Comparison:
             and (posture is None or c.posture == posture)
         )
         return Comparison(chosen, self.noise_assumed)
+
+    def without(self, ids: Collection[str]) -> Comparison:
+        """Return the cases that are none of these."""
+        return Comparison(tuple(c for c in self.cases if c.id not in ids), self.noise_assumed)
 
     def errors(self, plane: str) -> ErrorSummary:
         """Summarise all cases in the `sagittal` plane or in `space`."""

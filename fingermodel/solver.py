@@ -133,7 +133,7 @@ class _Box(NamedTuple):
 
 
 class _Normal(NamedTuple):
-    """The problem straightened about a point, in the free parameters.
+    """The problem linearised about a point, in the free parameters.
 
     Attributes:
         x: (free,) the point.

@@ -15,7 +15,6 @@ from fingermodel.diagnosis.posterior.marginals import Entry, Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.slips import Explained
-from fingermodel.diagnosis.settings import SUSPECT
 from fingermodel.diagnosis.verdict import stated_node
 from fingermodel.diagnosis.where import where
 from fingermodel.parameters import with_unit
@@ -70,8 +69,9 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "noise_multiple": {"value": noise[0], "sd": noise[1], "assumed": d.session.observations.noise_assumed},
         "predictive_check": predictive(d),
         "size": effect_size(d) if verdict.kind == "found" else None,
-        "before": before.summary(),
-        "after": after.summary(),
+        # Of all cases but the suspects.
+        "before": d.comparison(nothing).summary(),
+        "after": d.comparison(best).summary(),
         "chi_square": {
             "value": alone,
             "degrees_of_freedom": rows,
@@ -142,25 +142,17 @@ def remarks(d: Diagnosis) -> list[str]:
 
 def suspects(d: Diagnosis) -> list[dict[str, Any]]:
     """Cases that are more probably bad than not, the likeliest first; the verdict stands without them."""
-    odds, slips = dict(d.searched.bad), dict(d.searched.slips)
-    checked = d.checks.get(d.posterior.leader.explanation)
-    # So many among the validation cases as slips can hardly be say that the prediction is wrong, not the cases.
-    if checked is not None and not checked.vetoes:
-        odds |= checked.bad
-        slips |= checked.slips
     observations, verdict = d.session.observations, d.verdict
     without = {"verdict": verdict.kind, "effects": list(verdict.effects), "probability": min(verdict.probability, 1.0)}
-    found = sorted(((1.0 / (1.0 + float(np.exp(-o))), case) for case, o in odds.items()), reverse=True)
     return [
         {
             "case": observations.ids[case],
             "role": observations.roles[case],
             "probability": p,
-            "reads_like": reads_like(slips[case], observations.ids) if case in slips else [],
+            "reads_like": [] if slips is None else reads_like(slips, observations.ids),
             "verdict_without": without,
         }
-        for p, case in found
-        if p >= SUSPECT
+        for case, (p, slips) in d.suspects.items()
     ]
 
 

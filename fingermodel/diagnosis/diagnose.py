@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from fingermodel.compare import Comparison, compare
 from fingermodel.diagnosis.confounding import Confounding, confounding
@@ -22,7 +23,8 @@ from fingermodel.diagnosis.sensitivity import Sensitivity, sensitivity
 from fingermodel.diagnosis.session_faults import SessionFault, session_faults
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
-from fingermodel.diagnosis.settings import MOST_FITS
+from fingermodel.diagnosis.session_model.slips import Explained
+from fingermodel.diagnosis.settings import MOST_FITS, SUSPECT
 from fingermodel.diagnosis.verdict import Verdict, judge, likeliest, stated_node
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
@@ -77,9 +79,28 @@ class Diagnosis:
             return posterior.nothing
         return posterior.leader
 
+    @property
+    def suspects(self) -> dict[int, tuple[float, Explained | None]]:
+        """Cases that are more probably bad than not: probability, and what may have been done in them instead.
+
+        The likeliest first. Verdict and errors are of the others.
+        """
+        odds, slips = dict(self.searched.bad), dict(self.searched.slips)
+        checked = self.checks.get(self.posterior.leader.explanation)
+        # So many among the validation cases as slips can hardly be say that the prediction is wrong, not the cases.
+        if checked is not None and not checked.vetoes:
+            odds |= checked.bad
+            slips |= checked.slips
+        found = sorted(((float(expit(o)), case) for case, o in odds.items()), reverse=True)
+        return {case: (p, slips.get(case)) for p, case in found if p >= SUSPECT}
+
+    def comparison(self, fit: Optimum) -> Comparison:
+        """Measured and predicted forces of a fit, suspects left out."""
+        return self.comparisons[fit.explanation].without([self.session.observations.ids[c] for c in self.suspects])
+
     def validation_rmse(self, fit: Optimum) -> float | None:
-        """RMSE [N] of the validation cases, in the plane that the finger is judged in."""
-        return validation_rmse(self.session.model, self.comparisons[fit.explanation])
+        """RMSE [N] of the validation cases, in the plane that the finger is judged in, suspects left out."""
+        return validation_rmse(self.session.model, self.comparison(fit))
 
 
 def diagnose(

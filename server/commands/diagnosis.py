@@ -233,4 +233,6 @@ def _print_fall(body: dict[str, Any]) -> None:
         before, after = planes[plane]["rmse_N"], body["after"][place][plane]["rmse_N"]
         seen = "fitted" if place.startswith("identification") else "not fitted"
         rows.append([place, seen, before, after])
-    table("RMSE [N] before and after", ["cases", "", "before", "after"], rows)
+    left_out = ", ".join(s["case"] for s in body["suspects"])
+    title = "RMSE [N] before and after" + (f", without {left_out}" if left_out else "")
+    table(title, ["cases", "", "before", "after"], rows)

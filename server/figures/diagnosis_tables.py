@@ -211,6 +211,7 @@ def error_table(answer: Answer) -> list[Table]:
     ]
     header = ["cases", "n", "RMSE [N]", "RMSE [%]", "magnitude [N]", "direction [°]", "RMSE in space [N]"]
     caption = "Errors before → after, in the sagittal plane unless said otherwise. Validation cases are never fitted."
+    caption += " Suspect cases are left out." if rows(answer, "suspects") else ""
     return [Table(header, lines, caption)] if lines else []
 
 

@@ -78,3 +78,16 @@ def test_tendons_exchanged_throughout_are_a_fault_of_the_session(tmp_path: Path,
     # What would make up for it is no finding.
     assert found["effects"] == []
     assert "exchanged throughout" in found["reasons"][0]
+
+
+def test_a_suspect_does_not_count_in_the_errors(tmp_path: Path) -> None:
+    done = Done(51, 0.0, "mass")
+    draw_session(tmp_path, 51, {}, nuisance_scale=0.8, done=done)
+    found = diagnosed(tmp_path)
+    (wrong,) = done.wrong(PROTOCOLS["dev"]())
+    assert [s["case"] for s in found["suspects"]] == [wrong]
+    place = next(c["location"] for c in found["cases"] if c["id"] == wrong)
+    counted = sum(c["location"] == place and c["role"] == "identification" for c in found["cases"])
+    summary = found["before"][f"identification/{place}"]["sagittal"]
+    assert summary["cases"] == counted - 1
+    assert summary["rmse_N"] < 0.05

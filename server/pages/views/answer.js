@@ -39,7 +39,7 @@ export function answer(job, { session, model, add, amend, keep, planned, signal 
     panel("Error before and after", table([
       { title: "cases", cell: ([k]) => words(k).replace("/", " at the ") }, { title: "", cell: ([k]) => (k.startsWith("validation") ? "not fitted" : "fitted") },
       { title: "RMSE before [N]", n: true, cell: ([, e]) => number(e[plane].rmse_N) }, { title: "after [N]", n: true, cell: ([k]) => number(body.after[k]?.[plane].rmse_N) },
-    ], Object.entries(body.before), { caption: best.length ? `Refitted both times: without, and with ${best.join(" + ")}` : "With nothing added, refitted" })),
+    ], Object.entries(body.before), { caption: (best.length ? `Refitted both times: without, and with ${best.join(" + ")}` : "With nothing added, refitted") + (body.suspects.length ? `. Not counted: ${body.suspects.map((s) => s.case).join(", ")}` : "") })),
     panel(null, el("div", { class: "row no-print" }, el("div", {}, el("label", { htmlFor: "figure" }, "Figure"), which), quiet("A click on a cell or a point leads to its load cases.")), drawn),
     panel("Explanations", ranking(body, link), included(body)),
     panel("The rig, as the readings have it", rig(body)),

@@ -8,7 +8,7 @@ import { oneCase } from "./case.js";
 import { changes } from "./changes.js";
 import { models } from "./models.js";
 
-const FIGURES = [["scatter", "Measured and predicted, fitted cases"], ["scatter_validation", "Measured and predicted, cases never fitted"],
+const FIGURES = [["scatter", "Measured and predicted, fitted cases"], ["scatter_validation", "Measured and predicted, validation cases"],
   ["vectors", "Tip forces in each posture"], ["bone", "Forces on the metacarpal"],
   ["errors", "Errors by tendon, posture and role"], ["z", "Each case against its uncertainty"]];
 const PLANES = [["", "as the finger is judged"], ["sagittal", "sagittal plane (x, y)"], ["space", "in space (x, y, z)"]];
