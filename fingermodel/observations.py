@@ -37,6 +37,7 @@ class Observations:
         layout: settings and mountings.
         noise_assumed: whether any case states no uncertainty of its own, so that the budget's stands in.
         shared_tares: (6 n, k) columns whose sum of squares is what cases share that were measured against one tare.
+        tared: (n, 6) what was taken from each reading as its tare [N, N mm].
     """
 
     ids: tuple[str, ...]
@@ -50,8 +51,11 @@ class Observations:
     layout: Layout
     noise_assumed: bool
     shared_tares: Floats = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    tared: Floats = field(default_factory=lambda: np.zeros((0, 6)), repr=False)
 
     def __post_init__(self) -> None:
+        if not self.tared.size:
+            object.__setattr__(self, "tared", np.zeros((len(self.ids), 6)))
         if not self.shared_tares.size:
             object.__setattr__(self, "shared_tares", np.zeros((6 * len(self.ids), 0)))
 
@@ -162,7 +166,16 @@ def observe(measured: MeasuredSession, finger: Finger, budget: Budget) -> Observ
         layout=layout,
         noise_assumed=any(not m.noise_stated for m in measured.cases),
         shared_tares=_shared_tares(measured, n + k),
+        tared=_tared(measured, n + k),
     )
+
+
+def _tared(measured: MeasuredSession, count: int) -> Floats:
+    """What was taken from each reading as its tare (count, 6) [N, N mm]; nothing from the checks."""
+    out = np.zeros((count, 6))
+    if measured.tares:
+        out[: len(measured.cases)] = measured.tare_weights @ np.array([t.mean for t in measured.tares])
+    return out
 
 
 def _shared_tares(measured: MeasuredSession, count: int) -> Floats:

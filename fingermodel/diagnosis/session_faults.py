@@ -6,10 +6,11 @@ in which what was entered differs from what was done in every case at once.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Literal
+from typing import Literal, get_args
 
 import jax.numpy as jnp
 import numpy as np
@@ -26,7 +27,7 @@ from fingermodel.diagnosis.settings import GAIN_SPREAD, P_FAULT, SUSPECT
 from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
-Kind = Literal["tendon_labels", "side", "posture", "mass_unit", "axes", "unit", "gain"]
+Kind = Literal["tendon_labels", "side", "posture", "mass_unit", "axes", "unit", "gain", "tare"]
 
 # Masses in another unit: what one that was entered as a gram is in grams.
 _UNITS_G = {
@@ -83,14 +84,16 @@ def session_faults(session: Session, candidates: Candidates, posterior: Posterio
     Returns:
         What is more probable than not, most probable first.
     """
-    offers = list(_corrected(session))
-    share = np.log(P_FAULT / (len(offers) + 3))
-    found = [(g, share + log) for g, log in _gains(session, posterior)]
+    offers, gains = list(_corrected(session)), list(_gains(session, posterior))
+    # Each kind is as probable as any other, and so is each fault of its kind.
+    counts = Counter([o.kind for o in offers] + [kind for (kind, _), _ in gains])
+    share = {k: float(np.log(P_FAULT / len(get_args(Kind)) / max(counts[k], 1))) for k in get_args(Kind)}
+    found = [(g, share[g[0]] + log) for g, log in gains]
     missed = {offer: _missed(session, offer.observations) for offer in offers}
     as_entered = _missed(session, session.observations)
     nearest = [offer for offer in sorted(offers, key=lambda o: missed[o]) if missed[offer] < as_entered]
     found += [
-        ((offer.kind, offer.words), share + _log_posterior(session, candidates, posterior, offer))
+        ((offer.kind, offer.words), share[offer.kind] + _log_posterior(session, candidates, posterior, offer))
         for offer in [*_frames(session), *nearest[:_FITTED]]
     ]
     total = float(logsumexp([posterior.log_norm, *(log for _, log in found)]))
@@ -123,8 +126,8 @@ def _missed(session: Session, observations: Observations) -> float:
     inputs = observations.inputs
     predicted = np.asarray(session.model.predict(inputs, session.problem.centre).reading).reshape(-1)[rows]
     measured = np.nan_to_num(observations.wrench).reshape(-1)[rows]
-    moment = session.places.moment[session.fitted]
-    size = np.array([np.sqrt(np.mean(predicted[moment == m] ** 2)) if (moment == m).any() else 1.0 for m in (0, 1)])
+    moment, entered = session.places.moment[session.fitted], session.measured[session.fitted]
+    size = np.array([np.sqrt(np.mean(entered[moment == m] ** 2)) if (moment == m).any() else 1.0 for m in (0, 1)])
     width = np.maximum(_SHARE * size, 1e-9)[moment.astype(int)]
     # Heavy tails: a few cases that miss by much say no more than a few that miss.
     return float(np.log1p(((measured - predicted) / width) ** 2).sum())
@@ -158,8 +161,25 @@ def _corrected(session: Session) -> Iterator[_Corrected]:
         yield _Corrected("tendon_labels", words, _with(o, tension=tension[:, order]))
     yield _Corrected("side", "the side is the other one (readings are mirrored)", _mirrored(o))
     yield from _angles(session)
+    yield from _tares(session)
     for unit, grams in _UNITS_G.items():
         yield _Corrected("mass_unit", f"masses are in {unit}", _with(o, tension=tension * grams))
+
+
+def _tares(session: Session) -> Iterator[_Corrected]:
+    """Readings that were tared already when the tare was taken away, or one tare of each mount for all its cases."""
+    o = session.observations
+    if not o.tared.any():
+        return
+    yield _Corrected(
+        "tare",
+        "the readings were tared already, and the tare was taken away twice",
+        replace(o, wrench=o.wrench + o.tared),
+    )
+    first = np.array([o.tared[o.locations.index(place)] for place in o.locations])
+    if not np.allclose(first, o.tared):
+        again = replace(o, wrench=o.wrench + o.tared - first)
+        yield _Corrected("tare", "one tare of each mount serves all its cases", again)
 
 
 def _frames(session: Session) -> Iterator[_Corrected]:
