@@ -36,6 +36,10 @@ class ReadingsError(InputError):
     """A readings file cannot be used."""
 
 
+class OutsideError(ReadingsError):
+    """A window lies outside a recording that is finished."""
+
+
 class ModelError(InputError):
     """A finger, a model revision or a parameter set cannot be used."""
 

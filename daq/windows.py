@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.errors import ReadingsError
+from daq.errors import OutsideError, ReadingsError
 from daq.plateaus import LEAST_READINGS, Plateau, reduce_window
 from daq.readings import ReadingBlock
 
@@ -140,8 +140,8 @@ def _require_increasing(t: Floats, last: float, rows: int, file: str) -> None:
     )
 
 
-def _outside(window: Span, name: str, first: float, last: float, file: str) -> ReadingsError:
-    return ReadingsError(
+def _outside(window: Span, name: str, first: float, last: float, file: str) -> OutsideError:
+    return OutsideError(
         f"{name} [{window[0]:g}, {window[1]:g}] s lies outside the recording, which runs from {first:g} to {last:g} s "
         f"({file})",
         "windows inside it",

@@ -14,7 +14,7 @@ import numpy as np
 from daq.bench.result import PUBLISHED_TENSION_FACTOR
 from daq.checks import warnings_of
 from daq.corrections import assemble, windows_of
-from daq.errors import InputError, SessionError
+from daq.errors import InputError, OutsideError, SessionError
 from daq.findings import Finding
 from daq.measured import MeasuredSession
 from daq.plateaus import Plateau
@@ -163,7 +163,10 @@ class Measuring:
             measured = _assembled(session, used)
         except InputError as error:
             return Measured(record, session, None, used, states, error)
-        return Measured(record, measured.session, measured, used, states)
+        # Readings that are to come would be waited for; this one never comes.
+        wanted = windows_of(whole.amended)
+        outside = next((e for w, e in reduced.failed.items() if w in wanted and isinstance(e, OutsideError)), None)
+        return Measured(record, measured.session, measured, used, states, outside)
 
 
 def _state(case: LoadCase, reduced: Reduced) -> CaseState:

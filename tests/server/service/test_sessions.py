@@ -130,6 +130,19 @@ def test_an_undone_edit_leaves_nothing_behind_and_an_undo_can_be_undone(fresh: S
     ]  # fmt: skip
 
 
+def test_a_window_outside_a_finished_recording_is_an_error_until_it_is_mended(fresh: ServiceReceiver) -> None:
+    client = fresh.client()
+    upload(client, RECORDED)
+    path = f"{AT}/{RECORDED}"
+    moved = client.put(f"{path}/cases/c001/windows", json={"loaded_s": [9000.0, 9003.0]}).json()
+    assert (moved["case"]["state"], "outside the recording" in moved["case"]["why"]) == ("failed", True)
+    refused = client.get(f"{path}/comparison")
+    assert refused.status_code == 422
+    assert "case c001: loaded_s [9000, 9003] s lies outside the recording" in refused.text
+    client.post(f"{path}/edits/{moved['edit']}/undo", json={}).raise_for_status()
+    assert client.get(f"{path}/comparison").status_code == 200
+
+
 def test_an_amendment_is_heeded_kept_beside_the_entry_and_undone(fresh: ServiceReceiver) -> None:
     client = fresh.client()
     upload(client, RECORDED)
