@@ -66,6 +66,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         },
         "beyond": {"probability": posterior.p_beyond, "amplitude_N": posterior.beyond_newton},
         "budget_multiple": {"value": budget[0], "sd": budget[1], "carried_by": carried_by(best)},
+        "anatomy_multiple": {"value": posterior.anatomy[0], "sd": posterior.anatomy[1]},
         "noise_multiple": {"value": noise[0], "sd": noise[1], "assumed": d.session.observations.noise_assumed},
         "predictive_check": predictive(d),
         "size": effect_size(d) if verdict.kind == "found" else None,
@@ -128,6 +129,11 @@ def remarks(d: Diagnosis) -> list[str]:
         out.append(
             f"The readings want a budget {multiple:.1f} times as large as stated"
             + (f"; it is bent most in {carried}." if carried else ".")
+        )
+    if posterior.anatomy[0] > 1.5:
+        out.append(
+            f"The specimen differs {posterior.anatomy[0]:.1f} times as much from the finger of its file as the "
+            "anatomy's priors say."
         )
     noise = posterior.noise[0]
     if d.session.observations.noise_assumed:

@@ -13,10 +13,11 @@ P_NOTHING = 0.5
 P_SIZES = (0.62, 0.32, 0.06)
 # Share of the effects' prior that those marked `outside` the catalogue have together.
 P_OUTSIDE = 0.1
-# Multiple b of the stated budget: log-normal from 1 upwards, heavy enough for 3. Below 1 one multiple of all its errors
-# would take the many that happen to be small for evidence that the few others are.
-BUDGET_MULTIPLES = np.array([1.0, 1.41, 2.0, 2.83, 4.0, 5.66])
-BUDGET_SPREAD = 0.6
+# Multiple of the stated budget, and of the anatomy's priors: specimens differ by more than those of one study. Each is
+# log-normal from 1 upwards, heavy enough for 3. Below 1 one multiple of all errors would take the many that happen to
+# be small for evidence that the few others are.
+MULTIPLES = np.array([1.0, 1.41, 2.0, 2.83, 4.0, 5.66])
+MULTIPLE_SPREAD = 0.6
 # Error of an effect's form, relative: half-Cauchy. Up to FORM_NAMED the effect counts by its name.
 FORM_ERRORS = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
 FORM_SCALE = 0.04

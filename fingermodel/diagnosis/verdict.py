@@ -11,7 +11,7 @@ from scipy.special import chdtrc
 
 from fingermodel.diagnosis.confounding import Confounding
 from fingermodel.diagnosis.instruments import INSTRUMENTS
-from fingermodel.diagnosis.posterior.hyper import BUDGET, NOISE
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, NOISE
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.predictive import PredictiveCheck
@@ -134,10 +134,9 @@ def _nothing(posterior: Posterior, fit: Optimum) -> Verdict:
     p, misfit = posterior.p_nothing, fit.freed(fit.node)[0].misfit
     n = len(fit.residual)
     if chdtrc(n, misfit) < P_VALUE:
-        multiple, _ = posterior.budget
         short = (
             f"noise and the stated budget leave a misfit of {misfit:.0f} for {n} readings; the readings want a budget "
-            f"{multiple:.1f} times as large"
+            f"{posterior.budget[0]:.1f} times as large, and an anatomy {posterior.anatomy[0]:.1f} times as far off"
         )
         return Verdict("undecided", (), (), p, (), (short,))
     reason = (
@@ -148,9 +147,9 @@ def _nothing(posterior: Posterior, fit: Optimum) -> Verdict:
 
 
 def stated_node(fit: Optimum) -> tuple[int, ...]:
-    """The node at which budget and noise are as stated, nothing smooth acts, and scatter is as the readings have it."""
+    """The node where budget, anatomy and noise are as stated and nothing smooth acts; scatter is as it reads."""
     node = list(fit.hyper.without_smooth(fit.best))
-    node[BUDGET] = fit.hyper.axes[BUDGET].mode
+    node[BUDGET], node[ANATOMY] = fit.hyper.axes[BUDGET].mode, fit.hyper.axes[ANATOMY].mode
     if not fit.session.observations.noise_assumed:
         node[NOISE] = fit.hyper.axes[NOISE].mode
     return tuple(node)

@@ -62,12 +62,14 @@ def suspects_table(answer: Answer) -> list[Table]:
 
 def rig_table(answer: Answer) -> list[Table]:
     """Tabulate what the readings say of the rig against what is stated: repeatability, budget, noise."""
-    repeat, budget, noise = (part(answer, k) for k in ("repeatability", "budget_multiple", "noise_multiple"))
+    keys = ("repeatability", "budget_multiple", "anatomy_multiple", "noise_multiple")
+    repeat, budget, anatomy, noise = (part(answer, k) for k in keys)
     carried = ", ".join(words(budget.get("carried_by")))
     stated = value(repeat.get("stated_pct"))
     lines = [
         ["repeatability of the tensions [%]", *_both(repeat, "_pct"), fixed(stated, 1) if stated else "none", ""],
         ["multiple of the budget", *_both(budget), "1", f"bent most: {carried}" if carried else ""],
+        ["multiple of the anatomy's spread", *_both(anatomy), "1", ""],
         ["multiple of the noise", *_both(noise), "1", "no uncertainty stated" if noise.get("assumed") is True else ""],
     ]
     lines = [line for line in lines if line[1] != "–"]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters, Node
+from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters, Node, Values
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.posterior.whitening import Whitening
 from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, free_mask
@@ -112,15 +112,20 @@ class Fitter:
             blocks += [e * f[fitted] for e, f in zip(values.forms, before.form_errors, strict=True) if e > 0.0]
         roots, _ = session.fitted_noise.whitening(values.scatter, values.noise, bad)
         whitening = Whitening.of(roots, np.concatenate(blocks, axis=1))
-        of_budget = problem.model.parameters.of_kind("budget")
         free = problem.free | free_mask(problem.model, explanation)
-        weighed = replace(problem, sd=np.where(of_budget, values.budget * problem.sd, problem.sd), free=free)
+        weighed = replace(problem, sd=self._multiple(values) * problem.sd, free=free)
         begin = np.where(free, np.clip(start, problem.lower, problem.upper), problem.centre)
         solution = solve(weighed, begin, floor, most, crawl=_CRAWL, whitener=whitening)
         theta = np.where(
             free, np.clip(weighed.centre + weighed.scale * solution.x, problem.lower, problem.upper), begin
         )
         return theta, solution.status in (CONVERGED, STALLED)
+
+    def _multiple(self, values: Values) -> Floats:
+        """(parameters,) of the widths of the priors."""
+        table = self.session.model.parameters
+        multiple = {"budget": values.budget, "anatomy": values.anatomy, "effect": 1.0}
+        return np.array([multiple[p.kind] for p in table.parameters])
 
     def linearised(
         self,

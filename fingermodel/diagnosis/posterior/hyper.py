@@ -16,10 +16,10 @@ from fingermodel.diagnosis.session_model.session import Session
 
 Floats = NDArray[np.float64]
 
-# Indices on the axes: scatter, noise, budget, something smooth of each family (see `Session.families`); then one error
-# of form for each member that has a form.
+# Indices on the axes: scatter, noise, budget, anatomy, something smooth of each family (see `Session.families`); then
+# one error of form for each member that has a form.
 Node = tuple[int, ...]
-SCATTER, NOISE, BUDGET, SMOOTH = range(4)
+SCATTER, NOISE, BUDGET, ANATOMY, SMOOTH = range(5)
 FAMILIES = 3
 FORMS = SMOOTH + FAMILIES
 
@@ -30,6 +30,7 @@ class Values(NamedTuple):
     scatter: float
     noise: float
     budget: float
+    anatomy: float
     smooth_N: Floats
     forms: Floats
 
@@ -52,7 +53,8 @@ class Hyperparameters:
     """The axes of one session.
 
     Attributes:
-        axes: scatter, multiple of the noise, multiple of the budget, amplitude of each family of something smooth [N].
+        axes: scatter, multiple of the noise, multiples of the budget and of the anatomy, amplitude of each family of
+            something smooth [N].
         form: error of an effect's form.
     """
 
@@ -70,13 +72,14 @@ class Hyperparameters:
             scatter = _with_atom(_cells(scatters, settings.SCATTER_SCALE, _half_normal), settings.P_SCATTER)
         noises = settings.ASSUMED_NOISE_MULTIPLES if assumed else settings.NOISE_MULTIPLES
         noise = _normal(np.log(noises)) if assumed else _with_atom(1.0 / noises, settings.P_NOISE)
-        budgets, smooths, forms = settings.BUDGET_MULTIPLES, settings.SMOOTH_N, settings.FORM_ERRORS
+        smooths, forms = settings.SMOOTH_N, settings.FORM_ERRORS
+        multiple = Axis(settings.MULTIPLES, _normal(np.log(settings.MULTIPLES) / settings.MULTIPLE_SPREAD))
         smooth = Axis(smooths, _with_atom(np.ones(len(smooths)), settings.P_SMOOTH / FAMILIES))
         return cls(
             (
                 Axis(scatters, scatter),
                 Axis(noises, noise),
-                Axis(budgets, _normal(np.log(budgets) / settings.BUDGET_SPREAD)),
+                *[multiple] * 2,
                 *[smooth] * FAMILIES,
             ),
             Axis(forms, np.log(_cells(forms, settings.FORM_SCALE, _half_cauchy))),
@@ -89,7 +92,7 @@ class Hyperparameters:
     def with_smooth(self, node: Node) -> Node:
         """The same node with the stated noise, and a moderate amplitude of every family of something smooth."""
         middle = len(self.axes[SMOOTH].values) // 2
-        return (node[SCATTER], self.axes[NOISE].mode, node[BUDGET], *[middle] * FAMILIES, *node[FORMS:])
+        return (node[SCATTER], self.axes[NOISE].mode, node[BUDGET], node[ANATOMY], *[middle] * FAMILIES, *node[FORMS:])
 
     def log_prior(self, node: Node) -> float:
         """Of a node."""
@@ -100,7 +103,7 @@ class Hyperparameters:
         """What a node stands for."""
         at = [float(axis.values[i]) for axis, i in zip(self.axes, node, strict=False)]
         errors = self.form.values[list(node[FORMS:])]
-        return Values(at[SCATTER], at[NOISE], at[BUDGET], np.array(at[SMOOTH:]), errors)
+        return Values(at[SCATTER], at[NOISE], at[BUDGET], at[ANATOMY], np.array(at[SMOOTH:]), errors)
 
     def without_smooth(self, node: Node) -> Node:
         """The same node without anything smooth."""

@@ -25,7 +25,7 @@ Ints = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 # Names of the blocks; `smooth0`, … and `form0`, … besides.
-ALWAYS, BUDGET, OWN, OTHERS = "always", "budget", "own", "others"
+ALWAYS, BUDGET, ANATOMY, OWN, OTHERS = "always", "budget", "anatomy", "own", "others"
 
 _EPS = float(np.finfo(np.float64).eps)
 # Share of the largest change from which a reading counts as touched by an effect.
@@ -96,13 +96,15 @@ class Linearised:
         """Indices of the parameters in each block that has some; they come first in it, or after the tares."""
         problem, table = self.session.problem, self.session.model.parameters
         base = problem.free & ~held_at_bound(problem, self.theta)
-        budget, effects = table.of_kind("budget"), table.of_kind("effect") & ~problem.free & (problem.sd > 0.0)
+        effects = table.of_kind("effect")
         own = np.array(self.explanation.parameters, dtype=np.intp)
         return {
-            ALWAYS: np.flatnonzero(base & ~budget),
-            BUDGET: np.flatnonzero(base & budget),
+            # Effects that the model has already.
+            ALWAYS: np.flatnonzero(base & effects),
+            BUDGET: np.flatnonzero(base & table.of_kind("budget")),
+            ANATOMY: np.flatnonzero(base & table.of_kind("anatomy")),
             OWN: own,
-            OTHERS: np.setdiff1d(np.flatnonzero(effects), own),
+            OTHERS: np.setdiff1d(np.flatnonzero(effects & ~problem.free & (problem.sd > 0.0)), own),
         }
 
     @cached_property
@@ -165,7 +167,7 @@ class Linearised:
             return float(values.forms[int(name.removeprefix("form"))])
         if name.startswith("smooth"):
             return float(values.smooth_N[int(name.removeprefix("smooth"))])
-        return values.budget if name == BUDGET else 1.0
+        return {BUDGET: values.budget, ANATOMY: values.anatomy}.get(name, 1.0)
 
     def widths(self, names: Sequence[str], node: Node) -> Floats:
         """(k,) widths of the priors of all weights of some blocks at a node."""
@@ -179,7 +181,7 @@ class Linearised:
         """Names of the blocks that act at a node, besides those of effects."""
         forms = [f"form{k}" for k in range(len(self.form_errors))]
         smooth = [f"smooth{k}" for k in range(FAMILIES)]
-        return [ALWAYS, BUDGET, *(name for name in [*smooth, *forms] if self.width(name, node) > 0.0)]
+        return [ALWAYS, BUDGET, ANATOMY, *(name for name in [*smooth, *forms] if self.width(name, node) > 0.0)]
 
     def quadratic(self, names: Sequence[str], node: Node, bad: frozenset[int] | None = None) -> tuple[Quadratic, float]:
         """Misfit as a function of the weights of some blocks, in their order; and minus half the noise's ln det.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from fingermodel.diagnosis.posterior.hyper import BUDGET, FORMS, NOISE, SCATTER, Node
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, FORMS, NOISE, SCATTER, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
 from fingermodel.diagnosis.settings import FORM_NAMED
@@ -172,6 +172,11 @@ class Posterior:
     def budget(self) -> tuple[float, float]:
         """Multiple of the stated budget: mean and standard deviation."""
         return self.hyperparameter(BUDGET)
+
+    @property
+    def anatomy(self) -> tuple[float, float]:
+        """Multiple of the widths of the anatomy's priors: mean and standard deviation."""
+        return self.hyperparameter(ANATOMY)
 
     @property
     def noise(self) -> tuple[float, float]:

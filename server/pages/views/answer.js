@@ -103,10 +103,11 @@ function included(body) {
 }
 
 function rig(body) {
-  const { beyond, repeatability: r, budget_multiple: b, noise_multiple: n, predictive_check: p } = body;
+  const { beyond, repeatability: r, budget_multiple: b, anatomy_multiple: a, noise_multiple: n, predictive_check: p } = body;
   const rows = [
     r && ["Repeatability of the tensions", `${number(r.value_pct, 2)} ± ${number(r.sd_pct, 2)} %`, r.stated_pct ? `${number(r.stated_pct, 1)} %` : "none stated"],
     b && ["Multiple of the budget", `${number(b.value, 2)} ± ${number(b.sd, 2)}`, b.carried_by.length ? `bent most: ${b.carried_by.slice(0, 3).join(", ")}` : "1"],
+    a && ["Multiple of the anatomy's spread", `${number(a.value, 2)} ± ${number(a.sd, 2)}`, "1"],
     n && ["Multiple of the noise", `${number(n.value, 2)} ± ${number(n.sd, 2)}`, n.assumed ? "no uncertainty stated" : "1"],
     beyond && ["Something that no effect describes, alone or beside", `probability ${percent(beyond.probability)}`, beyond.probability >= 0.05 ? `about ${number(beyond.amplitude_N, 2)} N` : ""],
     p && p.p_value_before !== null && ["Predictive check on the validation cases", `p = ${compact(p.p_value_after)}`, `without any effect p = ${compact(p.p_value_before)}`],
