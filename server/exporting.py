@@ -183,7 +183,7 @@ def own_finger(session: Session) -> dict[str, Any] | None:
 def _commands(models: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Seeds, and what makes every figure and revision again, run beside the supplement's session.yaml."""
     from daq.supplement import model_members
-    from fingermodel.diagnosis import next_cases
+    from fingermodel.diagnosis import settings
     from fingermodel.refit import SEED
 
     members = model_members(models)
@@ -201,7 +201,7 @@ def _commands(models: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {
         "seeds": {
             "refit": SEED,
-            "next": next_cases.SEED,
+            "next": settings.SEED,
         },
         "figures": [{"file": f"figures/{n}.html, and PNG and SVG beside it", "command": c} for n, c in pages.items()],
         "revisions": revisions,

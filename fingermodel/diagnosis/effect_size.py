@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases import PlannedReading, inputs_of
 from fingermodel.diagnosis.posterior.gaussian import root_of
+from fingermodel.diagnosis.settings import SEED
 
 Floats = NDArray[np.float64]
 
-_DRAWS, _LEVELS, _SEED = 24, (0.25, 0.5, 0.75, 1.0), 20191107
+_DRAWS, _LEVELS = 24, (0.25, 0.5, 0.75, 1.0)
 
 
 def effect_size(d: Diagnosis) -> dict[str, Any]:
@@ -39,7 +40,7 @@ def effect_size(d: Diagnosis) -> dict[str, Any]:
     theta, covariance, index = fit.parameter_posterior(fit.best)
     own = list(fit.explanation.parameters)
     at = np.flatnonzero(np.isin(index, own))
-    rng = np.random.default_rng(_SEED)
+    rng = np.random.default_rng(SEED)
     drawn = rng.normal(size=(_DRAWS, len(at))) @ root_of(covariance[np.ix_(at, at)]).T
     table, scale = model.parameters, session.problem.scale
     vectors = [theta]

@@ -77,7 +77,7 @@ def hints(fit: Optimum) -> tuple[Hint, ...]:
     """
     session = fit.session
     rows = session.rows[session.fitted]
-    terms = list(_library(session, fit.theta))
+    terms = list(library(session, fit.theta))
     columns = np.array([change.reshape(-1)[rows] * scale for _, scale, change in terms]).T
     node = fit.hyper.without_smooth(fit.best)
     a, s = fit.asked(columns, node)
@@ -96,8 +96,11 @@ def hints(fit: Optimum) -> tuple[Hint, ...]:
 Term = tuple[tuple[str, str | None, str, str], float, Floats]
 
 
-def _library(session: Session, theta: Floats) -> Iterator[Term]:
-    """Terms with a plausible size of the coefficient and their slope (n, 6) of every reading."""
+def library(session: Session, theta: Floats) -> Iterator[Term]:
+    """Formulas of up to three factors: their stage, joint, text and unit; a plausible size of the coefficient; slopes.
+
+    Slopes (n, 6) are the change of every reading per unit of the coefficient.
+    """
     model, observations = session.model, session.observations
     topology, inputs = model.finger.topology, observations.inputs
     tension, posture = np.asarray(inputs.tension), np.asarray(inputs.posture)

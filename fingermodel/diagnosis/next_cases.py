@@ -21,14 +21,13 @@ from fingermodel.diagnosis.instruments import INSTRUMENTS
 from fingermodel.diagnosis.posterior.gaussian import root_of
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import free_mask
-from fingermodel.diagnosis.settings import LIVE, WORTH_NAT
+from fingermodel.diagnosis.settings import LIVE, SEED, WORTH_NAT
 from fingermodel.refit import slopes_of
 from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]
 
 DRAWS = 48
-SEED = 20191107
 OFFERED = 5
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, expit, logit, logsumexp
 
 from fingermodel.diagnosis.posterior.gaussian import root_of
+from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import (
@@ -91,10 +92,10 @@ def _log_normal(away: Floats, covariance: Floats) -> tuple[float, float]:
     return -0.5 * misfit - float(np.log(np.diag(factor)).sum()) - 0.5 * len(z) * float(np.log(2.0 * np.pi)), misfit
 
 
-def predicted(fit: Optimum) -> Prediction:
-    """Predict the validation readings at the most probable hyperparameters."""
-    session, unseen = fit.session, ~fit.session.fitted
-    problem, rows, node = session.problem, session.rows[unseen], fit.best
+def predicted(fit: Optimum, node: Node | None = None) -> Prediction:
+    """Predict the validation readings at some hyperparameters, by default at the most probable ones."""
+    session, unseen, node = fit.session, ~fit.session.fitted, node or fit.best
+    problem, rows = session.problem, session.rows[unseen]
     free = problem.free | free_mask(session.model, fit.explanation)
     slopes = -slopes_of(replace(problem, free=free), fit.theta, rows)
     reading = np.asarray(session.model.predict(session.observations.inputs, fit.theta).reading).reshape(-1)

@@ -61,6 +61,14 @@ CLAMP_SHARE = 0.1
 LEVER_MM = 10.0
 POSTURE_RAD = 0.6
 
+# Sizes of a curve that sessions share: error of a moment arm [mm], a tension [relative], a force [N] at the largest
+# load; each is as probable as any other.
+SHARED_SIZES = {
+    "arms": (0.25, 0.5, 1.0, 2.0, 4.0),
+    "tension": (0.01, 0.02, 0.04, 0.08, 0.16),
+    "force": (0.01, 0.02, 0.04, 0.08, 0.16),
+}
+
 # --- What is said -----------------------------------------------------------------------------------------------------
 SURE = 0.9
 NOTHING_SURE = 0.8
@@ -76,6 +84,11 @@ ALIKE = 0.9
 LIVE = 0.01
 WORTH_NAT = 0.05
 
+# Shuffles by which what sessions share is held against chance: enough for one chance in a hundred.
+PERMUTATIONS = 199
+# From here on it is no chance.
+SHARED_P = 0.02
+
 # --- Numerical tolerances ---------------------------------------------------------------------------------------------
 # Log posterior of an explanation below the leader's from which it is not fitted, and of a node of the hyperparameters
 # below the best one's from which its neighbours are not summed.
@@ -83,3 +96,5 @@ WITHIN = 2.0
 NODES_WITHIN = 2.0
 # Most refits of a search.
 MOST_FITS = 30
+# Of everything that is drawn.
+SEED = 20191107

@@ -22,8 +22,9 @@ from fingermodel.diagnosis.posterior.gaussian import Quadratic, log_mass
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
-from fingermodel.diagnosis.settings import P_NOTHING, SURE
+from fingermodel.diagnosis.settings import P_NOTHING, PERMUTATIONS, SURE
 from fingermodel.diagnosis.several_verdict import InSession, PooledVerdict, SharedEffect, judge_together
+from fingermodel.diagnosis.shared_finding import SharedFinding, shared_finding
 from fingermodel.model import Model
 from fingermodel.observations import Observations
 
@@ -45,6 +46,7 @@ class Pooled:
         p_nothing: of that, that nothing is missing in any.
         p_other: of that, that it is something outside the catalogue in each.
         verdict: on what is shared.
+        shared: a law that nobody listed, that the sessions share; None where their fingers have other tendons.
         seconds: of the computation.
     """
 
@@ -55,6 +57,7 @@ class Pooled:
     p_nothing: float
     p_other: float
     verdict: PooledVerdict
+    shared: SharedFinding | None
     seconds: float
 
 
@@ -62,6 +65,7 @@ def diagnose_pooled(
     sessions: Sequence[tuple[str, Model, Observations]],
     *,
     thorough: bool = False,
+    permutations: int = PERMUTATIONS,
     progress: Callable[[float], None] | None = None,
 ) -> Pooled:
     """Diagnose sessions by themselves, and weigh what all may share.
@@ -69,6 +73,7 @@ def diagnose_pooled(
     Args:
         sessions: id, model with the candidates at their null, and observations of each.
         thorough: more fits in each.
+        permutations: shuffles by which a shared law is held against chance.
         progress: is told the share done.
     """
     began = time.perf_counter()
@@ -76,16 +81,23 @@ def diagnose_pooled(
     diagnoses = []
     for k, (_, model, observations) in enumerate(sessions):
         diagnoses.append(diagnose(model, observations, thorough=thorough))
-        tell(0.6 * (k + 1) / len(sessions))
+        tell(0.5 * (k + 1) / len(sessions))
     names = tuple(s[0] for s in sessions)
     pooling = _Pooling([_Specimen(d) for d in diagnoses])
-    found = pooling.search(lambda done: tell(0.6 + 0.4 * done))
+    found = pooling.search(lambda done: tell(0.5 + 0.2 * done))
     ranking, p_apart = pooling.normalised(found, range(len(diagnoses)))
     rests_on = pooling.rests_on(names, found, ranking)
     p_nothing = p_apart * float(np.prod([d.posterior.p_nothing for d in diagnoses]))
     p_other = p_apart * float(np.prod([d.posterior.p_only_beyond for d in diagnoses]))
     verdict = judge_together(names, diagnoses, ranking, (p_apart, p_nothing, p_other), rests_on)
-    return Pooled(names, tuple(diagnoses), ranking, p_apart, p_nothing, p_other, verdict, time.perf_counter() - began)
+    shared = shared_finding(names, [_known(d) for d in diagnoses], permutations, lambda done: tell(0.7 + 0.3 * done))
+    seconds = time.perf_counter() - began
+    return Pooled(names, tuple(diagnoses), ranking, p_apart, p_nothing, p_other, verdict, shared, seconds)
+
+
+def _known(diagnosis: Diagnosis) -> Optimum:
+    """What is known to act in a session by itself: what was found there, else nothing."""
+    return diagnosis.best if diagnosis.verdict.kind == "found" else diagnosis.posterior.nothing
 
 
 class _Specimen:

@@ -221,6 +221,26 @@ class Optimum(Linearised):
         information = (new**2).sum(axis=0) - np.einsum("ik,ik->k", across, found.covariance @ across)
         return np.maximum(information, 0.0), new.T @ left
 
+    def information(self, columns: Floats, node: Node) -> tuple[Floats, Floats]:
+        """What the readings say of further columns together, beside everything that acts at a node.
+
+        Args:
+            columns: (fitted readings, k) change of the readings [N, N mm] per unit of each weight.
+            node: of the hyperparameters.
+
+        Returns:
+            Information (k, k) of the weights, and their score (k,).
+        """
+        names = [*self.acting(node), OWN]
+        blocks, new = self.whitened_blocks(names, node), self.whitened_columns(columns, node)
+        left = self.whitened_columns(self.residual, node) + blocks @ self.places(names)
+        known = blocks * self.widths(names, node)
+        gram = known.T @ known
+        add_one(gram)
+        turned = solve_triangular(np.linalg.cholesky(gram), known.T, lower=True, check_finite=False)
+        across, along = turned @ new, turned @ left
+        return new.T @ new - across.T @ across, new.T @ left - across.T @ along
+
     def _precision(self, node: Node) -> list[tuple[Ints, Floats, Floats]]:
         """Rows (g, L), block (g, L, L) of the inverse covariance of all readings and score (g, L), by case."""
         names = [*self.acting(node), OWN]

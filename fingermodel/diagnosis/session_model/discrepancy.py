@@ -66,7 +66,7 @@ class Places:
         angles = observations.posture_angles
         names = list(angles)
         at = np.array([names.index(p) if p else -1 for p in observations.postures])[cases]
-        smooth = np.where(at[:, None] >= 0, _smooth_over(np.array(list(angles.values())))[np.maximum(at, 0)], 0.0)
+        smooth = np.where(at[:, None] >= 0, smooth_over(np.array(list(angles.values())))[np.maximum(at, 0)], 0.0)
         located = np.array(observations.locations)[cases]
         checks = np.array([role == "check" for role in observations.roles])[cases]
         kinds = [
@@ -173,7 +173,7 @@ def reduced(columns: Floats, unit: Floats) -> Floats:
     return out
 
 
-def _smooth_over(angles: Floats) -> Floats:
+def smooth_over(angles: Floats) -> Floats:
     """Root (postures, postures) of a covariance that falls with the distance of postures (postures, rotations)."""
     distance = ((angles[:, None, :] - angles[None, :, :]) ** 2).sum(axis=-1)
     values, vectors = np.linalg.eigh(np.exp(-0.5 * distance / POSTURE_RAD**2))

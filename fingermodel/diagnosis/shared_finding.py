@@ -1,0 +1,113 @@
+"""What is said of a law that several sessions share and nobody listed: whether, where it lives, what it resembles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.settings import SHARED_P
+from fingermodel.diagnosis.shared_law import Curves, SharedCurve, StageSearch, p_value, permuted
+from fingermodel.diagnosis.shared_laws import SharedLaw, shared_laws
+
+Floats = NDArray[np.float64]
+
+_WHAT = {"arms": "moment arms", "tension": "tensions", "force": "forces"}
+
+
+@dataclass(frozen=True, eq=False)
+class SharedFinding:
+    """What sessions share that no effect describes.
+
+    Attributes:
+        sessions: ids.
+        curves: of each stage, the most evident first.
+        observed: what sharing gains at most over not sharing, in ln evidence.
+        shuffled: (shuffles,) the same with tendons and signs of the sessions shuffled.
+        laws: that the leading curve resembles, best first.
+    """
+
+    sessions: tuple[str, ...]
+    curves: tuple[SharedCurve, ...]
+    observed: float
+    shuffled: Floats
+    laws: tuple[SharedLaw, ...]
+
+    @property
+    def curve(self) -> SharedCurve:
+        """The most evident one."""
+        return self.curves[0]
+
+    @property
+    def permutation_p(self) -> float | None:
+        """That chance gains as much; None where nothing was shuffled."""
+        return p_value(self.observed, self.shuffled) if len(self.shuffled) else None
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether the sessions share something: more evident than not, no chance, and of use to most of those left out."""
+        p = self.permutation_p
+        helped = int(np.sum(self.curve.left_out_gain > 0.0))
+        evident = self.curve.log_evidence_over_own > 0.0 and 2 * helped > len(self.sessions)
+        return evident and (p is None or p <= SHARED_P)
+
+    @property
+    def lacking(self) -> tuple[str, ...]:
+        """Sessions that the curve, learned from the others, does not help."""
+        return tuple(s for s, g in zip(self.sessions, self.curve.left_out_gain, strict=True) if g <= 0.0)
+
+    @property
+    def sentence(self) -> str:
+        """In plain words."""
+        curve, p = self.curve, self.permutation_p
+        chance = "" if p is None else f"; chance does as well in {100.0 * p:.1g} % of shuffles"
+        if not self.is_shared:
+            return (
+                f"Beyond the catalogue they share nothing that stands out (ln evidence {curve.log_evidence_over_own:+.1f} "
+                f"over an error of each one's own{chance})."
+            )
+        where = " and ".join(
+            f"{muscle} {'at' if curve.stage != 'tension' else ''} {part}".strip()
+            for muscle, part in [curve.parts[i] for i in np.argsort(-curve.log_evidence_lost)[:2]]
+        )
+        helped = len(self.sessions) - len(self.lacking)
+        return (
+            f"Beyond the catalogue they share an error of {_WHAT[curve.stage]}, most in {where}: ln evidence "
+            f"{curve.log_evidence_over_own:+.1f} over an error of each one's own{chance}. Learned from the others, it "
+            f"helps {helped} of {len(self.sessions)}."
+        )
+
+
+def shared_finding(
+    sessions: Sequence[str],
+    fits: Sequence[Optimum],
+    permutations: int,
+    tell: Callable[[float], None] | None = None,
+) -> SharedFinding | None:
+    """Look for a shared law that nobody listed.
+
+    Args:
+        sessions: ids.
+        fits: of each, with what is known to act there by itself.
+        permutations: shuffles; 0 for none.
+        tell: is told the share done.
+
+    Returns:
+        None where the sessions' fingers have other tendons or joints.
+    """
+    first = fits[0].session.model.finger.topology
+    others = [f.session.model.finger.topology for f in fits[1:]]
+    if any((o.muscles, o.rotations) != (first.muscles, first.rotations) for o in others):
+        return None
+    told = tell or (lambda _: None)
+    curves = Curves(fits)
+    searches = [StageSearch(fits, curves, stage) for stage in ("arms", "tension", "force")]
+    found = sorted([s.run() for s in searches], key=lambda c: -c.log_evidence_over_own)
+    told(0.2)
+    observed, shuffled = permuted(searches, permutations, lambda done: told(0.2 + 0.6 * done))
+    laws = shared_laws(fits, found[0].nodes)
+    told(1.0)
+    return SharedFinding(tuple(sessions), tuple(found), observed, shuffled, laws)

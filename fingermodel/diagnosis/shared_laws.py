@@ -1,0 +1,215 @@
+"""Which small law a shared curve resembles: effects and formulas, each scored on a session that it is not learned from.
+
+Every law has one value in all sessions. What it adds to a session's log density, its value learned from the others, is
+its left-out gain; laws that these load cases cannot part are rivals of each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.diagnosis.hints import Hint, library
+from fingermodel.diagnosis.posterior.hyper import Node
+from fingermodel.diagnosis.posterior.linearised import OTHERS
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.predictive import predicted
+from fingermodel.diagnosis.settings import ALIKE
+
+Floats = NDArray[np.float64]
+
+# Laws that are looked at closely, and shown.
+_CLOSELY, _SHOWN = 40, 5
+
+
+@dataclass(frozen=True, eq=False)
+class SharedLaw:
+    """One law with one value in all sessions.
+
+    Attributes:
+        name: of an effect's parameter, or the formula with its coefficient k.
+        unit: of the value.
+        value: by all sessions together.
+        sd: of it.
+        each: (sessions,) value by each session alone, and
+        each_sd: (sessions,) its sd, the prior's where it says nothing.
+        log_evidence: that it acts in all of them, over that it acts in none.
+        left_out_gain: (sessions,) log density that it adds to each, its value learned from the others.
+        unseen: by session: RMSE [N] of the validation forces by mount, before and with the value of the others.
+        rivals: other laws that these load cases cannot part from it.
+        formula: with which it can be added; None for an effect, which has its name.
+    """
+
+    name: str
+    unit: str
+    value: float
+    sd: float
+    each: Floats
+    each_sd: Floats
+    log_evidence: float
+    left_out_gain: Floats
+    unseen: tuple[dict[str, tuple[float, float]], ...]
+    rivals: tuple[str, ...]
+    formula: Hint | None
+
+    @property
+    def agreement(self) -> float:
+        """Mean squared distance of the sessions' own values from the common one, in their standard deviations."""
+        return float(np.mean(((self.each - self.value) / np.hypot(self.each_sd, self.sd)) ** 2))
+
+
+@dataclass(frozen=True, eq=False)
+class _Offer:
+    name: str
+    unit: str
+    scale: float
+    # (cases, 6) of each session per `scale`.
+    changes: tuple[Floats, ...]
+    formula: tuple[str, str | None, str, str] | None
+
+
+def shared_laws(fits: Sequence[Optimum], nodes: Sequence[Node]) -> tuple[SharedLaw, ...]:
+    """Score the library of laws over sessions, the best first.
+
+    Args:
+        fits: of each session, without the laws.
+        nodes: of their hyperparameters.
+    """
+    offers = [*_effects(fits), *_formulas(fits)]
+    columns = [_columns(fit, [o.changes[k] for o in offers]) for k, fit in enumerate(fits)]
+    asked = [fit.asked(c, node) for fit, c, node in zip(fits, columns, nodes, strict=True)]
+    a, s = np.array([x[0] for x in asked]), np.array([x[1] for x in asked])
+    whole = _gain(a.sum(axis=0), s.sum(axis=0))
+    left_out = whole - _gain(a.sum(axis=0) - a, s.sum(axis=0) - s)
+    ranked = np.argsort(-left_out.sum(axis=0))[:_CLOSELY]
+    alike = _alike(fits, [c[:, ranked] for c in columns], nodes)
+    out: list[SharedLaw] = []
+    taken: set[int] = set()
+    for k, index in enumerate(ranked.tolist()):
+        if k in taken or left_out[:, index].sum() <= 0.0 or len(out) == _SHOWN:
+            continue
+        group = np.flatnonzero(np.abs(alike[k]) >= ALIKE).tolist()
+        taken |= set(group)
+        rivals = tuple(offers[ranked[i]].name for i in group if i != k)
+        out.append(_law(fits, nodes, offers[index], (a[:, index], s[:, index]), left_out[:, index], rivals))
+    return tuple(out)
+
+
+def _gain(a: Floats, s: Floats) -> Floats:
+    out: Floats = 0.5 * s**2 / (1.0 + a) - 0.5 * np.log1p(a)
+    return out
+
+
+def _columns(fit: Optimum, changes: Sequence[Floats]) -> Floats:
+    rows = fit.session.rows[fit.session.fitted]
+    return np.array([c.reshape(-1)[rows] for c in changes]).T
+
+
+def _alike(fits: Sequence[Optimum], columns: Sequence[Floats], nodes: Sequence[Node]) -> Floats:
+    """Correlation (k, k) of what the sessions together see of each law."""
+    information = np.sum(
+        [fit.information(c, node)[0] for fit, c, node in zip(fits, columns, nodes, strict=True)], axis=0
+    )
+    size = np.sqrt(np.maximum(np.diag(information), 1e-12))
+    out: Floats = information / size[:, None] / size
+    return out
+
+
+def _effects(fits: Sequence[Optimum]) -> list[_Offer]:
+    """Parameters of effects that all sessions have, linearised at their null."""
+    table = fits[0].session.model.parameters
+    common = set.intersection(*({f.session.model.parameters.names[i] for i in f.parameters_of[OTHERS]} for f in fits))
+    out = []
+    for name in table.names:
+        if name not in common:
+            continue
+        changes, scale = [], float(fits[0].session.problem.scale[table.names.index(name)])
+        for fit in fits:
+            model, inputs = fit.session.model, fit.session.observations.inputs
+            at = model.parameters.names.index(name)
+            theta = fit.theta.copy()
+            step = 1e-3 * scale
+            theta[at] += step
+            moved = np.asarray(model.predict(inputs, theta).reading) - np.asarray(
+                model.predict(inputs, fit.theta).reading
+            )
+            changes.append(moved / step * scale)
+        if all(c.any() for c in changes):
+            out.append(_Offer(name, table.parameters[table.names.index(name)].unit, scale, tuple(changes), None))
+    return out
+
+
+def _formulas(fits: Sequence[Optimum]) -> list[_Offer]:
+    found: list[dict[str, Any]] = [{t[0][2]: t for t in library(f.session, f.theta)} for f in fits]
+    out = []
+    for text, (about, scale, _) in found[0].items():
+        if all(text in other for other in found):
+            changes = tuple(scale * other[text][2] for other in found)
+            if all(c.any() for c in changes):
+                out.append(_Offer(text, about[3], scale, changes, about))
+    return out
+
+
+def _law(
+    fits: Sequence[Optimum],
+    nodes: Sequence[Node],
+    offer: _Offer,
+    said: tuple[Floats, Floats],
+    left_out: Floats,
+    rivals: tuple[str, ...],
+) -> SharedLaw:
+    a, s = said
+    value, sd = offer.scale * s.sum() / (1.0 + a.sum()), offer.scale / np.sqrt(1.0 + a.sum())
+    others_a, others_s = a.sum() - a, s.sum() - s
+    learned = others_s / (1.0 + others_a)
+    unseen = tuple(
+        unseen_errors(fit, node, learned[k] * offer.changes[k])
+        for k, (fit, node) in enumerate(zip(fits, nodes, strict=True))
+    )
+    evidence = float(_gain(a.sum(keepdims=True), s.sum(keepdims=True))[0])
+    formula = None
+    if offer.formula is not None:
+        stage, joint, text, unit = offer.formula
+        formula = Hint(stage, joint, text, unit, offer.scale, float(value), evidence)
+    return SharedLaw(
+        offer.name,
+        offer.unit,
+        float(value),
+        float(sd),
+        offer.scale * s / (1.0 + a),
+        offer.scale / np.sqrt(1.0 + a),
+        evidence,
+        left_out,
+        unseen,
+        rivals,
+        formula,
+    )
+
+
+def unseen_errors(fit: Optimum, node: Node, change: Floats) -> dict[str, tuple[float, float]]:
+    """RMSE [N] of the validation forces by mount, without and with a change (cases, 6) of the readings."""
+    session = fit.session
+    if session.fitted.all():
+        return {}
+    observations = session.observations
+    rows = session.rows[session.fitted]
+    moved = replace(
+        session,
+        problem=replace(session.problem, observations=replace(observations, wrench=observations.wrench - change)),
+    )
+    other = replace(fit, session=moved, residual=fit.residual - change.reshape(-1)[rows], node=node)
+    out: dict[str, tuple[float, float]] = {}
+    unseen = session.rows[~session.fitted]
+    force = unseen % 6 < 3
+    before, after = predicted(fit, node).away, predicted(other, node).away
+    for place in dict.fromkeys(observations.locations):
+        here = force & np.array([observations.locations[i] == place for i in unseen // 6])
+        if here.any():
+            components = len(set((unseen[here] % 6).tolist()))
+            first, second = (float(np.sqrt(components * np.mean(x[here] ** 2))) for x in (before, after))
+            out[place] = (first, second)
+    return out
