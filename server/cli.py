@@ -142,6 +142,13 @@ def diagnose(
             metavar="FILE", help="Predictions of `next --freeze` to hold against; by default those in models."
         ),
     ] = None,
+    permutations: Annotated[
+        int, typer.Option(metavar="N", help="Of several sessions: shuffles that hold what they share against chance.")
+    ] = 199,
+    law: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Of several sessions: write the best law that they share as an effect file."),
+    ] = None,
     figures: Figures = None,
     json: Json = None,
 ) -> None:
@@ -149,8 +156,12 @@ def diagnose(
     if len(sessions) > 1:
         from server.commands.pooling import diagnose_sessions
 
-        diagnose_sessions(sessions, model, thorough, effect or [], figures, json)
+        diagnose_sessions(sessions, model, thorough, effect or [], figures, json, permutations, law)
         return
+    if law is not None:
+        from daq.errors import InputError
+
+        raise InputError("--law with one session", "several sessions, which may share a law")
     from server.commands.diagnosis import diagnose_session
 
     diagnose_session(sessions[0], model, thorough, effect or [], frozen, figures, json)
@@ -186,13 +197,17 @@ def add(
         Path | None,
         typer.Option(metavar="MODEL", help="Where to write the revision; by default models/SESSION-rN.json."),
     ] = None,
+    shared: Annotated[
+        list[str] | None,
+        typer.Option(metavar="SESSION", help="Another session to add them to as well; repeatable."),
+    ] = None,
     figures: Figures = None,
     json: Json = None,
 ) -> None:
     """Add effects to the model, refit, and report the fall of the error on cases that were never fitted."""
-    from server.commands.additions import add_to_session
+    from server.commands.additions import add_to_sessions
 
-    add_to_session(names, without or [], model, out, figures, json)
+    add_to_sessions(names, shared or [], without or [], model, out, figures, json)
 
 
 @app.command()

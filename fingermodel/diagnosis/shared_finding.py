@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import SHARED_P
-from fingermodel.diagnosis.shared_law import Curves, SharedCurve, StageSearch, p_value, permuted
+from fingermodel.diagnosis.shared_law import UNITS, Curves, SharedCurve, StageSearch, p_value, permuted
 from fingermodel.diagnosis.shared_laws import SharedLaw, shared_laws
 
 Floats = NDArray[np.float64]
@@ -48,7 +49,7 @@ class SharedFinding:
 
     @property
     def is_shared(self) -> bool:
-        """Whether the sessions share something: more evident than not, no chance, and of use to most of those left out."""
+        """Whether they share something: more evident than not, no chance, and of use to most of those left out."""
         p = self.permutation_p
         helped = int(np.sum(self.curve.left_out_gain > 0.0))
         evident = self.curve.log_evidence_over_own > 0.0 and 2 * helped > len(self.sessions)
@@ -66,8 +67,8 @@ class SharedFinding:
         chance = "" if p is None else f"; chance does as well in {100.0 * p:.1g} % of shuffles"
         if not self.is_shared:
             return (
-                f"Beyond the catalogue they share nothing that stands out (ln evidence {curve.log_evidence_over_own:+.1f} "
-                f"over an error of each one's own{chance})."
+                "Beyond the catalogue they share nothing that stands out (ln evidence "
+                f"{curve.log_evidence_over_own:+.1f} over an error of each one's own{chance})."
             )
         where = " and ".join(
             f"{muscle} {'at' if curve.stage != 'tension' else ''} {part}".strip()
@@ -79,6 +80,84 @@ class SharedFinding:
             f"{curve.log_evidence_over_own:+.1f} over an error of each one's own{chance}. Learned from the others, it "
             f"helps {helped} of {len(self.sessions)}."
         )
+
+    def as_dict(self) -> dict[str, Any]:
+        """As the answer gives it."""
+        curve = self.curve
+        return {
+            "found": self.is_shared,
+            "sentence": self.sentence,
+            "stage": curve.stage,
+            "log_evidence_over_own": curve.log_evidence_over_own,
+            "permutation_p": self.permutation_p,
+            "permutations": len(self.shuffled),
+            "gain": self.observed,
+            "shuffled_gain": self.shuffled.tolist(),
+            "left_out_gain": dict(zip(self.sessions, curve.left_out_gain.tolist(), strict=True)),
+            "lacking": list(self.lacking),
+            "carried_by": [
+                {"muscle": curve.parts[i][0], "joint": curve.parts[i][1], "log_evidence_lost": float(lost)}
+                for i, lost in sorted(enumerate(curve.log_evidence_lost.tolist()), key=lambda p: -p[1])
+                if lost > 0.0
+            ],
+            "curves": [self._curve(c) for c in self.curves],
+            "laws": [self._law(law) for law in self.laws],
+        }
+
+    def _curve(self, curve: SharedCurve) -> dict[str, Any]:
+        return {
+            "stage": curve.stage,
+            "unit": UNITS[curve.stage],
+            "size": curve.size,
+            "log_evidence_over_own": curve.log_evidence_over_own,
+            "left_out_gain": dict(zip(self.sessions, curve.left_out_gain.tolist(), strict=True)),
+            "postures_deg": np.rad2deg(curve.postures).tolist(),
+            "parts": [
+                {
+                    "muscle": muscle,
+                    "joint": joint,
+                    "log_evidence_lost": float(curve.log_evidence_lost[i]),
+                    "mean": curve.mean[i].tolist(),
+                    "sd": curve.sd[i].tolist(),
+                    "own": {s: curve.own[k, i].tolist() for k, s in enumerate(self.sessions)},
+                }
+                for i, (muscle, joint) in enumerate(curve.parts)
+            ],
+        }
+
+    def _law(self, law: SharedLaw) -> dict[str, Any]:
+        return {
+            "formula": law.name,
+            "value": law.value,
+            "sd": law.sd,
+            "unit": law.unit,
+            "log_evidence_gain": law.log_evidence,
+            "left_out_gain": dict(zip(self.sessions, law.left_out_gain.tolist(), strict=True)),
+            "each": {
+                s: {"value": float(v), "sd": float(sd)}
+                for s, v, sd in zip(self.sessions, law.each, law.each_sd, strict=True)
+            },
+            "agreement": law.agreement,
+            "unseen_rmse_N": {
+                s: {place: {"before": a, "after": b} for place, (a, b) in errors.items()}
+                for s, errors in zip(self.sessions, law.unseen, strict=True)
+            },
+            "rivals": list(law.rivals),
+            "effect": self._effect(law),
+        }
+
+    def _effect(self, law: SharedLaw) -> dict[str, Any] | None:
+        """Document of a user's effect with which the law can be added; none where it is an effect already."""
+        if law.formula is None:
+            return None
+        document: dict[str, Any] = law.formula.as_dict()["effect"]
+        reach = max(abs(law.value) + 3.0 * law.sd, 1e-9)
+        return document | {
+            "name": document["name"].replace("hint_", "shared_"),
+            "title": "a law that several specimens share",
+            "source": f"learned from {', '.join(self.sessions)}: k = {law.value:.3g} ± {law.sd:.2g} {law.unit}",
+            "parameters": {"k": {"unit": law.unit, "range": [-reach, reach]}},
+        }
 
 
 def shared_finding(

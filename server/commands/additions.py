@@ -18,20 +18,44 @@ if TYPE_CHECKING:
     from fingermodel.stages import Effect
 
 
-def add_to_session(
+def add_to_sessions(
     names: list[str],
+    shared: list[str],
     without: list[str],
     model: str | None,
     out: Path | None,
     figures: Path | None,
     json: str | None,
 ) -> None:
-    """Add effects to a session's model, refit, write the revision and show the fall of the error."""
-    from fingermodel.model_files import free_path, require_new
-
+    """Add effects to the models of one session or several, each with a value of its own."""
     effects, session = names[:-1], names[-1]
     if not effects and not without:
         raise InputError(f"only {session!r} is given", "effects and then a session: fingertwin add hanger_mass DEV-02")
+    if shared and (out is not None or model is not None):
+        raise InputError("--shared with --out or --model", "neither: each session has a model of its own")
+    if len({session, *shared}) <= len(shared):
+        raise InputError("a session is given twice", "each session once")
+    bodies = {}
+    for one in [session, *shared]:
+        folder = figures / one if figures and shared else figures
+        bodies[one] = _add_to_session(effects, one, without, model, out, folder, quiet=json is not None)
+    if json is not None:
+        answer("add", {"sessions": bodies} if shared else bodies[session], json)
+
+
+def _add_to_session(
+    effects: list[str],
+    session: str,
+    without: list[str],
+    model: str | None,
+    out: Path | None,
+    figures: Path | None,
+    *,
+    quiet: bool,
+) -> dict[str, Any]:
+    """Add effects to a session's model, refit, write the revision and show the fall of the error."""
+    from fingermodel.model_files import free_path, require_new
+
     if out is not None:
         require_new(out)
     chosen, own = resolved_effects(effects)
@@ -59,8 +83,8 @@ def add_to_session(
         "history": document["history"],
         "model": str(path),
     }
-    if answer("add", body, json):
-        return
+    if quiet:
+        return body
     say_first(body)
     print_fit(addition.fit, before, after)
     if addition.names:
@@ -69,6 +93,7 @@ def add_to_session(
     say(f"Model: {path}   (fingertwin diagnose {session} --model {path})")
     if page:
         say(f"Figures: {page}")
+    return body
 
 
 def add_bench(bench: Bench, names: Sequence[str], without: Sequence[str]) -> tuple[Comparison, Addition, Comparison]:

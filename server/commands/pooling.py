@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
     from fingermodel.diagnosis.several import Pooled
     from fingermodel.diagnosis.several_verdict import SharedEffect
 
+# More shuffles say nothing more.
+MOST_PERMUTATIONS = 9999
+
 
 def diagnose_sessions(
     sessions: list[str],
@@ -24,20 +28,31 @@ def diagnose_sessions(
     effects: list[str],
     figures: Path | None,
     json: str | None,
+    permutations: int,
+    law: Path | None,
 ) -> None:
-    """Diagnose several sessions and what they share."""
+    """Diagnose several sessions and what they share; write the best law that they share, where that is asked for."""
     from fingermodel.diagnosis.several import diagnose_pooled
 
     if len(set(sessions)) < len(sessions):
         twice = next(s for s in sessions if sessions.count(s) > 1)
         raise InputError(f"session {twice} is given twice", "each session once")
+    if not 0 <= permutations <= MOST_PERMUTATIONS:
+        raise InputError(
+            f"--permutations {permutations}", f"0 to {MOST_PERMUTATIONS}", "199 show one chance in a hundred"
+        )
+    if law is not None and law.exists():
+        raise InputError(f"{law} is there already", "a new file", "Choose another name")
     benches = []
     for name in sessions:
         with progress(f"Reading {name}") as tell:
             benches.append(open_bench(name, model, tell, catalogue=True, effects=effects))
     with progress("Fitting every effect to every session") as tell:
         pooled = diagnose_pooled(
-            [(b.measured.session.id, b.model, b.observations) for b in benches], thorough=thorough, progress=tell
+            [(b.measured.session.id, b.model, b.observations) for b in benches],
+            thorough=thorough,
+            permutations=permutations,
+            progress=tell,
         )
     each = {
         bench.measured.session.id: diagnosis_body(bench, d) for bench, d in zip(benches, pooled.diagnoses, strict=True)
@@ -47,6 +62,8 @@ def diagnose_sessions(
         from server.diagnosis_report import draw_diagnosis
 
         body["figures"] = [str(draw_diagnosis(own, figures / name)) for name, own in each.items()]
+    if law is not None:
+        body["law"] = _written(law, body["shared"])
     if answer("diagnose", body, json):
         return
     say(pooled.verdict.sentence)
@@ -75,6 +92,7 @@ def diagnose_sessions(
         f"nothing shared {pooled.p_apart:.3f}; of that, nothing missing in any {pooled.p_nothing:.3f}, something else "
         f"in each {pooled.p_other:.3f}",
     )
+    _say_shared(body["shared"], body.get("law"), asked=law is not None)
     for name, own in each.items():
         say(f"{name}: {own['sentence']}")
         say_first(own)
@@ -82,6 +100,57 @@ def diagnose_sessions(
             say(f"    {reason}")
     for page in body.get("figures", []):
         say(f"Report: {page}")
+
+
+def _written(file: Path, shared: dict[str, Any] | None) -> str | None:
+    """Write the best shared law that is no effect of the catalogue as a user's effect; None where there is none."""
+    import yaml
+
+    found = next((w["effect"] for w in (shared or {}).get("laws", []) if w["effect"]), None)
+    if found is None:
+        return None
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(yaml.safe_dump(found, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    return str(file)
+
+
+def _say_shared(shared: dict[str, Any] | None, law: str | None, *, asked: bool) -> None:
+    """Print what the sessions share beyond the catalogue."""
+    if shared is None:
+        say("Their fingers have other tendons or joints: a law beyond the catalogue cannot be shared.")
+        return
+    say(shared["sentence"])
+    if shared["lacking"]:
+        say(f"  It does not help {', '.join(shared['lacking'])}.")
+    rows = []
+    for found in shared["laws"]:
+        tip, bone = (_unseen(found, place) for place in ("tip", "bone"))
+        gains = " ".join(f"{g:+.1f}" for g in found["left_out_gain"].values())
+        rivals = f"{len(found['rivals'])} more" if found["rivals"] else ""
+        rows.append(
+            [found["formula"], f"{found['value']:.3g} ± {found['sd']:.2g} {found['unit']}", gains, tip, bone, rivals]
+        )
+    if rows:
+        table(
+            "Laws that it resembles, each learned from the other sessions",
+            ["law", "value of all", "gain where left out", "unseen tip", "unseen bone", "alike"],
+            rows,
+            "gain: ln density of the session left out; unseen: RMSE [N] of its validation forces, before → after; "
+            "alike: laws that these load cases cannot part from it",
+        )
+    if asked and law is None:
+        say("No law is written: none helps sessions that it was not learned from.")
+    if law is not None:
+        say(f"Law: {law}   (fingertwin add {law} SESSION, or fingertwin diagnose SESSION --effect {law})")
+
+
+def _unseen(law: dict[str, Any], place: str) -> str:
+    """RMS over the sessions, before and after, and in how many it falls."""
+    errors = [e[place] for e in law["unseen_rmse_N"].values() if place in e]
+    if not errors:
+        return ""
+    before, after = (sqrt(sum(e[key] ** 2 for e in errors) / len(errors)) for key in ("before", "after"))
+    return f"{before:.3f} → {after:.3f}, falls in {sum(e['after'] < e['before'] for e in errors)} of {len(errors)}"
 
 
 def pooled_body(pooled: Pooled) -> dict[str, Any]:
@@ -103,6 +172,7 @@ def pooled_body(pooled: Pooled) -> dict[str, Any]:
         "p_nothing": pooled.p_nothing,
         "p_other": pooled.p_other,
         "ranking": [_row(pooled, e) for e in pooled.ranking],
+        "shared": None if pooled.shared is None else pooled.shared.as_dict(),
         "seconds": pooled.seconds,
     }
 
