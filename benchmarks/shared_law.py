@@ -2,8 +2,8 @@
 
     python -m benchmarks.shared_law [--groups 20] [--seed-from COMMIT] [--permutations 199] [--out FILE]
 
-Groups of three to six sessions of different specimens: with one law outside the catalogue that all share, with a law of
-each one's own, and with none. A law is a torque drawn at random: joint, tendon, angle, and a size of 0.5 to 4 mm. Writes
+Groups of three to six sessions of different specimens: with one law outside the catalogue that all share, with a law
+of each one's own, and with none. A law is a torque drawn at random: joint, tendon, angle, and a size of 0.5 to 4 mm. Writes
 `benchmarks/shared_law.md`, and every group's outcome beside it as JSON lines.
 """
 
@@ -57,7 +57,7 @@ def one_group(seed: int, kind: str, permutations: int) -> dict[str, Any]:
             fits.append(fitter.fit(NOTHING, session.problem.centre, fitter.hyper.start(0)))
     began = time.perf_counter()
     found = shared_finding([str(k) for k in range(count)], fits, permutations)
-    assert found is not None  # noqa: S101 - all have the same tendons
+    assert found is not None
     curve, first = found.curve, found.laws[0] if found.laws else None
     top = curve.parts[int(np.argmax(curve.log_evidence_lost))]
     out: dict[str, Any] = {
@@ -102,8 +102,9 @@ def report(rows: list[dict[str, Any]], command: str) -> list[str]:
     return [
         "# A law that specimens share",
         "",
-        f"`{command}`, {dt.datetime.now(tz=dt.UTC).date()}, commit {commit()}; {len(rows)} groups of three to six sessions, "
-        f"{np.median([r['seconds'] for r in rows]):.1f} s each beside the fits (median).",
+        f"`{command}`, {dt.datetime.now(tz=dt.UTC).date()}, commit {commit()}; "
+        f"{len(rows)} groups of three to six sessions, {np.median([r['seconds'] for r in rows]):.1f} s each "
+        "beside the fits (median).",
         "",
         "| figure | rate | 95 % (Wilson) | count |",
         "|---|---|---|---|",
