@@ -3,8 +3,8 @@
     python -m benchmarks.shared_law [--groups 20] [--seed-from COMMIT] [--permutations 199] [--out FILE]
 
 Groups of three to six sessions of different specimens: with one law outside the catalogue that all share, with a law
-of each one's own, and with none. A law is a torque drawn at random: joint, tendon, angle, and a size of 0.5 to 4 mm. Writes
-`benchmarks/shared_law.md`, and every group's outcome beside it as JSON lines.
+of each one's own, and with none. A law is a torque drawn at random: joint, tendon, angle, and a size of 0.5 to 4 mm.
+Writes `benchmarks/shared_law.md`, and every group's outcome beside it as JSON lines.
 """
 
 from __future__ import annotations

@@ -34,6 +34,8 @@ th { max-width: 9em; }
 #which-explanation td:nth-child(2) { min-width: 9em; }
 """
 
+SHARED_STYLE = "td { white-space: normal; overflow-wrap: break-word; } th { max-width: 9em; }"
+
 
 def draw_diagnosis(
     answer: dict[str, Any], folder: Path, history: list[dict[str, Any]] | None = None, static: bool = True
@@ -220,3 +222,27 @@ def _duration(answer: Mapping[str, Any]) -> list[str]:
 
     seconds = value(answer.get("seconds"))
     return [] if seconds is None else [f"The diagnosis took {number(seconds, 1)} s."]
+
+
+def draw_shared(answer: dict[str, Any], folder: Path, static: bool = True) -> Path:
+    """Draw what several sessions share and return its page.
+
+    Args:
+        answer: of `fingertwin diagnose` of several sessions.
+        folder: for `shared.html`, PNG and SVG; made where it is absent.
+        static: whether to write PNG and SVG too.
+    """
+    from server.figures.report import report_html
+    from server.figures.shared_law import shared_sections
+    from server.figures.static import write_static
+
+    figures: dict[str, go.Figure] = {}
+    sections = shared_sections(answer, figures)
+    text = report_html(sections, f"What {len(answer['sessions'])} sessions share")
+    folder.mkdir(parents=True, exist_ok=True)
+    page = folder / "shared.html"
+    with replacing(page) as temporary:
+        temporary.write_text(text.replace("</style>", f"{SHARED_STYLE}</style>", 1), encoding="utf-8")
+    if static:
+        write_static(folder, figures)
+    return page

@@ -111,7 +111,10 @@ class SharedFinding:
             "size": curve.size,
             "log_evidence_over_own": curve.log_evidence_over_own,
             "left_out_gain": dict(zip(self.sessions, curve.left_out_gain.tolist(), strict=True)),
-            "postures_deg": np.rad2deg(curve.postures).tolist(),
+            "postures_deg": [
+                dict(zip(curve.rotations, angles, strict=True))
+                for angles in np.rad2deg(curve.postures).round(3).tolist()
+            ],
             "parts": [
                 {
                     "muscle": muscle,

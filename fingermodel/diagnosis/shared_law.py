@@ -215,7 +215,8 @@ class SharedCurve:
         log_evidence_over_own: that it is shared, over each session's having its own.
         left_out_gain: (sessions,) log density that it adds to each session, learned from the others.
         log_evidence_lost: (parts,) without each group.
-        postures: (postures, rotations) [rad].
+        postures: (postures, rotations) [rad], and
+        rotations: their names.
         mean: (parts, postures), in the stage's unit.
         sd: (parts, postures).
         own: (sessions, parts, postures) by each session alone.
@@ -229,6 +230,7 @@ class SharedCurve:
     left_out_gain: Floats
     log_evidence_lost: Floats
     postures: Floats
+    rotations: tuple[str, ...]
     mean: Floats
     sd: Floats
     own: Floats
@@ -276,8 +278,20 @@ class StageSearch:
         lost = np.array([whole - gain(said, size, np.delete(every, p, axis=0).reshape(-1)) for p in range(count)])
         mean, sd = self._values(said, size)
         own = np.array([self._values([one], size)[0] for one in said])
+        rotations = tuple(self.fits[0].session.model.finger.topology.rotations)
         return SharedCurve(
-            self.stage, parts, size, over_own, left_out, lost, self.curves.postures, mean, sd, own, self.paths[size]
+            self.stage,
+            parts,
+            size,
+            over_own,
+            left_out,
+            lost,
+            self.curves.postures,
+            rotations,
+            mean,
+            sd,
+            own,
+            self.paths[size],
         )
 
     def _values(self, said: Sequence[Said], size: float) -> tuple[Floats, Floats]:

@@ -59,9 +59,10 @@ def diagnose_sessions(
     }
     body = pooled_body(pooled) | {"each": each}
     if figures:
-        from server.diagnosis_report import draw_diagnosis
+        from server.diagnosis_report import draw_diagnosis, draw_shared
 
-        body["figures"] = [str(draw_diagnosis(own, figures / name)) for name, own in each.items()]
+        body["figures"] = [str(draw_shared(body, figures))]
+        body["figures"] += [str(draw_diagnosis(own, figures / name)) for name, own in each.items()]
     if law is not None:
         body["law"] = _written(law, body["shared"])
     if answer("diagnose", body, json):

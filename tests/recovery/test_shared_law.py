@@ -54,7 +54,7 @@ def test_a_shared_law_is_found_where_it_lives_and_by_its_formula(tmp_path: Path)
         assert after < before
     # The curve is the law's, within its band and what the anatomy may hide.
     part = found.curve.parts.index(("FDS", "PIP"))
-    truth = LAW.k_mm * np.sin(found.curve.postures[:, 0])
+    truth = LAW.k_mm * np.sin(found.curve.postures[:, found.curve.rotations.index("MCP")])
     assert np.corrcoef(truth, found.curve.mean[part])[0, 1] > 0.9
     assert body["laws"][0]["effect"]["source"].startswith("learned from 61, 62, 63")
 

@@ -1,0 +1,258 @@
+"""What several sessions share beyond the catalogue: the curve of each tendon and joint, and chance's part in it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from server.figures.diagnosis_answer import Answer, part, rows, value, vector, words
+from server.figures.report import Picture, Section, Table
+from server.figures.style import (
+    INK,
+    TEXT_PX,
+    WIDTH,
+    NothingToDrawError,
+    axis,
+    domain,
+    figure,
+    fixed,
+    legend,
+    number,
+    plain,
+    rgba,
+)
+
+_MOST, _ACROSS, _PANEL, _GAP, _HEAD = 6, 3, 170, 48, 30  # panels, in a row; [px] height, beside, above
+_TOP, _BOTTOM, _LEFT, _RIGHT = 106, 72, 66, 20  # [px]
+_COLOR, _PALE = "#00629b", "#8a8f98"
+_WHAT = {"arms": "error of a moment arm [mm]", "tension": "error of a tension [1]", "force": "error of a force [N]"}
+
+
+def leading(answer: Answer) -> Answer:
+    """The most evident curve."""
+    found = rows(answer, "shared", "curves")
+    if not found:
+        raise NothingToDrawError("The sessions' fingers have other tendons or joints.")
+    return found[0]
+
+
+def curve_figure(answer: Answer) -> go.Figure:
+    """Draw the shared curve of the tendons and joints that carry it, each session's own behind it.
+
+    Args:
+        answer: of a diagnosis of several sessions.
+
+    Raises:
+        NothingToDrawError: nothing could be shared.
+    """
+    curve = leading(answer)
+    parts = sorted(rows(curve, "parts"), key=lambda p: -(value(p.get("log_evidence_lost")) or 0.0))[:_MOST]
+    postures = [{r: a for r, a in p.items() if r != "abduction"} for p in rows(curve, "postures_deg")]
+    names = ["/".join(fixed(value(a) or 0.0, 0) for a in p.values()) for p in postures]
+    order = sorted(range(len(postures)), key=lambda i: [value(a) or 0.0 for a in postures[i].values()])
+    rotations = "/".join(plain(r) for r in postures[0])
+    down = -(-len(parts) // _ACROSS)
+    plot, width = down * (_PANEL + _HEAD), WIDTH - _LEFT - _RIGHT
+    wide = (width - _GAP * (_ACROSS - 1)) / _ACROSS
+    layout: dict[str, Any] = {"annotations": []}
+    data: list[go.Scatter] = []
+    x = [names[i] for i in order]
+    for k, found in enumerate(parts):
+        suffix, row, column = str(k + 1) if k else "", k // _ACROSS, k % _ACROSS
+        upper, begin = plot - row * (_PANEL + _HEAD) - _HEAD, column * (wide + _GAP)
+        place = {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
+        lowest = k + _ACROSS >= len(parts)
+        layout[f"xaxis{suffix}"] = axis(
+            f"{rotations} [°]" if lowest else "",
+            domain=domain(begin / width, (begin + wide) / width),
+            anchor=f"y{suffix}",
+            type="category",
+            showticklabels=lowest,
+        )
+        layout[f"yaxis{suffix}"] = axis(
+            _WHAT.get(str(curve.get("stage")), "") if column == 0 else "",
+            domain=domain((upper - _PANEL) / plot, upper / plot),
+            anchor=f"x{suffix}",
+            zeroline=True,
+            zerolinecolor=INK,
+        )
+        lost = number(value(found.get("log_evidence_lost")), 1)
+        said = f"{plain(found.get('muscle'))} {plain(found.get('joint'))}, {lost} nat"
+        layout["annotations"].append(
+            {
+                "text": f"<b>{said}</b>",
+                "x": begin / width,
+                "y": upper / plot,
+                "xref": "paper",
+                "yref": "paper",
+                "xanchor": "left",
+                "yanchor": "bottom",
+                "showarrow": False,
+                "font": {"size": TEXT_PX, "color": INK},
+            }
+        )
+        for n, (session, own) in enumerate(part(found, "own").items()):
+            y = vector(own) or []
+            data.append(
+                go.Scatter(
+                    x=x,
+                    y=[y[i] for i in order],
+                    mode="lines+markers",
+                    line={"color": _PALE, "width": 1},
+                    marker={"size": 4, "color": _PALE},
+                    name="each session alone",
+                    showlegend=k == 0 and n == 0,
+                    legendgroup="own",
+                    hovertemplate=f"{plain(session)}: %{{y:.2f}}<extra></extra>",
+                    **place,
+                )
+            )
+        mean, sd = vector(found.get("mean")) or [], vector(found.get("sd")) or []
+        high, low = [mean[i] + 2.0 * sd[i] for i in order], [mean[i] - 2.0 * sd[i] for i in order]
+        data.append(
+            go.Scatter(
+                x=[*x, *reversed(x)],
+                y=[*high, *reversed(low)],
+                mode="lines",
+                line={"width": 0},
+                fill="toself",
+                fillcolor=rgba(_COLOR, 0.16),
+                hoverinfo="skip",
+                showlegend=False,
+                **place,
+            )
+        )
+        data.append(
+            go.Scatter(
+                x=x,
+                y=[mean[i] for i in order],
+                mode="lines+markers",
+                line={"color": _COLOR, "width": 2.5},
+                marker={"size": 6, "color": _COLOR},
+                name="shared by all",
+                showlegend=k == 0,
+                legendgroup="shared",
+                hovertemplate="shared: %{y:.2f}<extra></extra>",
+                **place,
+            )
+        )
+    layout["showlegend"], layout["legend"] = True, legend(6, plot)
+    return figure(
+        data,
+        layout,
+        title="What the sessions share, by tendon and joint",
+        subtitle="Smooth over postures; band: two standard deviations. Nat: ln evidence lost without the panel's part.",
+        height=plot + _TOP + _BOTTOM,
+        margin={"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
+    )
+
+
+def chance_figure(answer: Answer) -> go.Figure:
+    """Draw what sharing gains after shuffles, and as the sessions are.
+
+    Raises:
+        NothingToDrawError: nothing was shuffled.
+    """
+    shared = part(answer, "shared")
+    shuffled, gained = vector(shared.get("shuffled_gain")) or [], value(shared.get("gain"))
+    if not shuffled or gained is None:
+        raise NothingToDrawError("Nothing was shuffled (--permutations 0).")
+    counts, edges = np.histogram(shuffled, bins=25)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    bars = go.Bar(
+        x=middle.tolist(),
+        y=counts.tolist(),
+        width=float(0.92 * (edges[1] - edges[0])),
+        marker={"color": _PALE},
+        name="shuffled",
+        hovertemplate="%{x:.1f} nat: %{y}<extra></extra>",
+    )
+    line = go.Scatter(
+        x=[gained, gained],
+        y=[0, int(counts.max())],
+        mode="lines",
+        line={"color": _COLOR, "width": 3},
+        name="as the sessions are",
+        hovertemplate=f"{gained:.1f} nat<extra></extra>",
+    )
+    plot, chance = 240, number(value(shared.get("permutation_p")), 3)
+    return figure(
+        [bars, line],
+        {
+            "xaxis": axis("gain of sharing [nat]", anchor="y"),
+            "yaxis": axis("shuffles", anchor="x"),
+            "showlegend": True,
+            "legend": legend(6, plot),
+        },
+        title="Would chance do as well?",
+        subtitle=f"Tendons and signs of each session shuffled, {len(shuffled)} times; p = {chance}.",
+        height=plot + _TOP + _BOTTOM,
+        margin={"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
+    )
+
+
+def laws_table(answer: Answer) -> list[Table]:
+    """Tabulate the laws that the curve resembles: value, agreement, and the session that each was not learned from."""
+    sessions = words(answer.get("sessions"))
+    lines = []
+    for law in rows(answer, "shared", "laws"):
+        gains, unseen = part(law, "left_out_gain"), part(law, "unseen_rmse_N")
+        errors = []
+        for session in sessions:
+            found = part(unseen, session)
+            said = [f"{place} {_fall(part(found, place))}" for place in found]
+            errors.append(f"{fixed(value(gains.get(session)) or 0.0, 1)} nat; " + ", ".join(said))
+        lines.append(
+            [
+                str(law.get("formula")),
+                f"{number(value(law.get('value')), 3)} ± {number(value(law.get('sd')), 2)} {law.get('unit')}",
+                number(value(law.get("agreement")), 2),
+                *errors,
+                ", ".join(words(law.get("rivals"))[:4]),
+            ]
+        )
+    header = ["law", "value of all", "agreement", *(f"left out: {s}" for s in sessions), "not to be parted from"]
+    caption = (
+        "Each law is learned from the other sessions: ln density that it adds to the one left out, and RMSE [N] of its "
+        "validation forces, before → after. Agreement: mean squared distance of the sessions' own values from the "
+        "common one, 1 is chance."
+    )
+    return [Table(header, lines, caption)] if lines else []
+
+
+def _fall(errors: Answer) -> str:
+    return " → ".join(number(value(errors.get(key)), 3) for key in ("before", "after"))
+
+
+def shared_sections(answer: Answer, figures: dict[str, go.Figure]) -> list[Section]:
+    """The parts of the page of several sessions; puts its figures into `figures`."""
+
+    def picture(name: str, draw: Any, caption: str) -> Picture | str:
+        try:
+            figures[name] = draw(answer)
+        except NothingToDrawError as nothing:
+            return f"No figure: {str(nothing)[:1].lower()}{str(nothing)[1:]}"
+        return Picture(figures[name], caption)
+
+    shared = part(answer, "shared")
+    sentences = [str(answer.get("sentence") or ""), *(f"Short of more: {s}." for s in words(answer.get("short")))]
+    each = part(answer, "each")
+    lacking = words(shared.get("lacking"))
+    return [
+        Section("Together", sentences),
+        Section(
+            "Beyond the catalogue",
+            [
+                str(shared.get("sentence") or "Their fingers have other tendons or joints."),
+                *([f"It does not help {', '.join(lacking)}."] if lacking else []),
+                picture("shared_curve", curve_figure, "Beside each session's anatomy, budget, noise and scatter."),
+                picture("shared_chance", chance_figure, "Sessions that share nothing gain as much in any order."),
+            ],
+        ),
+        Section(
+            "Which law it resembles", [*laws_table(answer)] or ["None helps a session that it is not learned from."]
+        ),
+        Section("Each by itself", [f"{name}: {part(each, name).get('sentence')}" for name in each]),
+    ]
