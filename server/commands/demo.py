@@ -24,14 +24,15 @@ if TYPE_CHECKING:
     from fingertwin.client.summaries import Summary
 
 RECORDED = "DEV-08"
-PUBLISHED = "synek2019_H01"
+# Synek et al. 2019: three human fingers and a bonobo's.
+PUBLISHED = ("synek2019_B01", "synek2019_H01", "synek2019_H02", "synek2019_H03")
 # Both models are compiled at once on a machine's first run, each by a worker of its own.
 WORKERS = 2
 _STOP_S = 20.0
 
 
 def run_demo(out: Path) -> None:
-    """Stream a session with a hidden effect into the service, find what is missing and add it; then a published one."""
+    """Stream a session with a hidden effect into the service, find and add it; then show what published ones share."""
     from daq.checks import check
     from fingertwin.client import Client
     from server.commands.log import replay_session
@@ -46,14 +47,16 @@ def run_demo(out: Path) -> None:
         say(f"   check: {verdict}, {len(report.errors)} errors, {len(report.warnings)} warnings")
         say(f"   replayed through the DAQ into the model service at {url}:")
         replay_session(RECORDED, url, None, "max", None, None)
-        twin.upload(PUBLISHED)
-        fits = {name: twin.session(name).refit(model=None) for name in (RECORDED, PUBLISHED)}
-        _story(twin, RECORDED, fits[RECORDED], out / "recorded")
+        for name in PUBLISHED:
+            twin.upload(name)
+        refit = twin.session(RECORDED).refit(model=None)
+        together = twin.diagnose(PUBLISHED, model=None)
+        _story(twin, RECORDED, refit, out / "recorded")
         say("")
-        say(f"2. A published specimen ({PUBLISHED}, Synek et al. 2019): averaged forces of a cadaver finger")
-        _story(twin, PUBLISHED, fits[PUBLISHED], out / "published")
+        say("2. Four published specimens (Synek et al. 2019): averaged forces of cadaver fingers, all loaded alike")
+        _together(together, out / "published")
     say(f"Done in {time.perf_counter() - began:.0f} s. Open {out / 'recorded' / 'diagnose.html'}")
-    say(f"                and {out / 'published' / 'diagnose.html'} in a browser.")
+    say(f"                and {out / 'published' / 'shared.html'} in a browser.")
 
 
 @contextmanager
@@ -130,6 +133,30 @@ def _story(twin: Client, name: str, refit: Job[Fit], folder: Path) -> None:
     history: list[dict[str, Any]] = revision.body["history"]
     print_history(history)
     draw_diagnosis(finding.body, folder, history, static=False)
+
+
+def _together(job: Job[dict[str, Any]], folder: Path) -> None:
+    """Say what the specimens share that no effect describes, and what it is worth on the one left out."""
+    from server.commands.pooling import say_shared
+    from server.diagnosis_report import draw_shared
+
+    with progress("Diagnosing four specimens, and what they share") as tell:
+        body = job.result(lambda done, _: tell(done))
+    for name, own in body["each"].items():
+        say(f"   {name}: {own['sentence']}")
+    say_shared(body["shared"])
+    laws = body["shared"]["laws"]
+    if laws:
+        rows = [
+            [name, laws[0]["left_out_gain"][name], *(e for p in ("tip", "bone") for e in errors[p].values())]
+            for name, errors in laws[0]["unseen_rmse_N"].items()
+        ]
+        header = ["left out", "gain [nat]", "unseen tip before", "after", "unseen bone before", "after"]
+        table(f"{laws[0]['formula']}, learned from the other three: RMSE [N]", header, rows)
+        rises = [n for n, e in laws[0]["unseen_rmse_N"].items() if e["bone"]["after"] > e["bone"]["before"]]
+        if rises:
+            say(f"   It does not mend the bone loads: their error rises in {', '.join(rises)}.")
+    draw_shared(body, folder, static=False)
 
 
 def _to_add(finding: Finding) -> list[str]:

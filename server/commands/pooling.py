@@ -67,6 +67,17 @@ def diagnose_sessions(
         body["law"] = _written(law, body["shared"])
     if answer("diagnose", body, json):
         return
+    _print(pooled, body)
+    if law is not None and body["law"] is None:
+        say("No law is written: none helps sessions that it was not learned from.")
+    elif law is not None:
+        say(f"Law: {law}   (fingertwin add {law} SESSION, or fingertwin diagnose SESSION --effect {law})")
+    for page in body.get("figures", []):
+        say(f"Report: {page}")
+
+
+def _print(pooled: Pooled, body: dict[str, Any]) -> None:
+    """Print what the sessions say together, and each by itself."""
     say(pooled.verdict.sentence)
     if pooled.verdict.short:
         say(f"  Short of more: {'; '.join(pooled.verdict.short)}.")
@@ -93,14 +104,12 @@ def diagnose_sessions(
         f"nothing shared {pooled.p_apart:.3f}; of that, nothing missing in any {pooled.p_nothing:.3f}, something else "
         f"in each {pooled.p_other:.3f}",
     )
-    _say_shared(body["shared"], body.get("law"), asked=law is not None)
-    for name, own in each.items():
+    say_shared(body["shared"])
+    for name, own in body["each"].items():
         say(f"{name}: {own['sentence']}")
         say_first(own)
         for reason in own["reasons"]:
             say(f"    {reason}")
-    for page in body.get("figures", []):
-        say(f"Report: {page}")
 
 
 def _written(file: Path, shared: dict[str, Any] | None) -> str | None:
@@ -115,7 +124,7 @@ def _written(file: Path, shared: dict[str, Any] | None) -> str | None:
     return str(file)
 
 
-def _say_shared(shared: dict[str, Any] | None, law: str | None, *, asked: bool) -> None:
+def say_shared(shared: dict[str, Any] | None) -> None:
     """Print what the sessions share beyond the catalogue."""
     if shared is None:
         say("Their fingers have other tendons or joints: a law beyond the catalogue cannot be shared.")
@@ -139,10 +148,6 @@ def _say_shared(shared: dict[str, Any] | None, law: str | None, *, asked: bool) 
             "gain: ln density of the session left out; unseen: RMSE [N] of its validation forces, before → after; "
             "alike: laws that these load cases cannot part from it",
         )
-    if asked and law is None:
-        say("No law is written: none helps sessions that it was not learned from.")
-    if law is not None:
-        say(f"Law: {law}   (fingertwin add {law} SESSION, or fingertwin diagnose SESSION --effect {law})")
 
 
 def _unseen(law: dict[str, Any], place: str) -> str:
