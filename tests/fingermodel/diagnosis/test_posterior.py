@@ -44,7 +44,7 @@ def sheath(fitter: Fitter, nothing: Optimum) -> Optimum:
     return fitter.fit(explanation, nothing.expected(explanation, nothing.best), nothing.best)
 
 
-@pytest.mark.parametrize("axes", [(0, 0, 0, 0, 0, 0), (4, 1, 2, 3, 0, 0), (2, 0, 0, 0, 3, 2)])
+@pytest.mark.parametrize("axes", [(0, 0, 0, 0, 0, 0, 0), (4, 1, 2, 3, 3, 0, 0), (2, 0, 0, 2, 0, 3, 2)])
 def test_evidence_is_that_of_the_dense_gaussian(nothing: Optimum, axes: tuple[int, ...]) -> None:
     fit, node = nothing, axes
     freed, of_noise = fit.freed(node)
@@ -60,6 +60,16 @@ def test_evidence_is_that_of_the_dense_gaussian(nothing: Optimum, axes: tuple[in
         y += columns @ fit.place(name)
     expected = -0.5 * y @ np.linalg.solve(covariance, y) - 0.5 * np.linalg.slogdet(covariance)[1]
     assert freed.log_evidence + of_noise == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize("axes", [(0, 0, 0, 0, 0, 0, 0), (4, 1, 2, 3, 3, 0, 0)])
+def test_further_columns_are_informed_beside_all_that_acts(nothing: Optimum, axes: tuple[int, ...]) -> None:
+    columns = np.random.default_rng(8).normal(size=(len(nothing.residual), 3))
+    information, score = nothing.information(columns, axes)
+    single, own = nothing.asked(columns, axes)
+    np.testing.assert_allclose(np.diag(information), single, rtol=1e-6)
+    np.testing.assert_allclose(score, own, rtol=1e-6, atol=1e-6 * np.abs(own).max())
+    np.testing.assert_allclose(information, information.T, atol=1e-9 * information.max())
 
 
 def test_the_true_effect_is_far_more_probable(nothing: Optimum, hanger: Optimum, sheath: Optimum) -> None:
