@@ -78,7 +78,7 @@ def one_group(seed: int, kind: str, permutations: int) -> dict[str, Any]:
     if kind == "shared":
         arms = next(c for c in found.curves if c.stage == "arms")
         part = arms.parts.index((common.muscle, common.joint))
-        angle = ["MCP", "PIP", "DIP"].index(common.angle) if common.angle else None
+        angle = arms.rotations.index(common.angle) if common.angle else None
         truth = common.k_mm * (np.ones(len(arms.postures)) if angle is None else np.sin(arms.postures[:, angle]))
         out["curve_error"] = float(np.linalg.norm(arms.mean[part] - truth) / np.linalg.norm(truth))
         out["place"] = top == (common.muscle, common.joint)
