@@ -148,11 +148,14 @@ def _nothing(posterior: Posterior, fit: Optimum) -> Verdict:
 
 def stated_node(fit: Optimum) -> tuple[int, ...]:
     """The node where budget, anatomy and noise are as stated and nothing smooth acts; scatter is as it reads."""
-    node = list(fit.hyper.without_smooth(fit.best))
-    node[BUDGET], node[ANATOMY] = fit.hyper.axes[BUDGET].mode, fit.hyper.axes[ANATOMY].mode
+    axes, node = fit.hyper.axes, list(fit.hyper.without_smooth(fit.best))
+    node[BUDGET], node[ANATOMY] = axes[BUDGET].mode, axes[ANATOMY].mode
     if not fit.session.observations.noise_assumed:
-        node[NOISE] = fit.hyper.axes[NOISE].mode
-    return tuple(node)
+        node[NOISE] = axes[NOISE].mode
+        return tuple(node)
+    # An assumed noise is as the readings have it, too: where nothing smooth acts, that is more.
+    offers = [(*node[:NOISE], k, *node[NOISE + 1 :]) for k in range(len(axes[NOISE].values))]
+    return max(offers, key=fit.log_joint)
 
 
 def _beyond(posterior: Posterior) -> tuple[str, ...]:
