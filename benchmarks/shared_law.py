@@ -23,7 +23,7 @@ from benchmarks.machine import commit, publish
 from benchmarks.random_worlds import base_seed
 from benchmarks.recovery import wilson
 from tests.simulator.finger import MUSCLES
-from tests.simulator.shared import TorqueLaw, specimen
+from tests.shared_specimens import TorqueLaw, specimen
 
 KINDS = ("shared", "own", "none")
 

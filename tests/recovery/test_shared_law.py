@@ -13,7 +13,7 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.shared_finding import SharedFinding, shared_finding
-from tests.simulator.shared import TorqueLaw, specimen
+from tests.shared_specimens import TorqueLaw, specimen
 
 LAW = TorqueLaw("PIP", "FDS", "MCP", -2.5)
 OTHERS = (TorqueLaw("DIP", "FDP", "", 0.8), TorqueLaw("MCP", "EDC", "PIP", 2.0))
