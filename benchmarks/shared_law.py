@@ -22,8 +22,8 @@ import numpy as np
 from benchmarks.machine import commit, publish
 from benchmarks.random_worlds import base_seed
 from benchmarks.recovery import wilson
-from tests.simulator.finger import MUSCLES
 from tests.shared_specimens import TorqueLaw, specimen
+from tests.simulator.finger import MUSCLES
 
 KINDS = ("shared", "own", "none")
 
