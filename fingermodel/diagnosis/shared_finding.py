@@ -64,7 +64,7 @@ class SharedFinding:
     def sentence(self) -> str:
         """In plain words."""
         curve, p = self.curve, self.permutation_p
-        chance = "" if p is None else f"; chance does as well in {100.0 * p:.1g} % of shuffles"
+        chance = "" if p is None else f"; chance does as well in {100.0 * p:.{0 if p >= 0.01 else 1}f} % of shuffles"
         if not self.is_shared:
             return (
                 "Beyond the catalogue they share nothing that stands out (ln evidence "

@@ -17,6 +17,7 @@ const INNER = {
 };
 const OTHERS = {
   "": ["Sessions", () => import("./views/sessions.js")],
+  together: ["Several sessions together", () => import("./views/together.js")],
   fingers: ["Fingers", () => import("./views/fingers.js")],
   studies: ["Published studies", () => import("./views/studies.js")],
   help: ["Help", () => import("./views/help.js")],
@@ -40,6 +41,7 @@ function navigation({ session, view }) {
     link("#/", "Sessions", !session && view === ""),
     session ? Object.entries(VIEWS).map(([name, [title]]) =>
       link(`#/sessions/${encodeURIComponent(session)}/${name}`, title, name === (INNER[view]?.[2] || view))) : null,
+    link("#/together", "Together", !session && view === "together"),
     link("#/fingers", "Fingers", !session && view === "fingers"),
     link("#/studies", "Studies", !session && view === "studies"),
     link("#/help", "Help", !session && view === "help"));

@@ -42,6 +42,7 @@ DIAGNOSIS = (
     "held_out",
 )
 REVISIONS = ("waterfall",)
+SHARED = ("shared_curve", "shared_chance")
 _MOST = 512
 _NONE = "No figure: "
 
@@ -202,6 +203,44 @@ class Figures:
             return shown(name, figure, caption, about, _told(self.parts.measuring.of(session)))
 
         return self._kept(("diagnosis", name, job, session), theme, draw)
+
+    def shared(self, name: str, job: str, theme: Theme) -> Drawn:
+        """Draw what several sessions share beyond the catalogue.
+
+        Args:
+            name: of the figure, one of SHARED.
+            job: of the kind pooled, that is done.
+            theme: of the page.
+
+        Raises:
+            ProblemError: 404 there is no such figure or job, 409 the job is not done, or another.
+        """
+        _require(name, SHARED)
+        found = self.parts.jobs.get(job)
+        if found.kind != "pooled":
+            raise ProblemError(409, f"job {job} is a {found.kind}", "a diagnosis of several sessions")
+        if found.state != "done" or found.result is None:
+            raise ProblemError(409, f"job {job} is {found.state}", "a job that is done")
+        answer = found.result
+        for session in answer["sessions"]:
+            require_closed(self.parts.measuring.of(session))
+
+        def draw() -> dict[str, Any]:
+            from server.figures.shared_law import chance_figure, curve_figure
+            from server.figures.style import NothingToDrawError
+
+            about = {"job": job}
+            try:
+                figure = (curve_figure if name == "shared_curve" else chance_figure)(answer)
+            except NothingToDrawError as nothing:
+                return shown(name, None, _nothing(nothing), about)
+            captions = (
+                "Beside each session's anatomy, budget, noise and scatter.",
+                "Chance gains as much in any order.",
+            )
+            return shown(name, figure, captions[SHARED.index(name)], about)
+
+        return self._kept(("shared", name, job), theme, draw)
 
     def revisions(self, name: str, revision: str | None, specimen: str | None, theme: Theme) -> Drawn:
         """Draw how the error fell with every step up to a revision.

@@ -11,7 +11,7 @@ from daq.uplink.wire import API
 from server.service.answers import JsonAnswer
 from server.service.comparison_figures import Only, Plane
 from server.service.figure_answer import Theme
-from server.service.figures import COMPARISON, DIAGNOSIS, REVISIONS, Drawn, Figures
+from server.service.figures import COMPARISON, DIAGNOSIS, REVISIONS, SHARED, Drawn, Figures
 from server.service.schemas.common import ModelName, documented
 from server.service.schemas.figures import EXAMPLE, FigureList, FigureShown
 from server.service.services import of
@@ -74,6 +74,7 @@ _KINDS: dict[str, tuple[str, tuple[tuple[str, bool, str], ...]]] = {
         "A job of kind diagnose or pooled that is done.",
         (("job", True, "Id of the job."), ("session", False, "Which session of a pooled diagnosis."), _THEME),
     ),
+    "shared": ("A job of kind pooled that is done.", (("job", True, "Id of the job."), _THEME)),
     "revisions": (
         "A revision.",
         (
@@ -113,6 +114,8 @@ _TITLES = {
     "confounding": "What cannot be told apart",
     "revisions": "Error before and after",
     "held_out": "Residuals of the validation cases, before and after",
+    "shared_curve": "What several sessions share beyond the catalogue, by tendon and joint",
+    "shared_chance": "Whether chance would do as well",
     "waterfall": "The fall of the error, step by step",
 }
 
@@ -173,6 +176,12 @@ def diagnosis(
 ) -> Response:
     """Draw a figure of a diagnosis that is done."""
     return _answer(figures_of(request).diagnosis(name, job, session, theme), matched)
+
+
+@router.get("/shared/{name}", responses=_DRAWN)
+def shared(name: Name, job: OfJob, request: Request, theme: OnPage = "light", matched: Matched = None) -> Response:
+    """Draw what several sessions share beyond the catalogue: the curve by tendon and joint, and chance's part in it."""
+    return _answer(figures_of(request).shared(name, job, theme), matched)
 
 
 @router.get("/revisions/{name}", responses=_DRAWN)
@@ -236,7 +245,7 @@ def effect(
 
 
 def _names() -> dict[str, tuple[str, ...]]:
-    return {"comparison": COMPARISON, "diagnosis": DIAGNOSIS, "revisions": REVISIONS}
+    return {"comparison": COMPARISON, "diagnosis": DIAGNOSIS, "shared": SHARED, "revisions": REVISIONS}
 
 
 def _listed(kind: str, name: str) -> dict[str, object]:
