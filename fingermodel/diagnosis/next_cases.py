@@ -163,8 +163,8 @@ def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = Non
     for i, case in enumerate(cases):
         components = [0, 1, 2, 3] if case.location == "tip" and _reads_moments(diagnosis) else [0, 1, 2]
         each = {n: (predicted[n][0][i, components], predicted[n][1][i][np.ix_(components, components)]) for n in names}
-        information, probability = _information([each[n] for n in names], prior, rng)
-        out.append(NextCase(case, information, _parted(names, each, prior), probability, each))
+        told, probability = information([each[n] for n in names], prior, rng)
+        out.append(NextCase(case, told, _parted(names, each, prior), probability, each))
     out.sort(key=lambda c: -c.information_nat)
     best = tuple(c for c in _varied(out) if c.information_nat >= WORTH_NAT)[:OFFERED]
     instruments = tuple(
@@ -255,12 +255,21 @@ def _predict(diagnosis: Diagnosis, fit: Optimum, cases: Sequence[PlannedReading]
     return mean, spread + by_scatter + noise + 1e-9 * np.eye(4)
 
 
-def _information(each: Sequence[tuple[Floats, Floats]], prior: Floats, rng: np.random.Generator) -> tuple[float, float]:
-    """Mutual information [nat] between explanation and reading, and the true one's expected probability afterwards."""
+def information(
+    each: Sequence[tuple[Floats, Floats]], prior: Floats, rng: np.random.Generator, draws: int = DRAWS
+) -> tuple[float, float]:
+    """Mutual information [nat] between explanation and reading, and the true one's expected probability afterwards.
+
+    Args:
+        each: mean and covariance of the reading by every explanation.
+        prior: probability of each.
+        rng: to draw with.
+        draws: of each explanation.
+    """
     factors = [root_of(c) for _, c in each]
     total, right = 0.0, 0.0
     for k, (mean, _) in enumerate(each):
-        y = mean + rng.normal(size=(DRAWS, len(mean))) @ factors[k].T
+        y = mean + rng.normal(size=(draws, len(mean))) @ factors[k].T
         logs = np.stack([_log_normal(y, m, f) for (m, _), f in zip(each, factors, strict=True)], axis=1)
         weighted = logs + np.log(np.maximum(prior, 1e-300))
         top = weighted.max(axis=1, keepdims=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -24,6 +24,7 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
 from fingermodel.diagnosis.settings import P_NOTHING, PERMUTATIONS, SURE
 from fingermodel.diagnosis.several_verdict import InSession, PooledVerdict, SharedEffect, judge_together
+from fingermodel.diagnosis.shared_deciding import deciding
 from fingermodel.diagnosis.shared_finding import SharedFinding, shared_finding
 from fingermodel.model import Model
 from fingermodel.observations import Observations
@@ -91,6 +92,10 @@ def diagnose_pooled(
     p_other = p_apart * float(np.prod([d.posterior.p_only_beyond for d in diagnoses]))
     verdict = judge_together(names, diagnoses, ranking, (p_apart, p_nothing, p_other), rests_on)
     shared = shared_finding(names, [_known(d) for d in diagnoses], permutations, lambda done: tell(0.7 + 0.3 * done))
+    if shared is not None and shared.laws:
+        k = int(np.argmax(shared.curve.left_out_gain))
+        told = deciding(diagnoses[k], _known(diagnoses[k]), shared.laws)
+        shared = replace(shared, deciding=told, decided_on=names[k])
     seconds = time.perf_counter() - began
     return Pooled(names, tuple(diagnoses), ranking, p_apart, p_nothing, p_other, verdict, shared, seconds)
 

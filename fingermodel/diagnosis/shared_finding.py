@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import SHARED_P
+from fingermodel.diagnosis.shared_deciding import Deciding
 from fingermodel.diagnosis.shared_law import UNITS, Curves, SharedCurve, StageSearch, p_value, permuted
 from fingermodel.diagnosis.shared_laws import SharedLaw, shared_laws
 
@@ -29,6 +30,8 @@ class SharedFinding:
         observed: what sharing gains at most over not sharing, in ln evidence.
         shuffled: (shuffles,) the same with tendons and signs of the sessions shuffled.
         laws: that the leading curve resembles, best first.
+        deciding: readings that would part them, best first, on a specimen like `decided_on`.
+        decided_on: session that it helps most when left out.
     """
 
     sessions: tuple[str, ...]
@@ -36,6 +39,8 @@ class SharedFinding:
     observed: float
     shuffled: Floats
     laws: tuple[SharedLaw, ...]
+    deciding: tuple[Deciding, ...] = ()
+    decided_on: str = ""
 
     @property
     def curve(self) -> SharedCurve:
@@ -102,6 +107,7 @@ class SharedFinding:
             ],
             "curves": [self._curve(c) for c in self.curves],
             "laws": [self._law(law) for law in self.laws],
+            "would_decide": {"on": self.decided_on, "readings": [d.as_dict() for d in self.deciding]},
         }
 
     def _curve(self, curve: SharedCurve) -> dict[str, Any]:

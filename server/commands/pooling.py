@@ -149,6 +149,11 @@ def say_shared(shared: dict[str, Any] | None) -> None:
             "alike: laws that these load cases cannot part from it",
         )
 
+    if shared["would_decide"]["readings"]:
+        say(f"Would decide between them, on a specimen like {shared['would_decide']['on']}:")
+        for reading in shared["would_decide"]["readings"]:
+            say(f"    {reading['text']}")
+
 
 def _unseen(law: dict[str, Any], place: str) -> str:
     """RMS over the sessions, before and after, and in how many it falls."""

@@ -222,6 +222,15 @@ def laws_table(answer: Answer) -> list[Table]:
     return [Table(header, lines, caption)] if lines else []
 
 
+def _deciding(shared: Answer) -> list[str]:
+    """What could be read to part the laws."""
+    found = part(shared, "would_decide")
+    lines = [str(r.get("text")) for r in rows(found, "readings")]
+    if not lines:
+        return ["No load case that this rig has shown parts these laws."]
+    return [f"On a specimen like {found.get('on')}, by expected information:", *lines]
+
+
 def _fall(errors: Answer) -> str:
     return " → ".join(number(value(errors.get(key)), 3) for key in ("before", "after"))
 
@@ -254,5 +263,6 @@ def shared_sections(answer: Answer, figures: dict[str, go.Figure]) -> list[Secti
         Section(
             "Which law it resembles", [*laws_table(answer)] or ["None helps a session that it is not learned from."]
         ),
+        Section("What would decide", _deciding(shared)),
         Section("Each by itself", [f"{name}: {part(each, name).get('sentence')}" for name in each]),
     ]

@@ -44,6 +44,15 @@ def test_its_law_lowers_the_tip_error_of_specimens_that_it_was_not_learned_from(
     assert law["agreement"] < 2.0
 
 
+def test_it_says_what_would_decide(told: tuple[Path, dict[str, Any]]) -> None:
+    found = told[1]["shared"]["would_decide"]
+    assert found["on"] in SPECIMENS
+    assert found["readings"]
+    gains = [r["information_nat"] for r in found["readings"]]
+    assert gains == sorted(gains, reverse=True)
+    assert all("FDS" in r["masses_g"] for r in found["readings"][:2])
+
+
 def test_the_law_is_an_effect_file_that_names_its_source(told: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     folder, body = told
     assert body["law"] == str(folder / "law.yaml")

@@ -63,6 +63,8 @@ function told(body) {
       shared.lacking.length ? el("p", {}, `It does not help ${shared.lacking.join(", ")}.`) : null,
       el("div", { "data-figure": "shared_curve" }), el("div", { "data-figure": "shared_chance" })) : null,
     shared && shared.laws.length ? panel("Which law it resembles", laws(body.sessions, shared.laws)) : null,
+    shared && shared.would_decide.readings.length ? panel("What would decide", el("p", {}, `On a specimen like ${shared.would_decide.on}, by expected information:`),
+      el("ul", {}, shared.would_decide.readings.map((r) => el("li", {}, r.text)))) : null,
     panel("Each by itself", table([
       { title: "session", cell: ([name]) => el("a", { href: of(name) }, name) }, { title: "", wrap: true, cell: ([, one]) => one.sentence },
     ], Object.entries(body.each))),

@@ -1,0 +1,165 @@
+"""What would decide between the laws that a shared curve resembles: load cases, and what is read beside the forces.
+
+Each law says what a load case would read, with its value and interval; all else is as unknown as the session leaves it.
+A reading is worth the mutual information [nat] between law and reading (Lindley 1956).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.compare import muscles_of
+from fingermodel.diagnosis.diagnose import Diagnosis
+from fingermodel.diagnosis.hints import library
+from fingermodel.diagnosis.next_cases import PlannedReading, feasible, information, inputs_of
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.settings import LEVER_MM, SEED, WORTH_NAT
+from fingermodel.diagnosis.shared_laws import SharedLaw
+from fingermodel.stages import LoadCaseInput
+
+Floats = NDArray[np.float64]
+
+# What is read: forces alone; Mz as well; forces where radiographs give the joint angles.
+READINGS = ("forces", "forces and Mz at the tip", "forces, joint angles by radiograph")
+_MZ = 5
+_LAWS, _SHOWN = 6, 5
+# Readings drawn by each law: the order of the best is to be right.
+_DRAWS = 500
+# Step of a slope, in prior widths.
+_STEP = 1e-3
+
+
+@dataclass(frozen=True)
+class Deciding:
+    """A reading that would part the laws.
+
+    Attributes:
+        case: what to hang where.
+        reading: one of READINGS.
+        information_nat: between law and reading.
+    """
+
+    case: PlannedReading
+    reading: str
+    information_nat: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """As the answer gives it."""
+        c = self.case
+        return {
+            "posture": c.posture,
+            "location": c.location,
+            "masses_g": c.masses_g,
+            "reading": self.reading,
+            "information_nat": self.information_nat,
+            "text": f"{muscles_of(c.masses_g)} in {c.posture} at the {c.location}, {self.reading}: "
+            f"{self.information_nat:.2f} nat",
+        }
+
+
+def deciding(diagnosis: Diagnosis, fit: Optimum, laws: Sequence[SharedLaw]) -> tuple[Deciding, ...]:
+    """Rank what could be read on a specimen like this one by what it would tell of the laws.
+
+    Args:
+        diagnosis: of the session.
+        fit: what is known to act in it.
+        laws: that are live, with their rivals; formulas alone are held against each other.
+    """
+    texts = [law.name for law in laws if law.formula is not None]
+    texts += [rival for law in laws for rival in law.rivals]
+    live = {law.name: law for law in laws}
+    cases = feasible(diagnosis)
+    inputs = inputs_of(diagnosis, cases)
+    slopes = {text: change for (_, _, text, _), _, change in _planned(fit, cases, inputs) if text in texts}
+    leading = [law for law in laws if law.name in slopes][:_LAWS]
+    if not leading:
+        return ()
+    first = leading[0]
+    names = list(dict.fromkeys([first.name, *(r for r in first.rivals if r in slopes), *(w.name for w in leading)]))[
+        :_LAWS
+    ]
+    prior = np.array([np.exp(live[n].left_out_gain.sum() if n in live else first.left_out_gain.sum()) for n in names])
+    prior /= prior.sum()
+    changes = [_change(slopes[n], live.get(n), slopes[first.name], first) for n in names]
+    return _ranked(diagnosis, fit, cases, inputs, changes, prior)
+
+
+def _planned(fit: Optimum, cases: Sequence[PlannedReading], inputs: LoadCaseInput) -> Any:
+    """The library of formulas at planned cases."""
+    session, count = fit.session, len(cases)
+    observations = replace(
+        session.observations,
+        ids=tuple(str(k) for k in range(count)),
+        roles=("identification",) * count,
+        postures=tuple(c.posture for c in cases),
+        locations=tuple(c.location for c in cases),
+        masses_g=tuple(c.masses_g for c in cases),
+        inputs=inputs,
+        wrench=np.zeros((count, 6)),
+        covariance=np.zeros((0, 0)),
+        shared_tares=np.zeros((0, 0)),
+        tared=np.zeros((0, 6)),
+    )
+    return library(replace(session, problem=replace(session.problem, observations=observations, _fitted=[])), fit.theta)
+
+
+def _change(slope: Floats, law: SharedLaw | None, leading: Floats, first: SharedLaw) -> tuple[Floats, Floats]:
+    """Change (cases, 6) by a law and its standard deviation; a rival's value is that which resembles the first most."""
+    if law is not None:
+        return law.value * slope, law.sd * slope
+    ratio = float((slope * leading).sum() / max((slope**2).sum(), 1e-12))
+    return first.value * ratio * slope, first.sd * ratio * slope
+
+
+def _ranked(
+    diagnosis: Diagnosis,
+    fit: Optimum,
+    cases: Sequence[PlannedReading],
+    inputs: LoadCaseInput,
+    changes: Sequence[tuple[Floats, Floats]],
+    prior: Floats,
+) -> tuple[Deciding, ...]:
+    session, model = diagnosis.session, diagnosis.session.model
+    theta, covariance, index = fit.parameter_posterior(fit.best)
+    slopes = np.empty((len(cases), 6, len(index)))
+    for k, i in enumerate(index):
+        both = []
+        for sign in (1.0, -1.0):
+            moved = theta.copy()
+            moved[i] += sign * _STEP * session.problem.scale[i]
+            both.append(np.asarray(model.predict(inputs, moved).reading))
+        slopes[:, :, k] = (both[0] - both[1]) / (2.0 * _STEP)
+    values = fit.hyper.values(fit.best)
+    mean = np.asarray(model.predict(inputs, theta).reading)
+    force = values.noise * np.sqrt(
+        np.nanmedian(np.diagonal(session.observations.case_covariance, axis1=1, axis2=2)[:, :3])
+    )
+    noise = np.diag([force**2] * 3 + [(LEVER_MM * force) ** 2] * 3)
+    of_angle = np.array([model.parameters.names[i].startswith("posture_angle.") for i in index])
+    rng = np.random.default_rng(SEED)
+    out = []
+    for k, case in enumerate(cases):
+        for reading in READINGS:
+            if reading != READINGS[0] and case.location != "tip":
+                continue
+            read = [0, 1, *([] if session.plane == "sagittal" else [2]), *([_MZ] if reading == READINGS[1] else [])]
+            # The posture will be set anew: its angles are as unknown as the budget has it, or read from a radiograph.
+            of_case = slopes[k][read]
+            known = of_case[:, ~of_angle] @ covariance[np.ix_(~of_angle, ~of_angle)] @ of_case[:, ~of_angle].T
+            anew = 0.0 if reading == READINGS[2] else values.budget**2 * of_case[:, of_angle] @ of_case[:, of_angle].T
+            scatter = values.scatter**2 * np.outer(mean[k, read], mean[k, read])
+            plain = known + anew + scatter + noise[np.ix_(read, read)]
+            each = [
+                (mean[k, read] + change[k, read], plain + np.outer(sd[k, read], sd[k, read])) for change, sd in changes
+            ]
+            told, _ = information(each, prior, rng, _DRAWS)
+            out.append(Deciding(case, reading, told))
+    best: dict[tuple[str, str, str, str], Deciding] = {}
+    for one in sorted(out, key=lambda d: -d.information_nat):
+        best.setdefault((one.case.posture, one.case.location, muscles_of(one.case.masses_g), one.reading), one)
+    return tuple(d for d in best.values() if d.information_nat >= WORTH_NAT)[:_SHOWN]
