@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -16,11 +17,9 @@ def effect_row(effect: Effect, topology: Topology | None = None) -> dict[str, An
         effect: of the catalogue or the user's.
         topology: of the finger that it is to act on; by default that of An et al. 1979.
     """
-    from fingermodel.finger_files import read_finger
     from fingermodel.model import ANY_LAYOUT
 
-    if topology is None:
-        topology = read_finger("an1979_middle").topology
+    topology = topology or _standard()
     parameters = effect.parameters(topology, ANY_LAYOUT)
     return {
         "name": effect.name,
@@ -43,3 +42,11 @@ def effect_row(effect: Effect, topology: Topology | None = None) -> dict[str, An
             for p in parameters
         ],
     }
+
+
+@cache
+def _standard() -> Topology:
+    """Of An et al. 1979, read once: a list of effects asks for it with every row."""
+    from fingermodel.finger_files import read_finger
+
+    return read_finger("an1979_middle").topology
