@@ -19,6 +19,7 @@ from daq.journal.rows import Event
 from daq.journal.writer import Journal
 from server.bench.keys import QUIT, KeyInput, Pressed
 from server.bench.meter import StreamMeter
+from server.ending import ended_by_signals
 
 LOOK_S, DRAW_S, SPACE_S = 0.03, 0.2, 2.0
 LITTLE_DISK_BYTES = 1 << 30
@@ -97,13 +98,14 @@ class BenchLoop:
             JournalError: the disk is full; all before is kept.
         """
         writer = threading.Thread(target=self._keep, name="journal")
-        writer.start()
         try:
-            self._say(self._run.start())
-            while writer.is_alive() and self._turn():
-                time.sleep(LOOK_S)
+            with ended_by_signals(lambda: None) as told:
+                writer.start()
+                self._say(self._run.start())
+                while writer.is_alive() and not told.come and self._turn():
+                    time.sleep(LOOK_S)
         except KeyboardInterrupt:
-            pass  # as good as quitting
+            pass  # pressed in the terminal's raw mode: as good as quitting
         finally:
             self._acquisition.stop()
             writer.join()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import tempfile
 import threading
 from collections import Counter
@@ -10,12 +9,12 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import DriverError, InputError, JournalError
 from daq.memory import keep_flat
 from server.console import answer, say, table
+from server.ending import Told, ended_by_signals
 
 if TYPE_CHECKING:
     from daq.acquire import Acquisition, Record, StreamEvent
@@ -191,19 +190,19 @@ class Logging:
         quiet: bool = False,
     ) -> None:
         self.stream = journal.add_stream(cell.name, cell.values, about, cell.clock)
-        self._journal, self.say = journal, (lambda _: None) if quiet else say
+        self._journal, self._quiet, self._told = journal, quiet, Told()
         self._kinds: Counter[str] = Counter()
         self._samples, self._first_s, self._last_s = 0, 0.0, 0.0
         self._warned = False
 
     def run(self, acquisition: Acquisition) -> dict[str, Any]:
-        """Write until the stream ends; Ctrl-C ends it, and what was read until then is written.
+        """Write until the stream ends; Ctrl-C or another such signal ends it, and what was read until then is written.
 
         Raises:
             JournalError: the disk is full; all that was acknowledged is kept.
             KeyboardInterrupt: Ctrl-C was pressed again before that was done.
         """
-        with _ended_by_ctrl_c(acquisition):
+        with ended_by_signals(acquisition.stop) as self._told:
             try:
                 for record in acquisition.records():
                     self._keep(record)
@@ -218,6 +217,15 @@ class Logging:
             "rate_hz": (self._samples - 1) / seconds if seconds > 0 else None,
             "events": dict(self._kinds),
         }
+
+    def say(self, text: str) -> None:
+        """Tell what happens; where the terminal was closed, nobody."""
+        try:
+            if not self._quiet:
+                say(text)
+        except OSError:
+            if not self._told.come:
+                raise
 
     def _keep(self, record: Record) -> None:
         if record.chunk is not None:
@@ -241,26 +249,6 @@ class Logging:
         if left_s < WARNED_S:
             self.say(f"The disk has room for {left_s / 60.0:.0f} more minutes; then logging stops cleanly.")
             self._warned = True
-
-
-@contextmanager
-def _ended_by_ctrl_c(acquisition: Acquisition) -> Iterator[None]:
-    """Let Ctrl-C stop the cell instead of breaking into what is being written; pressed again it breaks off."""
-    before = signal.getsignal(signal.SIGINT)
-    if before in (None, signal.SIG_IGN) or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        signal.signal(signal.SIGINT, before)
-        # Stopping waits for the thread that reads, which no handler may.
-        threading.Thread(target=acquisition.stop, daemon=True).start()
-
-    signal.signal(signal.SIGINT, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def about_cell(cell: LoadCell, given: dict[str, str]) -> dict[str, str]:

@@ -19,6 +19,7 @@ import pytest
 
 from daq.acquire import Acquisition
 from daq.journal.check import check
+from daq.journal.writer import Journal
 from daq.readings import ReadingBlock, write_readings
 from server.cli import main
 from server.commands.log import Logging
@@ -128,7 +129,8 @@ def test_a_bench_session_is_copied_also_without_a_case(run: Run, monkeypatch: py
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a process cannot be sent Ctrl-C alone there")
-def test_ctrl_c_ends_the_log_and_leaves_a_copy(run: Run, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_ends_the_log_and_leaves_a_copy(run: Run, tmp_path: Path, name: str) -> None:
     command = [
         sys.executable, "-m", "server.cli", "log", "--driver", "replay", "--port", "played.csv", "--out", "monday",
         "--copy-to", "disk",
@@ -139,9 +141,34 @@ def test_ctrl_c_ends_the_log_and_leaves_a_copy(run: Run, tmp_path: Path) -> None
         assert child.stdout is not None
         assert child.stderr is not None
         assert "started" in child.stdout.readline()
-        child.send_signal(signal.SIGINT)
+        child.send_signal(getattr(signal, name))
         text, err = child.stdout.read(), child.stderr.read()
     assert (child.returncode, err) == (0, "")
     assert "readings in" in text
     assert "Copy, read back" in text
     assert copied_samples()[0] < 1000
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a process cannot be sent such a signal alone there")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_ends_a_bench_session_as_quit_does(run: Run, tmp_path: Path, name: str) -> None:
+    Path("setup.yaml").write_text(json.dumps(SETUP))
+    command = [
+        sys.executable, "-m", "server.cli", "log", "--driver", "replay", "--port", "played.csv", "--out", "monday",
+        "--protocol", "levels", "--setup", "setup.yaml", "--copy-to", "disk",
+    ]  # fmt: skip
+    environment = os.environ | {"PYTHONUNBUFFERED": "1", "PYTHONPATH": str(Path(__file__).parents[2])}
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment) as child:  # noqa: S603
+        assert child.stdout is not None
+        assert child.stderr is not None
+        while "started" not in child.stdout.readline():
+            pass
+        child.send_signal(getattr(signal, name))
+        text, err = child.stdout.read(), child.stderr.read()
+    # As where a session is left before its first case: said, and all that was read is kept.
+    assert child.returncode == 2
+    assert "no complete case" in err
+    assert "Copy, read back" in text
+    with Journal.open(tmp_path / "monday" / "journal.sqlite3", 0) as journal:
+        assert [e.kind for e in journal.events()][-1] == "ended"

@@ -1,4 +1,4 @@
-"""Ctrl-C while a log writes: it ends the log, and breaks into nothing that is being written."""
+"""Ctrl-C or another such signal while a log writes: it ends the log, and breaks into nothing that is being written."""
 
 from __future__ import annotations
 
@@ -17,20 +17,23 @@ from daq.journal.check import check
 from daq.journal.writer import Journal
 from daq.readings import ReadingBlock, write_readings
 from server.commands.log import Logging
+from server.ending import ENDING
 
 
 class Pressed:
-    """A connection during whose statement of one kind, the n-th time, Ctrl-C is pressed."""
+    """A connection during whose statement of one kind, the n-th time, a signal comes."""
 
-    def __init__(self, connection: sqlite3.Connection, moment: str, nth: int) -> None:
-        self._connection, self._moment, self._left = connection, moment, nth
+    def __init__(
+        self, connection: sqlite3.Connection, moment: str, nth: int, number: signal.Signals = signal.SIGINT
+    ) -> None:
+        self._connection, self._moment, self._left, self._number = connection, moment, nth, number
 
     def execute(self, query: str, *values: Any) -> Any:
         answer = self._connection.execute(query, *values)
         self._left -= query.startswith(self._moment)
         if not self._left:
             self._left = -1
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(self._number)
         return answer
 
     def __getattr__(self, name: str) -> Any:
@@ -51,14 +54,15 @@ def acquisition(tmp_path: Path) -> Iterator[Acquisition]:
 
 @pytest.mark.parametrize("moment", ["BEGIN", "INSERT INTO chunks", "INSERT INTO outbox", "COMMIT"])
 @pytest.mark.parametrize("nth", [2, 5])
-def test_what_was_read_is_all_written_wherever_ctrl_c_falls(
-    acquisition: Acquisition, moment: str, nth: int, tmp_path: Path
+@pytest.mark.parametrize("number", ENDING)
+def test_what_was_read_is_all_written_wherever_a_signal_falls(
+    acquisition: Acquisition, moment: str, nth: int, number: signal.Signals, tmp_path: Path
 ) -> None:
-    handler = signal.getsignal(signal.SIGINT)
+    handler = signal.getsignal(number)
     path = tmp_path / "journal.sqlite3"
     with Journal.create(path, "bench", 0) as journal:
         logging = Logging(journal, acquisition.cell, {}, quiet=True)
-        journal._connection = Pressed(journal._connection, moment, nth)  # type: ignore[assignment]
+        journal._connection = Pressed(journal._connection, moment, nth, number)  # type: ignore[assignment]
         told = logging.run(acquisition)
         [ended] = [e for e in journal.events() if e.kind == "ended"]
         chunks = list(journal.read(logging.stream))
@@ -66,7 +70,7 @@ def test_what_was_read_is_all_written_wherever_ctrl_c_falls(
     assert told["samples"] == ended.value["samples"] == sum(len(c) for c in chunks) > 0
     assert [c.first_seq for c in chunks] == np.cumsum([0, *(len(c) for c in chunks[:-1])]).tolist()
     assert check(path).faults == ()
-    assert signal.getsignal(signal.SIGINT) is handler
+    assert signal.getsignal(number) is handler
 
 
 def test_a_second_ctrl_c_breaks_off_and_what_was_kept_stays(acquisition: Acquisition, tmp_path: Path) -> None:
