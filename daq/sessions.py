@@ -164,7 +164,7 @@ def parse_session(data: object, folder: Path | None, file: str = "") -> tuple[Se
         the session, or None with the faults in the order of the file.
     """
     if not isinstance(data, Mapping):
-        found = "is empty" if data is None else f"holds a {type(data).__name__}"
+        found = "is empty" if data is None else "is no session's description"
         return None, [
             SessionError(f"{file or 'the session'} {found}", f"keys with values, the first one `format: {FORMAT}`")
         ]

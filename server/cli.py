@@ -371,6 +371,9 @@ def main() -> None:
         text = error.format_message() if hasattr(error, "format_message") else str(error)
         text = " ".join(text.replace("Value error, ", "").split()).rstrip(".")
         _fail(f"{text}. Try 'fingertwin --help'.", 2)
+    except SystemExit as ended:
+        # Typer ends with 1 where the reader of our output has gone: nothing is wrong.
+        raise SystemExit(0 if isinstance(ended.__context__, BrokenPipeError) else ended.code) from None
     except (KeyboardInterrupt, typer.Abort):
         _fail("Interrupted; nothing that was already written is lost.", 130)
     except BrokenPipeError:

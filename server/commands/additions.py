@@ -28,9 +28,14 @@ def add_to_sessions(
     json: str | None,
 ) -> None:
     """Add effects to the models of one session or several, each with a value of its own."""
+    from fingermodel.effects.catalogue import EFFECTS
+
     effects, session = names[:-1], names[-1]
     if not effects and not without:
         raise InputError(f"only {session!r} is given", "effects and then a session: fingertwin add hanger_mass DEV-02")
+    if session in EFFECTS and effects and effects[0] not in EFFECTS:
+        right = " ".join(["fingertwin add", *effects[1:], session, effects[0]])
+        raise InputError(f"{session} is no session", "effects first, then the session", right)
     if shared and (out is not None or model is not None):
         raise InputError("--shared with --out or --model", "neither: each session has a model of its own")
     if len({session, *shared}) <= len(shared):

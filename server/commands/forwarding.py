@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -18,6 +19,13 @@ FLUSH_S = 15.0
 TOKEN = "FINGERTWIN_TOKEN"  # noqa: S105 - the name of the variable that holds it
 
 
+@dataclass
+class Delivery:
+    """Whether all that was logged is at the service."""
+
+    whole: bool = True
+
+
 @contextmanager
 def forwarding(
     to: str | None,
@@ -27,6 +35,7 @@ def forwarding(
     acquisition: Acquisition,
     said: Callable[[str], None],
     document: Mapping[str, Any] | None = None,
+    delivery: Delivery | None = None,
 ) -> Iterator[LiveTail | None]:
     """Send a journal to a service while the block runs, and yield its live path; without an address, nothing.
 
@@ -38,6 +47,7 @@ def forwarding(
         acquisition: whose samples are shown live.
         said: takes a line about how it went.
         document: of the session, where it is known beforehand; else the journal's events are its record.
+        delivery: is told how it went.
 
     Raises:
         InputError: the address is none.
@@ -63,6 +73,8 @@ def forwarding(
         status = uplink.status()
         uplink.stop()
         said(_worded(to, status, whole))
+        if delivery is not None:
+            delivery.whole = whole and not status.quarantined
 
 
 def _worded(to: str, status: UplinkStatus, whole: bool) -> str:

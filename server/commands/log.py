@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,6 +64,7 @@ class LogOptions:
     resume: bool = False
     copy_to: Path | None = None
     document: Mapping[str, Any] | None = None
+    passing: bool = False
 
     @property
     def session_name(self) -> str:
@@ -104,8 +106,8 @@ def list_drivers(json: str | None) -> None:
             say(f"  --set {s['name']}=  {s['text']} ({default})")
 
 
-def log_cell(options: LogOptions, json: str | None) -> None:
-    """Log until the end is asked for, the time is over, or the recording is.
+def log_cell(options: LogOptions, json: str | None) -> bool:
+    """Log until the end is asked for, the time is over, or the recording is; return whether all is where it was sent.
 
     Raises:
         InputError: a setting, the port, the device or the journal cannot be used; what was logged is kept.
@@ -125,13 +127,13 @@ def log_cell(options: LogOptions, json: str | None) -> None:
             from server.commands.log_bench import log_bench
 
             log_bench(options, cell, acquisition, json)
-        else:
-            _log_alone(options, options.out, acquisition, json)
+            return True
+        return _log_alone(options, options.out, acquisition, json)
 
 
-def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, json: str | None) -> None:
-    """Log readings without a protocol."""
-    from server.commands.forwarding import forwarding
+def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, json: str | None) -> bool:
+    """Log readings without a protocol; return whether all is where it was sent."""
+    from server.commands.forwarding import Delivery, forwarding
 
     cell = acquisition.cell
     about = about_cell(cell, options.cell)
@@ -141,17 +143,23 @@ def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, json: s
             "--serial and --calibration, as on its certificate: readings without them cannot be checked or published",
         )
     with acquiring(acquisition, out, options.seconds) as journal:
-        logging = Logging(journal, cell, about, quiet=json == "-")
+        logging, delivery = Logging(journal, cell, about, quiet=json == "-"), Delivery()
         with forwarding(
-            options.to, options.session_name, journal, logging.stream, acquisition, logging.say, options.document
+            options.to,
+            options.session_name,
+            journal,
+            logging.stream,
+            acquisition,
+            logging.say,
+            options.document,
+            delivery,
         ):
             told = logging.run(acquisition)
     body = {"driver": cell.name, "journal": str(out / JOURNAL), **told}
     if not answer("log", body, json):
-        say(
-            f"{told['samples']} readings in {told['seconds']:.1f} s: {out / JOURNAL}   "
-            f"(fingertwin journal check {out / JOURNAL})"
-        )
+        where = f": {out / JOURNAL}   (fingertwin journal check {out / JOURNAL})"
+        say(f"{told['samples']} readings in {told['seconds']:.1f} s{'.' if options.passing else where}")
+    return delivery.whole
 
 
 def _cell(options: LogOptions) -> LoadCell:
@@ -318,7 +326,23 @@ def replay_session(
     with tempfile.TemporaryDirectory() as folder:
         target = out or Path(folder) / "replay"
         options = LogOptions("replay", port, None, settings, target, None, to=to, session=name, document=document)
-        log_cell(options, json)
+        if log_cell(replace(options, passing=out is None), json):
+            return
+        kept = target if out is not None else _kept(target, name)
+        raise InputError(
+            f"not all of {name} is at {to}",
+            "a service that answers and takes it",
+            f"The readings are in {kept}: fingertwin replay {kept / JOURNAL} --to {to} sends them again",
+        )
+
+
+def _kept(folder: Path, name: str) -> Path:
+    """Copy a log's folder to where it stays: beside where the command was run."""
+    number = 1
+    while (kept := Path(f"{name}-replay" + (f"-{number}" if number > 1 else ""))).exists():
+        number += 1
+    shutil.copytree(folder, kept)
+    return kept
 
 
 @contextmanager

@@ -130,6 +130,7 @@ def test_next_ranks_cases_and_freezes_them(tmp_path: Path) -> None:
         (("diagnose", "DEV-01", "--effect", "nowhere.yaml"), "nowhere.yaml"),
         (("add", "DEV-01"), "effects and then a session"),
         (("add", "hangermass", "DEV-01"), "no effect 'hangermass'"),
+        (("add", "DEV-01", "hanger_mass"), "fingertwin add hanger_mass DEV-01"),
         (("add", "torque[PIP] += k * sqrt(t_EDC) * t_EDC", "DEV-01"), "torque[PIP]"),
         (("add", "torque[WRIST] += k * t_EDC", "DEV-01"), "WRIST"),
         (("add", "DEV-01", "--without", "hanger_mass"), "no hanger_mass to take out"),
