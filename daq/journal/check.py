@@ -11,8 +11,9 @@ from tempfile import TemporaryDirectory
 from daq.errors import JournalError
 from daq.files import replacing
 from daq.journal.lock import InUseError, WriterLock, lock_file
+from daq.journal.mark import Mark, read_mark
 from daq.journal.reader import connect_read
-from daq.journal.rows import APPLICATION_ID, VERSION, require_journal, said
+from daq.journal.rows import APPLICATION_ID, ROWS, VERSION, require_journal, said
 from daq.journal.salvage import Fault, Report, Salvage
 from daq.journal.wal import log_file, read_log
 
@@ -34,9 +35,12 @@ def check(path: str | Path) -> Report:
         if log is not None and log.damaged:
             text = f"{log_file(file).name} is damaged from frame {log.first_bad} on and hides {log.hidden} transactions"
             faults.append(Fault("log", text))
+        # Before the state that is read: what is committed meanwhile is no loss.
+        mark = read_mark(file)
         with suppress(sqlite3.DatabaseError):
             connection.execute("BEGIN")  # one state throughout, whatever is written meanwhile
         faults += _integrity(connection)
+        faults += _behind(connection, mark)
         return Salvage(connection, file, faults).report()
 
 
@@ -67,6 +71,7 @@ def recover(path: str | Path, out: str | Path) -> Report:
             faults.append(Fault("log", f"{log_file(file).name} is damaged from frame {log.first_bad} on"))
         connection = held.enter_context(closing(connect_read(source, damaged=True)))
         require_journal(connection, file)
+        faults += _behind(connection, read_mark(file))
         with replacing(target) as temporary, closing(sqlite3.connect(temporary, isolation_level=None)) as new:
             try:
                 report = Salvage(connection, file, faults).into(new)
@@ -81,6 +86,21 @@ def _identity(connection: sqlite3.Connection, path: Path) -> int:
     if application != APPLICATION_ID:
         raise JournalError(f"{path.name} is no journal", "a journal that fingertwin wrote", "Give another file")
     return int(connection.execute("PRAGMA user_version").fetchone()[0])
+
+
+def _behind(connection: sqlite3.Connection, mark: Mark | None) -> list[Fault]:
+    """What was committed and is not there any more."""
+    with suppress(sqlite3.DatabaseError):
+        epoch = connection.execute("SELECT value FROM meta WHERE key = 'epoch'").fetchone()
+        (rows,) = connection.execute(ROWS).fetchone()
+        (samples,) = connection.execute("SELECT ifnull(sum(n), 0) FROM chunks").fetchone()
+        if mark is not None and epoch is not None and mark.epoch == epoch[0] and mark.rows > rows:
+            text = (
+                f"{mark.samples - samples} readings ({mark.rows - rows} rows) were committed and are missing: "
+                "the write-ahead log was lost, cut or damaged"
+            )
+            return [Fault("log", text)]
+    return []
 
 
 def _integrity(connection: sqlite3.Connection) -> list[Fault]:

@@ -104,6 +104,7 @@ class Journal(Writer):
         except BaseException as error:
             if journal is not None:
                 journal._connection.close()
+                journal._marks.close()
             lock.close()
             if isinstance(error, sqlite3.Error):
                 raise said(error, file) from error
@@ -149,6 +150,7 @@ class Journal(Writer):
             with self.transaction() as connection:
                 at = connection.execute(INSERT_CHUNK, (*key, chunk_checksum(*key, payload), payload)).lastrowid
                 connection.execute(INSERT_OUTBOX, (at, stream, chunk.first_seq, digest, "pending", 0))
+                self.counted(len(chunk))
                 if rows:
                     connection.executemany(INSERT_EVENT, rows)
             self._ends[stream] = chunk.next_seq if len(chunk) else None

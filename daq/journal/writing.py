@@ -14,8 +14,9 @@ from pathlib import Path
 
 from daq.errors import JournalError
 from daq.journal.lock import InUseError, WriterLock
+from daq.journal.mark import MarkWriter, read_mark
 from daq.journal.reader import JournalReader
-from daq.journal.rows import now_utc, said
+from daq.journal.rows import INSERT_EVENT, ROWS, Event, event_row, now_utc, said
 
 # Of the write-ahead log, before it is emptied: 4 MiB, some seconds of the fastest load cell.
 _LOG_PAGES = 256
@@ -41,21 +42,34 @@ class Writer(JournalReader):
         super().__init__(connection, path)
         self._writer_lock = lock
         self._within = False
+        self._marks = MarkWriter(path)
+        self._marked_epoch, self._marked_samples, self._counted = "", 0, 0
 
     def settle(self) -> None:
         """Note who writes, and take a new epoch unless this is the journal that was last written here."""
-        rows = self.rows()
+        rows, mark = self.rows(), read_mark(self.path)
+        behind = mark is not None and mark.epoch == self.epoch and mark.rows > rows
         with self.transaction() as connection:
-            if not self._writer_lock.vouches(self.epoch, rows):
+            if behind or not self._writer_lock.vouches(self.epoch, rows):
                 connection.execute("UPDATE meta SET value = ? WHERE key = 'epoch'", (uuid.uuid4().hex,))
             writer = json.dumps({"pid": os.getpid(), "host": socket.gethostname(), "since": now_utc()})
             connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (_WRITER, writer))
+            if behind and mark is not None:
+                text = f"{mark.rows - rows} rows that were committed are missing from the journal"
+                event = Event("warning", 0.0, {"code": "lost", "text": text})
+                connection.execute(INSERT_EVENT, event_row(event))
         self._writer_lock.note(self.epoch, rows)
+        self._marked_epoch = self.epoch
+        self._marked_samples = int(self._rows("SELECT ifnull(sum(n), 0) FROM chunks")[0][0])
+        self._marks.note(self._marked_epoch, self.rows(), self._marked_samples)
+
+    def counted(self, samples: int) -> None:
+        """Count the samples of a chunk that this transaction keeps."""
+        self._counted += samples
 
     def rows(self) -> int:
         """Rows that were ever written: they are never deleted."""
-        rows = self._rows("SELECT (SELECT ifnull(max(id), 0) FROM chunks) + (SELECT ifnull(max(id), 0) FROM events)")
-        return int(rows[0][0])
+        return int(self._rows(ROWS)[0][0])
 
     @contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
@@ -65,11 +79,14 @@ class Writer(JournalReader):
             if self._within:
                 yield connection
                 return
-            self._within = True
+            self._within, self._counted = True, 0
             try:
                 connection.execute("BEGIN IMMEDIATE")
                 yield connection
                 connection.execute("COMMIT")
+                self._marked_samples += self._counted
+                if self._marked_epoch:
+                    self._marks.note(self._marked_epoch, self.rows(), self._marked_samples)
             except BaseException as error:
                 with suppress(sqlite3.Error):
                     if connection.in_transaction:
@@ -90,6 +107,7 @@ class Writer(JournalReader):
                 self._writer_lock.note(self.epoch, self.rows())
         finally:
             self._connection.close()
+            self._marks.close()
             self._writer_lock.close()
 
 

@@ -264,7 +264,7 @@ def test_closing_writes_a_whole_copy_and_never_over_another(path: Path) -> None:
     assert copy.read_text() == "mine"
     copy.unlink()
     Journal.open(path, 0).close(copy)
-    assert {p.name for p in path.parent.iterdir()} == {path.name, f"{path.name}-writer", copy.name}
+    assert {p.name for p in path.parent.iterdir()} == {path.name, f"{path.name}-writer", f"{path.name}-mark", copy.name}
     assert check(copy).faults == ()
     assert firsts(copy, stream) == firsts(path, stream)
 

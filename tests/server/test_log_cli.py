@@ -298,7 +298,7 @@ def test_what_a_service_refused_is_put_back_and_sent_by_the_next_log(
         arguments = ["replay", str(recording), "--to", address, "--session", session, "--out", str(out)]
         receiver.most_bytes = 1
         code, text, err = run(capsys, monkeypatch, *arguments)
-        assert code == 0, err
+        assert (code, "not all of" in err) == (2, True)
         assert "1 chunks were refused and stay in the journal" in text
         code, text, _ = run(capsys, monkeypatch, "journal", "check", journal)
         assert "0 chunks wait to be sent, 1 that the service refused are set aside" in text
@@ -314,14 +314,15 @@ def test_what_a_service_refused_is_put_back_and_sent_by_the_next_log(
     receiver.close()
 
 
-def test_a_service_that_is_not_there_costs_nothing_but_a_line(
+def test_a_service_that_is_not_there_fails_in_one_line_and_loses_nothing(
     recording: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("server.commands.forwarding.FLUSH_S", 0.3)
     out = recording.parent / "kept"
     arguments = ["replay", str(recording), "--to", "http://127.0.0.1:9", "--out", str(out)]
     code, text, err = run(capsys, monkeypatch, *arguments)
-    assert code == 0, err
+    assert (code, err.count("\n")) == (2, 1)
+    assert f"The readings are in {out}" in err
     assert "Not all is at http://127.0.0.1:9" in text
     code, text, _ = run(capsys, monkeypatch, "journal", "check", str(out / "journal.sqlite3"))
     assert code == 0
