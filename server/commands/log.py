@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from daq.errors import DriverError, InputError, JournalError
 from daq.memory import keep_flat
+from daq.private import privately
 from server.console import answer, say, table
 from server.ending import Told, ended_by_signals
 
@@ -106,6 +107,7 @@ def list_drivers(json: str | None) -> None:
             say(f"  --set {s['name']}=  {s['text']} ({default})")
 
 
+@privately
 def log_cell(options: LogOptions, json: str | None) -> bool:
     """Log until the end is asked for, the time is over, or the recording is; return whether all is where it was sent.
 

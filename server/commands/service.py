@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
+from daq.private import privately
 from server.console import answer, progress, say, table
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 Given = Mapping[str, Any]
 
 
+@privately
 def serve(given: Given, json: str | None) -> None:
     """Run the service until it is told to stop."""
     # Nothing that is loaded at the start is garbage, and looking for it takes half a second; `app` collects from then.
@@ -39,6 +41,7 @@ def serve(given: Given, json: str | None) -> None:
     run(settings_of(given), make, ready)
 
 
+@privately
 def create_token(given: Given, name: str, role: Role, days: float | None, json: str | None) -> None:
     """Make a token and print it."""
     from server.service.tokens import create
@@ -74,6 +77,7 @@ def revoke_token(given: Given, number: str, json: str | None) -> None:
         say(f"Token {token.id} of {token.name} is revoked; a service that runs refuses it within a second or two.")
 
 
+@privately
 def backup(given: Given, target: Path, json: str | None) -> None:
     """Copy the service's database into one file."""
     from server.service.backup import backup as run
@@ -84,6 +88,7 @@ def backup(given: Given, target: Path, json: str | None) -> None:
         say(f"{done.file}: {_megabytes(done.size_bytes)}, {done.sessions} sessions, checked")
 
 
+@privately
 def restore(given: Given, source: Path, force: bool, json: str | None) -> None:
     """Put a backup in the place of the service's database."""
     from server.service.backup import restore as run

@@ -11,6 +11,7 @@ from sqlalchemy import text
 
 from daq.errors import InputError, JournalError
 from daq.journal.lock import InUseError, WriterLock
+from daq.private import close_to_others
 from server.service.database import Database
 from server.service.migrate import LOCK, explained
 from server.service.settings import DATABASE_FILE, Settings
@@ -31,6 +32,7 @@ def made(folder: Path) -> Path:
     trial = folder / f".{uuid.uuid4().hex[:12]}.trial"
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        close_to_others(folder)
         trial.touch()
         trial.unlink()
     except OSError as error:
