@@ -86,6 +86,8 @@ def write_columns(columns: Mapping[str, list[Any]], file: Path, file_format: str
 
     if not columns or not next(iter(columns.values())):
         raise InputError("nothing to export", "at least one row")
+    if file_format == "csv":
+        columns = {name: [defused(v) for v in values] for name, values in columns.items()}
     # A column without a single number is still one of numbers.
     table = pa.table(
         {
@@ -98,6 +100,16 @@ def write_columns(columns: Mapping[str, list[Any]], file: Path, file_format: str
             pa.csv.write_csv(table, temporary, pa.csv.WriteOptions(quoting_header="none"))
         else:
             pa.parquet.write_table(table, temporary)
+
+
+# What a spreadsheet takes for the beginning of a formula.
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+DEFUSED = "a text that begins with = + - @ has an apostrophe before it, so that no spreadsheet takes it for a formula"
+
+
+def defused(value: Any) -> Any:
+    """A value as it may stand in a CSV: a text that would be a formula gets an apostrophe before it."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
 
 
 def case_columns(measured: MeasuredSession) -> Mapping[str, list[Any]]:
@@ -164,6 +176,7 @@ def write_table(columns: Mapping[str, list[Any]], file: Path, about: Mapping[str
             "table": file.name,
             "table_sha256": sha256_of(file),
             "rows": len(next(iter(columns.values()))),
+            "texts": DEFUSED,
             **about,
             "columns": describe_columns(list(columns)),
         }

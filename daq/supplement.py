@@ -24,7 +24,7 @@ from daq import session_models
 from daq.checks import check
 from daq.corrections import windows_of
 from daq.errors import InputError, SessionError
-from daq.export import describe_columns, sources_of, write_columns
+from daq.export import DEFUSED, describe_columns, sources_of, write_columns
 from daq.files import replacing
 from daq.findings import CheckReport
 from daq.measured import MeasuredSession
@@ -111,7 +111,7 @@ def write_supplement(
     documents: dict[str, str] = {
         "README.txt": README.format(software=about.get("software", "fingertwin")),
         SESSION_FILE: session_text,
-        "cases.csv.json": _json(clean(facts) | {"columns": describe_columns(list(table))}),
+        "cases.csv.json": _json(clean(facts) | {"texts": DEFUSED, "columns": describe_columns(list(table))}),
         "load_cell.json": _json(data.get("load_cell") or {}),
         "checks.json": _json(clean(_checks(report, measured))),
         "events.json": _json(data.get("events") or []),

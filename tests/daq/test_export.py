@@ -25,6 +25,7 @@ from daq.export import (
     export_cases,
     sources_of,
     window_columns,
+    write_columns,
     write_table,
 )
 from daq.export_formats import write_c3d, write_hdf5, write_mat
@@ -85,6 +86,18 @@ def test_beside_a_table_stands_what_its_columns_are(tmp_path: Path) -> None:
     assert told["Ty_Nmm"] == ("N mm", MOUNT_FRAME)
     assert (told["PIP_deg"], told["FDP_g"], told["loaded_mid_s"]) == (("deg", None), ("g", None), ("s", None))
     assert [c["name"] for c in body["columns"] if not c["meaning"]] == []
+
+
+def test_no_text_of_a_csv_is_a_formula(tmp_path: Path) -> None:
+    texts = ["=1+1", "+A1", "-A1", "@SUM(A1)", "\tx", "hook", ""]
+    columns: dict[str, list[Any]] = {"id": list(texts), "Fx_N": [-1.0, 2.0, 3.0, 4.0, 5.0, 6.0, None]}
+    beside = write_table(columns, tmp_path / "t.csv", {})
+    rows = [line.split(",") for line in (tmp_path / "t.csv").read_text(encoding="utf-8").splitlines()[1:]]
+    assert [row[0].strip('"') for row in rows] == [f"'{t}" for t in texts[:5]] + texts[5:]
+    assert float(rows[0][1]) == -1.0
+    assert "apostrophe" in json.loads(beside.read_text(encoding="utf-8"))["texts"]
+    write_columns(columns, tmp_path / "t.parquet", "parquet")
+    assert pyarrow.parquet.read_table(tmp_path / "t.parquet")["id"].to_pylist() == texts
 
 
 def test_every_kind_of_column_is_described() -> None:
