@@ -12,7 +12,7 @@ import tempfile
 from importlib import import_module
 from pathlib import Path
 
-from benchmarks.machine import OWN_SHARE, repeat, table, wait_until_quiet
+from benchmarks.machine import OWN_SHARE, most_memory_bytes, repeat, table, wait_until_quiet
 
 RATE_HZ = 1000.0
 # An hour and some ten minutes of the published protocol, which takes four.
@@ -82,9 +82,9 @@ def _measure(folder: Path, write: list[str]) -> dict[str, float]:
     from daq.sessions import read_session
 
     session = read_session(folder)
-    before = _most_memory()
+    before = most_memory_bytes()
     timing = repeat(lambda: measure(session), 1, patience_s=0.0)
-    return {"seconds": timing.least, "share": timing.own_share, "before": before, "most": _most_memory()}
+    return {"seconds": timing.least, "share": timing.own_share, "before": before, "most": most_memory_bytes()}
 
 
 def _simulate(folder: Path, file: str, seconds: float) -> dict[str, float]:
@@ -100,18 +100,6 @@ def _simulate(folder: Path, file: str, seconds: float) -> dict[str, float]:
     finger = read_finger("an1979_middle")
     simulate_session(finger, protocol, folder, cell=cell, repeats=repeats, readings_name=file)
     return {"recorded": repeats * once}
-
-
-def _most_memory() -> float:
-    """Most memory that this process ever held [bytes]."""
-    status = Path("/proc/self/status")
-    if status.exists():
-        # getrusage would count what the parent held when it started this process.
-        line = next(x for x in status.read_text(encoding="ascii").splitlines() if x.startswith("VmHWM"))
-        return 1024.0 * float(line.split()[1])
-    import resource
-
-    return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 
 def _row(name: str, made: dict[str, float], runs: list[dict[str, float]], file: Path) -> list[str]:

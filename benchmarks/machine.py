@@ -116,6 +116,18 @@ def _ticks() -> int:
     return sum(fields) - idle
 
 
+def most_memory_bytes() -> float:
+    """Most memory that this process ever held."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        # getrusage would count what the parent held when it started this process.
+        line = next(x for x in status.read_text(encoding="ascii").splitlines() if x.startswith("VmHWM"))
+        return 1024.0 * float(line.split()[1])
+    import resource
+
+    return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+
+
 def describe_machine() -> str:
     """Processor and number of cores."""
     model = platform.processor() or platform.machine()
