@@ -8,7 +8,7 @@ clamps through the finger's Jacobian, a tension through the slope with respect t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.predictive import unseen_errors
 from fingermodel.diagnosis.session_model.session import Session
 
 Floats = NDArray[np.float64]
@@ -37,6 +38,7 @@ class Hint:
         scale: half of a plausible range of k.
         k: most probable value.
         log_evidence_gain: over the model as it is.
+        unseen: RMSE [N] of the validation forces by mount, without and with it.
     """
 
     stage: str
@@ -46,18 +48,23 @@ class Hint:
     scale: float
     k: float
     log_evidence_gain: float
+    unseen: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """As the answer gives it, with an effect document that can be added."""
         left = self.formula.partition("=")[0].rstrip("+* ")
         name = "hint_" + "".join(c if c.isalnum() else "_" for c in left).strip("_")
         place = f"at the {self.joint} joint" if self.joint else f"at stage {self.stage}"
+        falls = ", ".join(f"{at} {a:.3f} → {b:.3f} N" for at, (a, b) in self.unseen.items())
+        unseen = f"; RMSE of the validation cases: {falls}" if falls else ""
         return {
             "stage": self.stage,
             "joint": self.joint,
             "formula": self.formula.split("= ", 1)[1] if self.stage == "torque" else self.formula,
             "log_evidence_gain": self.log_evidence_gain,
-            "text": f"{self.formula} with k about {self.k:.3g} {self.unit} ({place}) explains part of what is left",
+            "unseen_rmse_N": {place: {"before": a, "after": b} for place, (a, b) in self.unseen.items()},
+            "text": f"{self.formula} with k about {self.k:.3g} {self.unit} ({place}) explains part of what is left"
+            f"{unseen}",
             "effect": {
                 "format": "fingertwin-effect/1",
                 "name": name.lower(),
@@ -89,7 +96,9 @@ def hints(fit: Optimum) -> tuple[Hint, ...]:
         (stage, joint, formula, unit), scale, _ = terms[i]
         if gain[i] < WORTH:
             break
-        out.append(Hint(stage, joint, formula, unit, scale, float(scale * s[i] / (1.0 + a[i])), float(gain[i])))
+        k = float(scale * s[i] / (1.0 + a[i]))
+        unseen = unseen_errors(fit, node, k * terms[i][2])
+        out.append(Hint(stage, joint, formula, unit, scale, k, float(gain[i]), unseen))
     return tuple(out)
 
 

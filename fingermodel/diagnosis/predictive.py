@@ -163,3 +163,28 @@ def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation,
             bad[case] = odds
             slips[case] = max(p, key=lambda entry: entry[0] * entry[1])[2].slips[case]
     return {e: c.setting_apart(bad, slips) for e, c in out.items()}
+
+
+def unseen_errors(fit: Optimum, node: Node, change: Floats) -> dict[str, tuple[float, float]]:
+    """RMSE [N] of the validation forces by mount, without and with a change (cases, 6) of the readings."""
+    session = fit.session
+    if session.fitted.all():
+        return {}
+    observations = session.observations
+    rows = session.rows[session.fitted]
+    moved = replace(
+        session,
+        problem=replace(session.problem, observations=replace(observations, wrench=observations.wrench - change)),
+    )
+    other = replace(fit, session=moved, residual=fit.residual - change.reshape(-1)[rows], node=node)
+    out: dict[str, tuple[float, float]] = {}
+    unseen = session.rows[~session.fitted]
+    force = unseen % 6 < 3
+    before, after = predicted(fit, node).away, predicted(other, node).away
+    for place in dict.fromkeys(observations.locations):
+        here = force & np.array([observations.locations[i] == place for i in unseen // 6])
+        if here.any():
+            components = len(set((unseen[here] % 6).tolist()))
+            first, second = (float(np.sqrt(components * np.mean(x[here] ** 2))) for x in (before, after))
+            out[place] = (first, second)
+    return out

@@ -7,7 +7,7 @@ its left-out gain; laws that these load cases cannot part are rivals of each oth
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from fingermodel.diagnosis.hints import Hint, library
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.linearised import OTHERS
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.predictive import predicted
+from fingermodel.diagnosis.predictive import unseen_errors
 from fingermodel.diagnosis.settings import ALIKE
 
 Floats = NDArray[np.float64]
@@ -188,28 +188,3 @@ def _law(
         rivals,
         formula,
     )
-
-
-def unseen_errors(fit: Optimum, node: Node, change: Floats) -> dict[str, tuple[float, float]]:
-    """RMSE [N] of the validation forces by mount, without and with a change (cases, 6) of the readings."""
-    session = fit.session
-    if session.fitted.all():
-        return {}
-    observations = session.observations
-    rows = session.rows[session.fitted]
-    moved = replace(
-        session,
-        problem=replace(session.problem, observations=replace(observations, wrench=observations.wrench - change)),
-    )
-    other = replace(fit, session=moved, residual=fit.residual - change.reshape(-1)[rows], node=node)
-    out: dict[str, tuple[float, float]] = {}
-    unseen = session.rows[~session.fitted]
-    force = unseen % 6 < 3
-    before, after = predicted(fit, node).away, predicted(other, node).away
-    for place in dict.fromkeys(observations.locations):
-        here = force & np.array([observations.locations[i] == place for i in unseen // 6])
-        if here.any():
-            components = len(set((unseen[here] % 6).tolist()))
-            first, second = (float(np.sqrt(components * np.mean(x[here] ** 2))) for x in (before, after))
-            out[place] = (first, second)
-    return out
