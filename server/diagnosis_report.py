@@ -51,19 +51,12 @@ def draw_diagnosis(
     """
     from server.figures.diagnosis_words import title
     from server.figures.report import report_html
-    from server.figures.static import write_static
 
     figures: dict[str, go.Figure] = {}
     sections = diagnosis_sections(answer, history, figures)
     model = str(answer.get("model") or "")
     text = report_html(sections, title(answer), f"Model: {model}" if model else "")
-    folder.mkdir(parents=True, exist_ok=True)
-    page = folder / "diagnose.html"
-    with replacing(page) as temporary:
-        temporary.write_text(text.replace("</style>", f"{STYLE}</style>", 1), encoding="utf-8")
-    if static:
-        write_static(folder, figures)
-    return page
+    return _written(folder / "diagnose.html", text, STYLE, figures if static else {})
 
 
 def diagnosis_figures(answer: dict[str, Any], history: list[dict[str, Any]] | None = None) -> dict[str, go.Figure]:
@@ -234,15 +227,19 @@ def draw_shared(answer: dict[str, Any], folder: Path, static: bool = True) -> Pa
     """
     from server.figures.report import report_html
     from server.figures.shared_law import shared_sections
-    from server.figures.static import write_static
 
     figures: dict[str, go.Figure] = {}
     sections = shared_sections(answer, figures)
     text = report_html(sections, f"What {len(answer['sessions'])} sessions share")
-    folder.mkdir(parents=True, exist_ok=True)
-    page = folder / "shared.html"
+    return _written(folder / "shared.html", text, SHARED_STYLE, figures if static else {})
+
+
+def _written(page: Path, text: str, style: str, figures: dict[str, go.Figure]) -> Path:
+    """Write a page in a style of its own, and figures beside it as PNG and SVG."""
+    from server.figures.static import write_static
+
     with replacing(page) as temporary:
-        temporary.write_text(text.replace("</style>", f"{SHARED_STYLE}</style>", 1), encoding="utf-8")
-    if static:
-        write_static(folder, figures)
+        temporary.write_text(text.replace("</style>", f"{style}</style>", 1), encoding="utf-8")
+    if figures:
+        write_static(page.parent, figures)
     return page

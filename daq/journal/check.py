@@ -13,7 +13,7 @@ from daq.files import replacing
 from daq.journal.lock import InUseError, WriterLock, lock_file
 from daq.journal.mark import Mark, read_mark
 from daq.journal.reader import connect_read
-from daq.journal.rows import APPLICATION_ID, ROWS, VERSION, require_journal, said
+from daq.journal.rows import APPLICATION_ID, ROWS, SAMPLES, VERSION, require_journal, said
 from daq.journal.salvage import Fault, Report, Salvage
 from daq.journal.wal import log_file, read_log
 
@@ -93,13 +93,10 @@ def _behind(connection: sqlite3.Connection, mark: Mark | None) -> list[Fault]:
     with suppress(sqlite3.DatabaseError):
         epoch = connection.execute("SELECT value FROM meta WHERE key = 'epoch'").fetchone()
         (rows,) = connection.execute(ROWS).fetchone()
-        (samples,) = connection.execute("SELECT ifnull(sum(n), 0) FROM chunks").fetchone()
-        if mark is not None and epoch is not None and mark.epoch == epoch[0] and mark.rows > rows:
-            text = (
-                f"{mark.samples - samples} readings ({mark.rows - rows} rows) were committed and are missing: "
-                "the write-ahead log was lost, cut or damaged"
-            )
-            return [Fault("log", text)]
+        (samples,) = connection.execute(SAMPLES).fetchone()
+        missing = None if mark is None or epoch is None else mark.missing(epoch[0], rows, samples)
+        if missing is not None:
+            return [Fault("log", f"{missing}: the write-ahead log was lost, cut or damaged")]
     return []
 
 

@@ -43,6 +43,12 @@ class Mark:
     samples: int
     epoch: str
 
+    def missing(self, epoch: str, rows: int, samples: int) -> str | None:
+        """What a journal lacks of what was committed, in words; None where it lacks nothing, or is another."""
+        if self.epoch != epoch or self.rows <= rows:
+            return None
+        return f"{self.samples - samples} readings ({self.rows - rows} rows) were committed and are missing"
+
 
 def read_mark(path: Path) -> Mark | None:
     """Read the mark of a journal; None where there is none that is whole."""

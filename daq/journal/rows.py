@@ -41,6 +41,7 @@ CREATE INDEX outbox_pending ON outbox (id) WHERE state = 'pending';
 INSERT_STREAM = "INSERT INTO streams VALUES (?, ?, ?, ?, ?, ?, ?)"
 # Rows that were ever written: none is ever deleted.
 ROWS = "SELECT (SELECT ifnull(max(id), 0) FROM chunks) + (SELECT ifnull(max(id), 0) FROM events)"
+SAMPLES = "SELECT ifnull(sum(n), 0) FROM chunks"
 INSERT_CHUNK = "INSERT INTO chunks (stream, first_seq, n, crc, payload) VALUES (?, ?, ?, ?, ?)"
 INSERT_EVENT = "INSERT INTO events (stream, at_s, utc_s, kind, value, crc) VALUES (?, ?, ?, ?, ?, ?)"
 INSERT_OUTBOX = "INSERT INTO outbox (id, stream, first_seq, sha256, state, tries) VALUES (?, ?, ?, ?, ?, ?)"

@@ -16,7 +16,7 @@ from daq.errors import JournalError
 from daq.journal.lock import InUseError, WriterLock
 from daq.journal.mark import MarkWriter, read_mark
 from daq.journal.reader import JournalReader
-from daq.journal.rows import INSERT_EVENT, ROWS, Event, event_row, now_utc, said
+from daq.journal.rows import INSERT_EVENT, ROWS, SAMPLES, Event, event_row, now_utc, said
 
 # Of the write-ahead log, before it is emptied: 4 MiB, some seconds of the fastest load cell.
 _LOG_PAGES = 256
@@ -48,19 +48,18 @@ class Writer(JournalReader):
     def settle(self) -> None:
         """Note who writes, and take a new epoch unless this is the journal that was last written here."""
         rows, mark = self.rows(), read_mark(self.path)
-        behind = mark is not None and mark.epoch == self.epoch and mark.rows > rows
+        self._marked_samples = int(self._rows(SAMPLES)[0][0])
+        missing = None if mark is None else mark.missing(self.epoch, rows, self._marked_samples)
         with self.transaction() as connection:
-            if behind or not self._writer_lock.vouches(self.epoch, rows):
+            if missing is not None or not self._writer_lock.vouches(self.epoch, rows):
                 connection.execute("UPDATE meta SET value = ? WHERE key = 'epoch'", (uuid.uuid4().hex,))
             writer = json.dumps({"pid": os.getpid(), "host": socket.gethostname(), "since": now_utc()})
             connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (_WRITER, writer))
-            if behind and mark is not None:
-                text = f"{mark.rows - rows} rows that were committed are missing from the journal"
-                event = Event("warning", 0.0, {"code": "lost", "text": text})
+            if missing is not None:
+                event = Event("warning", 0.0, {"code": "lost", "text": missing})
                 connection.execute(INSERT_EVENT, event_row(event))
         self._writer_lock.note(self.epoch, rows)
         self._marked_epoch = self.epoch
-        self._marked_samples = int(self._rows("SELECT ifnull(sum(n), 0) FROM chunks")[0][0])
         self._marks.note(self._marked_epoch, self.rows(), self._marked_samples)
 
     def counted(self, samples: int) -> None:

@@ -39,6 +39,15 @@ class PlannedReading:
     location: str
     masses_g: dict[str, float]
 
+    def as_dict(self) -> dict[str, Any]:
+        """As an answer gives it."""
+        return {"posture": self.posture, "location": self.location, "masses_g": self.masses_g}
+
+    @property
+    def words(self) -> str:
+        """Which tendons in which posture at which mount."""
+        return f"{muscles_of(self.masses_g)} in {self.posture} at the {self.location}"
+
 
 @dataclass(frozen=True, eq=False)
 class NextCase:
@@ -60,11 +69,7 @@ class NextCase:
 
     def as_dict(self) -> dict[str, Any]:
         """As the answer gives it."""
-        c = self.case
-        return {
-            "posture": c.posture,
-            "location": c.location,
-            "masses_g": c.masses_g,
+        return self.case.as_dict() | {
             "information_nat": self.information_nat,
             "separates": list(self.separates),
             "expected_probability": self.expected_probability,
@@ -77,7 +82,7 @@ class NextCase:
                 }
                 for name, (mean, covariance) in self.predictions.items()
             },
-            "text": f"{muscles_of(c.masses_g)} in {c.posture} at the {c.location}: would part "
+            "text": f"{self.case.words}: would part "
             f"{' from '.join(self.separates[:2])} ({self.information_nat:.2f} nat; probability of the true one "
             f"{self.expected_probability:.2f} afterwards)",
         }

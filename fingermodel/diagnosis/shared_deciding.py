@@ -50,15 +50,10 @@ class Deciding:
 
     def as_dict(self) -> dict[str, Any]:
         """As the answer gives it."""
-        c = self.case
-        return {
-            "posture": c.posture,
-            "location": c.location,
-            "masses_g": c.masses_g,
+        return self.case.as_dict() | {
             "reading": self.reading,
             "information_nat": self.information_nat,
-            "text": f"{muscles_of(c.masses_g)} in {c.posture} at the {c.location}, {self.reading}: "
-            f"{self.information_nat:.2f} nat",
+            "text": f"{self.case.words}, {self.reading}: {self.information_nat:.2f} nat",
         }
 
 
