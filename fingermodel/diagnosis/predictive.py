@@ -20,11 +20,10 @@ from fingermodel.diagnosis.session_model.bad_cases import (
     bad_size,
     chance_of,
 )
-from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
+from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slips import Explained, Slips
 from fingermodel.diagnosis.settings import P_VALUE
-from fingermodel.refit import slopes_of
 
 Floats = NDArray[np.float64]
 
@@ -92,16 +91,24 @@ def _log_normal(away: Floats, covariance: Floats) -> tuple[float, float]:
     return -0.5 * misfit - float(np.log(np.diag(factor)).sum()) - 0.5 * len(z) * float(np.log(2.0 * np.pi)), misfit
 
 
-def predicted(fit: Optimum, node: Node | None = None) -> Prediction:
-    """Predict the validation readings at some hyperparameters, by default at the most probable ones."""
+def predicted(fit: Optimum, node: Node | None = None, change: Floats | None = None) -> Prediction:
+    """Predict the validation readings at some hyperparameters, by default at the most probable ones.
+
+    Args:
+        fit: that predicts.
+        node: of the hyperparameters.
+        change: (cases, 6) of all readings by something that acts besides [N, N mm]; none by default.
+    """
     session, unseen, node = fit.session, ~fit.session.fitted, node or fit.best
-    problem, rows = session.problem, session.rows[unseen]
-    free = problem.free | free_mask(session.model, fit.explanation)
-    slopes = -slopes_of(replace(problem, free=free), fit.theta, rows)
-    reading = np.asarray(session.model.predict(session.observations.inputs, fit.theta).reading).reshape(-1)
-    found = fit.everything(node)
+    reading, slopes = fit.unseen
+    measured, moved = session.measured, fit
+    if change is not None:
+        by_row = change.reshape(-1)[session.rows]
+        measured, moved = measured - by_row, replace(fit, residual=fit.residual - by_row[session.fitted])
+        moved.__dict__["form_errors"] = fit.form_errors
+    found = moved.everything(node)
     columns = np.concatenate([fit.block(name, unseen, slopes) for name in found.names], axis=1)
-    away = session.measured[unseen] - reading[rows] - columns @ (found.mean - found.place)
+    away = measured[unseen] - reading - columns @ (found.mean - found.place)
     values = fit.hyper.values(node)
     covariance = columns @ found.covariance @ columns.T
     noise = session.noise_of(unseen)
@@ -171,16 +178,10 @@ def unseen_errors(fit: Optimum, node: Node, change: Floats) -> dict[str, tuple[f
     if session.fitted.all():
         return {}
     observations = session.observations
-    rows = session.rows[session.fitted]
-    moved = replace(
-        session,
-        problem=replace(session.problem, observations=replace(observations, wrench=observations.wrench - change)),
-    )
-    other = replace(fit, session=moved, residual=fit.residual - change.reshape(-1)[rows], node=node)
     out: dict[str, tuple[float, float]] = {}
     unseen = session.rows[~session.fitted]
     force = unseen % 6 < 3
-    before, after = predicted(fit, node).away, predicted(other, node).away
+    before, after = predicted(fit, node).away, predicted(fit, node, change).away
     for place in dict.fromkeys(observations.locations):
         here = force & np.array([observations.locations[i] == place for i in unseen // 6])
         if here.any():

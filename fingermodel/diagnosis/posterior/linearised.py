@@ -6,7 +6,7 @@ Blocks are made, and multiplied, only when an evaluation asks for them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,10 +15,11 @@ from scipy.linalg import solve_triangular
 
 from fingermodel.diagnosis.posterior.gaussian import Quadratic, add_one
 from fingermodel.diagnosis.posterior.hyper import FAMILIES, NOISE, SCATTER, Hyperparameters, Node
-from fingermodel.diagnosis.session_model.candidates import Explanation
+from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Rows, Session, WhitenedSmooth, whitened
 from fingermodel.fit_report import held_at_bound
+from fingermodel.refit import slopes_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -81,7 +82,7 @@ class Linearised:
 
     def forget(self) -> None:
         """Let go of inner products; what is asked of them again is made again."""
-        for name in ("_inner", "_fitted", "_asked"):
+        for name in ("_inner", "_fitted", "_asked", "unseen"):
             self.__dict__.pop(name, None)
 
     @cached_property
@@ -106,6 +107,15 @@ class Linearised:
             OWN: own,
             OTHERS: np.setdiff1d(np.flatnonzero(effects & ~problem.free & (problem.sd > 0.0)), own),
         }
+
+    @cached_property
+    def unseen(self) -> tuple[Floats, Floats]:
+        """Validation readings (m,) of the model [N, N mm], and their slopes (m, parameters) per prior width."""
+        session, problem = self.session, self.session.problem
+        rows = session.rows[~session.fitted]
+        free = problem.free | free_mask(session.model, self.explanation)
+        reading = np.asarray(session.model.predict(session.observations.inputs, self.theta).reading).reshape(-1)
+        return reading[rows], -slopes_of(replace(problem, free=free), self.theta, rows)
 
     @cached_property
     def form_errors(self) -> list[Floats]:
