@@ -60,10 +60,10 @@ def one_session(kind: Kind, seed: int, second: bool = False) -> dict[str, Any]:
     """Draw a session, diagnose it, and say what came out."""
     import numpy as np
 
-    from fingermodel.diagnosis.addition import add_effects
-    from fingermodel.diagnosis.answer import suspects
+    from fingermodel.diagnosis.answer.addition import add_effects
+    from fingermodel.diagnosis.answer.answer import suspects
     from fingermodel.diagnosis.diagnose import diagnose
-    from fingermodel.diagnosis.verdict import stated_node
+    from fingermodel.diagnosis.verdict.verdict import stated_node
     from server.workflow import open_bench
 
     with tempfile.TemporaryDirectory() as folder:

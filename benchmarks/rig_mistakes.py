@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from benchmarks.machine import commit, publish
 from benchmarks.recovery import KINDS, protocol_of
-from fingermodel.diagnosis.nulls_frames import UNITS_N, rig_mistake
+from fingermodel.diagnosis.model_free.frames import UNITS_N, rig_mistake
 from server.workflow import Bench, open_bench
 from tests.simulator import draw_session, draw_truth
 

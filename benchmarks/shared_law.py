@@ -41,7 +41,7 @@ def one_group(seed: int, kind: str, permutations: int) -> dict[str, Any]:
     from fingermodel.diagnosis.posterior.hyper import Hyperparameters
     from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
     from fingermodel.diagnosis.session_model.session import session_of
-    from fingermodel.diagnosis.shared_finding import shared_finding
+    from fingermodel.diagnosis.several_sessions.shared_finding import shared_finding
 
     rng = np.random.default_rng([seed, 5])
     count, common = int(rng.integers(3, 7)), drawn(rng)

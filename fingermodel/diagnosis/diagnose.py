@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from fingermodel.compare import Comparison, compare
-from fingermodel.diagnosis.confounding import Confounding, confounding
-from fingermodel.diagnosis.hints import Hint, hints
-from fingermodel.diagnosis.nulls import Null, nulls
+from fingermodel.diagnosis.model_free.nulls import Null, nulls
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.predictive import PredictiveCheck, checks
 from fingermodel.diagnosis.search import Searched, Searcher
-from fingermodel.diagnosis.sensitivity import Sensitivity, sensitivity
-from fingermodel.diagnosis.session_faults import SessionFault, session_faults
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.session_model.slips import Explained
 from fingermodel.diagnosis.settings import MOST_FITS, SUSPECT
-from fingermodel.diagnosis.verdict import Verdict, judge, likeliest, stated_node
+from fingermodel.diagnosis.verdict.confounding import Confounding, confounding
+from fingermodel.diagnosis.verdict.hints import Hint, hints
+from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, checks
+from fingermodel.diagnosis.verdict.sensitivity import Sensitivity, sensitivity
+from fingermodel.diagnosis.verdict.session_faults import SessionFault, session_faults
+from fingermodel.diagnosis.verdict.verdict import Verdict, judge, likeliest, stated_node
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
 from fingermodel.observations import Observations

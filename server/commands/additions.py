@@ -13,7 +13,7 @@ from server.workflow import Bench, compare_bench, open_bench, save_revision
 
 if TYPE_CHECKING:
     from fingermodel.compare import Comparison
-    from fingermodel.diagnosis.addition import Addition
+    from fingermodel.diagnosis.answer.addition import Addition
     from fingermodel.model_files import Step
     from fingermodel.stages import Effect
 
@@ -104,7 +104,7 @@ def _add_to_session(
 def add_bench(bench: Bench, names: Sequence[str], without: Sequence[str]) -> tuple[Comparison, Addition, Comparison]:
     """Refit with effects added and others taken out; errors before are those of the model as it was given."""
     from fingermodel.compare import compare
-    from fingermodel.diagnosis.addition import add_effects
+    from fingermodel.diagnosis.answer.addition import add_effects
 
     held = tuple(p for p in bench.loaded.added if not _matches(p, without))
     unknown = [w for w in without if not any(_matches(p, [w]) for p in bench.loaded.added)]

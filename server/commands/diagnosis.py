@@ -13,7 +13,7 @@ from server.workflow import Bench, bench_of, open_bench
 
 if TYPE_CHECKING:
     from fingermodel.diagnosis.diagnose import Diagnosis
-    from fingermodel.diagnosis.frozen import Confirmation
+    from fingermodel.diagnosis.next_cases.frozen import Confirmation
 
 
 # Probabilities below this are not printed.
@@ -90,8 +90,8 @@ def diagnosis_answer(bench: Bench, diagnosis: Diagnosis, frozen: Sequence[Mappin
         diagnosis: of it.
         frozen: documents of predictions that were made before the cases were measured.
     """
-    from fingermodel.diagnosis.answer import answer as body_of
-    from fingermodel.diagnosis.next_cases import plan_next
+    from fingermodel.diagnosis.answer.answer import answer as body_of
+    from fingermodel.diagnosis.next_cases.next_cases import plan_next
 
     body = body_of(diagnosis)
     body["nulls"] = [n.as_dict() for n in diagnosis.nulls]
@@ -108,7 +108,7 @@ def diagnosis_answer(bench: Bench, diagnosis: Diagnosis, frozen: Sequence[Mappin
 
 def frozen_documents(bench: Bench, paths: list[Path] | None) -> list[dict[str, Any]]:
     """Read frozen predictions: those given, or those of the session's specimen in `models`."""
-    from fingermodel.diagnosis.frozen import read_frozen
+    from fingermodel.diagnosis.next_cases.frozen import read_frozen
 
     if paths is not None:
         return [read_frozen(path) for path in paths]
@@ -119,8 +119,8 @@ def frozen_documents(bench: Bench, paths: list[Path] | None) -> list[dict[str, A
 
 def confirmation(bench: Bench, diagnosis: Diagnosis, frozen: Sequence[Mapping[str, Any]]) -> Confirmation | None:
     """Hold predictions frozen earlier against what has been measured since; None where there are none."""
-    from fingermodel.diagnosis.frozen import score
-    from fingermodel.diagnosis.next_cases import name_of
+    from fingermodel.diagnosis.next_cases.frozen import score
+    from fingermodel.diagnosis.next_cases.next_cases import name_of
 
     session, best = bench.measured.session.id, name_of(diagnosis.best)
     scores = [score(document, best, session, bench.observations) for document in frozen]

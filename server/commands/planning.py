@@ -12,14 +12,14 @@ from server.workflow import Bench, open_bench, readings_digest
 
 if TYPE_CHECKING:
     from fingermodel.diagnosis.diagnose import Diagnosis
-    from fingermodel.diagnosis.next_cases import Plan
+    from fingermodel.diagnosis.next_cases.next_cases import Plan
 
 
 def next_cases(
     session: str, model: str | None, effects: list[str], freeze: bool, out: Path | None, json: str | None
 ) -> None:
     """Diagnose a session, rank what could be measured next, and freeze what the explanations say of it."""
-    from fingermodel.diagnosis.next_cases import plan_next
+    from fingermodel.diagnosis.next_cases.next_cases import plan_next
 
     with progress("Reading and correcting") as tell:
         bench = open_bench(session, model, tell, catalogue=True, effects=effects)
@@ -70,7 +70,7 @@ def plan_body(bench: Bench, diagnosis: Diagnosis, plan: Plan) -> dict[str, Any]:
 
 def freeze_plan(bench: Bench, plan: Plan, out: Path | None) -> Path:
     """Write the plan's predictions down before the cases are measured."""
-    from fingermodel.diagnosis.frozen import write_frozen
+    from fingermodel.diagnosis.next_cases.frozen import write_frozen
 
     document = frozen_plan(bench, plan, readings_digest(bench.measured))
     path = out or Path("models") / f"{bench.measured.session.id}-frozen-{document['sha256'][:8]}.json"
@@ -86,7 +86,7 @@ def frozen_plan(bench: Bench, plan: Plan, readings_sha256: str | None) -> dict[s
         ModelError: the plan has no load case.
     """
     from daq.errors import ModelError
-    from fingermodel.diagnosis.frozen import freeze
+    from fingermodel.diagnosis.next_cases.frozen import freeze
 
     if not plan.cases:
         raise ModelError("there is no load case to freeze", "a plan with at least one", plan.text)

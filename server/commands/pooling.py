@@ -14,8 +14,8 @@ from server.console import answer, progress, say, table
 from server.workflow import open_bench
 
 if TYPE_CHECKING:
-    from fingermodel.diagnosis.several import Pooled
-    from fingermodel.diagnosis.several_verdict import SharedEffect
+    from fingermodel.diagnosis.several_sessions.several import Pooled
+    from fingermodel.diagnosis.several_sessions.several_verdict import SharedEffect
 
 # More shuffles say nothing more.
 MOST_PERMUTATIONS = 9999
@@ -32,7 +32,7 @@ def diagnose_sessions(
     law: Path | None,
 ) -> None:
     """Diagnose several sessions and what they share; write the best law that they share, where that is asked for."""
-    from fingermodel.diagnosis.several import diagnose_pooled
+    from fingermodel.diagnosis.several_sessions.several import diagnose_pooled
 
     if len(set(sessions)) < len(sessions):
         twice = next(s for s in sessions if sessions.count(s) > 1)

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 from scipy.stats import norm
 
-from fingermodel.diagnosis.confounding import Confounding, confounding
 from fingermodel.diagnosis.posterior.gaussian import Quadratic, log_mass
-from fingermodel.diagnosis.sensitivity import Assumption, Sensitivity
 from fingermodel.diagnosis.session_model.candidates import Candidate, Candidates
+from fingermodel.diagnosis.verdict.confounding import Confounding, confounding
+from fingermodel.diagnosis.verdict.sensitivity import Assumption, Sensitivity
 from tests.settings import load_profile
 
 load_profile()

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from daq.protocols import read_protocol
 from daq.simulated import SimulatedCell
-from fingermodel.diagnosis.nulls import Null, moments_violated, nulls
-from fingermodel.diagnosis.nulls_budget import readings_of
+from fingermodel.diagnosis.model_free.budget import readings_of
+from fingermodel.diagnosis.model_free.nulls import Null, moments_violated, nulls
 from fingermodel.finger_files import read_finger
 from fingermodel.model import Model, jax_values, tip_kinematics_batch
 from fingermodel.observations import Observations

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.diagnose import diagnose
-from fingermodel.diagnosis.nulls import nulls
-from fingermodel.diagnosis.nulls_budget import readings_of
-from fingermodel.diagnosis.nulls_frames import rig_mistake
+from fingermodel.diagnosis.model_free.budget import readings_of
+from fingermodel.diagnosis.model_free.frames import rig_mistake
+from fingermodel.diagnosis.model_free.nulls import nulls
 from tests.fingermodel.fingers import PUBLISHED, Bench, open_bench
 from tests.simulator import draw_session, draw_truth
 

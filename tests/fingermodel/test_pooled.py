@@ -13,7 +13,12 @@ from hypothesis import strategies as st
 
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.session_model.candidates import Candidate, Explanation, Member
-from fingermodel.diagnosis.several_verdict import InSession, PooledVerdict, SharedEffect, judge_together
+from fingermodel.diagnosis.several_sessions.several_verdict import (
+    InSession,
+    PooledVerdict,
+    SharedEffect,
+    judge_together,
+)
 from fingermodel.parameters import two_sided
 from tests.settings import load_profile
 

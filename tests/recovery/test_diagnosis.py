@@ -13,12 +13,12 @@ import pytest
 
 from daq.errors import ModelError
 from daq.sessions import read_session, write_session
-from fingermodel.diagnosis.addition import add_effects
-from fingermodel.diagnosis.answer import answer, parameters_of
+from fingermodel.diagnosis.answer.addition import add_effects
+from fingermodel.diagnosis.answer.answer import answer, parameters_of
 from fingermodel.diagnosis.diagnose import Diagnosis
-from fingermodel.diagnosis.frozen import freeze, read_frozen, score, write_frozen
-from fingermodel.diagnosis.next_cases import PlannedReading, name_of, plan_next
-from fingermodel.diagnosis.several import Pooled, diagnose_pooled
+from fingermodel.diagnosis.next_cases.frozen import freeze, read_frozen, score, write_frozen
+from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, name_of, plan_next
+from fingermodel.diagnosis.several_sessions.several import Pooled, diagnose_pooled
 from server.commands.additions import add_bench
 from server.commands.diagnosis import run_diagnosis
 from server.workflow import Bench, open_bench

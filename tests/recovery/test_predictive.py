@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fingermodel.diagnosis.predictive import check, predicted
 from fingermodel.diagnosis.session_model.session import session_of
+from fingermodel.diagnosis.verdict.predictive import check, predicted
 from fingermodel.refit import drawn_starts, slopes_of
 from server.commands.diagnosis import run_diagnosis
 from server.workflow import open_bench

@@ -12,7 +12,7 @@ from fingermodel.diagnosis.posterior.hyper import Hyperparameters
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
 from fingermodel.diagnosis.session_model.session import session_of
-from fingermodel.diagnosis.shared_finding import SharedFinding, shared_finding
+from fingermodel.diagnosis.several_sessions.shared_finding import SharedFinding, shared_finding
 from tests.shared_specimens import TorqueLaw, specimen
 
 LAW = TorqueLaw("PIP", "FDS", "MCP", -2.5)

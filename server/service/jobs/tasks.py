@@ -170,7 +170,7 @@ def diagnose(payload: DiagnoseInput, tell: Tell) -> Answer:
 
 def pooled(payload: PooledInput, tell: Tell) -> Answer:
     """Diagnose sessions by themselves and together, and return `body`."""
-    from fingermodel.diagnosis.several import diagnose_pooled
+    from fingermodel.diagnosis.several_sessions.several import diagnose_pooled
     from server.commands.diagnosis import diagnosis_answer
     from server.commands.pooling import pooled_body
 
@@ -188,7 +188,7 @@ def pooled(payload: PooledInput, tell: Tell) -> Answer:
 
 def next_cases(payload: NextInput, tell: Tell) -> Answer:
     """Rank what could be measured next, and return `body` and `frozen`, None where that was not asked for."""
-    from fingermodel.diagnosis.next_cases import plan_next
+    from fingermodel.diagnosis.next_cases.next_cases import plan_next
     from server.commands.planning import frozen_plan, plan_body
 
     bench, diagnosis = _diagnosed(payload.bench, False, tell)

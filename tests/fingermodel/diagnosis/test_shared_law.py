@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.shared_law import Said, gain, p_value
+from fingermodel.diagnosis.several_sessions.shared_law import Said, gain, p_value
 
 Floats = NDArray[np.float64]
 

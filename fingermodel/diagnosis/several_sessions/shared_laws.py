@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.hints import Hint, library
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.linearised import OTHERS
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.predictive import unseen_errors
 from fingermodel.diagnosis.settings import ALIKE
+from fingermodel.diagnosis.verdict.hints import Hint, library
+from fingermodel.diagnosis.verdict.predictive import unseen_errors
 
 Floats = NDArray[np.float64]
 

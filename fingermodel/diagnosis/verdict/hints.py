@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.predictive import unseen_errors
 from fingermodel.diagnosis.session_model.session import Session
+from fingermodel.diagnosis.verdict.predictive import unseen_errors
 
 Floats = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from fingermodel.diagnosis.posterior.hyper import BUDGET, NOISE, Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import P_NOTHING, SURE
-from fingermodel.diagnosis.verdict import Kind, Verdict
+from fingermodel.diagnosis.verdict.verdict import Kind, Verdict
 
 Mask = NDArray[np.bool_]
 

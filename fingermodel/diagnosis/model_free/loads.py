@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.nulls_answer import (
+from fingermodel.diagnosis.model_free.answer import (
     Estimate,
     Null,
     Residuals,
@@ -21,7 +21,7 @@ from fingermodel.diagnosis.nulls_answer import (
     pm,
     vector,
 )
-from fingermodel.diagnosis.nulls_budget import Readings
+from fingermodel.diagnosis.model_free.budget import Readings
 
 Floats = NDArray[np.float64]
 # A load with the cases in which it hung.

@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.nulls_answer import Residuals, figure
+from fingermodel.diagnosis.model_free.answer import Residuals, figure
 from fingermodel.model import Model, jax_values, tips_of
 from fingermodel.observations import Observations
 

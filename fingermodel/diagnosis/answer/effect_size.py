@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.diagnose import Diagnosis
-from fingermodel.diagnosis.next_cases import PlannedReading, inputs_of
+from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, inputs_of
 from fingermodel.diagnosis.posterior.gaussian import root_of
 from fingermodel.diagnosis.settings import SEED
 

@@ -13,8 +13,8 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.nulls_answer import figure
-from fingermodel.diagnosis.nulls_budget import Readings, readings_of
+from fingermodel.diagnosis.model_free.answer import figure
+from fingermodel.diagnosis.model_free.budget import Readings, readings_of
 from fingermodel.model import Model
 from fingermodel.observations import Observations
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from fingermodel.compare import muscles_of
 from fingermodel.diagnosis.diagnose import Diagnosis
-from fingermodel.diagnosis.hints import library
-from fingermodel.diagnosis.next_cases import PlannedReading, feasible, information, inputs_of
+from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, feasible, information, inputs_of
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import LEVER_MM, SEED, WORTH_NAT
-from fingermodel.diagnosis.shared_laws import SharedLaw
+from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw
+from fingermodel.diagnosis.verdict.hints import library
 from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from fingermodel.diagnosis.answer.effect_size import effect_size
+from fingermodel.diagnosis.answer.where import where
 from fingermodel.diagnosis.diagnose import Diagnosis
-from fingermodel.diagnosis.effect_size import effect_size
 from fingermodel.diagnosis.posterior.marginals import Entry, Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.slips import Explained
-from fingermodel.diagnosis.verdict import stated_node
-from fingermodel.diagnosis.where import where
+from fingermodel.diagnosis.verdict.verdict import stated_node
 from fingermodel.parameters import with_unit
 
 Floats = NDArray[np.float64]

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import SHARED_P
-from fingermodel.diagnosis.shared_deciding import Deciding
-from fingermodel.diagnosis.shared_law import UNITS, Curves, SharedCurve, StageSearch, p_value, permuted
-from fingermodel.diagnosis.shared_laws import SharedLaw, shared_laws
+from fingermodel.diagnosis.several_sessions.shared_deciding import Deciding
+from fingermodel.diagnosis.several_sessions.shared_law import UNITS, Curves, SharedCurve, StageSearch, p_value, permuted
+from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw, shared_laws
 
 Floats = NDArray[np.float64]
 

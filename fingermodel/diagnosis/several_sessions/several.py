@@ -23,9 +23,14 @@ from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
 from fingermodel.diagnosis.settings import P_NOTHING, PERMUTATIONS, SURE
-from fingermodel.diagnosis.several_verdict import InSession, PooledVerdict, SharedEffect, judge_together
-from fingermodel.diagnosis.shared_deciding import deciding
-from fingermodel.diagnosis.shared_finding import SharedFinding, shared_finding
+from fingermodel.diagnosis.several_sessions.several_verdict import (
+    InSession,
+    PooledVerdict,
+    SharedEffect,
+    judge_together,
+)
+from fingermodel.diagnosis.several_sessions.shared_deciding import deciding
+from fingermodel.diagnosis.several_sessions.shared_finding import SharedFinding, shared_finding
 from fingermodel.model import Model
 from fingermodel.observations import Observations
 

@@ -12,7 +12,7 @@ from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.settings import LEAST_CASES, SURE
-from fingermodel.diagnosis.verdict import Kind, words
+from fingermodel.diagnosis.verdict.verdict import Kind, words
 from fingermodel.parameters import Parameter
 
 Floats = NDArray[np.float64]

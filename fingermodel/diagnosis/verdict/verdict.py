@@ -9,14 +9,14 @@ from typing import Literal
 import numpy as np
 from scipy.special import chdtrc
 
-from fingermodel.diagnosis.confounding import Confounding
-from fingermodel.diagnosis.instruments import INSTRUMENTS
 from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, NOISE
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.predictive import PredictiveCheck
 from fingermodel.diagnosis.session_model.candidates import Candidates
 from fingermodel.diagnosis.settings import LEAST_CASES, NOTHING_SURE, P_VALUE, SURE
+from fingermodel.diagnosis.verdict.confounding import Confounding
+from fingermodel.diagnosis.verdict.instruments import INSTRUMENTS
+from fingermodel.diagnosis.verdict.predictive import PredictiveCheck
 
 Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undecided"]
 

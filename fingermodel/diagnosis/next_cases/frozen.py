@@ -20,7 +20,7 @@ from scipy.special import chdtrc
 
 from daq.errors import ModelError
 from daq.files import replacing
-from fingermodel.diagnosis.next_cases import Plan
+from fingermodel.diagnosis.next_cases.next_cases import Plan
 from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]

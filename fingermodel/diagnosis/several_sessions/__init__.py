@@ -1,0 +1,1 @@
+"""Several sessions together: effects that they share, and a law that no catalogue lists."""

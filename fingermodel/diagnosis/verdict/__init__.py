@@ -1,0 +1,1 @@
+"""What is said, read off the posterior: verdict, predictive check, sensitivity, faults of the session, hints."""
