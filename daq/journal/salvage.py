@@ -85,7 +85,7 @@ class Salvage:
 
     def __init__(self, connection: sqlite3.Connection, path: Path, faults: list[Fault]) -> None:
         self._connection = connection
-        self._bytes = path.stat().st_size + (log_file(path).stat().st_size if log_file(path).is_file() else 0)
+        self._bytes = sum(file.stat().st_size for file in (path, log_file(path)) if file.is_file())
         self._faults = faults
         self._outbox = {row[0]: row[1:] for row in self._rows("outbox", _OUTBOX_COLUMNS) if isinstance(row[1], str)}
         self._pieces: dict[str, list[tuple[int, int, float]]] = {}

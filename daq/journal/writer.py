@@ -59,8 +59,6 @@ class Journal(Writer):
     def __init__(self, connection: sqlite3.Connection, path: Path, lock: WriterLock, reserve_bytes: int) -> None:
         super().__init__(connection, path, lock)
         self._reserve_bytes = reserve_bytes
-        # Where each stream goes on; None once an empty chunk has ended it.
-        self._ends: dict[str, int | None] = {}
 
     @classmethod
     def create(cls, path: str | Path, bench: str, reserve_bytes: int = RESERVE_BYTES) -> Self:
@@ -146,13 +144,16 @@ class Journal(Writer):
             if self.space_left() < len(payload):
                 raise disk_full(self.path)
             key = (stream, chunk.first_seq, len(chunk))
-            self._ends.pop(stream)  # to be asked for again, should this be interrupted
-            with self.transaction() as connection:
-                at = connection.execute(INSERT_CHUNK, (*key, chunk_checksum(*key, payload), payload)).lastrowid
-                connection.execute(INSERT_OUTBOX, (at, stream, chunk.first_seq, digest, "pending", 0))
-                self.counted(len(chunk))
-                if rows:
-                    connection.executemany(INSERT_EVENT, rows)
+            try:
+                with self.transaction() as connection:
+                    at = connection.execute(INSERT_CHUNK, (*key, chunk_checksum(*key, payload), payload)).lastrowid
+                    connection.execute(INSERT_OUTBOX, (at, stream, chunk.first_seq, digest, "pending", 0))
+                    self.counted(len(chunk))
+                    if rows:
+                        connection.executemany(INSERT_EVENT, rows)
+            except BaseException:
+                self._ends.pop(stream)  # to be asked for again: this may have been interrupted after it was kept
+                raise
             self._ends[stream] = chunk.next_seq if len(chunk) else None
         return chunk.next_seq
 
@@ -169,6 +170,7 @@ class Journal(Writer):
 
     def space_left(self) -> int:
         """Bytes that chunks may still take; watch it, and stop before it is nothing."""
+        self.stay()  # the folder may have gone too
         return shutil.disk_usage(self.path.parent).free - self._reserve_bytes
 
     def pending(self, limit: int = 100) -> list[Pending]:
@@ -208,10 +210,12 @@ class Journal(Writer):
         """Close; with `copy`, write a compact copy first, whose name appears when it is complete.
 
         Raises:
-            JournalError: the copy exists already or cannot be written; the journal is closed all the same.
+            JournalError: the copy exists already or cannot be written, or the journal's files have gone and cannot be
+                written anew; the journal is closed all the same.
         """
         with self._lock:
             try:
+                self.stay()
                 if copy is not None:
                     self.copy_to(Path(copy))
             finally:
@@ -220,9 +224,10 @@ class Journal(Writer):
     def _end(self, stream: str) -> int | None:
         if stream not in self._ends:
             last = "SELECT first_seq + n, n FROM chunks WHERE stream = ? ORDER BY first_seq DESC LIMIT 1"
-            rows = self._rows(last, stream)
-            if not rows and not self._rows("SELECT 1 FROM streams WHERE id = ?", stream):
+            rows, described = self._rows(last, stream), self._rows("SELECT * FROM streams WHERE id = ?", stream)
+            if not described:
                 raise JournalError(f"there is no stream {stream}", "one that add_stream began")
+            self._described[stream] = described[0]
             self._ends[stream] = (rows[0][0] if rows[0][1] else None) if rows else 0
         return self._ends[stream]
 

@@ -7,16 +7,19 @@ import os
 import socket
 import sqlite3
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from daq.errors import JournalError
 from daq.journal.lock import InUseError, WriterLock
 from daq.journal.mark import MarkWriter, read_mark
+from daq.journal.place import Place
 from daq.journal.reader import JournalReader
 from daq.journal.rows import INSERT_EVENT, ROWS, SAMPLES, Event, event_row, now_utc, said
+from daq.journal.successor import free_beside, write_anew
 
 # Of the write-ahead log, before it is emptied: 4 MiB, some seconds of the fastest load cell.
 _LOG_PAGES = 256
@@ -36,7 +39,12 @@ class Pending:
 
 
 class Writer(JournalReader):
-    """A journal that this process alone may write."""
+    """A journal that this process alone may write.
+
+    Attributes:
+        alarm: is told at once, in words, when the journal's files are no longer where they were.
+        displaced: what has become of them, and where everything is now; None where nothing has.
+    """
 
     def __init__(self, connection: sqlite3.Connection, path: Path, lock: WriterLock) -> None:
         super().__init__(connection, path)
@@ -44,6 +52,12 @@ class Writer(JournalReader):
         self._within = False
         self._marks = MarkWriter(path)
         self._marked_epoch, self._marked_samples, self._counted = "", 0, 0
+        self._place = Place(path)
+        # Of the streams that are written: their rows, and where each goes on, None once an empty chunk has ended it.
+        self._described: dict[str, tuple[Any, ...]] = {}
+        self._ends: dict[str, int | None] = {}
+        self.alarm: Callable[[str], None] = lambda text: None
+        self.displaced: JournalError | None = None
 
     def settle(self) -> None:
         """Note who writes, and take a new epoch unless this is the journal that was last written here."""
@@ -56,8 +70,10 @@ class Writer(JournalReader):
             writer = json.dumps({"pid": os.getpid(), "host": socket.gethostname(), "since": now_utc()})
             connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (_WRITER, writer))
             if missing is not None:
-                event = Event("warning", 0.0, {"code": "lost", "text": missing})
-                connection.execute(INSERT_EVENT, event_row(event))
+                connection.execute(INSERT_EVENT, event_row(Event("warning", 0.0, {"code": "lost", "text": missing})))
+            if self.displaced is not None:
+                value = {"code": "displaced", "text": str(self.displaced)}
+                connection.execute(INSERT_EVENT, event_row(Event("warning", 0.0, value)))
         self._writer_lock.note(self.epoch, rows)
         self._marked_epoch = self.epoch
         self._marks.note(self._marked_epoch, self.rows(), self._marked_samples)
@@ -74,10 +90,11 @@ class Writer(JournalReader):
     def transaction(self) -> Iterator[sqlite3.Connection]:
         """All of it or nothing, on the disk at the end; one within another of the same thread is a part of it."""
         with self._lock:
-            connection = self._connection
             if self._within:
-                yield connection
+                yield self._connection
                 return
+            self.stay()
+            connection = self._connection
             self._within, self._counted = True, 0
             try:
                 connection.execute("BEGIN IMMEDIATE")
@@ -97,6 +114,59 @@ class Writer(JournalReader):
                 raise
             finally:
                 self._within = False
+            # What went into a file that is not there is acknowledged only once it is in another.
+            self.stay(written=True)
+
+    def stay(self, *, written: bool = False) -> None:
+        """Go on in a new file beside, with all that is kept, where the journal's files are not where they were.
+
+        Args:
+            written: whether the journal was written since it was last looked.
+
+        Raises:
+            JournalError: there can be no such file, as on a full disk.
+        """
+        with self._lock:
+            if self._within:
+                return  # looked for when that transaction has ended
+            why = self._place.lost(written=written)
+            if why is not None:
+                self._go_on_beside(why)
+            elif written:
+                self._place.note()
+
+    def _go_on_beside(self, why: str) -> None:
+        target, old, before = free_beside(self.path), self._connection, self._marked_samples
+        self.alarm(f"{why} while it was written: all goes to {target} from here on")
+        lock: WriterLock | None = None
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            lock = locked(target)
+            epoch, kept = write_anew(old, self.path, target, self._described.values(), self._ends)
+            if epoch is not None:
+                lock.note(epoch, 0)
+            self._connection = connect_write(target)
+        except (sqlite3.Error, OSError, JournalError) as error:
+            if lock is not None:
+                lock.close()
+            raise JournalError(
+                f"{why} while it was written, and {target} cannot be written instead ({error})", "a disk with room"
+            ) from error
+        with suppress(sqlite3.Error):
+            # Whoever has the file under another name has it whole, without its log.
+            old.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        old.close()
+        self._marks.close()
+        self._writer_lock.close()
+        self.path, self._writer_lock, self._marks, self._place = target, lock, MarkWriter(target), Place(target)
+        self._marked_epoch = ""
+        many = f"All {kept}" if kept >= before else f"{kept} of {before}"
+        self.displaced = JournalError(
+            f"{why} while it was written",
+            "a journal that is left alone until its log has ended",
+            f"{many} readings from before, and all since, are in {target}",
+        )
+        self.settle()
 
     def leave(self) -> None:
         """Close, and let others write."""
@@ -108,6 +178,7 @@ class Writer(JournalReader):
             self._connection.close()
             self._marks.close()
             self._writer_lock.close()
+            self._place = Place(self.path)  # what becomes of the files now is nobody's loss
 
 
 def locked(path: Path) -> WriterLock:

@@ -27,12 +27,13 @@ class StreamMeter:
         samples: so far; gaps: how many; lost: samples that the device counted and nobody got.
         overloads: how often the cell was beyond its range; damaged: records or bytes that were refused.
         state: streaming, silent, lost or ended; why: of the last change.
+        alarm: what is wrong with the journal; empty where nothing is.
     """
 
     def __init__(self, full_scale: Floats | None = None) -> None:
         self.full_scale = full_scale
         self.samples = self.gaps = self.lost = self.overloads = self.damaged = 0
-        self.state, self.why = "waiting", ""
+        self.state, self.why, self.alarm = "waiting", "", ""
         self._points: deque[Floats] = deque(maxlen=POINTS)
         self._point_from_s, self._sum, self._count = -np.inf, np.zeros(6), 0
         self._recent: deque[tuple[float, int]] = deque()

@@ -233,7 +233,7 @@ def _health(meter: StreamMeter, status: BenchStatus, space_left: int | None) -> 
     if space_left is not None:
         little = space_left < LITTLE_DISK_BYTES
         bench.append(f"  disk {max(space_left, 0) / 1e9:.1f} GB left", "bold red" if little else "")
-    return [stream, bench]
+    return [*([Text(meter.alarm, "bold red")] if meter.alarm else []), stream, bench]
 
 
 def _checklist(status: BenchStatus, around: int = 3) -> list[str]:

@@ -5,49 +5,71 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from daq.errors import InputError, JournalError
 from server.console import progress, say
 
 
+@dataclass
+class Closed:
+    """A journal that was written and closed.
+
+    Attributes:
+        path: of its file, None where there is none.
+        displaced: what became of the file that it began in, None where that is this one.
+    """
+
+    path: Path | None = None
+    displaced: JournalError | None = None
+
+
 @contextmanager
-def copied_at_end(journal: Path, folder: Path | None, quiet: bool) -> Iterator[None]:
-    """Copy a journal when the block has ended, in whatever way, if it wrote anything; without a folder, do nothing.
+def copied_at_end(folder: Path | None, quiet: bool) -> Iterator[Closed]:
+    """Copy the journal that the block closed when it has ended, in whatever way; without a folder, make no copy.
 
     Args:
-        journal: its file, closed when the block ends.
         folder: for the copy.
         quiet: say nothing of a copy that was made.
 
+    Yields:
+        What takes the journal that was closed.
+
     Raises:
-        InputError: nothing can be written into the folder (before the block), or there is no copy (after it).
+        InputError: nothing can be written into the folder (before the block), or there is no copy, or the journal is
+            not where it was begun (after it).
     """
-    if folder is None:
-        yield
-        return
     from daq.journal.copies import require_folder
 
-    require_folder(folder)
-    before = _written_ns(journal)
+    if folder is not None:
+        require_folder(folder)
+    closed = Closed()
     try:
-        yield
+        yield closed
     except BaseException:
-        # What ended the log is what is to be said; of the copy only where there is none.
-        fault = _copied(journal, folder, quiet) if _written_ns(journal) != before else None
-        if fault is not None:
+        # What ended the log is what is to be said; beside it only what went wrong as well.
+        for fault in _faults(closed, folder, quiet):
             sys.stderr.write(f"fingertwin: {fault}\n")
         raise
-    fault = _copied(journal, folder, quiet)
-    if fault is not None:
-        raise fault
+    faults = _faults(closed, folder, quiet)
+    for fault in faults[:-1]:
+        sys.stderr.write(f"fingertwin: {fault}\n")
+    if faults:
+        raise faults[-1]
+
+
+def _faults(closed: Closed, folder: Path | None, quiet: bool) -> list[InputError]:
+    """Write the copy, where one is asked for; return what is not as it should be."""
+    copied = None if folder is None or closed.path is None else _copied(closed.path, folder, quiet)
+    return [fault for fault in (closed.displaced, copied) if fault is not None]
 
 
 def _copied(journal: Path, folder: Path, quiet: bool) -> InputError | None:
     """Write the copy; return why there is none."""
     from daq.journal.copies import write_copy
 
-    safe = f"The log itself is whole: {journal}"
+    safe = f"The log itself is whole: {journal}" if journal.is_file() else f"The log has gone too: {journal}"
     try:
         with progress("Copying and checking"):
             copy = write_copy(journal, folder)
@@ -58,7 +80,3 @@ def _copied(journal: Path, folder: Path, quiet: bool) -> InputError | None:
     if not quiet:
         say(f"Copy, read back: {copy}")
     return None
-
-
-def _written_ns(journal: Path) -> int | None:
-    return journal.stat().st_mtime_ns if journal.is_file() else None

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from daq.acquire import Acquisition, Record, StreamEvent
     from daq.drivers.base import LoadCell
     from daq.journal.writer import Journal
+    from server.commands.closing_copy import Closed
 
 JOURNAL = "journal.sqlite3"
 # What is said when the disk has no more than so many seconds left at the present rate.
@@ -124,16 +125,16 @@ def log_cell(options: LogOptions, json: str | None) -> bool:
         raise InputError(f"--seconds {options.seconds:g}", "a time above 0")
     cell = _cell(options)
     acquisition = Acquisition(cell, lambda: connect(cell, options.port, options.baud))
-    with copied_at_end(options.out / JOURNAL, options.copy_to, quiet=json == "-"):
+    with copied_at_end(options.copy_to, quiet=json == "-") as closed:
         if options.protocol is not None or options.setup is not None or options.resume:
             from server.commands.log_bench import log_bench
 
-            log_bench(options, cell, acquisition, json)
+            log_bench(options, cell, acquisition, closed, json)
             return True
-        return _log_alone(options, options.out, acquisition, json)
+        return _log_alone(options, options.out, acquisition, closed, json)
 
 
-def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, json: str | None) -> bool:
+def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, closed: Closed, json: str | None) -> bool:
     """Log readings without a protocol; return whether all is where it was sent."""
     from server.commands.forwarding import Delivery, forwarding
 
@@ -144,7 +145,7 @@ def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, json: s
             "the cell's serial number or calibration is not stated",
             "--serial and --calibration, as on its certificate: readings without them cannot be checked or published",
         )
-    with acquiring(acquisition, out, options.seconds) as journal:
+    with acquiring(acquisition, out, options.seconds, closed) as journal:
         logging, delivery = Logging(journal, cell, about, quiet=json == "-"), Delivery()
         with forwarding(
             options.to,
@@ -157,9 +158,9 @@ def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, json: s
             delivery,
         ):
             told = logging.run(acquisition)
-    body = {"driver": cell.name, "journal": str(out / JOURNAL), **told}
+    body = {"driver": cell.name, "journal": str(journal.path), **told}
     if not answer("log", body, json):
-        where = f": {out / JOURNAL}   (fingertwin journal check {out / JOURNAL})"
+        where = f": {journal.path}   (fingertwin journal check {journal.path})"
         say(f"{told['samples']} readings in {told['seconds']:.1f} s{'.' if options.passing else where}")
     return delivery.whole
 
@@ -201,6 +202,7 @@ class Logging:
     ) -> None:
         self.stream = journal.add_stream(cell.name, cell.values, about, cell.clock)
         self._journal, self._quiet, self._told = journal, quiet, Told()
+        journal.alarm = lambda text: self.say(f"WARNING: {text}")
         self._kinds: Counter[str] = Counter()
         self._samples, self._first_s, self._last_s = 0, 0.0, 0.0
         self._warned = False
@@ -348,10 +350,16 @@ def _kept(folder: Path, name: str) -> Path:
 
 
 @contextmanager
-def acquiring(acquisition: Acquisition, folder: Path, seconds: float | None) -> Iterator[Journal]:
+def acquiring(acquisition: Acquisition, folder: Path, seconds: float | None, closed: Closed) -> Iterator[Journal]:
     """Start a load cell and open its folder's journal; stop and close both, and the cell after so long.
 
     The device first: one that is not there leaves no empty journal. What it says meanwhile waits.
+
+    Args:
+        acquisition: not started yet.
+        folder: of the log.
+        seconds: after which the cell is stopped; None for never.
+        closed: takes the journal once it is closed.
     """
     keep_flat()
     acquisition.start()
@@ -365,6 +373,8 @@ def acquiring(acquisition: Acquisition, folder: Path, seconds: float | None) -> 
             finally:
                 # Before the journal: what the cell still says has nowhere to go afterwards.
                 acquisition.stop()
+                journal.stay()
+                closed.path, closed.displaced = journal.path, journal.displaced
     finally:
         stop.cancel()
         acquisition.stop()

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from daq.session_models import Session
     from server.bench.meter import StreamMeter
     from server.bench.remote import Remote
+    from server.commands.closing_copy import Closed
 
 FORMAT = "bench-setup/1"
 REQUIRED = ("specimen", "finger", "tension_factor")
@@ -38,7 +39,7 @@ KNOWN = (
 )
 
 
-def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, json: str | None) -> None:
+def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, closed: Closed, json: str | None) -> None:
     """Follow a protocol, and write the session that comes of it; also from where one broke off.
 
     Raises:
@@ -62,9 +63,10 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, jso
     if before is not None and before.record.closed:
         with JournalReader.open(out / JOURNAL) as journal:
             stream, session = before.stream.id, write_bench_session(journal, out, before.stream.id)
+        closed.path = out / JOURNAL
     else:
-        stream, session = _follow(options, setup, acquisition, about, before, by_keys=_at_terminal(json))
-    body = {"session": str(out), "cases": len(session.cases), "journal": str(out / JOURNAL), "stream": stream}
+        stream, session = _follow(options, setup, acquisition, closed, about, before, by_keys=_at_terminal(json))
+    body = {"session": str(out), "cases": len(session.cases), "journal": str(closed.path), "stream": stream}
     if not answer("log", body, json):
         say(f"{len(session.cases)} load cases: {out}   (fingertwin check {out}, fingertwin compare {out})")
 
@@ -105,6 +107,7 @@ def _follow(
     options: LogOptions,
     setup: BenchSetup,
     acquisition: Acquisition,
+    closed: Closed,
     about: dict[str, str],
     before: BrokenOff | None,
     *,
@@ -130,7 +133,7 @@ def _follow(
         run, from_s = BenchRun(before.record.setup, predict, before.stream.id), before.from_s()
         run.resume(before.events, plateaus, before.last_s, from_s)
         acquisition.go_on_from(before.next_seq, before.last_s, from_s)
-    with acquiring(acquisition, out, options.seconds) as journal:
+    with acquiring(acquisition, out, options.seconds, closed) as journal:
         if run is None or before is None:
             stream = journal.add_stream(cell.name, cell.values, about, cell.clock)
             run = BenchRun(setup, predict, stream)

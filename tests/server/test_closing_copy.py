@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from daq.acquire import Acquisition
+from daq.bench.run import BenchRun
 from daq.journal.check import check
 from daq.journal.writer import Journal
 from daq.readings import ReadingBlock, write_readings
@@ -108,6 +109,49 @@ def test_a_log_that_fails_is_copied_as_far_as_it_came(run: Run, monkeypatch: pyt
     assert "disk full: journal.sqlite3 cannot grow" in err
     assert "Copy, read back" in text
     assert copied_samples() == [0]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="what is open cannot be deleted there")
+def test_a_journal_that_was_deleted_meanwhile_is_found_in_another_file(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    logged = Logging.run
+
+    def deleted(logging: Logging, acquisition: Acquisition) -> dict[str, Any]:
+        Path("monday/journal.sqlite3").unlink()
+        return logged(logging, acquisition)
+
+    monkeypatch.setattr(Logging, "run", deleted)
+    code, text, err = run("--copy-to", "disk")
+    other = Path("monday/journal-2.sqlite3")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "journal.sqlite3 was deleted or moved away while it was written" in err
+    assert f"All 0 readings from before, and all since, are in {other}" in err
+    # At once, before anything else is said.
+    assert text.startswith("WARNING: journal.sqlite3 was deleted or moved away")
+    assert f"1000 readings in 10.0 s: {other}" in text
+    assert sum(check(other).samples.values()) == 1000
+    assert copied_samples() == [1000]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="what is open cannot be deleted there")
+def test_a_bench_session_says_so_as_well(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    Path("setup.yaml").write_text(json.dumps(SETUP))
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    started = BenchRun.start
+
+    def deleted(bench: BenchRun) -> Any:
+        Path("monday/journal.sqlite3").unlink()
+        return started(bench)
+
+    monkeypatch.setattr(BenchRun, "start", deleted)
+    code, text, err = run("--protocol", "levels", "--setup", "setup.yaml")
+    assert code == 2
+    assert "warning; code displaced; text journal.sqlite3 was deleted or moved away" in text
+    lines = err.splitlines()
+    assert len(lines) == 2
+    assert "are in monday/journal-2.sqlite3" in lines[0]
+    assert "no complete case" in lines[1]
 
 
 def test_a_log_that_never_began_is_not_copied(run: Run) -> None:
