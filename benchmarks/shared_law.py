@@ -68,7 +68,7 @@ def one_group(seed: int, kind: str, permutations: int) -> dict[str, Any]:
         "k_mm": common.k_mm if kind == "shared" else None,
         "found": found.is_shared,
         "p": found.permutation_p,
-        "over_own": curve.log_evidence_over_own,
+        "over_own": curve.log_evidence,
         "stage": curve.stage,
         "top": list(top),
         "first": None if first is None else [first.name, *first.rivals],

@@ -81,6 +81,7 @@ def diagnosis_sections(
     from server.figures.diagnosis_size import size_figure
     from server.figures.diagnosis_torque import torque_figure
     from server.figures.report import Picture, Section
+    from server.figures.shared_law import own_curve_figure
     from server.figures.style import NothingToDrawError
 
     def picture(name: str, draw: Callable[[], go.Figure], caption: str) -> Picture | str:
@@ -193,6 +194,12 @@ def diagnosis_sections(
         Section(
             "Hints at a formula",
             [
+                *said.curve_sentences(answer),
+                picture(
+                    "own_curve",
+                    lambda: own_curve_figure(answer),
+                    "Beside anatomy, budget, noise and scatter, at the stage that is likeliest.",
+                ),
                 *tables.ready_made_table(answer),
                 *or_else(tables.hints_table(answer), "None: no simple formula takes up what is left.", "hints"),
             ],

@@ -12,6 +12,7 @@ from scipy.special import expit
 
 from fingermodel.compare import Comparison, compare
 from fingermodel.diagnosis.model_free.nulls import Null, nulls
+from fingermodel.diagnosis.posterior.curves import SmoothCurve
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
@@ -22,6 +23,7 @@ from fingermodel.diagnosis.session_model.slips import Explained
 from fingermodel.diagnosis.settings import MOST_FITS, SUSPECT
 from fingermodel.diagnosis.verdict.confounding import Confounding, confounding
 from fingermodel.diagnosis.verdict.hints import Hint, hints
+from fingermodel.diagnosis.verdict.own_curve import own_curves
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, checks
 from fingermodel.diagnosis.verdict.sensitivity import Sensitivity, sensitivity
 from fingermodel.diagnosis.verdict.session_faults import SessionFault, session_faults
@@ -49,6 +51,7 @@ class Diagnosis:
         sensitivity: the verdict's probability under other assumptions.
         faults: of the whole session (labels, side, signs, units, gain), most probable first.
         hints: formulas, where nothing fits.
+        curves: of moment arms, tensions and forces, where nothing fits; the most evident first.
         nulls: what the readings say without any model of the tendons.
         seconds: of the computation.
         comparisons: of every explanation that was fitted.
@@ -65,6 +68,7 @@ class Diagnosis:
     sensitivity: Sensitivity
     faults: tuple[SessionFault, ...]
     hints: tuple[Hint, ...]
+    curves: tuple[SmoothCurve, ...]
     nulls: tuple[Null, ...]
     seconds: float
     comparisons: dict[Explanation, Comparison] = field(repr=False)
@@ -142,13 +146,15 @@ def diagnose(
     verdict = judge(posterior, stated, candidates, alike, checked[fit.explanation], fit.explanation.names)
     asked = sensitivity(posterior, verdict)
     found: tuple[Hint, ...] = ()
+    curves: tuple[SmoothCurve, ...] = ()
     faults = tuple(session_faults(session, candidates, posterior))
     if faults:
         # To be put right in the session: what would make up for it is no finding.
         verdict = in_doubt(verdict, said(faults[0]))
     elif verdict.kind in ("none_of_catalogue", "undecided"):
-        # Where no effect stands, a formula is to stand alone; else beside the likeliest.
-        found = hints(posterior.nothing if verdict.kind == "none_of_catalogue" else posterior.leader)
+        # Beside what is likelier than not to act by its name, and else alone.
+        beside = posterior.best_fit(verdict.names) or posterior.leader
+        found, curves = hints(beside), own_curves(beside)
     if progress:
         progress(1.0)
     for kept in (*posterior.fits.values(), stated):
@@ -166,6 +172,7 @@ def diagnose(
         asked,
         faults,
         found,
+        curves,
         nulls(model, observations),
         time.perf_counter() - began,
         {e: compare(model, observations, (f if e.size else stated).theta) for e, f in posterior.fits.items()},

@@ -140,6 +140,8 @@ def print_diagnosis(body: dict[str, Any]) -> None:
     for null in body["nulls"]:
         if null["verdict"] != "not_tested":
             say(f"{'ok  ' if null['verdict'] == 'holds' else 'FAIL'} {null['text']}")
+    if body["curve"]:
+        say(body["curve"]["sentence"])
     offers = [(known["text"], known["effect"]) for known in body["ready_made"]]
     offers += [(f"Hint: {hint['text']}", f"'{hint['effect']['formula']}'") for hint in body["hints"]]
     for text, effect in offers:

@@ -244,11 +244,14 @@ def hints_table(answer: Answer) -> list[Table]:
             str(h.get("formula") or "–"),
             ", ".join(str(w) for w in (h.get("stage"), h.get("joint")) if w),
             signed(h.get("log_evidence_gain")),
+            signed(h.get("left_out_gain")),
             str(h.get("text") or ""),
         ]
         for h in rows(answer, "hints")
     ]
-    return [Table(["formula", "acts on", "log evidence gain", "in words"], lines)] if lines else []
+    header = ["formula", "acts on", "log evidence gain", "left-out gain", "in words"]
+    caption = "Left-out gain: log density that the formula adds to the cases, each predicted from all others [nat]."
+    return [Table(header, lines, caption)] if lines else []
 
 
 def ready_made_table(answer: Answer) -> list[Table]:

@@ -149,6 +149,12 @@ def beyond_sentences(answer: Answer) -> list[str]:
     return [said + (f"; if so, about {number(size)} N." if size else ".")]
 
 
+def curve_sentences(answer: Answer) -> list[str]:
+    """Say where a misfit lives that nothing in the catalogue explains."""
+    said = part(answer, "curve").get("sentence")
+    return [str(said)] if said else []
+
+
 def predictive_sentences(answer: Answer) -> list[str]:
     """Say how the validation cases are predicted, before and after."""
     check = part(answer, "predictive_check")

@@ -47,7 +47,36 @@ def curve_figure(answer: Answer) -> go.Figure:
     Raises:
         NothingToDrawError: nothing could be shared.
     """
-    curve = leading(answer)
+    return _curve(
+        leading(answer),
+        "shared by all",
+        "What the sessions share, by tendon and joint",
+        "Smooth over postures; band: two standard deviations. Nat: ln evidence lost without the panel's part.",
+    )
+
+
+def own_curve_figure(answer: Answer) -> go.Figure:
+    """Draw where the misfit of one session lives that no effect explains: an error by tendon and joint.
+
+    Args:
+        answer: of a diagnosis of one session.
+
+    Raises:
+        NothingToDrawError: something explains the readings, or what is left is not smooth.
+    """
+    curve = part(answer, "curve")
+    whole = [p for p in rows(curve, "parts") if vector(p.get("mean")) and vector(p.get("sd"))]
+    if not whole or not rows(curve, "postures_deg"):
+        raise NothingToDrawError("There is no smooth curve in what is left.")
+    return _curve(
+        {**curve, "parts": whole},
+        "of this session",
+        "What no effect explains, as a smooth error by tendon and joint",
+        "Over postures; band: two standard deviations. Nat: ln evidence lost without the panel's part.",
+    )
+
+
+def _curve(curve: Answer, name: str, title: str, subtitle: str) -> go.Figure:
     parts = sorted(rows(curve, "parts"), key=lambda p: -(value(p.get("log_evidence_lost")) or 0.0))[:_MOST]
     postures = [{r: a for r, a in p.items() if r != "abduction"} for p in rows(curve, "postures_deg")]
     names = ["/".join(fixed(value(a) or 0.0, 0) for a in p.values()) for p in postures]
@@ -131,10 +160,10 @@ def curve_figure(answer: Answer) -> go.Figure:
                 mode="lines+markers",
                 line={"color": _COLOR, "width": 2.5},
                 marker={"size": 6, "color": _COLOR},
-                name="shared by all",
+                name=name,
                 showlegend=k == 0,
                 legendgroup="shared",
-                hovertemplate="shared: %{y:.2f}<extra></extra>",
+                hovertemplate="%{y:.2f}<extra></extra>",
                 **place,
             )
         )
@@ -142,8 +171,8 @@ def curve_figure(answer: Answer) -> go.Figure:
     return figure(
         data,
         layout,
-        title="What the sessions share, by tendon and joint",
-        subtitle="Smooth over postures; band: two standard deviations. Nat: ln evidence lost without the panel's part.",
+        title=title,
+        subtitle=subtitle,
         height=plot + _TOP + _BOTTOM,
         margin={"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
     )

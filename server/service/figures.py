@@ -40,6 +40,7 @@ DIAGNOSIS = (
     "confounding",
     "revisions",
     "held_out",
+    "own_curve",
 )
 REVISIONS = ("waterfall",)
 SHARED = ("shared_curve", "shared_chance")

@@ -148,8 +148,16 @@ def test_the_error_falls_on_the_validation_cases(session: str) -> None:
 def test_hints_say_where_something_unknown_acts() -> None:
     _, found = diagnosed("DEV-12")
     assert found.hints
+    gains = [h.left_out_gain for h in found.hints]
+    assert gains == sorted(gains, reverse=True)
+    assert min(gains) > 0.0
     assert found.hints[0].log_evidence_gain > 3.0
     assert all(h.formula.startswith(("torque[", "tension[", "force.")) for h in found.hints)
+    unseen = [(before, after) for hint in found.hints for before, after in hint.unseen.values()]
+    assert all(after < before for before, after in unseen)
+    curve = found.curves[0]
+    assert curve.log_evidence > 3.0
+    assert np.isfinite(curve.sd).all()
 
 
 def test_what_would_explain_a_published_session_is_said_and_not_taken_for_certain() -> None:

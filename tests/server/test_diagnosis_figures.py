@@ -41,6 +41,7 @@ Answer = dict[str, Any]
 
 NAMES = {
     "sensitivity", "residual_map", "missing_torque", "ranking", "size", "confounding", "revisions", "held_out",
+    "own_curve",
 }  # fmt: skip
 HEADINGS = (
     "Verdict",
@@ -332,6 +333,7 @@ def found() -> Answer:
                 "joint": None,
                 "formula": "m0*g",
                 "log_evidence_gain": 301.0,
+                "left_out_gain": 288.5,
                 "text": "A constant tension on every loaded tendon takes up nearly all that is left.",
             },
             {
@@ -392,6 +394,19 @@ def none_of_catalogue() -> Answer:
         row([], 0.01, 0.0, 0.17),
     ]
     out["confounding"]["classes"] = [[e] for e in EFFECTS]
+    out["curve"] = {
+        "stage": "arms",
+        "unit": "mm",
+        "size": 1.0,
+        "postures_deg": [{"PIP": 10.0, "DIP": 5.0}, {"PIP": 60.0, "DIP": 30.0}],
+        "parts": [
+            {"muscle": m, "joint": "PIP", "log_evidence_lost": lost, "mean": [0.1, lost], "sd": [0.2, 0.3]}
+            for m, lost in (("FDS", 4.0), ("FDP", -0.2))
+        ],
+        "log_evidence": 12.0,
+        "carried_by": [{"muscle": "FDS", "joint": "PIP", "log_evidence_lost": 4.0}],
+        "sentence": "What is left is smooth over postures as an error of moment arms, most in FDS at PIP.",
+    }
     return out
 
 
@@ -479,10 +494,11 @@ ANSWERS: dict[str, Callable[[], Answer]] = {
 }
 
 MISSING = {
-    "one_of": {"size"},
+    "found": {"own_curve"},
+    "one_of": {"size", "own_curve"},
     "none_of_catalogue": {"size"},
-    "nothing_missing": {"missing_torque", "confounding", "held_out", "size"},
-    "undecided": {"size"},
+    "nothing_missing": {"missing_torque", "confounding", "held_out", "size", "own_curve"},
+    "undecided": {"size", "own_curve"},
 }
 
 
@@ -543,7 +559,7 @@ def test_page_and_pictures_are_written(tmp_path: Path) -> None:
     written = draw_diagnosis(one_of(), folder)
     assert written == folder / "diagnose.html"
     assert {p.name for p in folder.iterdir()} == {"diagnose.html"} | {
-        f"{n}.{e}" for n in NAMES - {"size"} for e in ("png", "svg")
+        f"{n}.{e}" for n in NAMES - MISSING["one_of"] for e in ("png", "svg")
     }
     for name, figure in diagnosis_figures(one_of()).items():
         picture = imread(io.BytesIO((folder / f"{name}.png").read_bytes()), format="png")
@@ -648,6 +664,7 @@ def test_no_absent_value_breaks_the_page() -> None:
     names = EFFECTS[:3]
     whole["confounding"] = {"effects": names, "correlation": [[1.0, 0.95, 0.1]] * 3, "classes": [names[:2]]}
     whole["detectability"] = {names[0]: 3.0}
+    whole["curve"] = none_of_catalogue()["curve"]
     assert set(diagnosis_figures(whole, HISTORY)) == NAMES
     whole["where"] |= {key: {} for key in ("by_posture", "by_location", "by_load_level", "by_component")}
     whole |= {when: {"validation/tip": {"space": {"rmse_N": 0.1}}} for when in ("before", "after")}
@@ -683,7 +700,7 @@ def test_hostile_names_are_shown_and_do_nothing(tmp_path: Path) -> None:
     assert any(HOSTILE in word for word in read.words), "the name is still to be read"
     assert "default-src 'none'" in text
     figures = diagnosis_figures(answer, hostile(HISTORY))
-    assert set(figures) == NAMES
+    assert set(figures) == NAMES - MISSING["found"]
     for figure in figures.values():
         assert b"<script" not in render(figure, "svg")
 

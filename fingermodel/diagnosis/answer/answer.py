@@ -16,6 +16,7 @@ from fingermodel.diagnosis.posterior.marginals import Entry, Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.slips import Explained
+from fingermodel.diagnosis.verdict.own_curve import curve_answer
 from fingermodel.diagnosis.verdict.verdict import stated_node
 from fingermodel.parameters import with_unit
 
@@ -56,6 +57,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "inclusion": {name: p for name, p in posterior.inclusion.items() if p >= _SHOWN},
         "where": where(d.session.problem, d.stated.theta),
         "hints": [h.as_dict() for h in d.hints],
+        "curve": curve_answer(d.curves),
         "ready_made": ready_made(d),
         "suspects": suspects(d),
         "session_faults": [{"kind": f.kind, "words": f.words, "probability": f.probability} for f in d.faults],

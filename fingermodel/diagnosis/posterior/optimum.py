@@ -203,6 +203,20 @@ class Optimum(Linearised):
         theta = np.clip(theta, problem.lower, problem.upper)
         return theta, found.covariance[np.ix_(at, at)], index
 
+    def _marginal(self, node: Node) -> tuple[Floats, Floats]:
+        """Everything that acts at a node, integrated out of the whitened readings.
+
+        Returns:
+            V (k, n), such that the inverse covariance of the whitened readings is 1 - Vᵀ V, and (n,) what is left.
+        """
+        names = [*self.acting(node), OWN]
+        blocks = self.whitened_blocks(names, node)
+        left = self.whitened_columns(self.residual, node) + blocks @ self.places(names)
+        columns = blocks * self.widths(names, node)
+        gram = columns.T @ columns
+        add_one(gram)
+        return solve_triangular(np.linalg.cholesky(gram), columns.T, lower=True, check_finite=False), left
+
     def asked(self, columns: Floats, node: Node) -> tuple[Floats, Floats]:
         """What the readings say of further columns, each by itself, beside everything that acts at a node.
 
@@ -213,13 +227,10 @@ class Optimum(Linearised):
         Returns:
             Information (k,) of each weight, and its score (k,).
         """
-        found = self.everything(node)
-        known = self.whitened_blocks(found.names, node)
-        new, residual = self.whitened_columns(columns, node), self.whitened_columns(self.residual, node)
-        left = residual - known @ (found.mean - found.place)
-        across = known.T @ new
-        information = (new**2).sum(axis=0) - np.einsum("ik,ik->k", across, found.covariance @ across)
-        return np.maximum(information, 0.0), new.T @ left
+        (across, left), new = self._marginal(node), self.whitened_columns(columns, node)
+        turned = across @ new
+        information = (new**2).sum(axis=0) - (turned**2).sum(axis=0)
+        return np.maximum(information, 0.0), new.T @ left - turned.T @ (across @ left)
 
     def information(self, columns: Floats, node: Node) -> tuple[Floats, Floats]:
         """What the readings say of further columns together, beside everything that acts at a node.
@@ -231,26 +242,40 @@ class Optimum(Linearised):
         Returns:
             Information (k, k) of the weights, and their score (k,).
         """
-        names = [*self.acting(node), OWN]
-        blocks, new = self.whitened_blocks(names, node), self.whitened_columns(columns, node)
-        left = self.whitened_columns(self.residual, node) + blocks @ self.places(names)
-        known = blocks * self.widths(names, node)
-        gram = known.T @ known
-        add_one(gram)
-        turned = solve_triangular(np.linalg.cholesky(gram), known.T, lower=True, check_finite=False)
-        across, along = turned @ new, turned @ left
-        return new.T @ new - across.T @ across, new.T @ left - across.T @ along
+        (across, left), new = self._marginal(node), self.whitened_columns(columns, node)
+        turned = across @ new
+        return new.T @ new - turned.T @ turned, new.T @ left - turned.T @ (across @ left)
+
+    def left_out_gains(self, columns: Floats, node: Node, spread: float = 1.0) -> Floats:
+        """Log density (k,) that further columns add to the cases, each case predicted from all others.
+
+        Args:
+            columns: (fitted readings, k) change of the readings [N, N mm] per unit of a weight with prior N(0, 1).
+            node: of the hyperparameters.
+            spread: factor on all standard uncertainties.
+        """
+        (across, left), new = self._marginal(node), self.whitened_columns(columns, node) / spread
+        left = left / spread
+        turned = new - across.T @ (across @ new)
+        plain = left - across.T @ (across @ left)
+        more = 1.0 + np.einsum("nk,nk->k", new, turned)
+        # The column takes u uᵀ from the inverse covariance.
+        u = turned / np.sqrt(more)
+        moved = plain[:, None] - u * (new.T @ plain / np.sqrt(more))
+        out = np.zeros(columns.shape[1])
+        for rows, _ in self.noise_roots(node):
+            mine = across[:, rows].transpose(1, 2, 0)
+            inverse = np.linalg.inv((1.0 + 1e-12) * np.eye(rows.shape[1]) - mine @ mine.swapaxes(1, 2))
+            before = np.einsum("gi,gij,gj->", plain[rows], inverse, plain[rows])
+            cross = np.einsum("gik,gij,gjk->gk", u[rows], inverse, moved[rows])
+            kept = np.maximum(1.0 - np.einsum("gik,gij,gjk->gk", u[rows], inverse, u[rows]), 1e-12)
+            after = np.einsum("gik,gij,gjk->k", moved[rows], inverse, moved[rows]) + (cross**2 / kept).sum(axis=0)
+            out += 0.5 * (before - after + np.log(kept).sum(axis=0))
+        return out
 
     def _precision(self, node: Node) -> list[tuple[Ints, Floats, Floats]]:
         """Rows (g, L), block (g, L, L) of the inverse covariance of all readings and score (g, L), by case."""
-        names = [*self.acting(node), OWN]
-        blocks = self.whitened_blocks(names, node)
-        left = self.whitened_columns(self.residual, node) + blocks @ self.places(names)
-        u = blocks * self.widths(names, node)
-        gram = u.T @ u
-        add_one(gram)
-        factor = np.linalg.cholesky(gram)
-        across = solve_triangular(factor, u.T, lower=True, check_finite=False)
+        across, left = self._marginal(node)
         a = left - across.T @ (across @ left)
         out = []
         for rows, inverse in self.noise_roots(node):

@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fingermodel.diagnosis.posterior.curves import STAGES, WHAT, Curves
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import SHARED_P
 from fingermodel.diagnosis.several_sessions.shared_deciding import Deciding
-from fingermodel.diagnosis.several_sessions.shared_law import UNITS, Curves, SharedCurve, StageSearch, p_value, permuted
+from fingermodel.diagnosis.several_sessions.shared_law import SharedCurve, StageSearch, p_value, permuted
 from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw, shared_laws
 
 Floats = NDArray[np.float64]
-
-_WHAT = {"arms": "moment arms", "tension": "tensions", "force": "forces"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +56,7 @@ class SharedFinding:
         """Whether they share something: more evident than not, no chance, and of use to most of those left out."""
         p = self.permutation_p
         helped = int(np.sum(self.curve.left_out_gain > 0.0))
-        evident = self.curve.log_evidence_over_own > 0.0 and 2 * helped > len(self.sessions)
+        evident = self.curve.log_evidence > 0.0 and 2 * helped > len(self.sessions)
         return evident and (p is None or p <= SHARED_P)
 
     @property
@@ -73,16 +72,12 @@ class SharedFinding:
         if not self.is_shared:
             return (
                 "Beyond the catalogue they share nothing that stands out (ln evidence "
-                f"{curve.log_evidence_over_own:+.1f} over an error of each one's own{chance})."
+                f"{curve.log_evidence:+.1f} over an error of each one's own{chance})."
             )
-        where = " and ".join(
-            f"{muscle} {'at' if curve.stage != 'tension' else ''} {part}".strip()
-            for muscle, part in [curve.parts[i] for i in np.argsort(-curve.log_evidence_lost)[:2]]
-        )
         helped = len(self.sessions) - len(self.lacking)
         return (
-            f"Beyond the catalogue they share an error of {_WHAT[curve.stage]}, most in {where}: ln evidence "
-            f"{curve.log_evidence_over_own:+.1f} over an error of each one's own{chance}. Learned from the others, it "
+            f"Beyond the catalogue they share an error of {WHAT[curve.stage]}, most in {curve.where}: ln evidence "
+            f"{curve.log_evidence:+.1f} over an error of each one's own{chance}. Learned from the others, it "
             f"helps {helped} of {len(self.sessions)}."
         )
 
@@ -93,46 +88,27 @@ class SharedFinding:
             "found": self.is_shared,
             "sentence": self.sentence,
             "stage": curve.stage,
-            "log_evidence_over_own": curve.log_evidence_over_own,
+            "log_evidence_over_own": curve.log_evidence,
             "permutation_p": self.permutation_p,
             "permutations": len(self.shuffled),
             "gain": self.observed,
             "shuffled_gain": self.shuffled.tolist(),
             "left_out_gain": dict(zip(self.sessions, curve.left_out_gain.tolist(), strict=True)),
             "lacking": list(self.lacking),
-            "carried_by": [
-                {"muscle": curve.parts[i][0], "joint": curve.parts[i][1], "log_evidence_lost": float(lost)}
-                for i, lost in sorted(enumerate(curve.log_evidence_lost.tolist()), key=lambda p: -p[1])
-                if lost > 0.0
-            ],
+            "carried_by": curve.carriers(),
             "curves": [self._curve(c) for c in self.curves],
             "laws": [self._law(law) for law in self.laws],
             "would_decide": {"on": self.decided_on, "readings": [d.as_dict() for d in self.deciding]},
         }
 
     def _curve(self, curve: SharedCurve) -> dict[str, Any]:
-        return {
-            "stage": curve.stage,
-            "unit": UNITS[curve.stage],
-            "size": curve.size,
-            "log_evidence_over_own": curve.log_evidence_over_own,
+        body = curve.as_dict() | {
+            "log_evidence_over_own": curve.log_evidence,
             "left_out_gain": dict(zip(self.sessions, curve.left_out_gain.tolist(), strict=True)),
-            "postures_deg": [
-                dict(zip(curve.rotations, angles, strict=True))
-                for angles in np.rad2deg(curve.postures).round(3).tolist()
-            ],
-            "parts": [
-                {
-                    "muscle": muscle,
-                    "joint": joint,
-                    "log_evidence_lost": float(curve.log_evidence_lost[i]),
-                    "mean": curve.mean[i].tolist(),
-                    "sd": curve.sd[i].tolist(),
-                    "own": {s: curve.own[k, i].tolist() for k, s in enumerate(self.sessions)},
-                }
-                for i, (muscle, joint) in enumerate(curve.parts)
-            ],
         }
+        for i, found in enumerate(body["parts"]):
+            found["own"] = {s: curve.own[k, i].tolist() for k, s in enumerate(self.sessions)}
+        return body
 
     def _law(self, law: SharedLaw) -> dict[str, Any]:
         return {
@@ -192,8 +168,8 @@ def shared_finding(
         return None
     told = tell or (lambda _: None)
     curves = Curves(fits)
-    searches = [StageSearch(fits, curves, stage) for stage in ("arms", "tension", "force")]
-    found = sorted([s.run() for s in searches], key=lambda c: -c.log_evidence_over_own)
+    searches = [StageSearch(fits, curves, stage) for stage in STAGES]
+    found = sorted([s.run() for s in searches], key=lambda c: -c.log_evidence)
     told(0.2)
     observed, shuffled = permuted(searches, permutations, lambda done: told(0.2 + 0.6 * done))
     laws = shared_laws(fits, found[0].nodes)

@@ -174,7 +174,7 @@ def _law(
     formula = None
     if offer.formula is not None:
         stage, joint, text, unit = offer.formula
-        formula = Hint(stage, joint, text, unit, offer.scale, float(value), evidence)
+        formula = Hint(stage, joint, text, unit, offer.scale, float(value), evidence, float(left_out.sum()))
     return SharedLaw(
         offer.name,
         offer.unit,

@@ -38,6 +38,7 @@ class Hint:
         scale: half of a plausible range of k.
         k: most probable value.
         log_evidence_gain: over the model as it is.
+        left_out_gain: log density that it adds to the cases, each predicted from all others.
         unseen: RMSE [N] of the validation forces by mount, without and with it.
     """
 
@@ -48,6 +49,7 @@ class Hint:
     scale: float
     k: float
     log_evidence_gain: float
+    left_out_gain: float
     unseen: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
@@ -62,6 +64,7 @@ class Hint:
             "joint": self.joint,
             "formula": self.formula.split("= ", 1)[1] if self.stage == "torque" else self.formula,
             "log_evidence_gain": self.log_evidence_gain,
+            "left_out_gain": self.left_out_gain,
             "unseen_rmse_N": {place: {"before": a, "after": b} for place, (a, b) in self.unseen.items()},
             "text": f"{self.formula} with k about {self.k:.3g} {self.unit} ({place}) explains part of what is left"
             f"{unseen}",
@@ -77,7 +80,7 @@ class Hint:
 
 
 def hints(fit: Optimum) -> tuple[Hint, ...]:
-    """Search the library of formulas beside an explanation, best first.
+    """Search the library of formulas beside an explanation; first what predicts cases best that it is not learned from.
 
     Args:
         fit: what acts besides; all that it leaves open is marginalised, something smooth left out.
@@ -88,17 +91,17 @@ def hints(fit: Optimum) -> tuple[Hint, ...]:
     columns = np.array([change.reshape(-1)[rows] * scale for _, scale, change in terms]).T
     node = fit.hyper.without_smooth(fit.best)
     a, s = fit.asked(columns, node)
-    noise = max(fit.freed(node)[0].misfit / max(len(rows), 1), 1.0)
-    a, s = a / noise, s / noise
-    gain = 0.5 * s**2 / (1.0 + a) - 0.5 * np.log1p(a)
+    spread = float(np.sqrt(max(fit.freed(node)[0].misfit / max(len(rows), 1), 1.0)))
+    a, s = a / spread**2, s / spread**2
+    gain, left_out = 0.5 * s**2 / (1.0 + a) - 0.5 * np.log1p(a), fit.left_out_gains(columns, node, spread)
     out: list[Hint] = []
-    for i in np.argsort(-gain)[:MOST]:
+    for i in np.argsort(-np.where(gain >= WORTH, left_out, -np.inf))[:MOST]:
         (stage, joint, formula, unit), scale, _ = terms[i]
-        if gain[i] < WORTH:
+        if gain[i] < WORTH or left_out[i] <= 0.0:
             break
         k = float(scale * s[i] / (1.0 + a[i]))
         unseen = unseen_errors(fit, node, k * terms[i][2])
-        out.append(Hint(stage, joint, formula, unit, scale, k, float(gain[i]), unseen))
+        out.append(Hint(stage, joint, formula, unit, scale, k, float(gain[i]), float(left_out[i]), unseen))
     return tuple(out)
 
 

@@ -4,7 +4,7 @@ import { compact, masses, number, percent, within, withUnit, words } from "../fo
 import { figure } from "../plot.js";
 
 const FIGURES = [["residual_map", "Where the model fails"], ["missing_torque", "The joint torque that is missing"], ["ranking", "Which explanation"],
-  ["size", "Size of the effect"], ["sensitivity", "Sensitivity analysis"], ["confounding", "What cannot be told apart"], ["held_out", "Validation cases, before and after"]];
+  ["size", "Size of the effect"], ["sensitivity", "Sensitivity analysis"], ["confounding", "What cannot be told apart"], ["held_out", "Validation cases, before and after"], ["own_curve", "What no effect explains"]];
 const COLOURS = { found: "good", nothing_missing: "good", one_of: "warn", none_of_catalogue: "warn", undecided: "warn" };
 const name = (r) => r.candidates.join(" + ") || (r.effects.length ? "something else" : "nothing is missing");
 
@@ -49,7 +49,7 @@ export function answer(job, { session, model, add, amend, keep, planned, signal 
     body.nulls.every((n) => n.verdict === "not_tested") ? quiet("This session's load cases allow none.") : null),
     body.ready_made?.length ? panel("Known to happen in rigs, outside the catalogue", body.ready_made.map((k) => el("p", {}, k.text, `; probability ${percent(k.probability)}. `,
       el("button", { class: "small", onclick: () => add([k.effect]) }, `Add ${k.effect}, and refit`)))) : null,
-    body.hints.length ? panel("Hints: a place and a formula", body.hints.map((h) => el("p", {}, h.text, " ", el("code", {}, h.effect.formula), " ",
+    body.hints.length ? panel("Hints: a place and a formula", body.curve ? el("p", {}, body.curve.sentence, " See the figure “What no effect explains”.") : null, body.hints.map((h) => el("p", {}, h.text, " ", el("code", {}, h.effect.formula), " ",
       el("button", { class: "small", onclick: () => keep({ formula: h.effect.formula }) }, "Take it in as an effect")))) : null,
     panel("What to measure next", quiet(body.next_sentence), body.next_cases.length ? next(body, planned) : null,
       body.instruments.length ? el("p", {}, `Or: ${body.instruments.join("; ")}.`) : null),

@@ -114,6 +114,7 @@ _TITLES = {
     "confounding": "What cannot be told apart",
     "revisions": "Error before and after",
     "held_out": "Residuals of the validation cases, before and after",
+    "own_curve": "What no effect explains, as a smooth error by tendon and joint",
     "shared_curve": "What several sessions share beyond the catalogue, by tendon and joint",
     "shared_chance": "Whether chance would do as well",
     "waterfall": "The fall of the error, step by step",

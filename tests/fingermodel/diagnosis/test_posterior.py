@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import Hyperparameters
@@ -14,6 +15,8 @@ from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, 
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.settings import FORM_NAMED
 from server.workflow import open_bench
+
+Floats = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
@@ -46,18 +49,8 @@ def sheath(fitter: Fitter, nothing: Optimum) -> Optimum:
 
 @pytest.mark.parametrize("axes", [(0, 0, 0, 0, 0, 0, 0), (4, 1, 2, 3, 3, 0, 0), (2, 0, 0, 2, 0, 3, 2)])
 def test_evidence_is_that_of_the_dense_gaussian(nothing: Optimum, axes: tuple[int, ...]) -> None:
-    fit, node = nothing, axes
-    freed, of_noise = fit.freed(node)
-    values, names = fit.hyper.values(node), fit.acting(node)
-    n = len(fit.residual)
-    covariance = np.zeros((n, n))
-    for rows, blocks in fit.session.fitted_noise.covariances(values.scatter, values.noise, ()):
-        covariance[rows[:, :, None], rows[:, None, :]] = blocks
-    y = fit.residual.copy()
-    for name in [*names, OWN]:
-        columns = fit.block(name, fit.session.fitted, fit.slopes)
-        covariance += fit.width(name, node) ** 2 * columns @ columns.T
-        y += columns @ fit.place(name)
+    freed, of_noise = nothing.freed(axes)
+    y, covariance = dense(nothing, axes)
     expected = -0.5 * y @ np.linalg.solve(covariance, y) - 0.5 * np.linalg.slogdet(covariance)[1]
     assert freed.log_evidence + of_noise == pytest.approx(expected, abs=1e-4)
 
@@ -70,6 +63,39 @@ def test_further_columns_are_informed_beside_all_that_acts(nothing: Optimum, axe
     np.testing.assert_allclose(np.diag(information), single, rtol=1e-6)
     np.testing.assert_allclose(score, own, rtol=1e-6, atol=1e-6 * np.abs(own).max())
     np.testing.assert_allclose(information, information.T, atol=1e-9 * information.max())
+
+
+def dense(fit: Optimum, node: tuple[int, ...]) -> tuple[Floats, Floats]:
+    """Readings (n,) and covariance (n, n) of everything that acts at a node."""
+    values, n = fit.hyper.values(node), len(fit.residual)
+    covariance, y = np.zeros((n, n)), fit.residual.copy()
+    for rows, blocks in fit.session.fitted_noise.covariances(values.scatter, values.noise, ()):
+        covariance[rows[:, :, None], rows[:, None, :]] = blocks
+    for name in [*fit.acting(node), OWN]:
+        columns = fit.block(name, fit.session.fitted, fit.slopes)
+        covariance += fit.width(name, node) ** 2 * columns @ columns.T
+        y += columns @ fit.place(name)
+    return y, covariance
+
+
+@pytest.mark.parametrize("spread", [1.0, 3.0])
+def test_cases_are_left_out_as_the_dense_gaussian_leaves_them_out(nothing: Optimum, spread: float) -> None:
+    node, cases = (4, 1, 2, 3, 3, 0, 0), nothing.session.fitted_noise.cases
+    column = 0.01 * np.random.default_rng(5).normal(size=len(cases))
+
+    def log_density(column: Floats) -> float:
+        y, covariance = dense(nothing, node)
+        covariance = spread**2 * covariance + np.outer(column, column)
+        precision = np.linalg.inv(covariance)
+        away, out = precision @ y, 0.0
+        for case in np.unique(cases):
+            own = np.flatnonzero(cases == case)
+            block = precision[np.ix_(own, own)]
+            out += 0.5 * np.linalg.slogdet(block)[1] - 0.5 * away[own] @ np.linalg.solve(block, away[own])
+        return float(out)
+
+    found = nothing.left_out_gains(column[:, None], node, spread)[0]
+    assert found == pytest.approx(log_density(column) - log_density(0.0 * column), abs=1e-4)
 
 
 def test_the_true_effect_is_far_more_probable(nothing: Optimum, hanger: Optimum, sheath: Optimum) -> None:

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.several_sessions.shared_law import Said, gain, p_value
+from fingermodel.diagnosis.posterior.curves import Said, gain
+from fingermodel.diagnosis.several_sessions.shared_law import p_value
 
 Floats = NDArray[np.float64]
 
