@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from fingermodel.problems import Problem, residual_at
 
 Floats = NDArray[np.float64]
+# Of two parameters: they are listed from here on, and cannot be told apart from there on.
+CORRELATED, ALIKE = 0.9, 0.95
 Outcome = Literal["converged", "stalled", "too_many_evaluations", "not_finite"]
 
 
@@ -218,13 +220,11 @@ def _spent(jacobian: Floats, weight: Floats, moving: NDArray[np.bool_]) -> float
     return float(np.trace(np.linalg.pinv(data + np.diag(weight[moving])) @ data))
 
 
-def _correlated(
-    names: tuple[str, ...], covariance: Floats, at_least: float = 0.95
-) -> tuple[tuple[str, str, float], ...]:
+def _correlated(names: tuple[str, ...], covariance: Floats) -> tuple[tuple[str, str, float], ...]:
     sd = np.sqrt(np.diag(covariance))
     safe = np.where(sd > 0, sd, 1.0)
     correlation = np.triu(covariance / np.outer(safe, safe), 1)
-    pairs = np.argwhere(np.abs(correlation) >= at_least)
+    pairs = np.argwhere(np.abs(correlation) > CORRELATED)
     found = [(names[i], names[j], float(correlation[i, j])) for i, j in pairs]
     return tuple(sorted(found, key=lambda pair: -abs(pair[2])))
 
@@ -265,9 +265,9 @@ def _with_message(fit: Fit) -> Fit:
             f"(probability {sum(rivals):.2f}); "
             "the stated uncertainties cover them."
         )
-    if fit.correlated:
-        a, b, r = fit.correlated[0]
-        text.append(f"{len(fit.correlated)} pairs cannot be told apart (|r| >= 0.95), first {a} and {b} ({r:+.2f}).")
+    if alike := [pair for pair in fit.correlated if abs(pair[2]) >= ALIKE]:
+        a, b, r = alike[0]
+        text.append(f"{len(alike)} pairs cannot be told apart (|r| >= {ALIKE:g}), first {a} and {b} ({r:+.2f}).")
     return replace(fit, message=" ".join(text))
 
 

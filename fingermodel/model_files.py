@@ -12,7 +12,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -65,6 +65,7 @@ class Step:
         added: names of candidates added in this step.
         removed: and taken out.
         evidence: what spoke for it, such as its gain in log evidence.
+        alone: summary of errors of a refit without what is added, so that nobody takes its share for the effect's.
         history: of the revisions before, oldest first.
     """
 
@@ -72,6 +73,7 @@ class Step:
     added: tuple[str, ...] = ()
     removed: tuple[str, ...] = ()
     evidence: dict[str, Any] | None = None
+    alone: Mapping[str, Any] | None = None
     history: tuple[dict[str, Any], ...] = ()
 
 
@@ -154,25 +156,41 @@ def revision_document(
     digest = hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()[:12]
     created = dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
     identity = {"format": FORMAT, "id": f"{session}-{digest}", "created_utc": created}
-    own = {
-        "id": identity["id"],
+    plane = model.finger.judged_in
+    history = list(step.history) or [_told(parent, None, None, _rmse(before, plane))]
+    gain = (step.evidence or {}).get("log_evidence_gain")
+    alone = None if step.alone is None else _rmse(step.alone, plane)
+    if alone is not None and _differ(alone, history[-1]["rmse_N"]):
+        history.append(_told(None, parent, None, alone, removed=step.removed))
+    # What the refit in between took out already is no change of this step.
+    history.append(_told(identity["id"], parent, created, _rmse(after, plane), step.added, step.removed, gain))
+    return identity | body | {"history": history}
+
+
+def _told(
+    name: str | None,
+    parent: str | None,
+    created: str | None,
+    rmse_N: Mapping[str, float | None],
+    added: Sequence[str] = (),
+    removed: Sequence[str] = (),
+    gain: float | None = None,
+) -> dict[str, Any]:
+    """One step of a model's history; a refit that was kept nowhere has no id."""
+    return {
+        "id": name,
         "parent": parent,
         "created_utc": created,
-        "added": list(step.added),
-        "removed": list(step.removed),
-        "log_evidence_gain": (step.evidence or {}).get("log_evidence_gain"),
-        "rmse_N": _rmse(after, model.finger.judged_in),
+        "added": list(added),
+        "removed": list(removed),
+        "log_evidence_gain": gain,
+        "rmse_N": dict(rmse_N),
     }
-    start: dict[str, Any] = {
-        "id": parent,
-        "parent": None,
-        "created_utc": None,
-        "added": [],
-        "removed": [],
-        "log_evidence_gain": None,
-        "rmse_N": _rmse(before, model.finger.judged_in),
-    }
-    return identity | body | {"history": [*(step.history or (start,)), own]}
+
+
+def _differ(a: Mapping[str, float | None], b: Mapping[str, float | None]) -> bool:
+    """Whether errors differ by a printed digit."""
+    return any(abs((a[place] or 0.0) - (b.get(place) or 0.0)) >= 5e-4 for place in a)
 
 
 def _rmse(summary: Mapping[str, Any], plane: str) -> dict[str, float | None]:

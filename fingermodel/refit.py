@@ -27,7 +27,12 @@ Floats = NDArray[np.float64]
 SEED = 20191107
 
 
-def refit_map(problem: Problem, start: Floats | None = None, starts: int = 1) -> Fit:
+def refit_map(
+    problem: Problem,
+    start: Floats | None = None,
+    starts: int = 1,
+    progress: Callable[[float], None] | None = None,
+) -> Fit:
     """Solve a problem by bounded Levenberg–Marquardt and describe its optimum.
 
     Args:
@@ -35,6 +40,7 @@ def refit_map(problem: Problem, start: Floats | None = None, starts: int = 1) ->
         start: (parameters,) instead of the priors' centre.
         starts: how many; those after the first are drawn from the priors. One finds an optimum, several find out
             whether there are others that fit as well.
+        progress: called with the fraction of the starts that are done.
     """
     began = time.perf_counter()
     optima, evaluations = [], 0
@@ -42,6 +48,8 @@ def refit_map(problem: Problem, start: Floats | None = None, starts: int = 1) ->
         solution = solve(problem, guess)
         evaluations += int(solution.evaluations)
         optima.append(_optimum(problem, solution))
+        if progress is not None:
+            progress(len(optima) / starts)
     seconds = time.perf_counter() - began
     before = objective_at(problem, problem.model.parameters.initial)
     return describe(problem, optima, "map", before, evaluations, seconds)

@@ -12,13 +12,26 @@ from typer.exceptions import TyperException
 
 from daq.errors import InputError
 from server import cli_bench, cli_fingers, cli_service
-from server.cli_options import EffectFiles, Figures, Json, ModelOption, Session, app
+from server.cli_options import (
+    BEGIN,
+    OUT,
+    SESSION,
+    STUDY,
+    EffectFiles,
+    Figures,
+    Json,
+    ModelOption,
+    Session,
+    app,
+    effects_like,
+    sessions_like,
+)
 
 # Its commands are there once it is imported.
 __all__ = ["app", "cli_bench", "cli_fingers", "cli_service", "main"]
 
 
-@app.command()
+@app.command(rich_help_panel=SESSION)
 def check(session: Session, json: Json = None) -> None:
     """Validate a session: format, windows, plateaus, drift, saturation, gaps."""
     from server.commands.bench import check_session
@@ -26,25 +39,27 @@ def check(session: Session, json: Json = None) -> None:
     raise typer.Exit(check_session(session, json))
 
 
-@app.command()
+@app.command(rich_help_panel=SESSION)
 def amend(
     session: Session,
     case: Annotated[str | None, typer.Argument(help="The load case that was entered wrongly.")] = None,
     tendon: Annotated[
         list[str] | None,
-        typer.Option(metavar="TRUE=ENTERED", help="FDS=FDP: the weight hung on FDS, where FDP was entered."),
+        typer.Option(metavar="TRUE=ENTERED", help="FDS=FDP says that the weight hung on FDS, where FDP was entered."),
     ] = None,
     mass: Annotated[
-        list[str] | None, typer.Option(metavar="TENDON=GRAMS", help="What really hung there; 0 for nothing.")
+        list[str] | None, typer.Option(metavar="TENDON=GRAMS", help="Say what really hung there; 0 stands for nothing.")
     ] = None,
-    posture: Annotated[str | None, typer.Option(help="The posture that was really set.")] = None,
+    posture: Annotated[str | None, typer.Option(help="Name the posture that was really set.")] = None,
     exchange: Annotated[
-        str | None, typer.Option(metavar="CASE", help="Another case, entered in this one's place.")
+        str | None, typer.Option(metavar="CASE", help="Name another case that was entered in this one's place.")
     ] = None,
     exclude: Annotated[bool, typer.Option("--exclude", help="Leave the case out.")] = False,
     undo: Annotated[bool, typer.Option("--undo", help="Take the case's last amendment back.")] = False,
-    why: Annotated[str | None, typer.Option(help="How it is known; kept with the amendment.")] = None,
-    by: Annotated[str | None, typer.Option(metavar="NAME", help="Who says so.")] = None,
+    why: Annotated[str | None, typer.Option(help="Say how it is known; this is kept with the amendment.")] = None,
+    by: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Say who amends it; by default the user of this machine.")
+    ] = None,
     json: Json = None,
 ) -> None:
     """Say what a load case really was; the entry stays, and the amendment is heeded and shown everywhere."""
@@ -65,15 +80,18 @@ def amend(
     )
 
 
-@app.command()
-def friction(sessions: Annotated[list[str], typer.Argument(help="One or more sessions.")], json: Json = None) -> None:
+@app.command(rich_help_panel=SESSION)
+def friction(
+    sessions: Annotated[list[str], typer.Argument(autocompletion=sessions_like, help="Name one or more sessions.")],
+    json: Json = None,
+) -> None:
     """Find the friction factor by force balance (Synek 2019 Eq 1): per case, specimen and pooled."""
     from server.commands.bench import friction_of
 
     friction_of(sessions, json)
 
 
-@app.command()
+@app.command(rich_help_panel=SESSION)
 def compare(
     session: Session, model: ModelOption = None, effect: EffectFiles = None, figures: Figures = None, json: Json = None
 ) -> None:
@@ -83,13 +101,13 @@ def compare(
     compare_session(session, model, effect or [], figures, json)
 
 
-@app.command()
+@app.command(rich_help_panel=STUDY)
 def invert(
     session: Session,
     closure: Annotated[
         Literal["minimal", "chao", "least_squares"],
         typer.Option(
-            help="What settles which tendon pulls: four muscles without a hood; the hood's sharing laws; least stress."
+            help="Settle which tendon pulls: by four muscles without a hood, by the hood's laws, or by least stress."
         ),
     ] = "chao",
     model: ModelOption = None,
@@ -102,21 +120,21 @@ def invert(
     invert_session(session, closure, model, figures, json)
 
 
-@app.command()
+@app.command(rich_help_panel=SESSION)
 def refit(
     session: Session,
     method: Annotated[
         Literal["map", "slsqp"],
-        typer.Option(help="map: all parameters at once with priors; slsqp: the three published problems of Eq 5."),
+        typer.Option(help="map fits all parameters at once, with priors; slsqp solves the three problems of Eq 5."),
     ] = "map",
     model: ModelOption = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="MODEL", help="Where to write the revision; by default models/SESSION-rN.json."),
+        typer.Option(metavar="MODEL", help="Write the revision there; by default to models/SESSION-rN.json."),
     ] = None,
     plane: Annotated[
         Literal["sagittal", "space"] | None,
-        typer.Option(help="Force components to fit; by default what the finger's axes can predict."),
+        typer.Option(help="Fit these force components; by default those that the finger's axes can predict."),
     ] = None,
     effect: EffectFiles = None,
     figures: Figures = None,
@@ -128,26 +146,29 @@ def refit(
     refit_session(session, method, model, out, plane, effect or [], figures, json)
 
 
-@app.command()
+@app.command(rich_help_panel=SESSION)
 def diagnose(
-    sessions: Annotated[list[str], typer.Argument(help="One session, or several: then pooled as well.")],
+    sessions: Annotated[
+        list[str], typer.Argument(autocompletion=sessions_like, help="Name one session; several are also pooled.")
+    ],
     model: ModelOption = None,
     thorough: Annotated[
-        bool, typer.Option(help="More starts and pairs, and every single to its end; may take a minute.")
+        bool,
+        typer.Option(help="Try more starts and pairs, and every single effect to its end; this may take a minute."),
     ] = False,
     effect: EffectFiles = None,
     frozen: Annotated[
         list[Path] | None,
-        typer.Option(
-            metavar="FILE", help="Predictions of `next --freeze` to hold against; by default those in models."
-        ),
+        typer.Option(metavar="FILE", help="Score these predictions of `next --freeze`; by default those in models."),
     ] = None,
     permutations: Annotated[
-        int, typer.Option(metavar="N", help="Of several sessions: shuffles that hold what they share against chance.")
+        int, typer.Option(metavar="N", help="With several sessions, hold what they share against so many shuffles.")
     ] = 199,
     law: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Of several sessions: write the best law that they share as an effect file."),
+        typer.Option(
+            metavar="FILE", help="With several sessions, write the best law that they share as an effect file."
+        ),
     ] = None,
     figures: Figures = None,
     json: Json = None,
@@ -167,7 +188,7 @@ def diagnose(
     diagnose_session(sessions[0], model, thorough, effect or [], frozen, figures, json)
 
 
-@app.command("next")
+@app.command("next", rich_help_panel=SESSION)
 def next_load_cases(
     session: Session,
     model: ModelOption = None,
@@ -176,7 +197,7 @@ def next_load_cases(
         bool, typer.Option(help="Write the explanations' predictions down before they are measured.")
     ] = False,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Where to freeze; by default models/SESSION-frozen-….json.")
+        Path | None, typer.Option(metavar="FILE", help="Freeze them there; by default in models/SESSION-frozen-….json.")
     ] = None,
     json: Json = None,
 ) -> None:
@@ -186,20 +207,25 @@ def next_load_cases(
     next_cases(session, model, effect or [], freeze, out, json)
 
 
-@app.command()
+@app.command(rich_help_panel=SESSION)
 def add(
-    names: Annotated[list[str], typer.Argument(metavar="EFFECT... SESSION", help="Effects, then the session.")],
+    names: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="EFFECT... SESSION", autocompletion=effects_like, help="Name the effects, then the session."
+        ),
+    ],
     without: Annotated[
-        list[str] | None, typer.Option(metavar="EFFECT", help="An effect to take out of the model; repeatable.")
+        list[str] | None, typer.Option(metavar="EFFECT", help="Take this effect out of the model; repeatable.")
     ] = None,
     model: ModelOption = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="MODEL", help="Where to write the revision; by default models/SESSION-rN.json."),
+        typer.Option(metavar="MODEL", help="Write the revision there; by default to models/SESSION-rN.json."),
     ] = None,
     shared: Annotated[
         list[str] | None,
-        typer.Option(metavar="SESSION", help="Another session to add them to as well; repeatable."),
+        typer.Option(metavar="SESSION", help="Add the effects to this session as well; repeatable."),
     ] = None,
     figures: Figures = None,
     json: Json = None,
@@ -210,9 +236,12 @@ def add(
     add_to_sessions(names, shared or [], without or [], model, out, figures, json)
 
 
-@app.command()
+@app.command(rich_help_panel=SESSION)
 def effects(
-    name: Annotated[str | None, typer.Argument(help="One effect; all by default.")] = None, json: Json = None
+    name: Annotated[
+        str | None, typer.Argument(autocompletion=effects_like, help="Name one effect; by default all are listed.")
+    ] = None,
+    json: Json = None,
 ) -> None:
     """Show the catalogue: formula, parameters, units, ranges, source."""
     from server.commands.additions import show_effects
@@ -220,9 +249,9 @@ def effects(
     show_effects(name, json)
 
 
-@app.command()
+@app.command(rich_help_panel=STUDY)
 def reproduce(
-    study: Annotated[str, typer.Argument(help="Published study; a name that is none lists them.")],
+    study: Annotated[str, typer.Argument(help="Name a published study; a name that is none lists them.")],
     figures: Figures = None,
     json: Json = None,
 ) -> None:
@@ -232,16 +261,19 @@ def reproduce(
     reproduce_study(study, figures, json)
 
 
-@app.command()
+@app.command(rich_help_panel=STUDY)
 def move(
-    motion: Annotated[str, typer.Argument(help="A movement file (motion/1), or a shipped one.")] = "wu2008_tap",
+    motion: Annotated[
+        str, typer.Argument(help="Name a movement file (motion/1), or a shipped movement.")
+    ] = "wu2008_tap",
     finger: Annotated[
-        str, typer.Option(metavar="FINGER", help="A finger file or a shipped finger, with the inertia of its bones.")
+        str,
+        typer.Option(metavar="FINGER", help="Name a finger file or a shipped finger, with the inertia of its bones."),
     ] = "wu2008_index",
     muscles: Annotated[
-        str, typer.Option(metavar="MUSCLES", help="A muscle file (muscles/1), or a shipped set.")
+        str, typer.Option(metavar="MUSCLES", help="Name a muscle file (muscles/1), or a shipped set.")
     ] = "wu2008",
-    steps: Annotated[int, typer.Option(help="Instants over the movement.")] = 200,
+    steps: Annotated[int, typer.Option(help="Compute so many instants over the movement.")] = 200,
     out: Annotated[Path | None, typer.Option(metavar="CSV", help="Write the time courses there.")] = None,
     figures: Figures = None,
     json: Json = None,
@@ -252,34 +284,35 @@ def move(
     move_finger(motion, finger, muscles, steps, out, figures, json)
 
 
-@app.command("activate")
+@app.command("activate", rich_help_panel=STUDY)
 def activate_muscles(
-    finger: Annotated[str, typer.Argument(help="A finger file or a shipped finger.")] = "barry2018_index",
+    finger: Annotated[str, typer.Argument(help="Name a finger file or a shipped finger.")] = "barry2018_index",
     muscles: Annotated[
         str | None,
         typer.Option(
-            metavar="MUSCLES", help="A muscle file (muscles/1) or a shipped set; by default the finger's own."
+            metavar="MUSCLES", help="Name a muscle file (muscles/1) or a shipped set; by default the finger's own."
         ),
     ] = None,
     posture: Annotated[
-        list[str] | None, typer.Option(metavar="ANGLE=DEG", help="An angle of the posture; repeatable.")
+        list[str] | None, typer.Option(metavar="ANGLE=DEG", help="Set an angle of the posture; repeatable.")
     ] = None,
     activation: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="MUSCLE=PERCENT", help="Of the baseline; the others rest. By default all are fully active."
+            metavar="MUSCLE=PERCENT",
+            help="Set a muscle's baseline activation; the others rest. By default all are fully active.",
         ),
     ] = None,
     force: Annotated[
         list[str] | None,
         typer.Option(
             metavar="DIRECTION=N",
-            help="Baseline by tip force: palmar, dorsal, radial, ulnar, proximal, distal; repeatable.",
+            help="Set the baseline by its tip force: palmar, dorsal, radial, ulnar, proximal, distal; repeatable.",
         ),
     ] = None,
     deficit: Annotated[
         list[str] | None,
-        typer.Option(metavar="MUSCLE=PERCENT", help="What it loses of its activation; several act together."),
+        typer.Option(metavar="MUSCLE=PERCENT", help="Say what a muscle loses of its activation; several act together."),
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="CSV", help="Write every muscle's deficits there.")] = None,
     figures: Figures = None,
@@ -291,19 +324,22 @@ def activate_muscles(
     activate_finger(finger, muscles, posture or [], activation or [], force or [], deficit or [], out, figures, json)
 
 
-@app.command()
+@app.command(rich_help_panel=OUT)
 def export(
-    source: Annotated[str, typer.Argument(help="A session, or a model: a revision; for osim and mjcf also a finger.")],
+    source: Annotated[
+        str, typer.Argument(help="Name a session or a revision of a model; for osim and mjcf also a finger.")
+    ],
     file_format: Annotated[
         Literal["csv", "parquet", "hdf5", "c3d", "mat", "supplement", "osim", "mjcf"],
         typer.Option(
             "--format",
-            help="What to write; supplement: one archive for a paper, without private names; osim and mjcf: the finger "
-            "for OpenSim or MuJoCo.",
+            help="Choose what to write: supplement is one archive for a paper, without private names; "
+            "osim and mjcf hold the finger for OpenSim or MuJoCo.",
         ),
     ] = "csv",
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="By default NAME with the format's ending, in this folder.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Write this file; by default NAME with the format's ending, in this folder."),
     ] = None,
     model: ModelOption = None,
     json: Json = None,
@@ -314,17 +350,22 @@ def export(
     export_source(source, file_format, out, model, json)
 
 
-@app.command()
+@app.command(rich_help_panel=STUDY)
 def simulate(
-    protocol: Annotated[str, typer.Argument(help="Protocol file, or a shipped one: synek2019, levels, friction.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the new session.")],
+    protocol: Annotated[
+        str, typer.Argument(help="Name a protocol file, or a shipped protocol: synek2019, levels, friction.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Write the new session in this folder.")],
     model: Annotated[
-        str, typer.Option("--model", metavar="FILE", help="The finger of the rig: a revision, finger file or name.")
+        str,
+        typer.Option(
+            "--model", metavar="FILE", help="Use this finger in the rig: a revision, a finger file or a shipped finger."
+        ),
     ] = "an1979_middle",
-    rate_hz: Annotated[float, typer.Option(help="Sampling rate [Hz].")] = 100.0,
-    noise: Annotated[float, typer.Option("--noise-N", help="Noise of one force reading [N].")] = 0.03,
-    repeats: Annotated[int, typer.Option(help="How often the protocol is run.")] = 1,
-    seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
+    rate_hz: Annotated[float, typer.Option(help="Sample at this rate [Hz].")] = 100.0,
+    noise: Annotated[float, typer.Option("--noise-N", help="Set the noise's sd in one force reading [N].")] = 0.03,
+    repeats: Annotated[int, typer.Option(help="Run the protocol so often.")] = 1,
+    seed: Annotated[int, typer.Option(help="Begin the noise's random numbers with this seed.")] = 0,
     json: Json = None,
 ) -> None:
     """Write the session that a simulated rig would record: to plan an experiment, or to try everything."""
@@ -333,9 +374,9 @@ def simulate(
     simulate_rig(protocol, out, model, rate_hz, noise, repeats, seed, json)
 
 
-@app.command()
+@app.command(rich_help_panel=BEGIN)
 def demo(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report.")] = Path("demo-output"),
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Write the reports in this folder.")] = Path("demo-output"),
 ) -> None:
     """Run the main job on shipped data: replay, check, compare, refit, and the falling error."""
     from server.commands.demo import run_demo

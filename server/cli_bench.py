@@ -8,38 +8,50 @@ from typing import Annotated, Literal
 import typer
 
 from daq.errors import InputError
-from server.cli_options import Json, ModelOption, ServiceOption, app
+from server.cli_options import BENCH, Json, ModelOption, ServiceOption, app
 
 
-@app.command()
+@app.command(rich_help_panel=BENCH)
 def log(
-    driver: Annotated[str, typer.Option(metavar="NAME", help="A driver, or 'list'.")],
+    driver: Annotated[str, typer.Option(metavar="NAME", help="Name a driver; 'list' shows them all.")],
     port: Annotated[
-        str | None, typer.Option(help="Serial port, host, or file, by the driver: COM3, 192.168.1.1, readings.csv.gz.")
+        str | None,
+        typer.Option(
+            help="Name the serial port, host or file, as the driver needs: COM3, 192.168.1.1, readings.csv.gz."
+        ),
     ] = None,
-    baud: Annotated[int | None, typer.Option(help="Of the serial port; by default the device's.")] = None,
+    baud: Annotated[int | None, typer.Option(help="Set the serial port's rate; by default the device's.")] = None,
     setting: Annotated[
-        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A setting of the driver; repeatable.")
+        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="Set something of the driver; repeatable.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the log.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write the log in this folder.")] = None,
     copy_to: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="A checked copy of the journal goes there at the end.")
+        Path | None, typer.Option(metavar="DIR", help="Write a checked copy of the journal there at the end.")
     ] = None,
-    seconds: Annotated[float | None, typer.Option(help="End after so long; by default on Ctrl-C.")] = None,
-    cell: Annotated[str | None, typer.Option(help="Model of the load cell, such as 'ATI Nano17-E SI-25-0.25'.")] = None,
-    serial: Annotated[str | None, typer.Option(help="Its serial number.")] = None,
-    calibration: Annotated[str | None, typer.Option(help="Its calibration: certificate's number, or file.")] = None,
+    seconds: Annotated[float | None, typer.Option(help="End after so many seconds; by default on Ctrl-C.")] = None,
+    cell: Annotated[
+        str | None, typer.Option(help="State the load cell's model, such as 'ATI Nano17-E SI-25-0.25'.")
+    ] = None,
+    serial: Annotated[str | None, typer.Option(help="State the load cell's serial number.")] = None,
+    calibration: Annotated[
+        str | None, typer.Option(help="State the load cell's calibration: the certificate's number, or its file.")
+    ] = None,
     protocol: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="Follow a protocol: a shipped one (levels, friction, …), or a file."),
     ] = None,
     setup: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Specimen, finger, mounts and known weight (bench-setup/1).")
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Read specimen, finger, mounts and known weight from this file (bench-setup/1)."
+        ),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with a bench session that broke off.")] = False,
     model: ModelOption = None,
     to: ServiceOption = None,
-    session: Annotated[str | None, typer.Option(help="Its session there; by default the folder's name.")] = None,
+    session: Annotated[
+        str | None, typer.Option(help="Name the session at the service; by default as the folder.")
+    ] = None,
     json: Json = None,
 ) -> None:
     """Log a load cell into a journal that survives a pulled plug; with --protocol a whole bench session."""
@@ -57,13 +69,18 @@ def log(
     log_cell(options, json)
 
 
-@app.command()
+@app.command(rich_help_panel=BENCH)
 def replay(
-    recording: Annotated[str, typer.Argument(help="A session, a readings file, or a journal.")],
+    recording: Annotated[str, typer.Argument(help="Name a session, a readings file, or a journal.")],
     to: ServiceOption = None,
-    session: Annotated[str | None, typer.Option(help="Its session there; by default the recording's name.")] = None,
-    speed: Annotated[str, typer.Option(metavar="N|max", help="Times real time, or as fast as it goes.")] = "max",
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Keep the journal there.")] = None,
+    session: Annotated[
+        str | None, typer.Option(help="Name the session at the service; by default as the recording.")
+    ] = None,
+    speed: Annotated[
+        str,
+        typer.Option(metavar="N|max", help="Play so many times faster than it was recorded, or as fast as possible."),
+    ] = "max",
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Keep the journal in this folder.")] = None,
     json: Json = None,
 ) -> None:
     """Stream a recorded session to a service, through the same decoder and journal as a load cell."""
@@ -72,36 +89,48 @@ def replay(
     replay_session(recording, to, session, speed, out, json)
 
 
-@app.command("simulate-cell")
+@app.command("simulate-cell", rich_help_panel=BENCH)
 def simulate_cell(
-    device: Annotated[str, typer.Argument(help="A driver's name, or 'list'.")],
+    device: Annotated[str, typer.Argument(help="Name a driver; 'list' shows them all.")],
     play: Annotated[
-        str, typer.Option(metavar="WHAT", help="A session, a readings file, or a protocol for a simulated rig.")
+        str,
+        typer.Option(
+            metavar="WHAT", help="Play a session, a readings file, or a protocol that a simulated rig follows."
+        ),
     ] = "synek2019",
-    wire: Annotated[Literal["pty", "tcp", "udp"] | None, typer.Option(help="By default what fits.")] = None,
-    port: Annotated[int, typer.Option(help="Of TCP or UDP; 0 is any free one.")] = 0,
-    link: Annotated[str | None, typer.Option(metavar="PATH", help="A name of its own for the pseudo-terminal.")] = None,
+    wire: Annotated[
+        Literal["pty", "tcp", "udp"] | None,
+        typer.Option(help="Choose the connection; by default what fits the device."),
+    ] = None,
+    port: Annotated[int, typer.Option(help="Listen on this TCP or UDP port; 0 takes any free one.")] = 0,
+    link: Annotated[str | None, typer.Option(metavar="PATH", help="Give the pseudo-terminal this name.")] = None,
     setting: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="Of gauge-volts: a setting of its driver; repeatable."),
+        typer.Option("--set", metavar="NAME=VALUE", help="Set something of the gauge-volts driver; repeatable."),
     ] = None,
-    rate_hz: Annotated[float, typer.Option(help="Of a simulated rig [Hz].")] = 100.0,
-    seconds: Annotated[float | None, typer.Option(help="End after so long.")] = None,
-    seed: Annotated[int, typer.Option(help="Of noise and faults.")] = 0,
-    noise_N: Annotated[float, typer.Option("--noise-N", help="Noise on top: its sd in each force [N].")] = 0.0,
-    noise_Nmm: Annotated[float, typer.Option("--noise-Nmm", help="Its sd in each torque [N mm].")] = 0.0,
-    noise_correlation: Annotated[float, typer.Option(help="With the next reading's noise; 0 is white.")] = 0.0,
-    drift_N: Annotated[float, typer.Option("--drift-N-per-min", help="Of each force's zero [N/min].")] = 0.0,
-    drift_Nmm: Annotated[float, typer.Option("--drift-Nmm-per-min", help="Of each torque's [N mm/min].")] = 0.0,
-    drop: Annotated[float, typer.Option("--drop-per-s", help="Bytes lost a second.")] = 0.0,
-    flip: Annotated[float, typer.Option("--flip-per-s", help="Bits turned a second.")] = 0.0,
-    lose: Annotated[float, typer.Option("--lose-per-s", help="Whole records lost a second.")] = 0.0,
-    burst_s: Annotated[float, typer.Option(help="Bytes are held back so long and come together [s].")] = 0.0,
-    pull_every_s: Annotated[float, typer.Option(help="The cable is pulled so often [s].")] = 0.0,
-    pull_for_s: Annotated[float, typer.Option(help="And stays out so long [s].")] = 2.0,
-    wrong_baud: Annotated[bool, typer.Option(help="Bytes are read at the wrong rate.")] = False,
-    count_from: Annotated[int, typer.Option(help="Where the device's count begins, so that it wraps soon.")] = 0,
-    saturate_every_s: Annotated[float, typer.Option(help="The load leaves the range for a second so often [s].")] = 0.0,
+    rate_hz: Annotated[float, typer.Option(help="Sample a simulated rig at this rate [Hz].")] = 100.0,
+    seconds: Annotated[float | None, typer.Option(help="End after so many seconds.")] = None,
+    seed: Annotated[int, typer.Option(help="Begin the random numbers of noise and faults with this seed.")] = 0,
+    noise_N: Annotated[float, typer.Option("--noise-N", help="Add noise of this sd to each force [N].")] = 0.0,
+    noise_Nmm: Annotated[float, typer.Option("--noise-Nmm", help="Add noise of this sd to each torque [N mm].")] = 0.0,
+    noise_correlation: Annotated[
+        float, typer.Option(help="Correlate the noise with the next reading's; 0 is white noise.")
+    ] = 0.0,
+    drift_N: Annotated[float, typer.Option("--drift-N-per-min", help="Let each force's zero drift [N/min].")] = 0.0,
+    drift_Nmm: Annotated[
+        float, typer.Option("--drift-Nmm-per-min", help="Let each torque's zero drift [N mm/min].")
+    ] = 0.0,
+    drop: Annotated[float, typer.Option("--drop-per-s", help="Lose so many bytes a second.")] = 0.0,
+    flip: Annotated[float, typer.Option("--flip-per-s", help="Flip so many bits a second.")] = 0.0,
+    lose: Annotated[float, typer.Option("--lose-per-s", help="Lose so many whole records a second.")] = 0.0,
+    burst_s: Annotated[float, typer.Option(help="Hold bytes back so long and send them together [s].")] = 0.0,
+    pull_every_s: Annotated[float, typer.Option(help="Pull the cable once in so long [s].")] = 0.0,
+    pull_for_s: Annotated[float, typer.Option(help="Leave the pulled cable out so long [s].")] = 2.0,
+    wrong_baud: Annotated[bool, typer.Option(help="Send bytes as if they were read at a wrong rate.")] = False,
+    count_from: Annotated[int, typer.Option(help="Begin the device's count there, so that it wraps soon.")] = 0,
+    saturate_every_s: Annotated[
+        float, typer.Option(help="Let the load leave the range for a second, once in so long [s].")
+    ] = 0.0,
     json: Json = None,
 ) -> None:
     """Behave as a load cell of a maker does, on a port of this machine, with faults on request."""
@@ -133,11 +162,11 @@ def simulate_cell(
 
 
 journal_app = typer.Typer(
-    help="The bench's log: check it, recover what is sound, export a stream, send again what was refused.",
+    help="Check a log, recover what is sound, export a stream, or send again what was refused.",
     no_args_is_help=True,
 )
-app.add_typer(journal_app, name="journal")
-JournalPath = Annotated[Path, typer.Argument(metavar="JOURNAL", help="The journal's file.")]
+app.add_typer(journal_app, name="journal", rich_help_panel=BENCH)
+JournalPath = Annotated[Path, typer.Argument(metavar="JOURNAL", help="Name the journal's file.")]
 
 
 @journal_app.command("check")
@@ -151,7 +180,7 @@ def journal_check(journal: JournalPath, json: Json = None) -> None:
 @journal_app.command("recover")
 def journal_recover(
     journal: JournalPath,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The new journal.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Write the new journal there.")],
     json: Json = None,
 ) -> None:
     """Write a new journal with all that is sound, and list what is lost."""
@@ -171,9 +200,13 @@ def journal_requeue(journal: JournalPath, json: Json = None) -> None:
 @journal_app.command("export")
 def journal_export(
     journal: JournalPath,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="By default JOURNAL.FORMAT in this folder.")] = None,
-    stream: Annotated[str | None, typer.Option(help="Its id, or the beginning of it, where there are several.")] = None,
-    file_format: Annotated[Literal["csv", "parquet"], typer.Option("--format", help="What to write.")] = "csv",
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write this file; by default JOURNAL.FORMAT in this folder.")
+    ] = None,
+    stream: Annotated[
+        str | None, typer.Option(help="Name the stream by the beginning of its id, where there are several.")
+    ] = None,
+    file_format: Annotated[Literal["csv", "parquet"], typer.Option("--format", help="Choose the file format.")] = "csv",
     json: Json = None,
 ) -> None:
     """Write a stream as a readings file, and its events as JSON beside it."""
@@ -182,26 +215,33 @@ def journal_export(
     run(journal, out, stream, file_format, json)
 
 
-@app.command("import")
+@app.command("import", rich_help_panel=BENCH)
 def import_recording(
     recording: Annotated[
-        Path, typer.Argument(help="A TDMS or LVM file; or a finger as OpenSim (.osim) or MJCF (.xml) file.")
+        Path, typer.Argument(help="Name a TDMS or LVM file, or a finger in an OpenSim (.osim) or MJCF (.xml) file.")
     ],
     mapping: Annotated[
         Path | None,
-        typer.Option("--map", metavar="FILE", help="Which channel is which; by default RECORDING.map.yaml."),
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="Read from this file which channel is which; by default from RECORDING.map.yaml.",
+        ),
     ] = None,
     calibration: Annotated[
-        str | None, typer.Option(metavar="FILE", help="The cell's .cal file, where the channels are gauge volts.")
+        str | None, typer.Option(metavar="FILE", help="Name the cell's .cal file, where the channels are gauge volts.")
     ] = None,
     load_point: Annotated[
         str | None,
         typer.Option(
-            metavar="'X Y Z'", help="Of a finger: where the clamp holds its last body [mm], if the file does not say."
+            metavar="'X Y Z'", help="Say where the clamp holds a finger's last body [mm], if the file does not."
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="By default NAME.parquet, a finger NAME.yaml, in this folder.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Write this file; by default NAME.parquet, or NAME.yaml for a finger, in this folder."
+        ),
     ] = None,
     json: Json = None,
 ) -> None:

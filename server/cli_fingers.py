@@ -7,32 +7,33 @@ from typing import Annotated
 
 import typer
 
-from server.cli_options import Figures, Json, app
+from server.cli_options import STUDY, Figures, Json, app
 
 
-@app.command()
+@app.command(rich_help_panel=STUDY)
 def scale(
-    finger: Annotated[str, typer.Argument(help="A shipped finger, or a finger file.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write the scaled finger (finger/1, .yaml).")],
+    finger: Annotated[str, typer.Argument(help="Name a shipped finger, or a finger file.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Write the scaled finger there (finger/1, .yaml).")],
     bone: Annotated[
         list[str] | None,
-        typer.Option(metavar="BONE=MM", help="Length of the specimen's bone, joint to joint [mm]; repeatable."),
+        typer.Option(metavar="BONE=MM", help="Give the length of a specimen's bone, joint to joint [mm]; repeatable."),
     ] = None,
     moment_arm: Annotated[
         list[str] | None,
         typer.Option(
             metavar="TENDON@JOINT=MM",
-            help="Mean moment arm over the postures [mm], flexion positive, such as FDP@MCP=10.2; repeatable.",
+            help="Give the mean moment arm over the postures [mm], flexion positive, such as FDP@MCP=10.2; repeatable.",
         ),
     ] = None,
     reference: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="BONE=MM", help="Length of the FINGER's own bone, if measured between other points; repeatable."
+            metavar="BONE=MM",
+            help="Give the length of FINGER's own bone, if measured between other points; repeatable.",
         ),
     ] = None,
     postures: Annotated[
-        str, typer.Option(metavar="SESSION", help="A session over whose postures moment arms are averaged.")
+        str, typer.Option(metavar="SESSION", help="Average moment arms over the postures of this session.")
     ] = "synek2019_HMEAN",
     json: Json = None,
 ) -> None:
@@ -42,7 +43,7 @@ def scale(
     scale_specimen(finger, bone or [], moment_arm or [], reference or [], postures, out, json)
 
 
-@app.command()
+@app.command(rich_help_panel=STUDY)
 def species(
     of: Annotated[
         str | None,
@@ -57,10 +58,16 @@ def species(
         typer.Option("--with", metavar="FINGER", help="Compare this one; by default the bonobo, or the session's own."),
     ] = None,
     of_session: Annotated[
-        str | None, typer.Option(metavar="SESSION", help="Forces measured on the first, and its loads and postures.")
+        str | None,
+        typer.Option(
+            metavar="SESSION", help="Take measured forces, loads and postures of the first finger from this session."
+        ),
     ] = None,
     with_session: Annotated[
-        str | None, typer.Option(metavar="SESSION", help="Forces measured on the second, and its loads and postures.")
+        str | None,
+        typer.Option(
+            metavar="SESSION", help="Take measured forces, loads and postures of the second finger from this session."
+        ),
     ] = None,
     figures: Figures = None,
     json: Json = None,

@@ -3,36 +3,90 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
+
+# Groups of commands, in the order in which help shows them.
+GROUPS = BEGIN, SESSION, BENCH, STUDY, OUT, SERVICE = (
+    "To begin",
+    "From a session to the missing effect",
+    "At the bench",
+    "Fingers, studies and plans",
+    "For other programs",
+    "Model service",
+)
+
+
+class Grouped(TyperGroup):
+    """A command group whose help lists its commands in groups, each with the whole sentence that it does."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the groups; commands of none stand under Commands."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for name, command in self.commands.items():
+            panel = getattr(command, "rich_help_panel", None)
+            group = panel if isinstance(panel, str) else "Commands"
+            groups.setdefault(group, []).append((name, (command.help or "").partition("\n")[0]))
+        for group in [*(g for g in GROUPS if g in groups), *(g for g in groups if g not in GROUPS)]:
+            with formatter.section(group):
+                formatter.write_dl(groups[group])
+
+
+def sessions_like(incomplete: str) -> list[str]:
+    """Names of shipped sessions, for the shell to complete; folders it knows itself."""
+    from daq.sessions import session_names
+
+    return [name for name in session_names() if name.startswith(incomplete)]
+
+
+def effects_like(incomplete: str) -> list[str]:
+    """Names of effects of the catalogue, and of sessions, for the shell to complete."""
+    from fingermodel.effects.catalogue import EFFECTS
+
+    return [name for name in EFFECTS if name.startswith(incomplete)] + sessions_like(incomplete)
+
 
 app = typer.Typer(
     name="fingertwin",
+    cls=Grouped,
     help="Log a load cell under a cadaver finger, compare it with a finger model, refit, and see the error fall.",
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 
-Session = Annotated[str, typer.Argument(help="Session folder, its session.yaml, or the name of a shipped session.")]
+Session = Annotated[
+    str,
+    typer.Argument(
+        autocompletion=sessions_like, help="Name a session's folder, its session.yaml, or a shipped session."
+    ),
+]
 Json = Annotated[
     str | None, typer.Option("--json", metavar="FILE", help="Write the answer as JSON ('-' for standard output).")
 ]
 ModelOption = Annotated[
     str | None,
     typer.Option(
-        "--model", metavar="FILE", help="A revision, a finger file or a shipped finger; by default the session's."
+        "--model",
+        metavar="FILE",
+        help="Use this model: a revision, a finger file or a shipped finger; by default the session's finger.",
     ),
 ]
 EffectFiles = Annotated[
     list[str] | None,
-    typer.Option("--effect", metavar="FILE", help="An effect of your own (.yaml formulas, or .py); repeatable."),
+    typer.Option(
+        "--effect",
+        metavar="FILE",
+        help="Add an effect of your own to the catalogue (.yaml formulas, or .py); repeatable.",
+    ),
 ]
 ServiceOption = Annotated[
-    str | None, typer.Option("--to", metavar="URL", help="A service that it goes to; a token in FINGERTWIN_TOKEN.")
+    str | None, typer.Option("--to", metavar="URL", help="Send it to this service, with the token in FINGERTWIN_TOKEN.")
 ]
 Figures = Annotated[
-    Path | None, typer.Option("--figures", metavar="DIR", help="Write figures there: one HTML page, PNG and SVG.")
+    Path | None,
+    typer.Option("--figures", metavar="DIR", help="Write figures in this folder: one HTML page, PNG and SVG."),
 ]

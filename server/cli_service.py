@@ -7,34 +7,39 @@ from typing import Annotated, Literal
 
 import typer
 
-from server.cli_options import Json, app
+from server.cli_options import SERVICE, Json, app
 
 Data = Annotated[
     Path | None,
-    typer.Option(metavar="DIR", help="Folder of the service's data; by default FINGERTWIN_DATA or the user's own."),
+    typer.Option(
+        metavar="DIR", help="Name the folder of the service's data; by default FINGERTWIN_DATA or the user's own."
+    ),
 ]
 DatabaseUrl = Annotated[
     str | None,
     typer.Option(
-        metavar="URL", help="Another database than SQLite in that folder: postgresql+psycopg://USER@HOST/NAME."
+        metavar="URL", help="Use another database than SQLite in that folder: postgresql+psycopg://USER@HOST/NAME."
     ),
 ]
 
 
-@app.command()
+@app.command(rich_help_panel=SERVICE)
 def serve(
     host: Annotated[
-        str | None, typer.Option(help="Address to listen on; any but this machine's own needs tokens [127.0.0.1].")
+        str | None, typer.Option(help="Listen on this address; any but this machine's own needs tokens [127.0.0.1].")
     ] = None,
-    port: Annotated[int | None, typer.Option(help="0 takes any free one [8765].")] = None,
+    port: Annotated[int | None, typer.Option(help="Listen on this port; 0 takes any free one [8765].")] = None,
     data: Data = None,
     database_url: DatabaseUrl = None,
     workers: Annotated[
-        int | None, typer.Option(help="Processes that refit and diagnose; by default half the cores, at most 4.")
+        int | None, typer.Option(help="Refit and diagnose in so many processes; by default half the cores, at most 4.")
     ] = None,
-    log_format: Annotated[Literal["text", "json"] | None, typer.Option(help="Of the log, on standard error.")] = None,
+    log_format: Annotated[
+        Literal["text", "json"] | None, typer.Option(help="Write the log in this format, on standard error.")
+    ] = None,
     log_level: Annotated[
-        Literal["debug", "info", "warning", "error"] | None, typer.Option(help="What the log holds [info].")
+        Literal["debug", "info", "warning", "error"] | None,
+        typer.Option(help="Log events of this level and above [info]."),
     ] = None,
     json: Json = None,
 ) -> None:
@@ -45,15 +50,15 @@ def serve(
     run(given | {"log_format": log_format, "log_level": log_level}, json)
 
 
-token_app = typer.Typer(help="Who may use the service from elsewhere.", no_args_is_help=True)
-app.add_typer(token_app, name="token")
+token_app = typer.Typer(help="Say who may use the service from elsewhere.", no_args_is_help=True)
+app.add_typer(token_app, name="token", rich_help_panel=SERVICE)
 
 
 @token_app.command("create")
 def token_create(
-    name: Annotated[str, typer.Argument(help="Who or what uses it.")],
-    role: Annotated[Literal["read", "write"], typer.Option(help="What it may do; write may read too.")],
-    days: Annotated[float | None, typer.Option(help="After which it ends; by default never.")] = None,
+    name: Annotated[str, typer.Argument(help="Name who or what uses the token.")],
+    role: Annotated[Literal["read", "write"], typer.Option(help="Say what the token may do; write may read too.")],
+    days: Annotated[float | None, typer.Option(help="End the token after so many days; by default never.")] = None,
     data: Data = None,
     database_url: DatabaseUrl = None,
     json: Json = None,
@@ -74,7 +79,7 @@ def token_list(data: Data = None, database_url: DatabaseUrl = None, json: Json =
 
 @token_app.command("revoke")
 def token_revoke(
-    number: Annotated[str, typer.Argument(metavar="ID", help="Of `token list`.")],
+    number: Annotated[str, typer.Argument(metavar="ID", help="Give an id of `token list`.")],
     data: Data = None,
     database_url: DatabaseUrl = None,
     json: Json = None,
@@ -85,9 +90,9 @@ def token_revoke(
     revoke_token({"data": data, "database_url": database_url}, number, json)
 
 
-@app.command()
+@app.command(rich_help_panel=SERVICE)
 def backup(
-    file: Annotated[Path, typer.Argument(help="A new file.")],
+    file: Annotated[Path, typer.Argument(help="Write this new file.")],
     data: Data = None,
     database_url: DatabaseUrl = None,
     json: Json = None,
@@ -98,11 +103,11 @@ def backup(
     run({"data": data, "database_url": database_url}, file, json)
 
 
-@app.command()
+@app.command(rich_help_panel=SERVICE)
 def restore(
-    file: Annotated[Path, typer.Argument(help="A backup.")],
+    file: Annotated[Path, typer.Argument(help="Name a backup's file.")],
     force: Annotated[
-        bool, typer.Option("--force", help="Take the place of a database, which is kept under another name.")
+        bool, typer.Option("--force", help="Take the place of a database that is there; it is kept under another name.")
     ] = False,
     data: Data = None,
     database_url: DatabaseUrl = None,

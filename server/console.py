@@ -8,14 +8,19 @@ import os
 import re
 import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from io import StringIO
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
 from daq.files import replacing
+
+# Of tables: before the first column, and between columns.
+_INDENT, _GAP = 2, 2
+_NUMBERS = re.compile(r"[\s\d.+-]+")
 
 
 def answer(command: str, body: dict[str, Any], json_file: str | None) -> bool:
@@ -61,43 +66,104 @@ def clean(value: Any) -> Any:
 
 
 def say(text: str = "") -> None:
-    """Print one line of plain text."""
+    """Print a line of text; on a terminal, sentences break between words, so that no number is cut.
+
+    A line with a command stays whole, so that it can be copied.
+    """
+    wide = _known_width()
+    if wide and "fingertwin " not in text:
+        indent = text[: len(text) - len(text.lstrip())]
+        text = "\n".join(_wrapped(text, wide, indent + "  "))
     sys.stdout.write(text + "\n")
 
 
 def columns_wide() -> int:
     """Width that tables may take: the terminal's, or 200 in a pipe, where there is nothing to fit."""
-    return shutil.get_terminal_size().columns if sys.stdout.isatty() else 200
+    return _known_width() or 200
+
+
+def _known_width() -> int:
+    """Width of the terminal, or the one that COLUMNS states; 0 in a pipe."""
+    known = sys.stdout.isatty() or "COLUMNS" in os.environ
+    return shutil.get_terminal_size((0, 0)).columns if known else 0
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], note: str = "") -> None:
-    """Print a table; numbers are aligned to the right and never broken, None is a dash."""
-    from rich import box
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
+    """Print a table; numbers are aligned to the right and never cut, None is a dash."""
+    wide = columns_wide()
+    bold = sys.stdout.isatty() and "NO_COLOR" not in os.environ
+    head = [f"\x1b[1m{line}\x1b[0m" if bold else line for line in _wrapped(title, wide)]
+    foot = _wrapped(note, wide) if note else []
+    sys.stdout.write("\n".join([*head, "", *table_lines(columns, rows, wide), "", *foot]) + "\n")
 
-    out = Table(title=escape(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
-    out.caption, out.caption_justify = escape(note), "left"
-    for i, name in enumerate(columns):
-        cells = [row[i] for row in rows]
-        numeric = all(isinstance(x, int | float) or x is None for x in cells)
-        # Numbers in text (a vector, a mass with its tendon) are kept whole too.
-        whole = numeric or all(re.fullmatch(r"[\s\d.+-]*", str(x)) for x in cells)
-        longest_word = max((len(word) for word in name.split()), default=1)
-        out.add_column(
-            escape(name),
-            justify="right" if numeric else "left",
-            overflow="fold",
-            no_wrap=whole and not name.count(" "),
-            min_width=max([longest_word, *(len(shown(x)) for x in cells)]) if whole else longest_word,
-        )
-    for row in rows:
-        out.add_row(*(escape(shown(x)) for x in row))
-    buffer = StringIO()
-    colour = sys.stdout.isatty() and "NO_COLOR" not in os.environ
-    Console(file=buffer, highlight=False, width=columns_wide(), force_terminal=colour).print(out)
-    sys.stdout.write("\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n")
+
+def table_lines(columns: Sequence[str], rows: Sequence[Sequence[Any]], wide: int) -> list[str]:
+    """Lay a table out in so many characters.
+
+    Where they do not hold all columns, each row becomes a paragraph with the column's name before every value.
+    """
+    cells = [[shown(x) for x in row] for row in rows]
+    numeric = [
+        all(row[i] is None or isinstance(row[i], int | float) or _NUMBERS.fullmatch(row[i]) for row in rows)
+        for i in range(len(columns))
+    ]
+    widths = _widths(columns, cells, numeric, wide - _INDENT)
+    if widths is None:
+        return _paragraphs(columns, cells, numeric, wide)
+    rule = " " * _INDENT + "─" * (sum(widths) + _GAP * (len(widths) - 1))
+    return [*_row(columns, widths, numeric), rule, *(line for row in cells for line in _row(row, widths, numeric))]
+
+
+def _widths(
+    columns: Sequence[str], cells: Sequence[Sequence[str]], numeric: Sequence[bool], room: int
+) -> list[int] | None:
+    """Widths of the columns, wrapped between words where they have to be; None where not even that fits."""
+    own = [[name, *(row[i] for row in cells)] for i, name in enumerate(columns)]
+    widths = [max(map(len, texts)) for texts in own]
+    least = [max((len(word) for text in texts for word in text.split()), default=0) for texts in own]
+    room -= _GAP * (len(columns) - 1)
+    while sum(widths) > room:
+        widest = max(range(len(widths)), key=lambda i: widths[i] * (widths[i] > least[i]))
+        if widths[widest] == least[widest]:
+            return None
+        # A vector has all its numbers on one line, or each on its own.
+        widths[widest] = least[widest] if numeric[widest] else widths[widest] - 1
+    return widths
+
+
+def _wrapped(text: str, width: int, indent: str = "") -> list[str]:
+    if len(text) <= width:
+        return [text]
+    return textwrap.wrap(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+
+
+def _aligned(text: str, width: int, numeric: bool) -> str:
+    return text.strip().rjust(width) if numeric else text.ljust(width)
+
+
+def _row(cells: Sequence[str], widths: Sequence[int], numeric: Sequence[bool]) -> list[str]:
+    wrapped = [_wrapped(text, width) for text, width in zip(cells, widths, strict=True)]
+    lines = (map(_aligned, line, widths, numeric) for line in zip_longest(*wrapped, fillvalue=""))
+    return [(" " * _INDENT + (" " * _GAP).join(line)).rstrip() for line in lines]
+
+
+def _paragraphs(
+    columns: Sequence[str], cells: Sequence[Sequence[str]], numeric: Sequence[bool], wide: int
+) -> list[str]:
+    """Rows as paragraphs: the first cell, and below it name and value of the others, at the same places in each."""
+    widths = [max((len(row[i]) for row in cells), default=0) for i in range(len(columns))]
+    lines = []
+    for row in cells:
+        lines.append(" " * _INDENT + row[0])
+        line = ""
+        for name, text, width, number in list(zip(columns, row, widths, numeric, strict=True))[1:]:
+            field = f"{name} {_aligned(text, width, number)}".lstrip()
+            if line and len(line) + _GAP + len(field) > wide:
+                lines += _wrapped(line.rstrip(), wide, " " * 3 * _GAP)
+                line = ""
+            line += " " * (_GAP if line else 2 * _GAP) + (field if text else " " * len(field))
+        lines += _wrapped(line.rstrip(), wide, " " * 3 * _GAP)
+    return [line for line in lines if line]
 
 
 def shown(value: Any) -> str:

@@ -122,7 +122,13 @@ def compare_bench(bench: Bench) -> Comparison:
     return compare(bench.model, bench.observations, bench.theta)
 
 
-def refit_bench(bench: Bench, method: str = "map", plane: str | None = None, starts: int = STARTS) -> Fit:
+def refit_bench(
+    bench: Bench,
+    method: str = "map",
+    plane: str | None = None,
+    starts: int = STARTS,
+    progress: Progress | None = None,
+) -> Fit:
     """Refit the model to the session's identification cases.
 
     Args:
@@ -130,6 +136,7 @@ def refit_bench(bench: Bench, method: str = "map", plane: str | None = None, sta
         method: `map` or `slsqp`.
         plane: of the forces that count; by default what the finger's axes can predict.
         starts: of the solver, for `map`.
+        progress: of `map`, called with the fraction that is done.
     """
     from fingermodel.eq5 import refit_slsqp
     from fingermodel.problems import eq5_problem, map_problem
@@ -139,7 +146,7 @@ def refit_bench(bench: Bench, method: str = "map", plane: str | None = None, sta
         return refit_slsqp(eq5_problem(bench.model, bench.observations))
     problem = map_problem(bench.model, bench.observations, plane, bench.loaded.added)  # type: ignore[arg-type]
     own = bench.loaded.name == bench.model.finger.id
-    return refit_map(problem, start=None if own else bench.theta, starts=starts)
+    return refit_map(problem, start=None if own else bench.theta, starts=starts, progress=progress)
 
 
 def readings_digest(measured: MeasuredSession) -> str | None:

@@ -22,13 +22,13 @@ class Step:
     """One step of a model's history.
 
     Attributes:
-        id: of the finger or revision.
+        id: of the finger or revision; None for the refit without what the next step adds, which is not kept.
         added, removed: effects.
         log_evidence_gain: of what was added; None for a mere refit.
         rmse_N: by `role/location`, in the plane that the finger is judged in.
     """
 
-    id: str
+    id: str | None
     added: tuple[str, ...]
     removed: tuple[str, ...]
     log_evidence_gain: float | None

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
-from server.commands.twin import fit_body, print_fit, provenance, say_first
+from server.commands.twin import fit_body, print_fall, print_fit, provenance, refit_compared, say_first
 from server.console import answer, progress, say, table
-from server.workflow import Bench, compare_bench, open_bench, save_revision
+from server.workflow import Bench, Progress, compare_bench, open_bench, save_revision
 
 if TYPE_CHECKING:
     from fingermodel.compare import Comparison
@@ -66,8 +67,10 @@ def _add_to_session(
     chosen, own = resolved_effects(effects)
     with progress("Reading and correcting") as tell:
         bench = open_bench(session, model, tell, catalogue=True, effects=own)
-    with progress("Refitting"):
-        before, addition, after = add_bench(bench, chosen, without)
+    with progress("Refitting") as tell:
+        before, addition, after = add_bench(bench, chosen, without, tell)
+    with progress("Refitting without it") as tell:
+        alone = refitted_alone(bench, addition.names, without, tell)
     path = out or free_path(Path("models"), bench.measured.session.id)
     document = save_revision(
         bench,
@@ -75,7 +78,7 @@ def _add_to_session(
         path,
         before.summary(),
         after.summary(),
-        addition_step(addition, without),
+        addition_step(addition, without, alone),
     )
     page = None
     if figures:
@@ -84,58 +87,87 @@ def _add_to_session(
         page = draw_comparison(
             bench, after, figures, before=before, theta=addition.fit.theta, model_name=" + ".join(addition.names)
         )
-    body = addition_body(bench, addition, before, after, without) | {
+    body = addition_body(bench, addition, before, alone, after, without) | {
         "history": document["history"],
         "model": str(path),
     }
     if quiet:
         return body
     say_first(body)
-    print_fit(addition.fit, before, after)
     if addition.names:
         say(f"Evidence: ln Z rises by {addition.log_evidence_gain:.1f} with {', '.join(addition.names)}")
     print_history(document["history"])
     say(f"Model: {path}   (fingertwin diagnose {session} --model {path})")
+    print_fall(before, alone, after)
+    print_fit(addition.fit)
     if page:
         say(f"Figures: {page}")
     return body
 
 
-def add_bench(bench: Bench, names: Sequence[str], without: Sequence[str]) -> tuple[Comparison, Addition, Comparison]:
+def add_bench(
+    bench: Bench, names: Sequence[str], without: Sequence[str], tell: Progress | None = None
+) -> tuple[Comparison, Addition, Comparison]:
     """Refit with effects added and others taken out; errors before are those of the model as it was given."""
     from fingermodel.compare import compare
     from fingermodel.diagnosis.answer.addition import add_effects
 
-    held = tuple(p for p in bench.loaded.added if not _matches(p, without))
+    held = _held(bench, without)
+    before = compare_bench(bench)
+    own = bench.loaded.name == bench.model.finger.id
+    start = None if own else bench.theta
+    addition = add_effects(bench.model, bench.observations, names, held=held, start=start, progress=tell)
+    return before, addition, compare(bench.model, bench.observations, addition.fit.theta)
+
+
+def refitted_alone(
+    bench: Bench, names: Sequence[str], without: Sequence[str], tell: Progress | None = None
+) -> Comparison | None:
+    """Compare the model refitted without what is to be added; None where nothing is."""
+    if not names:
+        return None
+    bare = replace(bench, loaded=replace(bench.loaded, added=_held(bench, without)))
+    return refit_compared(bare, tell=tell)[2]
+
+
+def _held(bench: Bench, without: Sequence[str]) -> tuple[str, ...]:
+    """Parameters of effects that the model holds and keeps.
+
+    Raises:
+        InputError: an effect is to be taken out that it does not hold.
+    """
     unknown = [w for w in without if not any(_matches(p, [w]) for p in bench.loaded.added)]
     if unknown:
         has = sorted({p.split(".")[0] for p in bench.loaded.added})
         raise InputError(
             f"the model has no {unknown[0]} to take out", f"one of {', '.join(has) or 'none: it has no effect'}"
         )
-    before = compare_bench(bench)
-    own = bench.loaded.name == bench.model.finger.id
-    start = None if own else bench.theta
-    addition = add_effects(bench.model, bench.observations, names, held=held, start=start)
-    return before, addition, compare(bench.model, bench.observations, addition.fit.theta)
+    return tuple(p for p in bench.loaded.added if not _matches(p, without))
 
 
-def addition_step(addition: Addition, without: Sequence[str]) -> Step:
+def addition_step(addition: Addition, without: Sequence[str], alone: Comparison | None) -> Step:
     """What an addition changed, for its revision."""
     from fingermodel.model_files import Step
 
     evidence = {"log_evidence_gain": addition.log_evidence_gain}
-    return Step(added=addition.names, removed=tuple(without), evidence=evidence)
+    told = None if alone is None else alone.summary()
+    return Step(added=addition.names, removed=tuple(without), evidence=evidence, alone=told)
 
 
 def addition_body(
-    bench: Bench, addition: Addition, before: Comparison, after: Comparison, without: Sequence[str]
+    bench: Bench,
+    addition: Addition,
+    before: Comparison,
+    alone: Comparison | None,
+    after: Comparison,
+    without: Sequence[str],
 ) -> dict[str, Any]:
     """The contract's answer, without the model's path and history."""
     return (
         provenance(bench)
         | fit_body(addition.fit, before, after)
         | {
+            "refitted_alone": None if alone is None else alone.summary(),
             "added": list(addition.names),
             "removed": list(without),
             "log_evidence_gain": addition.log_evidence_gain,
@@ -149,11 +181,17 @@ def print_history(history: list[dict[str, Any]]) -> None:
     rows = []
     for step in history:
         change = " ".join([*(f"+{a}" for a in step["added"]), *(f"-{r}" for r in step["removed"])])
-        rows.append(
-            [step["id"], change or ("start" if step["parent"] is None else "refit"), step["log_evidence_gain"]]
-            + [step["rmse_N"].get(p) for p in places]
-        )
-    table("Fall of the error: RMSE [N] by revision", ["revision", "change", "ln evidence", *places], rows)
+        errors = [step["rmse_N"].get(p) for p in places]
+        start = step is history[0]
+        name = step["id"] or "not kept"
+        rows.append([change or ("start" if start else "refit"), step["log_evidence_gain"], *errors, name])
+    roles = {"identification": "fitted", "validation": "unseen"}
+    headers = [" ".join(roles.get(word, word) for word in place.split("/")) for place in places]
+    table(
+        "Fall of the error: RMSE [N] of the cases that are fitted, and of the validation cases",
+        ["change", "ln evidence", *headers, "revision"],
+        rows,
+    )
 
 
 def _matches(parameter: str, names: Sequence[str]) -> bool:

@@ -156,6 +156,11 @@ def _together(job: Job[dict[str, Any]], folder: Path) -> None:
         rises = [n for n, e in laws[0]["unseen_rmse_N"].items() if e["bone"]["after"] > e["bone"]["before"]]
         if rises:
             say(f"   It does not mend the bone loads: their error rises in {', '.join(rises)}.")
+        if rises and laws[0]["formula"].startswith("torque"):
+            say(
+                "   Why: a torque at a joint reaches the metacarpal only through the tip force. It shifts the bone "
+                "load by what the tip force changes, whatever that load lacks: another cause, which is not found."
+            )
     draw_shared(body, folder, static=False)
 
 

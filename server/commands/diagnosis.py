@@ -135,6 +135,7 @@ def print_diagnosis(body: dict[str, Any]) -> None:
     _print_sensitivity(body["robustness"])
     if body.get("confirmation"):
         say(f"  Frozen predictions: {body['confirmation']['text']}.")
+    _print_fall(body)
     _print_explanations(body)
     _print_where(body["where"])
     for null in body["nulls"]:
@@ -145,10 +146,10 @@ def print_diagnosis(body: dict[str, Any]) -> None:
     offers = [(known["text"], known["effect"]) for known in body["ready_made"]]
     offers += [(f"Hint: {hint['text']}", f"'{hint['effect']['formula']}'") for hint in body["hints"]]
     for text, effect in offers:
-        say(f"{text}; fingertwin add {effect} {body['session']}")
+        say(f"{text}:")
+        say(f"    fingertwin add {effect} {body['session']}")
     if body["verdict"] != "nothing_missing":
         say(body["next_sentence"])
-    _print_fall(body)
 
 
 def _print_verdict(body: dict[str, Any]) -> None:

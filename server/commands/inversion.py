@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from server.commands.twin import provenance
-from server.console import answer, columns_wide, progress, say, table
+from server.console import answer, progress, say, table
 from server.inversion import invert_bench
 from server.inverted import Assigned, Inversion, InvertedCase
 from server.workflow import open_bench
@@ -32,11 +32,6 @@ def invert_session(session: str, closure: str, model: str | None, figures: Path 
     if answer("invert", body, json):
         return
     table(
-        f"{name} with {bench.loaded.name}, {inversion.title}: tension ± sd (hung) [N]",
-        *_cases(inversion, columns_wide()),
-        "contact: force between the bones ± sd (what the model makes of the weights that hung) [N]",
-    )
-    table(
         "Assigned less hung, over all cases",
         ["muscle", "stands for", "RMS [N]", "within 2 sd", "asked to push", "beyond 2 sd"],
         [
@@ -46,16 +41,20 @@ def invert_session(session: str, closure: str, model: str | None, figures: Path 
     )
     for sentence in inversion.verdicts():
         say(sentence)
+    table(
+        f"{name} with {bench.loaded.name}, {inversion.title}: tension ± sd (hung) [N]",
+        *_cases(inversion),
+        "contact: force between the bones ± sd (what the model makes of the weights that hung) [N]",
+    )
     for note in (*inversion.notes, *about["notes"]):
         say(f"Note: {note}")
     if body["figures"]:
         say(f"Figures: {body['figures']}")
 
 
-def _cases(inversion: Inversion, width: int) -> tuple[list[str], list[list[str]]]:
-    """Columns and rows of the cases; on a narrow terminal without the contact forces."""
-    muscles = [m.name for m in inversion.muscles]
-    joints = list(inversion.cases[0].contacts) if width >= 140 else []
+def _cases(inversion: Inversion) -> tuple[list[str], list[list[str]]]:
+    """Columns and rows of the cases."""
+    muscles, joints = [m.name for m in inversion.muscles], list(inversion.cases[0].contacts)
     columns = ["case", "posture", "hung", *muscles, *(f"{joint} contact" for joint in joints)]
     rows = []
     for case in inversion.cases:

@@ -7,18 +7,19 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from daq.amendments import listed
 from daq.errors import InputError
 from server.commands.amend import amended_line
-from server.console import answer, columns_wide, progress, say, table
+from server.console import answer, progress, say, shown, table
 from server.drawing import draw_comparison
-from server.workflow import Bench, compare_bench, open_bench, refit_bench, save_revision
+from server.workflow import Bench, Progress, compare_bench, open_bench, refit_bench, save_revision
 
 if TYPE_CHECKING:
-    from fingermodel.compare import Comparison
+    from fingermodel.compare import CaseComparison, Comparison
     from fingermodel.fit_report import Fit, FittedParameter
+
+# Of the correlations, as many as are printed.
+_MOST_PAIRS = 12
 
 
 def compare_session(
@@ -59,8 +60,8 @@ def refit_session(
         require_new(out)
     with progress("Reading and correcting") as tell:
         bench = open_bench(session, model, tell, effects=effects)
-    with progress("Refitting"):
-        before, fit, after = refit_compared(bench, method, plane)
+    with progress("Refitting") as tell:
+        before, fit, after = refit_compared(bench, method, plane, tell)
     path = out or free_path(Path("models"), bench.measured.session.id)
     save_revision(bench, fit, path, before.summary(), after.summary())
     page = None
@@ -70,18 +71,21 @@ def refit_session(
     if answer("refit", body, json):
         return
     say_first(body)
-    print_fit(fit, before, after)
+    print_fall(before, after)
     say(f"Model: {path}   (fingertwin compare {session} --model {path})")
+    print_fit(fit)
     if page:
         say(f"Figures: {page}")
 
 
-def refit_compared(bench: Bench, method: str = "map", plane: str | None = None) -> tuple[Comparison, Fit, Comparison]:
+def refit_compared(
+    bench: Bench, method: str = "map", plane: str | None = None, tell: Progress | None = None
+) -> tuple[Comparison, Fit, Comparison]:
     """Refit a bench's model, with the comparison before and after."""
     from fingermodel.compare import compare
 
     before = compare_bench(bench)
-    fit = refit_bench(bench, method, plane)
+    fit = refit_bench(bench, method, plane, progress=tell)
     return before, fit, compare(bench.model, bench.observations, fit.theta)
 
 
@@ -129,15 +133,16 @@ def fit_body(fit: Fit, before: Comparison, after: Comparison) -> dict[str, Any]:
 
 
 def print_comparison(bench: Bench, comparison: Comparison) -> None:
-    """Print the cases and the summaries."""
-    session = bench.measured.session
-    table(
-        f"{session.id} against {bench.loaded.name}: force on the cell [N], x proximal, y dorsal, z radial",
-        *_case_table(comparison, columns_wide()),
-        "z: residual in standard uncertainties of the reading"
-        + (" (assumed from the budget, none is stated)" if comparison.noise_assumed else ""),
-    )
-    print_summary(comparison)
+    """Print the errors, then case by case, then by muscle and posture."""
+    name = f"{bench.measured.session.id} against {bench.loaded.name}"
+    table(f"{name}: errors of the predicted force", *_errors(comparison.summary()), _OF_ERRORS)
+    moments = comparison.moments()
+    if moments:
+        table(
+            "Tip moment about z",
+            ["cases", "n", "RMSE [N mm]", "mean measured [N mm]"],
+            [[_words(k), m["cases"], m["rmse_Mz_Nmm"], m["mean_abs_Mz_Nmm"]] for k, m in moments.items()],
+        )
     for note in provenance(bench)["notes"]:
         say(f"Note: {note}")
     if bench.model.finger.judged_in == "sagittal":
@@ -145,93 +150,77 @@ def print_comparison(bench: Bench, comparison: Comparison) -> None:
             "Note: judge this finger in the sagittal plane; the clamp carries Tx and Ty too, so four joint torques do "
             "not determine Fz."
         )
-
-
-def _case_table(comparison: Comparison, width: int) -> tuple[list[str], list[list[Any]]]:
-    """Columns and rows of the load cases, with as much as fits: vectors, fewer of them, or magnitudes alone."""
-    rows: list[list[Any]] = []
-    if width < 120:
-        for c in comparison.cases:
-            sizes = [float(np.linalg.norm(v)) for v in (c.measured_N, c.predicted_N, c.measured_N - c.predicted_N)]
-            rows.append([c.id, c.location, *sizes, c.z])
-        return ["case", "at", "|measured|", "|predicted|", "|residual|", "z"], rows
-    for c in comparison.cases:
-        masses = " ".join(f"{m} {mass:g}" for m, mass in c.masses_g.items())
-        vectors = [_triple(c.measured_N), _triple(c.predicted_N)]
-        if width < 160:
-            rows.append([c.id, c.location, masses, *vectors, c.z])
-        else:
-            rest = _triple(c.measured_N - c.predicted_N)
-            rows.append([c.id, c.role[:5], c.posture, c.location, masses, *vectors, rest, c.z])
-    if width < 160:
-        return ["case", "at", "masses [g]", "measured", "predicted", "z"], rows
-    return ["case", "role", "posture", "at", "masses [g]", "measured", "predicted", "residual", "z"], rows
-
-
-def print_summary(comparison: Comparison) -> None:
-    """Print error summaries by role and location, then by muscle and by posture."""
-    columns = ["", "plane", "cases", "RMSE [N]", "RMSE [%]", "size [N]", "size [%]", "direction [deg]", "of"]
-    rows = []
-    for what, groups in (
-        ("", comparison.summary()),
-        ("muscle ", comparison.by("muscles")),
-        ("posture ", comparison.by("posture")),
-    ):
-        for name, planes in groups.items():
-            for plane in ("sagittal", "space"):
-                e = planes[plane]
-                numbers = ["rmse_N", "rmse_rel_pct", "magnitude_error_N", "magnitude_error_pct", "direction_error_deg"]
-                numbers.append("direction_cases")
-                rows.append([what + name, plane, e["cases"], *(e[k] for k in numbers)])
     table(
-        "Errors",
-        columns,
-        rows,
-        "size: of the force's magnitude; direction: over the cases (of) that stand out from their uncertainty",
+        f"{name}: force on the cell [N], x proximal, y dorsal, z radial",
+        ["case", "load [g], posture, cell at, role", "measured", "predicted", "residual", "z"],
+        [
+            [c.id, _load(c), *map(_triple, (c.measured_N, c.predicted_N, c.measured_N - c.predicted_N)), c.z]
+            for c in comparison.cases
+        ],
+        "z: residual in standard uncertainties of the reading"
+        + (" (assumed from the budget, none is stated)" if comparison.noise_assumed else ""),
     )
-    moments = comparison.moments()
-    if moments:
-        table(
-            "Tip moment about z",
-            ["", "cases", "RMSE [N mm]", "mean measured [N mm]"],
-            [[k, m["cases"], m["rmse_Mz_Nmm"], m["mean_abs_Mz_Nmm"]] for k, m in moments.items()],
-        )
+    for what, key in (("tendons loaded", "muscles"), ("posture", "posture")):
+        table(f"Errors by {what}", *_errors(comparison.by(key)))
 
 
-def print_fit(fit: Fit, before: Comparison, after: Comparison) -> None:
-    """Print what moved most, and errors before and after."""
-    moved = sorted(
-        (p for p in fit.parameters if p.prior_sd),
-        key=lambda p: -p.moved,
+def _load(case: CaseComparison) -> str:
+    masses = " ".join(f"{m} {mass:g}" for m, mass in case.masses_g.items())
+    return f"{masses}, {case.posture}, {case.location}, {case.role}"
+
+
+_OF_ERRORS = "magnitude: of the force; direction: over the cases (of) that stand out from their uncertainty"
+
+
+def _errors(groups: Mapping[str, Any]) -> tuple[list[str], list[list[Any]]]:
+    """Columns and rows of error summaries, in the sagittal plane and in space."""
+    columns = ["cases", "plane", "n", "RMSE [N]", "RMSE [%]", "magnitude [N]", "[%]", "direction [deg]", "of"]
+    keys = ("cases", "rmse_N", "rmse_rel_pct", "magnitude_error_N", "magnitude_error_pct", "direction_error_deg")
+    return columns, [
+        [_words(name), plane, *(planes[plane][key] for key in (*keys, "direction_cases"))]
+        for name, planes in groups.items()
+        for plane in ("sagittal", "space")
+    ]
+
+
+def print_fall(*comparisons: Comparison | None) -> None:
+    """Print the errors before, refitted alone where something was added, and after."""
+    summaries = [c.summary() for c in comparisons if c is not None]
+    steps = "before → refitted alone → with what was added" if len(summaries) > 2 else "before → after"
+    keys = ("rmse_N", "direction_error_deg", "magnitude_error_pct")
+    table(
+        f"Errors {steps} (validation cases were not fitted)",
+        ["cases", "plane", "RMSE [N]", "direction [deg]", "magnitude [%]"],
+        [
+            [_words(name), plane, *(" → ".join(shown(s[name][plane][key]) for s in summaries) for key in keys)]
+            for name, planes in summaries[-1].items()
+            for plane in planes
+        ],
     )
+
+
+def print_fit(fit: Fit) -> None:
+    """Print how the fit went, what moved most with value, sd and prior, and which parameters move together."""
+    from fingermodel.fit_report import CORRELATED
+
+    say(fit.message)
+    fall = f"{fit.objective_before:.4g} → {fit.objective:.4g}"
+    say(f"Objective {fall}, {fit.evaluations} evaluations, {fit.seconds:.2f} s")
     flat = [p for p in fit.parameters if not p.prior_sd]
-    rows = [[p.name, p.unit, p.initial, p.value, p.sd, p.prior_sd, _remark(p)] for p in [*flat, *moved[:12]]]
+    moved = sorted((p for p in fit.parameters if p.prior_sd and not p.at_bound), key=lambda p: -p.moved)
+    bound = [p for p in fit.parameters if p.prior_sd and p.at_bound]
     table(
         f"{len(fit.parameters)} parameters fitted to {fit.residuals} readings by {fit.method}; what moved most",
-        ["parameter", "unit", "before", "value", "sd", "prior sd", ""],
-        rows,
+        ["parameter", "unit", "value", "sd", "prior", "prior sd", ""],
+        [[p.name, p.unit, p.value, p.sd, p.initial, p.prior_sd, _remark(p)] for p in [*flat, *bound, *moved[:12]]],
     )
-    columns = [
-        "",
-        "plane",
-        "RMSE [N] before",
-        "after",
-        "direction [deg] before",
-        "after",
-        "magnitude [%] before",
-        "after",
-    ]
-    lines = []
-    old, new = before.summary(), after.summary()
-    for name, planes in new.items():
-        for plane, e in planes.items():
-            b = old[name][plane]
-            cells = [b["rmse_N"], e["rmse_N"], b["direction_error_deg"], e["direction_error_deg"]]
-            lines.append([name, plane, *cells, b["magnitude_error_pct"], e["magnitude_error_pct"]])
-    table("Errors before and after (validation cases were not fitted)", columns, lines)
-    say(fit.message)
-    change = f"{fit.objective_before:.4g} -> {fit.objective:.4g}"
-    say(f"Objective {change} in {fit.evaluations} evaluations, {fit.seconds:.2f} s")
+    if fit.correlated:
+        table(
+            f"Correlations above {CORRELATED:g}",
+            ["parameter", "with", "r"],
+            [[a, b, r] for a, b, r in fit.correlated[:_MOST_PAIRS]],
+            f"{len(fit.correlated)} pairs; --json lists all" if len(fit.correlated) > _MOST_PAIRS else "",
+        )
 
 
 def _remark(p: FittedParameter) -> str:
@@ -240,6 +229,11 @@ def _remark(p: FittedParameter) -> str:
     if not p.identified:
         return "prior only"
     return f"{p.moved:.1f} prior sd away" if p.moved > 2.0 else ""
+
+
+def _words(group: str) -> str:
+    """A group of cases as it is read: `validation/tip` in two words."""
+    return group.replace("/", " ")
 
 
 def _triple(v: Any) -> str:

@@ -9,7 +9,11 @@ from typing import Any
 import pytest
 
 from fingermodel.effects.user import effect_document, load_effect
+from server.commands.additions import print_history
 from server.commands.diagnosis import _print_verdict
+from server.commands.twin import refit_compared
+from server.figures.diagnosis_revisions import steps_of
+from server.workflow import open_bench
 from tests.own_effect import python_file
 from tests.server.test_cli import run
 from tests.server.test_diagnosis_figures import found as missing_effect
@@ -84,10 +88,28 @@ def test_adding_writes_a_revision_that_compares(added: tuple[Path, dict[str, Any
     path, body = added
     assert body["added"] == ["hanger_mass"]
     assert body["log_evidence_gain"] > 100.0
-    start, step = body["history"]
+    start, alone, step = body["history"]
+    assert alone["id"] is None
     assert step["rmse_N"]["validation/tip"] < 0.2 * start["rmse_N"]["validation/tip"]
     compared = run("compare", "DEV-02", "--model", path, "--json", "-").body("compare")
     assert compared["summary"]["validation/tip"]["space"]["rmse_N"] == pytest.approx(step["rmse_N"]["validation/tip"])
+
+
+def test_the_fall_of_the_error_shows_what_a_refit_alone_reaches(
+    added: tuple[Path, dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, body = added
+    plain = refit_compared(open_bench("DEV-02", catalogue=True))[2].summary()
+    places = list(plain)
+    assert [body["refitted_alone"][p]["space"]["rmse_N"] for p in places] == pytest.approx(
+        [plain[p]["space"]["rmse_N"] for p in places]
+    )
+    start, alone, step = (h["rmse_N"]["validation/tip"] for h in body["history"])
+    assert start > 3.0 * alone > step
+    assert [s.lines[0] for s in steps_of({}, body["history"])] == ["start", "refit", "+ hanger mass"]
+    print_history(body["history"])
+    told = [line.split()[0] for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
+    assert told[-3:] == ["start", "refit", "+hanger_mass"]
 
 
 def test_what_was_added_is_held_and_can_be_taken_out(added: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
@@ -97,7 +119,7 @@ def test_what_was_added_is_held_and_can_be_taken_out(added: tuple[Path, dict[str
     assert held["verdict"] == "nothing_missing"
     out = tmp_path / "without.json"
     body = run("add", "DEV-02", "--without", "hanger_mass", "--model", path, "--out", out, "--json", "-").body("add")
-    assert [s["added"] for s in body["history"]] == [[], ["hanger_mass"], []]
+    assert [s["added"] for s in body["history"]] == [[], [], ["hanger_mass"], []]
     assert body["removed"] == ["hanger_mass"]
     last, before = body["history"][-1]["rmse_N"], body["history"][-2]["rmse_N"]
     assert last["validation/tip"] > 1.5 * before["validation/tip"]

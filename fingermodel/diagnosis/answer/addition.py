@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -71,6 +71,7 @@ def add_effects(
     held: Sequence[str] = (),
     start: Floats | None = None,
     starts: int = 8,
+    progress: Callable[[float], None] | None = None,
 ) -> Addition:
     """Free the best form of each named effect and refit everything.
 
@@ -81,6 +82,7 @@ def add_effects(
         held: parameters of effects that the model has already.
         start: (parameters,) of an earlier fit.
         starts: of the final refit.
+        progress: called with the fraction of the final refit that is done.
     """
     session = session_of(model, observations, None, held)
     sagittal = session.plane == "sagittal"
@@ -105,5 +107,6 @@ def add_effects(
                 best = found
     parameters = model.parameters.names
     free_names = (*held, *(parameters[i] for i in best.explanation.parameters))
-    fit = refit_map(map_problem(model, observations, None, free_names), start=best.theta, starts=starts)
+    problem = map_problem(model, observations, None, free_names)
+    fit = refit_map(problem, start=best.theta, starts=starts, progress=progress)
     return Addition(fit, best.explanation.names, best.log_posterior - base.log_posterior)

@@ -54,7 +54,7 @@ export async function view(main, { session, asked }) {
       { title: "made", cell: (r) => (r.start ? "" : when(r.created_utc)) }, { title: "ln evidence", n: true, cell: (r) => number(r.evidence?.log_evidence_gain, 1) },
       ...places.map((p) => ({ title: `${words(p).replace("/", ", ")} [N]`, n: true, cell: (r) => number(r.history.at(-1)?.rmse_N?.[p]) })),
       { title: "", cell: (r) => (r.in_force ? "in force" : "") },
-    ], rows, { caption: "RMSE after each step; validation cases were never fitted", pick: (r) => go(r.id), picked: now, key: (r) => r.id }));
+    ], rows.flatMap((r) => [...alone(r), r]), { caption: "RMSE after each step; validation cases were never fitted", pick: (r) => go(r.id), picked: now, key: (r) => r.id }));
     one();
   }
 
@@ -62,8 +62,11 @@ export async function view(main, { session, asked }) {
   async function begun(first, fingers) {
     const id = first.parent;
     const named_ = fingers.some((f) => f.name === id) || await get(at("revisions", id), {}, away.signal).then(() => true, () => false);
-    return { id, model: named_ ? id : null, start: true, added: [], removed: [], effects: first.history.at(-2)?.effects || [], history: first.history.slice(0, -1), in_force: false };
+    return { id, model: named_ ? id : null, start: true, added: [], removed: [], history: first.history.filter((s) => s.id).slice(0, -1), in_force: false };
   }
+
+  /** The refit without what a revision adds, which is no revision itself: so that nobody takes its share for the effect's. */
+  const alone = (r) => r.history.slice(-2, -1).filter((s) => !s.id).map((s) => ({ ...s, id: "", start: false, history: [s] }));
 
   const modelOf = (id) => { const row = rows.find((r) => r.id === id); return row?.start ? row.model : id; };
   const changeOf = (r) => (r.start ? "start" : [...r.added.map((a) => `+${a}`), ...r.removed.map((a) => `−${a}`)].join(" ") || "refit");

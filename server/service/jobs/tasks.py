@@ -127,7 +127,9 @@ def refit(payload: RefitInput, tell: Tell) -> Answer:
     tell(0.0, "loading")
     bench = payload.bench.open(catalogue=True)
     tell(0.1, "refitting")
-    before, fit, after = refit_compared(bench, payload.method, payload.plane)
+    before, fit, after = refit_compared(
+        bench, payload.method, payload.plane, lambda done: tell(0.1 + 0.85 * done, "refitting")
+    )
     revision = describe_revision(bench, fit, before.summary(), after.summary(), payload.bench.readings_sha256)
     body = provenance(bench) | fit_body(fit, before, after) | {"model": revision["id"]}
     return _answer("refit", body, payload.bench, revision=revision)
@@ -135,23 +137,26 @@ def refit(payload: RefitInput, tell: Tell) -> Answer:
 
 def add(payload: AddInput, tell: Tell) -> Answer:
     """Add effects and take others out, refit, and return `body` and `revision`."""
-    from server.commands.additions import add_bench, addition_body, addition_step, resolved_effects
+    from server.commands.additions import add_bench, addition_body, addition_step, refitted_alone, resolved_effects
     from server.workflow import describe_revision
 
     tell(0.0, "loading")
     names, own = resolved_effects(payload.effects, files=False)
     bench = payload.bench.open(catalogue=True, effects=own)
     tell(0.1, "refitting")
-    before, addition, after = add_bench(bench, names, payload.without)
+    before, addition, after = add_bench(bench, names, payload.without, lambda done: tell(0.1 + 0.5 * done, "refitting"))
+    alone = refitted_alone(
+        bench, addition.names, payload.without, lambda done: tell(0.6 + 0.35 * done, "refitting without it")
+    )
     revision = describe_revision(
         bench,
         addition.fit,
         before.summary(),
         after.summary(),
         payload.bench.readings_sha256,
-        addition_step(addition, payload.without),
+        addition_step(addition, payload.without, alone),
     )
-    body = addition_body(bench, addition, before, after, payload.without)
+    body = addition_body(bench, addition, before, alone, after, payload.without)
     body |= {"history": revision["history"], "model": revision["id"]}
     return _answer("add", body, payload.bench, revision=revision)
 
