@@ -5,7 +5,8 @@
     ├── ReadingsError     the readings file: columns, units, numbers, time
     ├── ModelError        a finger, model revision or parameter set
     ├── DriverError       a load cell: its settings, port, answers, calibration
-    └── JournalError      a bench's journal: in use, damaged, of a newer version, disk full
+    ├── JournalError      a bench's journal: in use, damaged, of a newer version, disk full
+    └── LaterError        what cannot be used now and may be later: a full disk, a server that is starting (exit 75)
     LinkLostError         the device has gone while it was read (a pulled cable); not the user's input, and recoverable
 
 Every message is one line: what was found, what was expected, what to do.
@@ -50,6 +51,10 @@ class DriverError(InputError):
 
 class JournalError(InputError):
     """A bench's journal cannot be used."""
+
+
+class LaterError(InputError):
+    """Something cannot be used now; the same again may succeed later."""
 
 
 class LinkLostError(Exception):

@@ -18,6 +18,7 @@ from daq.errors import InputError
 from daq.uplink.wire import API
 from server.service import problems
 from server.service.answers import JsonAnswer
+from server.service.checksums import DamagedError
 from server.service.guard import protect
 from server.service.health import Health
 from server.service.metrics import Metrics
@@ -50,10 +51,11 @@ def create_app(settings: Settings) -> FastAPI:
         parts = await asyncio.to_thread(build, settings)
         app.state.services = parts
         folder = None if settings.database_url else settings.data
-        app.state.health = Health(parts.database, lambda: parts.ready, parts.jobs.workers, folder)
+        app.state.health = Health(parts.database, lambda: parts.ready, parts.jobs.workers, parts.scrub, folder)
         _measure(parts, app.state.health, app.state.metrics)
         parts.live.start(asyncio.get_running_loop())
         parts.watch.start()
+        parts.scrub.start()
         warming = threading.Thread(target=_warm, args=(parts,), name="warm", daemon=True)
         warming.start()
         try:
@@ -79,6 +81,7 @@ def create_app(settings: Settings) -> FastAPI:
     tokens = TokenBook(lambda: app.state.services.database)
     app.add_exception_handler(problems.ProblemError, problems.answer_problem)
     app.add_exception_handler(InputError, problems.answer_input_error)
+    app.add_exception_handler(DamagedError, problems.answer_damaged)
     app.add_exception_handler(RequestValidationError, problems.answer_invalid)
     app.add_exception_handler(HTTPException, problems.answer_http)
     app.add_exception_handler(405, answer_wrong_method)
@@ -181,4 +184,5 @@ def _stop(parts: Services) -> None:
     parts.ready = False
     parts.jobs.close()
     parts.watch.close()
+    parts.scrub.close()
     parts.database.close()

@@ -6,21 +6,20 @@ import datetime as dt
 import os
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 from daq.errors import InputError
 from server.service.database import Database
+from server.service.files import BESIDE, beside, settle
 from server.service.folder import HeldError, folder_of, held, made, sqlite_of
-from server.service.migrate import check, upgrade
+from server.service.migrate import check, expected, upgrade
+from server.service.scrub import damage_of, named
 from server.service.settings import Settings
 
 _WAIT_S = 60.0
-# What stands beside a database's file while it is in use.
-_BESIDE = ("-wal", "-shm", "-journal")
 
 
 @dataclass(frozen=True)
@@ -55,13 +54,13 @@ def backup(settings: Settings, target: Path) -> Copy:
         raise InputError(f"there is no database in {source.parent}", "the service's folder", "Give it with --data")
     if target.exists():
         raise InputError(f"{target} exists", "a new file", "A backup overwrites nothing: give another name")
-    with _beside(target) as temporary:
+    with _written_beside(target) as temporary:
         copy(source, temporary)
         made_of = prove(temporary)
         if target.exists():
             raise InputError(f"{target} exists by now", "a new file", "A backup overwrites nothing: give another name")
         temporary.replace(target)
-        _settle(target.parent)
+        settle(target.parent)
     return Copy(target, made_of.size_bytes, made_of.revision, made_of.sessions)
 
 
@@ -81,7 +80,7 @@ def restore(settings: Settings, source: Path, *, force: bool = False) -> tuple[C
         raise InputError(f"there is no file {source}", "a backup of fingertwin backup")
     folder = made(target.parent)
     target = folder / target.name
-    with _not_running(settings), _beside(target) as temporary:
+    with _not_running(settings), _written_beside(target) as temporary:
         copy(source, temporary, "ro")
         prove(temporary)
         database = Database(f"sqlite:///{temporary}")
@@ -92,7 +91,7 @@ def restore(settings: Settings, source: Path, *, force: bool = False) -> tuple[C
         found = prove(temporary)
         aside = _set_aside(target, force)
         temporary.replace(target)
-        _settle(folder)
+        settle(folder)
     return Copy(target, found.size_bytes, found.revision, found.sessions), aside
 
 
@@ -152,6 +151,8 @@ def prove(file: Path) -> Copy:
         with closing(_open(file)) as connection:
             faults = [str(row[0]) for row in connection.execute("PRAGMA integrity_check(5)")]
             faults = [] if faults == ["ok"] else faults
+            if not faults and connection.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchone() is None:
+                raise InputError("the copy holds nothing", "a database of fingertwin's")
             if not faults and connection.execute("PRAGMA foreign_key_check").fetchone() is not None:
                 faults = ["rows that refer to others which are not there"]
     except sqlite3.Error as error:
@@ -161,8 +162,14 @@ def prove(file: Path) -> Copy:
     database = Database(f"sqlite:///{file}")
     try:
         revision = check(database)
-        if not revision:
-            raise InputError("the copy holds nothing", "a database of fingertwin's")
+        # Before it is brought up to date, it may have no checksums.
+        damaged = damage_of(database) if revision == expected() else ()
+        if damaged:
+            raise InputError(
+                named(damaged),
+                "rows whose checksums hold",
+                "Take an earlier backup, or take their sessions out: fingertwin purge session ID",
+            )
         with database.reading() as connection:
             sessions = int(connection.exec_driver_sql("SELECT count(*) FROM sessions").scalar_one())
     finally:
@@ -182,20 +189,16 @@ def _not_running(settings: Settings) -> Iterator[None]:
 
 
 @contextmanager
-def _beside(target: Path) -> Iterator[Path]:
-    """Yield a temporary name; what is left of it afterwards is removed."""
-    temporary = target.with_name(f".{uuid4().hex[:12]}.{target.name}")
+def _written_beside(target: Path) -> Iterator[Path]:
+    """Yield a temporary name in the folder of a file, which is made where it is absent."""
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        yield temporary
+        with beside(target) as temporary:
+            yield temporary
     except OSError as error:
         raise InputError(
             f"{target} cannot be written ({error.strerror or error})", "a folder with space that may be written"
         ) from error
-    finally:
-        for ending in ("", *_BESIDE):
-            with suppress(OSError):
-                temporary.with_name(temporary.name + ending).unlink()
 
 
 def _set_aside(target: Path, force: bool) -> Path | None:
@@ -217,7 +220,7 @@ def _set_aside(target: Path, force: bool) -> Path | None:
         if getattr(error, "sqlite_errorcode", 0) & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
             raise _in_use(target) from error
         # Not to be read: what is left of it is kept as it is.
-        for ending in ("", *_BESIDE):
+        for ending in ("", *BESIDE):
             file = target.with_name(target.name + ending)
             if file.exists():
                 file.rename(aside.with_name(aside.name + ending))
@@ -244,13 +247,3 @@ def _other_name(target: Path) -> Path:
 def _open(file: Path, mode: str = "rw") -> sqlite3.Connection:
     """Open a database that is there."""
     return sqlite3.connect(f"{file.resolve().as_uri()}?mode={mode}", timeout=_WAIT_S, isolation_level=None, uri=True)
-
-
-def _settle(folder: Path) -> None:
-    """Have the folder itself written, where the system can do that."""
-    if os.name == "posix":
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)

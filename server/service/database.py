@@ -102,6 +102,8 @@ def _engine(url: URL) -> Engine:
     def prepare(connection: Any, _: Any) -> None:
         for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", f"busy_timeout={_BUSY_MS}"):
             connection.execute(f"PRAGMA {pragma}")
+        # A text with a damaged byte is told by its checksum, as every other damage is.
+        connection.text_factory = _text
 
     @event.listens_for(engine, "begin")
     def begin(connection: Connection) -> None:
@@ -109,3 +111,7 @@ def _engine(url: URL) -> Engine:
         connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 
     return engine
+
+
+def _text(stored: bytes) -> str:
+    return stored.decode(errors="replace")

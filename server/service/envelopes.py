@@ -20,6 +20,7 @@ from sqlalchemy import ColumnElement, Connection, func, select
 from daq.blocks import Chunk
 from daq.windows import Span
 from server.service.database import Database
+from server.service.ingest import STORED, chunk_of
 from server.service.problems import ProblemError, not_found
 from server.service.schema import chunks, streams
 
@@ -114,7 +115,7 @@ class Envelopes:
 
         Raises:
             ProblemError: 404 there is no such stream, 422 the window is turned round, or too long to be read at once.
-            JournalError: a chunk is damaged.
+            DamagedError: a chunk is not as it was sent.
         """
         if from_s is not None and to_s is not None and not from_s <= to_s:
             raise ProblemError(422, f"a window from {from_s:g} to {to_s:g} s", "from_s before to_s")
@@ -209,12 +210,14 @@ def _places(connection: Connection, mine: ColumnElement[bool], ends: tuple[int, 
 
 def _read(connection: Connection, mine: ColumnElement[bool], wanted: Sequence[int]) -> Iterator[Chunk]:
     for at in range(0, len(wanted), _AT_ONCE):
-        query = select(chunks.c.first_seq, chunks.c.payload)
-        query = query.where(mine & chunks.c.first_seq.in_(wanted[at : at + _AT_ONCE])).order_by(chunks.c.first_seq)
+        query = (
+            select(*STORED)
+            .where(mine & chunks.c.first_seq.in_(wanted[at : at + _AT_ONCE]))
+            .order_by(chunks.c.first_seq)
+        )
         # A reader that stops early leaves no cursor behind.
-        with connection.execute(query.execution_options(yield_per=16)) as rows:
-            for row in rows:
-                yield Chunk.from_bytes(row.payload)
+        with connection.execute(query.order_by(chunks.c.first_seq).execution_options(yield_per=16)) as rows:
+            yield from map(chunk_of, rows)
 
 
 def _exact(read: Iterable[Chunk], window: Span, points: int) -> Samples | Rows:

@@ -17,6 +17,7 @@ from server.service.database import Database, now_utc
 from server.service.metrics import Metrics
 from server.service.migrate import expected
 from server.service.schema import jobs
+from server.service.scrub import Scrub, named
 
 if TYPE_CHECKING:
     from server.service.jobs.supervisor import Workers
@@ -34,6 +35,8 @@ class DatabaseHealth(BaseModel):
     ok: bool = Field(description="Whether it answers.")
     size_bytes: int | None = Field(description="Of the database; null where it does not say.")
     free_bytes: int | None = Field(description="Free on its disk; null where that is another machine's.")
+    checked_utc: str | None = Field(description="When everything was last held against its checksums; null before.")
+    damaged: int = Field(description="Rows that are known not to be as they were written.")
 
 
 class WorkersHealth(BaseModel):
@@ -68,6 +71,7 @@ class Health:
         database: of the service.
         ready: whether it may be asked.
         workers: counts processes and jobs that wait.
+        scrub: knows what is damaged.
         folder: of its data, whose disk is looked at; None where the database is elsewhere.
     """
 
@@ -76,9 +80,10 @@ class Health:
         database: Database,
         ready: Callable[[], bool],
         workers: Callable[[], Workers],
+        scrub: Scrub,
         folder: Path | None = None,
     ) -> None:
-        self._database, self._ready, self._workers = database, ready, workers
+        self._database, self._ready, self._workers, self._scrub = database, ready, workers, scrub
         self._folder = folder or (database.file.parent if database.file else None)
         self._started_utc, self._started_s = now_utc(), time.monotonic()
         self._version = version("fingertwin")
@@ -96,6 +101,9 @@ class Health:
         problems = [] if ok else ["the database does not answer"]
         if free is not None and free < LITTLE_BYTES:
             problems.append(f"the disk has {free >> 20} MB left")
+        damaged = self._scrub.damaged
+        if damaged:
+            problems.append(named(damaged))
         return HealthAnswer(
             status="degraded" if problems else "ok",
             live=True,
@@ -108,6 +116,8 @@ class Health:
                 ok=ok,
                 size_bytes=self.size_bytes() if ok else None,
                 free_bytes=free,
+                checked_utc=self._scrub.checked_utc,
+                damaged=len(damaged),
             ),
             workers=workers,
             problems=problems,
@@ -147,6 +157,11 @@ class Health:
         metrics.ask("fingertwin_jobs", "Jobs by state.", self.jobs_by_state, "state")
         metrics.ask("fingertwin_database_bytes", "Size of the database.", self.size_bytes)
         metrics.ask("fingertwin_free_bytes", "Free on its disk.", self.free_bytes)
+        metrics.ask(
+            "fingertwin_damaged_rows",
+            "Stored rows that are not as they were written.",
+            lambda: float(len(self._scrub.damaged)),
+        )
         metrics.ask("fingertwin_ready", "Whether the service may be asked.", lambda: float(self.ready))
         metrics.ask("fingertwin_workers", "Worker processes and waiting jobs.", self._of_workers, "state")
 

@@ -6,24 +6,32 @@ nothing; what would lie over something else is a conflict that names what is sto
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, func, insert, select, update
+from sqlalchemy import Column, Connection, Row, func, insert, select, update
 
 from daq.blocks import Chunk
 from daq.errors import JournalError
 from daq.journal.rows import Event
+from server.service.checksums import digest_of, sound
 from server.service.database import Database, now_utc
 from server.service.messages import Messages
 from server.service.problems import ProblemError, not_found, shortened
 from server.service.schema import chunks, events, sessions, streams
 from server.service.strict import read_json
 
+# What a chunk is read from.
+STORED: tuple[Column[Any], ...] = (
+    chunks.c.session,
+    chunks.c.stream,
+    chunks.c.first_seq,
+    chunks.c.sha256,
+    chunks.c.payload,
+)
 # A name of a stream or an epoch goes into keys and addresses.
 _NAME = re.compile(r"[A-Za-z0-9._:-]{1,100}")
 _MOST_COUNT = 1 << 53
@@ -54,7 +62,7 @@ class Sent:
         """
         if not _NAME.fullmatch(self.epoch):
             raise ProblemError(422, f"epoch {shortened(self.epoch)!r}", "the X-Fingertwin-Epoch of the journal")
-        if hashlib.sha256(self.body).hexdigest() != self.sha256:
+        if digest_of(self.body) != self.sha256:
             raise ProblemError(
                 422, "the body is not what its SHA-256 says", "X-Fingertwin-SHA256 of these very bytes", "Send it again"
             )
@@ -89,7 +97,7 @@ class Ingest:
         if not _NAME.fullmatch(stream):
             raise ProblemError(422, f"stream {shortened(stream)!r}", "letters, digits, and . _ : -, at most 100")
         description = _object(body, "a stream's description")
-        digest = hashlib.sha256(description.encode()).hexdigest()
+        digest = digest_of(description.encode())
         with self._database.writing() as connection:
             _require_session(connection, session)
             found = _stream(connection, session, stream)
@@ -229,6 +237,16 @@ class Ingest:
         return {"next_seq": row["next_seq"], "missing": missing, "ended": row["ended"], "epoch": row["epoch"]}
 
 
+def chunk_of(row: Row[Any]) -> Chunk:
+    """Return a stored chunk of a row with the columns STORED.
+
+    Raises:
+        DamagedError: it is not what was sent.
+    """
+    place = f"chunk {row.first_seq} of stream {row.stream} of session {row.session}"
+    return Chunk.from_bytes(sound(row.payload, row.sha256, place))
+
+
 def raise_version(connection: Connection, session: str, **values: Any) -> None:
     """Raise a session's version, by which everybody sees that what was computed of it is old; set other columns too."""
     raised = {"version": sessions.c.version + 1} | values
@@ -247,8 +265,7 @@ def gaps(ranges: Iterable[tuple[int, int]]) -> list[list[int]]:
 
 def stored_events(connection: Connection, session: str) -> list[Event]:
     """Return a session's events in order: epoch by epoch as they came, each as far as it has no gap."""
-    query = select(events.c.epoch, events.c.number, events.c.arrival, events.c.body)
-    rows = connection.execute(query.where(events.c.session == session).order_by(events.c.arrival)).all()
+    rows = connection.execute(select(events).where(events.c.session == session).order_by(events.c.arrival)).all()
     first: dict[str, int] = {}
     for row in rows:
         first.setdefault(row.epoch, row.arrival)
@@ -256,8 +273,17 @@ def stored_events(connection: Connection, session: str) -> list[Event]:
     for row in sorted(rows, key=lambda r: (first[r.epoch], r.number)):
         if row.number == expected[row.epoch]:
             expected[row.epoch] += 1
-            out.append(event_of(row.body.encode()))
+            out.append(event_of(body_of_event(row)))
     return out
+
+
+def body_of_event(row: Row[Any]) -> bytes:
+    """Return a stored event as it was sent.
+
+    Raises:
+        DamagedError: it is no longer that.
+    """
+    return sound(row.body.encode(), row.sha256, f"event {row.number} of epoch {row.epoch} of session {row.session}")
 
 
 def event_of(body: bytes) -> Event:

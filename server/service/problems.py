@@ -15,6 +15,7 @@ from starlette.responses import Response
 
 from daq.errors import InputError
 from server.service.answers import JsonAnswer
+from server.service.checksums import DamagedError
 
 PROBLEM = "application/problem+json"
 # Longer texts of a client's are not sent back, nor are longer parts of a problem.
@@ -114,6 +115,19 @@ async def answer_input_error(_: Request, error: Exception) -> Response:
     assert isinstance(error, InputError)  # noqa: S101
     problem = ProblemError(422, error.found, error.expected, error.remedy)
     return problem_answer(422, problem.body)
+
+
+async def answer_damaged(request: Request, error: Exception) -> Response:
+    """Answer that what was stored is damaged; the health says so from then on."""
+    assert isinstance(error, DamagedError)  # noqa: S101
+    request.app.state.services.scrub.note((error.what,))
+    problem = ProblemError(
+        500,
+        str(error),
+        "what was stored",
+        "Restore a backup (fingertwin restore), or leave out the load case; GET /api/v1/health names what is damaged",
+    )
+    return problem_answer(500, problem.body)
 
 
 async def answer_http(_: Request, error: Exception) -> Response:

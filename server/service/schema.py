@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from sqlalchemy import (
-    JSON,
     BigInteger,
     Boolean,
     Column,
@@ -17,6 +16,8 @@ from sqlalchemy import (
     Table,
     Text,
 )
+
+from server.service.checksums import Sealed
 
 # Names of constraints must be known to be changed by a migration.
 NAMES = {
@@ -37,13 +38,15 @@ sessions = Table(
     Column("id", NAME, primary_key=True),
     Column("created_utc", TIME, nullable=False),
     # What was posted as bench-session/1; null where a bench's events are the record.
-    Column("document", JSON),
+    Column("document", Sealed("document of sessions")),
     Column("specimen", NAME, index=True),
     # Raised by everything that changes cases, windows or model-free corrections.
     Column("version", Integer, nullable=False, default=0),
     Column("closed_utc", TIME),
     # A deleted session is hidden, and its id stays taken.
     Column("deleted_utc", TIME),
+    # True while an import is written, which is hidden like a deleted session until all of it is there.
+    Column("arriving", Boolean),
 )
 
 streams = Table(
@@ -101,7 +104,7 @@ edits = Table(
     Column("author", NAME),
     Column("kind", String(20), nullable=False),
     Column("case", NAME),
-    Column("body", JSON),
+    Column("body", Sealed("body of edits")),
     Column("undoes", COUNT),
     ForeignKeyConstraint(["session"], ["sessions.id"]),
 )
@@ -114,9 +117,9 @@ revisions = Table(
     Column("session", NAME, nullable=False, index=True),
     Column("parent", NAME, nullable=False),
     Column("created_utc", TIME, nullable=False),
-    Column("document", JSON, nullable=False),
+    Column("document", Sealed("document of revisions"), nullable=False),
     # Which readings, corrections, model, job and version of the software it came from.
-    Column("provenance", JSON, nullable=False),
+    Column("provenance", Sealed("provenance of revisions"), nullable=False),
     ForeignKeyConstraint(["session"], ["sessions.id"]),
 )
 
@@ -139,7 +142,7 @@ jobs = Table(
     Column("number", COUNT, nullable=False, unique=True),
     Column("kind", String(40), nullable=False),
     Column("session", NAME, index=True),
-    Column("request", JSON, nullable=False),
+    Column("request", Sealed("request of jobs"), nullable=False),
     # queued, running, done, failed, cancelled
     Column("state", String(20), nullable=False, index=True),
     Column("progress", Float, nullable=False, default=0.0),
@@ -149,9 +152,9 @@ jobs = Table(
     Column("created_utc", TIME, nullable=False),
     Column("started_utc", TIME),
     Column("finished_utc", TIME),
-    Column("result", JSON),
+    Column("result", Sealed("result of jobs")),
     # problem+json of a failure.
-    Column("problem", JSON),
+    Column("problem", Sealed("problem of jobs")),
 )
 
 # Finished parts of a job that is done in parts; a job that is taken up again does only the others.
@@ -160,7 +163,7 @@ job_parts = Table(
     metadata,
     Column("job", NAME, primary_key=True),
     Column("part", NAME, primary_key=True),
-    Column("result", JSON, nullable=False),
+    Column("result", Sealed("result of job_parts"), nullable=False),
     ForeignKeyConstraint(["job"], ["jobs.id"]),
 )
 
@@ -172,7 +175,7 @@ frozen = Table(
     Column("specimen", NAME, nullable=False, index=True),
     Column("session", NAME, nullable=False),
     Column("created_utc", TIME, nullable=False),
-    Column("document", JSON, nullable=False),
+    Column("document", Sealed("document of frozen"), nullable=False),
     ForeignKeyConstraint(["session"], ["sessions.id"]),
 )
 
@@ -182,7 +185,7 @@ own_effects = Table(
     metadata,
     Column("name", NAME, primary_key=True),
     Column("created_utc", TIME, nullable=False),
-    Column("document", JSON, nullable=False),
+    Column("document", Sealed("document of own_effects"), nullable=False),
 )
 
 # What is told live and can be asked for after a pause; traces are not kept.
@@ -193,7 +196,7 @@ messages = Table(
     Column("session", NAME, index=True),
     Column("kind", String(40), nullable=False),
     Column("created_utc", TIME, nullable=False),
-    Column("body", JSON, nullable=False),
+    Column("body", Sealed("body of messages"), nullable=False),
 )
 
 tokens = Table(

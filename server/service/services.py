@@ -17,6 +17,7 @@ from server.service.ingest import Ingest
 from server.service.measuring import Measuring
 from server.service.messages import Messages
 from server.service.revisions import Revisions
+from server.service.scrub import Scrub
 from server.service.sessions import Sessions
 from server.service.settings import Settings
 from server.service.windows import Windows
@@ -38,7 +39,7 @@ class Services:
         settings: of the service.
         database: that it keeps everything in.
         messages: that it tells.
-        sessions, ingest, measuring, twins, revisions, effects, jobs, live, watch: its parts.
+        sessions, ingest, measuring, twins, revisions, effects, jobs, live, watch, scrub: its parts.
         started: monotonic time of the start [s].
         ready: whether models are warm and the database is up to date.
     """
@@ -55,6 +56,7 @@ class Services:
     jobs: JobService
     live: LiveHub
     watch: Watch
+    scrub: Scrub
     started: float = field(default_factory=time.monotonic)
     ready: bool = False
 
@@ -124,5 +126,17 @@ def build(settings: Settings) -> Services:
     workers = Supervisor(settings.worker_count, "server.service.jobs.tasks.warm" if settings.warm_workers else None)
     jobs = JobService(database, messages, workers, kinds, settings.job_timeout_s)
     return Services(
-        settings, database, messages, sessions, ingest, measuring, twins, revisions, effects, jobs, live, watch
+        settings,
+        database,
+        messages,
+        sessions,
+        ingest,
+        measuring,
+        twins,
+        revisions,
+        effects,
+        jobs,
+        live,
+        watch,
+        Scrub(database),
     )

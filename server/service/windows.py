@@ -11,12 +11,12 @@ from itertools import pairwise
 import numpy as np
 from sqlalchemy import ColumnElement, Connection, func, select
 
-from daq.blocks import Chunk
-from daq.errors import JournalError, ReadingsError
+from daq.errors import ReadingsError
 from daq.plateaus import Plateau
 from daq.readings import ReadingBlock
 from daq.windows import Span, gather
 from server.service.database import Database
+from server.service.ingest import STORED, chunk_of
 from server.service.schema import chunks, streams
 
 _MOST_CACHED = 20_000
@@ -101,8 +101,6 @@ class Windows:
         except ReadingsError as error:
             # Without what it was raised in: it is kept.
             found = out.failed[window] = error.with_traceback(None)
-        except JournalError as error:
-            found = out.failed[window] = ReadingsError(error.found, error.expected, error.remedy)
         with self._lock:
             self._known[session, stream, window] = found
             while len(self._known) > _MOST_CACHED:
@@ -147,15 +145,14 @@ def blocks_of(connection: Connection, session: str, stream: str, window: Span | 
     """Yield a stream's readings in order, or those of the chunks about a window.
 
     Raises:
-        JournalError: a chunk is damaged.
+        DamagedError: a chunk is not as it was sent.
     """
     mine = (chunks.c.session == session) & (chunks.c.stream == stream)
     if window is not None:
         mine &= chunks.c.first_seq.between(*_ends(connection, mine, window))
-    query = select(chunks.c.payload).where(mine).order_by(chunks.c.first_seq)
+    query = select(*STORED).where(mine).order_by(chunks.c.first_seq)
     with connection.execute(query.execution_options(yield_per=16)) as rows:
-        for (payload,) in rows:
-            chunk = Chunk.from_bytes(payload)
+        for chunk in map(chunk_of, rows):
             if len(chunk):
                 # A reading beyond the range is flagged also where the device has no status of its own.
                 status = np.where(chunk.overload & (chunk.status == 0), 1, chunk.status)

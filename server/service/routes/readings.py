@@ -16,6 +16,7 @@ from daq.plateaus import Plateau
 from daq.readings import HEADERS
 from server.service.answers import JsonAnswer
 from server.service.envelopes import Envelopes, Samples, Window
+from server.service.ingest import body_of_event
 from server.service.problems import ProblemError, not_found
 from server.service.records import WINDOWS
 from server.service.schema import events
@@ -133,12 +134,11 @@ def event_list(
     """Return what happened at the bench, as it was sent, in the order in which it came."""
     parts = of(request)
     parts.sessions.version(session)
-    query = select(events.c.epoch, events.c.number, events.c.arrival, events.c.body)
-    query = query.where((events.c.session == session) & (events.c.arrival > after)).order_by(events.c.arrival)
+    query = select(events).where((events.c.session == session) & (events.c.arrival > after)).order_by(events.c.arrival)
     rows: list[dict[str, Any]] = []
     with parts.database.reading() as connection, connection.execute(query.execution_options(yield_per=256)) as found:
         for row in found:
-            body = orjson.loads(row.body)
+            body = orjson.loads(body_of_event(row))
             if kind is None or body.get("kind") == kind:
                 rows.append(body | {"epoch": row.epoch, "number": row.number, "arrival": row.arrival})
             if len(rows) > limit:

@@ -15,6 +15,7 @@ from daq.errors import InputError
 from server import cli
 from server.service import backup as module
 from server.service.backup import backup, restore
+from server.service.checksums import digest_of
 from server.service.database import Database, now_utc
 from server.service.folder import held
 from server.service.migrate import expected, upgrade
@@ -73,7 +74,7 @@ def test_a_backup_of_a_service_that_writes_is_a_state_that_was(tmp_path: Path) -
                         "epoch": "e",
                         "number": half,
                         "arrival": half,
-                        "sha256": "",
+                        "sha256": digest_of(b"x" * 500),
                         "body": "x" * 500,
                     }
                     connection.execute(insert(events).values(row))

@@ -20,6 +20,7 @@ from server.service.metrics import Metrics
 from server.service.migrate import expected
 from server.service.routes import health as routes
 from server.service.schema import jobs
+from server.service.scrub import Scrub
 from server.service.settings import Settings
 from tests.server.service.asks import Answer, ask
 from tests.server.service.guarded import Guarded
@@ -33,7 +34,7 @@ class Looked(Guarded):
         super().__init__(folder)
         self.ready = False
         self.workers = Workers(2, 1, 1, 3)
-        self.health = Health(self.database, lambda: self.ready, lambda: self.workers)
+        self.health = Health(self.database, lambda: self.ready, lambda: self.workers, Scrub(self.database))
         self.health.report(self.metrics)
         self.app.state.health, self.app.state.metrics = self.health, self.metrics
         self.app.include_router(routes.router, prefix="/api/v1/of")
@@ -100,12 +101,13 @@ def test_a_database_that_is_gone_or_a_full_disk_is_degraded_and_no_failure(
 
 def test_postgresql_says_its_size_and_a_lost_server_is_degraded() -> None:
     database = Database(postgres_url())
-    health = Health(database, lambda: True, lambda: Workers(1, 0, 0, 0))
+    health = Health(database, lambda: True, lambda: Workers(1, 0, 0, 0), Scrub(database))
     body = health.answer()
     assert (body.status, body.database.dialect, body.database.free_bytes) == ("ok", "postgresql", None)
     assert (body.database.size_bytes or 0) > 1e6
     database.close()
-    lost = Health(Database("postgresql+psycopg://a@127.0.0.1:1/b"), lambda: True, lambda: Workers(1, 0, 0, 0))
+    gone = Database("postgresql+psycopg://a@127.0.0.1:1/b")
+    lost = Health(gone, lambda: True, lambda: Workers(1, 0, 0, 0), Scrub(gone))
     assert lost.answer().status == "degraded"
     assert lost.jobs_by_state() == {}
 

@@ -20,6 +20,7 @@ from sqlalchemy.types import JSON
 
 from daq.errors import InputError
 from server.service import migrate
+from server.service.checksums import Sealed
 from server.service.database import Database
 from server.service.migrate import check, expected, known, upgrade
 from server.service.schema import metadata
@@ -63,8 +64,9 @@ def test_the_steps_lead_to_the_schema_that_the_code_works_with(database: Databas
 def value_of(column: Column[Any]) -> Any:
     if column.foreign_keys:
         return "one" if not isinstance(column.type, Integer) else 1
-    kinds: list[tuple[type, Any]] = [
-        (JSON, {"a": [1.5, None, "ü"]}), (LargeBinary, b"\0\xff"), (Boolean, True), (Float, 1.25), (Integer, 7),
+    kinds: list[tuple[Any, Any]] = [
+        ((JSON, Sealed), {"a": [1.5, None, "ü"]}), (LargeBinary, b"\0\xff"), (Boolean, True), (Float, 1.25),
+        (Integer, 7),
     ]  # fmt: skip
     return next((value for kind, value in kinds if isinstance(column.type, kind)), "one")
 
@@ -75,7 +77,7 @@ def test_a_database_of_the_first_version_keeps_its_rows(database: Database) -> N
     then = MetaData()
     with database.writing() as connection:
         then.reflect(connection)
-        # In the order of their references; a table's columns as they were then, with the types of today.
+        # In the order of their references; a table's columns as they were then, and as they are today.
         old = {
             t.name: [t.c[c.name] for c in then.tables[t.name].c]
             for t in metadata.sorted_tables
@@ -83,8 +85,11 @@ def test_a_database_of_the_first_version_keeps_its_rows(database: Database) -> N
         }
         for name, columns in old.items():
             row = {column.name: value_of(column) for column in columns}
-            connection.execute(insert(metadata.tables[name]).values(row))
-        before = {name: connection.execute(select(*columns)).all() for name, columns in old.items()}
+            connection.execute(insert(then.tables[name]).values(row))
+        before = {
+            name: connection.execute(select(*(then.tables[name].c[c.name] for c in columns))).all()
+            for name, columns in old.items()
+        }
     assert set(before) >= {"sessions", "chunks", "events", "edits", "revisions", "jobs", "tokens"}
     assert upgrade(database) == first
     assert check(database) == expected()
@@ -119,6 +124,59 @@ def test_a_database_of_something_else_is_left_alone(database: Database) -> None:
         upgrade(database)
     with database.reading() as connection:
         assert inspect(connection).get_table_names() == ["recipes"]
+
+
+@pytest.mark.parametrize("lost", ["DROP TABLE tokens", "ALTER TABLE frozen DROP COLUMN document"])
+def test_a_database_without_its_tables_is_refused(database: Database, lost: str) -> None:
+    upgrade(database)
+    with database.writing() as connection:
+        connection.execute(text(lost))
+    for attempt in (upgrade, check):
+        with pytest.raises(InputError, match=r"lacks the (table tokens|columns of frozen: document); .* Restore"):
+            attempt(database)
+
+
+def test_an_older_database_without_its_tables_is_refused_and_left_alone(database: Database) -> None:
+    upgrade(database, known()[0])
+    with database.writing() as connection:
+        connection.execute(text("DROP TABLE messages"))
+    with pytest.raises(InputError, match=r"lacks|cannot be used"):
+        upgrade(database)
+    assert check(database) == known()[0]
+
+
+@pytest.mark.parametrize("versions", [[], ["0000"], ["0001", "0002"]])
+def test_a_database_of_an_unknown_version_is_refused(database: Database, versions: list[str]) -> None:
+    upgrade(database)
+    with database.writing() as connection:
+        connection.execute(text("DELETE FROM alembic_version"))
+        for version in versions:
+            connection.execute(text(f"INSERT INTO alembic_version VALUES ('{version}')"))  # noqa: S608
+    for attempt in (upgrade, check):
+        with pytest.raises(InputError, match="of an unknown version"):
+            attempt(database)
+
+
+def test_an_empty_file_is_refused_and_a_missing_one_begun_whole(tmp_path: Path) -> None:
+    file = tmp_path / "a.db"
+    database = Database(f"sqlite:///{file}")
+    assert check(database) == ""
+    assert not file.exists()
+    for pragma in ("user_version=0", "journal_mode=WAL"):
+        with closing(sqlite3.connect(file)) as connection:
+            connection.execute(f"PRAGMA {pragma}")
+        for attempt in (upgrade, check):
+            with pytest.raises(InputError, match=r"a\.db holds nothing; .* Restore a backup, or remove the file"):
+                attempt(database)
+        database.close()
+    file.unlink()
+    (tmp_path / "a.db-wal").write_bytes(b"")
+    with pytest.raises(InputError, match=r"not there, but its log"):
+        upgrade(database)
+    (tmp_path / "a.db-wal").unlink()
+    assert upgrade(database) == ""
+    database.close()
+    assert {f.name for f in tmp_path.iterdir()} == {"a.db"}
 
 
 def upgraded(url: str) -> str:
