@@ -94,6 +94,12 @@ class Chunk:
         if magic != _MAGIC or version != _VERSION:
             raise JournalError(f"a chunk of version {version}", f"version {_VERSION}", "Use the newer fingertwin")
         end = _HEAD.size + count * _SAMPLE.itemsize
+        if count < 0 or reads < 0 or end + reads * _READ.itemsize + 4 > len(data):
+            raise JournalError(
+                f"a chunk that says it has {count} samples and {reads} reads, in {len(data)} bytes",
+                "as many as it has",
+                "Send what was read",
+            )
         table = np.frombuffer(data, _SAMPLE, count, _HEAD.size)
         portions = np.frombuffer(data, _READ, reads, end)
         return cls(

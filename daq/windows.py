@@ -37,6 +37,30 @@ def stop(error: ReadingsError) -> None:
     raise error
 
 
+def require_increasing(t: Floats, last: float, rows: int, file: str) -> None:
+    """Refuse times (n,) [s] that do not rise.
+
+    Args:
+        t: of consecutive readings, at least one.
+        last: time of the reading before them; -inf where there is none.
+        rows: how many readings come before them.
+        file: name of the readings, for messages.
+
+    Raises:
+        ReadingsError: they do not; the line names the row.
+    """
+    steps = np.diff(t, prepend=last)
+    if steps.min() > 0.0:
+        return
+    at = int(np.argmin(steps > 0.0))
+    before = last if at == 0 else float(t[at - 1])
+    raise ReadingsError(
+        f"time goes from {before:.6g} s to {t[at]:.6g} s in row {rows + at + 1} of {file}",
+        "time that increases from row to row",
+        "Join recordings in order, each with its own session, or remove repeated rows",
+    )
+
+
 def gather(
     blocks: Iterable[ReadingBlock],
     windows: Mapping[Span, str],
@@ -77,7 +101,7 @@ def gather(
         for block in blocks:
             if not len(block):
                 continue
-            _require_increasing(block.t_s, last, rows, file)
+            require_increasing(block.t_s, last, rows, file)
             first = float(block.t_s[0]) if rows == 0 else first
             rows += len(block)
             last = float(block.t_s[-1])
@@ -125,19 +149,6 @@ def _reduce(held: list[ReadingBlock], window: Span, name: str, file: str) -> Pla
     wrench = np.concatenate([p.wrench for p in held])
     flagged = sum(int(np.count_nonzero(p.status)) for p in held if p.status is not None)
     return reduce_window(t, wrench, flagged)
-
-
-def _require_increasing(t: Floats, last: float, rows: int, file: str) -> None:
-    steps = np.diff(t, prepend=last)
-    if steps.min() > 0.0:
-        return
-    at = int(np.argmin(steps > 0.0))
-    before = last if at == 0 else float(t[at - 1])
-    raise ReadingsError(
-        f"time goes from {before:.6g} s to {t[at]:.6g} s in row {rows + at + 1} of {file}",
-        "time that increases from row to row",
-        "Join recordings in order, each with its own session, or remove repeated rows",
-    )
 
 
 def _outside(window: Span, name: str, first: float, last: float, file: str) -> OutsideError:

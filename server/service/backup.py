@@ -168,7 +168,7 @@ def prove(file: Path) -> Copy:
             raise InputError(
                 named(damaged),
                 "rows whose checksums hold",
-                "Take an earlier backup, or take their sessions out: fingertwin purge session ID",
+                "Restore an earlier backup, or delete their sessions and remove them: fingertwin purge deleted",
             )
         with database.reading() as connection:
             sessions = int(connection.exec_driver_sql("SELECT count(*) FROM sessions").scalar_one())

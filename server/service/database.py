@@ -17,6 +17,8 @@ from daq.errors import InputError
 
 # How long a writer waits for another process, such as a backup, to let go of the file [ms].
 _BUSY_MS = 10_000
+# As many connections as there are threads that may want one: nobody waits for what a slow reader holds.
+_POOL: dict[str, Any] = {"pool_size": 10, "max_overflow": 40}
 _WRITES = "fingertwin_writes"
 
 
@@ -88,15 +90,14 @@ class Database:
 def _engine(url: URL) -> Engine:
     if url.get_backend_name() != "sqlite":
         try:
-            return create_engine(url, pool_pre_ping=True, hide_parameters=True)
+            return create_engine(url, pool_pre_ping=True, hide_parameters=True, **_POOL)
         except ImportError as error:
             raise InputError(
                 f"PostgreSQL needs the package {error.name}", "fingertwin[postgres]", "Install it"
             ) from error
     # The driver must not begin transactions by itself: a write begins at once, or not at all.
-    engine = create_engine(
-        url, connect_args={"check_same_thread": False, "isolation_level": None}, hide_parameters=True
-    )
+    driver = {"check_same_thread": False, "isolation_level": None}
+    engine = create_engine(url, connect_args=driver, hide_parameters=True, **_POOL)
 
     @event.listens_for(engine, "connect")
     def prepare(connection: Any, _: Any) -> None:

@@ -6,34 +6,19 @@ import re
 from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TypeVar
 
 import anyio
-from fastapi import Request
 from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 from server.service.problems import ProblemError
+from server.service.workers import run
 
-# Work that takes seconds: so many at a time, while others wait without holding a thread that answers.
-MOST_AT_ONCE = 2
 _PORTION = 1 << 18
 _UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
 
-T = TypeVar("T")
-
-
-async def apart(request: Request, work: Callable[[], T]) -> T:
-    """Do work that takes long, a few at a time."""
-    state = request.app.state
-    limiter: anyio.CapacityLimiter | None = getattr(state, "apart", None)
-    if limiter is None:
-        limiter = state.apart = anyio.CapacityLimiter(MOST_AT_ONCE)
-    return await anyio.to_thread.run_sync(work, limiter=limiter)
-
 
 async def download(
-    request: Request,
     write: Callable[[Path], Path],
     kind: str,
     headers: Mapping[str, str] | None = None,
@@ -41,7 +26,6 @@ async def download(
     """Answer with a file that is written now.
 
     Args:
-        request: that asks.
         write: is given an empty folder, and returns the file that it made in it; its name is the client's.
         kind: media type.
         headers: of the answer.
@@ -51,7 +35,7 @@ async def download(
     """
     folder = TemporaryDirectory(prefix="fingertwin-", ignore_cleanup_errors=True)
     try:
-        file = await apart(request, lambda: write(Path(folder.name)))
+        file = await run("apart", write, Path(folder.name))
         return FileAnswer(file, folder, kind, headers)
     except BaseException as error:
         folder.cleanup()

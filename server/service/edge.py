@@ -15,6 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from server.service.logs import REQUEST_ID, cleaned
 from server.service.metrics import Metrics
 from server.service.problems import ProblemError, failure, problem_answer, shortened
+from server.service.workers import GoneError
 
 _LOG = logging.getLogger("fingertwin.request")
 _ID = re.compile(rb"[A-Za-z0-9._-]{1,64}")
@@ -63,6 +64,8 @@ class Edge:
         began_s = time.perf_counter()
         try:
             await self._app(scope, receive, answer.send)
+        except GoneError:
+            pass
         except Exception as error:
             if scope["type"] == "websocket" or answer.status:
                 _LOG.exception("failed")

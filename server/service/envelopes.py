@@ -23,6 +23,7 @@ from server.service.database import Database
 from server.service.ingest import STORED, chunk_of
 from server.service.problems import ProblemError, not_found
 from server.service.schema import chunks, streams
+from server.service.workers import require_client
 
 # (n,) envelopes: from and to which time, of how many samples, how many of them flagged, least and most of each channel.
 ENVELOPE = np.dtype(
@@ -217,7 +218,9 @@ def _read(connection: Connection, mine: ColumnElement[bool], wanted: Sequence[in
         )
         # A reader that stops early leaves no cursor behind.
         with connection.execute(query.order_by(chunks.c.first_seq).execution_options(yield_per=16)) as rows:
-            yield from map(chunk_of, rows)
+            for row in rows:
+                require_client()
+                yield chunk_of(row)
 
 
 def _exact(read: Iterable[Chunk], window: Span, points: int) -> Samples | Rows:

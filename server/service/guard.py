@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import time
+from functools import partial
 
 from fastapi import FastAPI
 from limits import RateLimitItemPerSecond
 from limits.storage import MemoryStorage
 from limits.strategies import MovingWindowRateLimiter
-from starlette.concurrency import run_in_threadpool
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from server.service.body_limit import LimitedBody, refuse
@@ -20,6 +20,7 @@ from server.service.problems import ProblemError, problem_answer, shortened
 from server.service.settings import Settings
 from server.service.tokens import Token, TokenBook
 from server.service.wire import hide_wire
+from server.service.workers import run
 
 # What a machine that watches the service asks (the answers say no more than that it runs), and the pages, which hold no
 # data: they ask whoever opens them for a token.
@@ -233,7 +234,7 @@ async def _fresh(tokens: TokenBook, *, known: bool) -> bool:
     """Read the tokens again where that is due; return whether it was."""
     due = tokens.stale(known=known)
     if due:
-        await run_in_threadpool(tokens.refresh, known=known)
+        await run("health", partial(tokens.refresh, known=known))
     return due
 
 

@@ -4,27 +4,35 @@ from __future__ import annotations
 
 import base64
 import binascii
-import hashlib
+import gzip
 import json
+import math
 import re
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from daq.export import sha256_of
 from daq.protocols import protocol_names
-from daq.readings import ReadingBlock, open_readings
+from daq.readings import ReadingBlock, ReadingSource, open_readings
 from daq.session_models import Session
 from daq.sessions import SESSION_FILE, read_session, read_yaml, whole_document
 from daq.uplink.recording import STREAM, chunks_of, description_of, epoch_of
+from daq.windows import require_increasing
+from server.service.checksums import digest_of
 from server.service.ingest import Sent
 from server.service.problems import ProblemError, shortened
 from server.service.services import Services
+from server.service.workers import require_client
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._()+-]{0,99}")
 # Of a description: YAML can name one part in many places, and so be far larger than its text.
 _MOST_VALUES, _MOST_LEVELS = 300_000, 32
+# Of one import's readings: 80 minutes at 1 kHz, in twice as many bytes as their text needs.
+MOST_ROWS, MOST_BYTES = 5_000_000, 1 << 30
 
 
 def import_folder(parts: Services, files: Sequence[tuple[str, str]], name: str | None) -> tuple[str, bool]:
@@ -40,7 +48,8 @@ def import_folder(parts: Services, files: Sequence[tuple[str, str]], name: str |
 
     Raises:
         InputError: the session, its readings or its finger cannot be used; the line names the place.
-        ProblemError: 409 another session has the id; 422 it is no session's folder.
+        ProblemError: 409 another session has the id; 413 its readings are too many; 422 it is no session's folder.
+        GoneError: the client has gone; nothing is kept.
     """
     with TemporaryDirectory(prefix="fingertwin-") as temporary:
         # The folder's name stands in messages.
@@ -48,16 +57,25 @@ def import_folder(parts: Services, files: Sequence[tuple[str, str]], name: str |
         folder.mkdir()
         _write(folder, files)
         session = _read(parts, folder)
-        source = None if session.readings_path is None else open_readings(session.readings_path)
-        if source is not None:
-            # Before anything is kept: every row can be used.
-            for _ in source.blocks():
-                pass
         document = whole_document(session, name)
-        new = parts.sessions.create(str(document["id"]), document)
-        if source is not None:
-            _store(parts, str(document["id"]), session, source.path, source.blocks())
-    return str(document["id"]), new
+        known = str(document["id"])
+        if session.readings_path is None:
+            return known, parts.sessions.create(known, document)
+        _require_unpacked(session.readings_path)
+        source = open_readings(session.readings_path)
+        # Before anything is kept: every row can be used.
+        for _ in _limited(source):
+            pass
+        new = parts.sessions.create(known, document, arriving=True)
+        try:
+            _store(parts, known, session, source, hidden=new)
+            if new:
+                parts.sessions.arrive(known)
+        except BaseException:
+            if new:
+                parts.sessions.forget_arrivals(known)
+            raise
+    return known, new
 
 
 def _write(folder: Path, files: Sequence[tuple[str, str]]) -> None:
@@ -116,13 +134,69 @@ def _require_plain(data: Any) -> None:
     raise ProblemError(422, f"{SESSION_FILE} with more than {_MOST_LEVELS} levels", "a session's description")
 
 
-def _store(parts: Services, name: str, session: Session, file: Path, blocks: Iterator[ReadingBlock]) -> None:
-    digest = sha256_of(file)
-    description = description_of(session, file, digest)
-    cursor = parts.ingest.describe(name, STREAM, json.dumps(description, sort_keys=True).encode())
+def _require_unpacked(file: Path) -> None:
+    """Refuse a file that would be far larger unpacked, before all of it is."""
+    with file.open("rb") as stream:
+        start = stream.read(4)
+    if start == b"PAR1":
+        from pyarrow import ArrowException
+        from pyarrow.parquet import ParquetFile
+
+        try:
+            with ParquetFile(file) as table:
+                groups = (table.metadata.row_group(k) for k in range(table.metadata.num_row_groups))
+                size = sum(g.column(c).total_uncompressed_size for g in groups for c in range(g.num_columns))
+                rows = table.metadata.num_rows
+        except (ArrowException, OSError):
+            return  # said with its place when it is read
+        if rows > MOST_ROWS or size > MOST_BYTES:
+            raise _too_large(f"{rows} rows in {size} bytes")
+    elif start[:2] == b"\x1f\x8b":
+        size = 0
+        with suppress(EOFError, OSError, zlib.error), gzip.open(file) as packed:
+            while piece := packed.read(1 << 20):
+                require_client()
+                size += len(piece)
+                if size > MOST_BYTES:
+                    raise _too_large(f"more than {MOST_BYTES} bytes")
+
+
+def _limited(source: ReadingSource) -> Iterator[ReadingBlock]:
+    """Yield readings whose time rises, as long as they are not too many and somebody waits for them.
+
+    Raises:
+        ReadingsError: they cannot be used.
+        ProblemError: 413 they are too many.
+        GoneError: the client has gone.
+    """
+    rows, last = 0, -math.inf
+    for block in source.blocks():
+        require_client()
+        if not len(block):
+            continue
+        require_increasing(block.t_s, last, rows, source.path.name)
+        rows, last = rows + len(block), float(block.t_s[-1])
+        if rows > MOST_ROWS:
+            raise _too_large(f"more than {MOST_ROWS} rows")
+        yield block
+
+
+def _too_large(found: str) -> ProblemError:
+    return ProblemError(
+        413,
+        f"readings of {found}",
+        f"at most {MOST_ROWS} rows in {MOST_BYTES} bytes unpacked",
+        "Send a longer recording in parts: fingertwin replay SESSION --to ADDRESS --speed max",
+    )
+
+
+def _store(parts: Services, name: str, session: Session, source: ReadingSource, *, hidden: bool) -> None:
+    digest = sha256_of(source.path)
+    description = json.dumps(description_of(session, source.path, digest), sort_keys=True)
+    cursor = parts.ingest.describe(name, STREAM, description.encode(), hidden=hidden)
     if cursor["ended"] and not cursor["missing"]:
         return
-    for chunk in chunks_of(blocks):
+    for chunk in chunks_of(_limited(source)):
         body = chunk.to_bytes()
-        sent = Sent(body, hashlib.sha256(body).hexdigest(), epoch_of(digest))
-        parts.ingest.put_chunk(name, STREAM, chunk.first_seq, len(chunk), sent)
+        sent = Sent(body, digest_of(body), epoch_of(digest))
+        parts.ingest.put_chunk(name, STREAM, chunk.first_seq, len(chunk), sent, hidden=hidden)

@@ -7,16 +7,19 @@ nothing; what would lie over something else is a conflict that names what is sto
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from sqlalchemy import Column, Connection, Row, func, insert, select, update
 
 from daq.blocks import Chunk
-from daq.errors import JournalError
+from daq.errors import JournalError, ReadingsError
 from daq.journal.rows import Event
+from daq.windows import require_increasing
 from server.service.checksums import digest_of, sound
 from server.service.database import Database, now_utc
 from server.service.messages import Messages
@@ -85,8 +88,14 @@ class Ingest:
         # Is told of each new chunk: samples and bytes.
         self.stored: Callable[[int, int], None] = lambda *_: None
 
-    def describe(self, session: str, stream: str, body: bytes) -> dict[str, Any]:
+    def describe(self, session: str, stream: str, body: bytes, *, hidden: bool = False) -> dict[str, Any]:
         """Say what a stream is; the same again is a success.
+
+        Args:
+            session: that it belongs to.
+            stream: its id.
+            body: its description.
+            hidden: whether the session is one that is arriving.
 
         Returns:
             its cursor.
@@ -99,7 +108,7 @@ class Ingest:
         description = _object(body, "a stream's description")
         digest = digest_of(description.encode())
         with self._database.writing() as connection:
-            _require_session(connection, session)
+            _require_session(connection, session, hidden=hidden)
             found = _stream(connection, session, stream)
             if found is not None and found.sha256 != digest:
                 raise ProblemError(
@@ -123,7 +132,9 @@ class Ingest:
             _require_session(connection, session)
             return self._cursor_of(connection, session, stream)
 
-    def put_chunk(self, session: str, stream: str, first_seq: int, count: int, sent: Sent) -> dict[str, Any]:
+    def put_chunk(
+        self, session: str, stream: str, first_seq: int, count: int, sent: Sent, *, hidden: bool = False
+    ) -> dict[str, Any]:
         """Keep a chunk.
 
         Args:
@@ -132,6 +143,7 @@ class Ingest:
             first_seq: number of its first sample, as the address says.
             count: of its samples, as its header says.
             sent: the packed chunk.
+            hidden: whether the session is one that is arriving, of which nobody is told yet.
 
         Returns:
             the cursor of the stream.
@@ -149,8 +161,9 @@ class Ingest:
             raise ProblemError(422, found, f"{count} from {first_seq} on, as its address and header say")
         if len(chunk) > MOST_SAMPLES or chunk.next_seq >= _MOST_COUNT:
             raise ProblemError(422, f"{len(chunk)} samples to number {chunk.next_seq}", f"at most {MOST_SAMPLES}")
+        _require_rising(chunk)
         with self._database.writing() as connection:
-            _require_session(connection, session)
+            _require_session(connection, session, hidden=hidden)
             row = _stream(connection, session, stream)
             if row is None:
                 raise not_found("stream", stream, f"/api/v1/sessions/{session}")
@@ -164,6 +177,7 @@ class Ingest:
                     stored=[{"first_seq": f, "count": n, "sha256": s} for f, n, s in over],
                 )
             if fresh:
+                _require_between(connection, session, stream, chunk)
                 connection.execute(insert(chunks).values(_chunk_row(session, stream, chunk, sent)))
             change: dict[str, Any] = {
                 "next_seq": max(row.next_seq, chunk.next_seq),
@@ -176,6 +190,7 @@ class Ingest:
             answer = self._answer(connection, session, stream, change)
         if fresh:
             self.stored(count, len(sent.body))
+        if fresh and not hidden:
             self._on_chunk(session, stream, chunk)
         return answer
 
@@ -320,10 +335,10 @@ def _object(body: bytes, what: str, most: int = 1 << 20) -> str:
         raise ProblemError(422, f"{what} that is no JSON object ({shortened(error)})", "a JSON object") from error
 
 
-def _require_session(connection: Connection, session: str) -> None:
-    query = select(sessions.c.deleted_utc).where(sessions.c.id == session)
+def _require_session(connection: Connection, session: str, *, hidden: bool = False) -> None:
+    query = select(sessions.c.deleted_utc, sessions.c.arriving).where(sessions.c.id == session)
     row = connection.execute(query).first()
-    if row is None or row.deleted_utc is not None:
+    if row is None or (row.deleted_utc is not None and not (hidden and row.arriving)):
         raise not_found("session", session, "/api/v1/sessions")
 
 
@@ -341,6 +356,35 @@ def _overlapping(connection: Connection, session: str, stream: str, chunk: Chunk
     within = mine.where((chunks.c.first_seq > first) & (chunks.c.first_seq < end)).order_by(chunks.c.first_seq)
     rows = [*connection.execute(before).all(), *connection.execute(within).all()]
     return [(r.first_seq, r.n, r.sha256) for r in rows if r.first_seq + max(r.n, 1) > first]
+
+
+def _require_rising(chunk: Chunk) -> None:
+    if not np.isfinite(chunk.t_s).all():
+        raise ProblemError(422, "a time that is no number", "times in s")
+    try:
+        if len(chunk):
+            require_increasing(chunk.t_s, -math.inf, chunk.first_seq, "the stream")
+    except ReadingsError as error:
+        raise ProblemError(422, error.found, error.expected, "Send what was read") from error
+
+
+def _require_between(connection: Connection, session: str, stream: str, chunk: Chunk) -> None:
+    """Refuse a chunk whose times do not lie between those of its neighbours."""
+    if not len(chunk):
+        return
+    mine = (chunks.c.session == session) & (chunks.c.stream == stream) & (chunks.c.n > 0)
+    last = select(chunks.c.last_s).where(mine & (chunks.c.first_seq < chunk.first_seq))
+    first = select(chunks.c.first_s).where(mine & (chunks.c.first_seq > chunk.first_seq))
+    before = connection.execute(last.order_by(chunks.c.first_seq.desc()).limit(1)).scalar()
+    after = connection.execute(first.order_by(chunks.c.first_seq).limit(1)).scalar()
+    if (before is not None and before >= chunk.t_s[0]) or (after is not None and after <= chunk.t_s[-1]):
+        raise ProblemError(
+            422,
+            f"samples from {chunk.first_seq} on at {chunk.t_s[0]:.6g} to {chunk.t_s[-1]:.6g} s, "
+            f"between others at {before} and {after} s",
+            "time that increases from sample to sample",
+            "Begin another stream",
+        )
 
 
 def _chunk_row(session: str, stream: str, chunk: Chunk, sent: Sent) -> dict[str, Any]:

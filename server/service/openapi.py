@@ -7,11 +7,11 @@ from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.openapi.utils import get_openapi
-from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
 from server.service.problems import Problem, ProblemError, problem_answer, shortened
+from server.service.workers import run
 
 _METHODS = ("get", "put", "post", "delete", "patch")
 _BEARER = {
@@ -51,7 +51,7 @@ def document_of(app: FastAPI) -> dict[str, Any]:
 
 async def answer_wrong_method(request: Request, error: Exception) -> Response:
     """Answer that an address does not take a method, and which it takes."""
-    document = await run_in_threadpool(document_of, request.app)
+    document = await run("readers", document_of, request.app)
     methods = methods_of(document, request.url.path)
     if not methods and isinstance(error, HTTPException):
         methods = [m.strip() for m in (error.headers or {}).get("Allow", "").split(",") if m.strip()]

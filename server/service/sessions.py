@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import func, insert, select
+from sqlalchemy import delete, func, insert, select, update
 
 from daq.sessions import FINGER_DOCUMENT, parse_session, plain_document
 from server.service.database import Database, now_utc
@@ -15,6 +15,7 @@ from server.service.ingest import raise_version
 from server.service.messages import Messages, Telling
 from server.service.planned import PLAN, edit_of, proposal
 from server.service.problems import ProblemError, not_found, shortened
+from server.service.purge import erase
 from server.service.records import EDIT_KINDS, Record, read_record, undone_edits
 from server.service.schema import edits, sessions, streams
 from server.service.sizes import require_case_id, require_sizes
@@ -52,12 +53,13 @@ class Sessions:
     def __init__(self, database: Database, messages: Messages, fingers: frozenset[str]) -> None:
         self._database, self._messages, self.fingers = database, messages, fingers
 
-    def create(self, name: str, document: Mapping[str, Any] | None) -> bool:
+    def create(self, name: str, document: Mapping[str, Any] | None, *, arriving: bool = False) -> bool:
         """Begin a session.
 
         Args:
             name: its id.
             document: a bench-session/1 that is known already; None where a bench will send its record.
+            arriving: whether it is hidden until `arrive`, and gone where that never comes.
 
         Returns:
             False where the very same session is there already.
@@ -80,12 +82,33 @@ class Sessions:
                 if row.deleted_utc is None and row.document == kept:
                     return False
                 what = "was deleted, and ids are not used twice" if row.deleted_utc else "is there, and differs"
+                what = "is being taken in" if row.arriving else what
                 raise ProblemError(409, f"session {name} {what}", "the same document, or another id")
             specimen = None if kept is None else kept["specimen"]["id"]
             values = {"id": name, "created_utc": now_utc(), "document": kept, "specimen": specimen}
+            if arriving:
+                values |= {"arriving": True, "deleted_utc": now_utc()}
+            else:
+                telling.tell("session", name, {"change": "created"})
             connection.execute(insert(sessions).values(values))
-            telling.tell("session", name, {"change": "created"})
         return True
+
+    def arrive(self, name: str) -> None:
+        """Show a session that was arriving, since all of it is there."""
+        with self._messages.writing() as telling:
+            here = (sessions.c.id == name) & sessions.c.arriving.is_(True)
+            telling.connection.execute(update(sessions).where(here).values(arriving=None, deleted_utc=None))
+            telling.tell("session", name, {"change": "created"})
+
+    def forget_arrivals(self, name: str | None = None) -> None:
+        """Remove sessions that were arriving when their import ended, one of them or all, with what came of them."""
+        query = select(sessions.c.id).where(sessions.c.arriving.is_(True))
+        with self._database.reading() as connection:
+            left = connection.execute(query if name is None else query.where(sessions.c.id == name)).scalars().all()
+        for one in left:
+            erase(self._database, one)
+            with self._database.writing() as connection:
+                connection.execute(delete(sessions).where(sessions.c.id == one))
 
     def read(self, name: str) -> Record:
         """Return a session as it stands.

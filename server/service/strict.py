@@ -10,11 +10,15 @@ import orjson
 from fastapi import Request, Response
 from fastapi.routing import APIRoute
 from starlette.datastructures import Headers
+from starlette.requests import ClientDisconnect
 
 from server.service.problems import ProblemError, shortened
+from server.service.workers import GoneError, Kind, run, threaded, watched
 
 # Nothing that is sent has a reason to be nested so deeply, and what answers is written has a limit too.
 MOST_LEVELS = 32
+# JSON of so many bytes is read beside the event loop, which others wait for.
+_LARGE = 1 << 16
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
 
@@ -28,7 +32,8 @@ class StrictRequest(Request):
             json.JSONDecodeError: it is no JSON, or has a character that cannot be kept.
         """
         if not hasattr(self, "_json"):
-            self._json = read_json(await self.body())
+            body = await self.body()
+            self._json = read_json(body) if len(body) < _LARGE else await run("readers", read_json, body)
         return self._json
 
 
@@ -75,7 +80,16 @@ def _require_json(headers: Headers) -> None:
 
 
 class StrictRoute(APIRoute):
-    """A route that reads its requests strictly."""
+    """A route that reads its requests strictly, and answers in a thread of its kind.
+
+    Attributes:
+        workers: that kind.
+    """
+
+    workers: Kind = "readers"
+
+    def __init__(self, path: str, endpoint: Callable[..., Any], **more: Any) -> None:
+        super().__init__(path, threaded(self.workers, endpoint), **more)
 
     def get_route_handler(self) -> Handler:
         """Return what answers a request."""
@@ -87,6 +101,18 @@ class StrictRoute(APIRoute):
                 raise ProblemError(422, "a zero character in the address", "text without it")
             if takes_json:
                 _require_json(request.headers)
-            return await handle(StrictRequest(request.scope, request.receive))
+            asked = StrictRequest(request.scope, request.receive)
+            try:
+                await asked.body()
+            except ClientDisconnect as error:
+                raise GoneError from error
+            async with watched(asked.receive):
+                return await handle(asked)
 
         return strictly
+
+
+class IngestRoute(StrictRoute):
+    """A route that benches send to while they run."""
+
+    workers = "ingest"

@@ -18,6 +18,7 @@ from daq.windows import Span, gather
 from server.service.database import Database
 from server.service.ingest import STORED, chunk_of
 from server.service.schema import chunks, streams
+from server.service.workers import require_client
 
 _MOST_CACHED = 20_000
 _Key = tuple[str, str, Span]
@@ -153,6 +154,7 @@ def blocks_of(connection: Connection, session: str, stream: str, window: Span | 
     query = select(*STORED).where(mine).order_by(chunks.c.first_seq)
     with connection.execute(query.execution_options(yield_per=16)) as rows:
         for chunk in map(chunk_of, rows):
+            require_client()
             if len(chunk):
                 # A reading beyond the range is flagged also where the device has no status of its own.
                 status = np.where(chunk.overload & (chunk.status == 0), 1, chunk.status)

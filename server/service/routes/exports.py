@@ -6,16 +6,16 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Query, Request, Response
-from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
 from server.service.answers import JsonAnswer
-from server.service.downloads import FileAnswer, apart, attachment, download
+from server.service.downloads import FileAnswer, attachment, download
 from server.service.exporting import REVISION_FORMATS, SESSION_FORMATS, revision_export, session_export
 from server.service.reports import checked, report_page
 from server.service.schemas.common import ModelName, SessionId, Shown, documented
 from server.service.services import of
 from server.service.strict import StrictRoute
+from server.service.workers import run
 
 router = APIRouter(route_class=StrictRoute, tags=["exports"])
 
@@ -89,9 +89,9 @@ async def export_session(
 
     While a bench is running, validation cases have no prediction in any format.
     """
-    write = await run_in_threadpool(session_export, of(request), session, file_format, model)
+    write = await run("readers", session_export, of(request), session, file_format, model)
     headers = {"Link": '<?format=columns>; rel="describedby"'} if file_format == "csv" else None
-    return await download(request, write, SESSION_FORMATS[file_format], headers)
+    return await download(write, SESSION_FORMATS[file_format], headers)
 
 
 @router.get(
@@ -101,8 +101,8 @@ async def export_session(
 )
 async def export_revision(revision: RevisionId, request: Request, file_format: RevisionFormat = "json") -> FileAnswer:
     """Write a revision's document, its parameters as a table, or its finger."""
-    write = await run_in_threadpool(revision_export, of(request), revision, file_format)
-    return await download(request, write, REVISION_FORMATS[file_format])
+    write = await run("readers", revision_export, of(request), revision, file_format)
+    return await download(write, REVISION_FORMATS[file_format])
 
 
 @router.get("/sessions/{session}/check", responses=documented(Checked))
@@ -111,7 +111,7 @@ async def check(session: SessionId, request: Request) -> JsonAnswer:
 
     The stored readings are read once more from the beginning, which takes some seconds for a long recording.
     """
-    return JsonAnswer(await apart(request, lambda: checked(of(request), session)))
+    return JsonAnswer(await run("apart", lambda: checked(of(request), session)))
 
 
 @router.get(
@@ -125,6 +125,6 @@ async def report(session: SessionId, request: Request, model: ModelName = None, 
     It is an attachment: opened from where it was saved, it runs in no origin of the service. While a bench is running,
     validation cases are left out.
     """
-    page = await apart(request, lambda: report_page(of(request), session, model, job))
+    page = await run("apart", lambda: report_page(of(request), session, model, job))
     headers = {"Content-Disposition": attachment(f"{session}-report.html"), "Content-Security-Policy": REPORT_POLICY}
     return Response(page, 200, headers, "text/html")

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Path, Query, Request, Response
 
 from server.service.answers import JsonAnswer
-from server.service.downloads import apart, attachment
+from server.service.downloads import attachment
 from server.service.figure_answer import Theme
 from server.service.fingers import compared, exported, finger_shown, formats, imported, known_finger, scaled
 from server.service.routes.exports import files
@@ -24,6 +24,7 @@ from server.service.schemas.fingers import (
     Scaled,
 )
 from server.service.strict import StrictRoute
+from server.service.workers import run
 
 router = APIRouter(route_class=StrictRoute, prefix="/fingers", tags=["fingers"])
 
@@ -57,7 +58,7 @@ def one(finger: Name) -> JsonAnswer:
 async def in_formats(finger: Name, request: Request) -> JsonAnswer:
     """Say which formats a finger can be exported to, and what each cannot say of it."""
     known_finger(finger)
-    found = await apart(request, lambda: formats(finger))
+    found = await run("apart", lambda: formats(finger))
     return JsonAnswer({"schema": "fingertwin/finger-formats/1", "formats": found})
 
 
@@ -65,21 +66,21 @@ async def in_formats(finger: Name, request: Request) -> JsonAnswer:
 async def export(finger: Name, request: Request, file_format: Format) -> Response:
     """Write a finger for OpenSim or MuJoCo, or as the file that it is here."""
     known_finger(finger)
-    name, text, _ = await apart(request, lambda: exported(finger, file_format))
+    name, text, _ = await run("apart", lambda: exported(finger, file_format))
     return Response(text, 200, {"Content-Disposition": attachment(name)}, MEDIA[file_format])
 
 
 @router.post("/imports", responses=documented(FingerImported))
 async def take_in(body: FingerImport, request: Request) -> JsonAnswer:
     """Make a finger/1 file of an OpenSim or MJCF finger chain with path points; nothing is kept."""
-    return JsonAnswer(await apart(request, lambda: imported(body.name, body.text, body.load_point_mm)))
+    return JsonAnswer(await run("apart", lambda: imported(body.name, body.text, body.load_point_mm)))
 
 
 @router.post("/{finger}/scalings", responses=documented(Scaled))
 async def scale(finger: Name, body: AskedScaling, request: Request) -> JsonAnswer:
     """Scale a finger to a specimen's bone lengths, and its tendons to measured moment arms; nothing is kept."""
     known_finger(finger)
-    return JsonAnswer(await apart(request, lambda: scaled(finger, **body.model_dump())))
+    return JsonAnswer(await run("apart", lambda: scaled(finger, **body.model_dump())))
 
 
 @router.get("/{finger}/comparison", responses=documented(FingersCompared))
@@ -93,4 +94,4 @@ async def compare(
 ) -> JsonAnswer:
     """Set two fingers side by side: bone lengths, moment arms, and force ratios by posture and load."""
     names = known_finger(finger), known_finger(other)
-    return JsonAnswer(await apart(request, lambda: compared(*names, figures)))
+    return JsonAnswer(await run("apart", lambda: compared(*names, figures)))

@@ -7,7 +7,6 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request
 
 from server.service.answers import JsonAnswer
-from server.service.downloads import apart
 from server.service.figure_answer import Theme
 from server.service.forces import activation, invertible, movement, movement_choices
 from server.service.schemas.common import ModelName, SessionId, documented
@@ -22,6 +21,7 @@ from server.service.schemas.forces import (
 )
 from server.service.services import of
 from server.service.strict import StrictRoute
+from server.service.workers import run
 
 router = APIRouter(route_class=StrictRoute, tags=["forces"])
 
@@ -43,7 +43,7 @@ async def inversion(
 
     The session must be closed: what is assigned to validation cases would tell of their predictions.
     """
-    return JsonAnswer(await apart(request, lambda: invertible(of(request), session, closure, model, figures)))
+    return JsonAnswer(await run("apart", lambda: invertible(of(request), session, closure, model, figures)))
 
 
 @router.get("/movements", responses=documented(MovementChoices))
@@ -55,10 +55,10 @@ def choices() -> JsonAnswer:
 @router.post("/movements", responses=documented(Moved))
 async def move(body: AskedMovement, request: Request, figures: OnPage = None) -> JsonAnswer:
     """Work out a movement: joint torques by inverse dynamics, muscle forces by min/max recruitment."""
-    return JsonAnswer(await apart(request, lambda: movement(body.model_dump(), figures)))
+    return JsonAnswer(await run("apart", lambda: movement(body.model_dump(), figures)))
 
 
 @router.post("/activations", responses=documented(Activated))
 async def activate(body: AskedActivation, request: Request, figures: OnPage = None) -> JsonAnswer:
     """Hold a finger at the tip with its muscles active: the force of each, and what deficits of each change."""
-    return JsonAnswer(await apart(request, lambda: activation(body.model_dump(), figures)))
+    return JsonAnswer(await run("apart", lambda: activation(body.model_dump(), figures)))

@@ -12,6 +12,7 @@ from server.service.health import Health, HealthAnswer
 from server.service.metrics import CONTENT_TYPE, Metrics
 from server.service.problems import ProblemError
 from server.service.schemas.common import documented
+from server.service.workers import run
 
 router = APIRouter(prefix="/health", tags=["health"])
 # Beside the interface: Prometheus asks for it at the root.
@@ -36,9 +37,9 @@ def _health(request: Request) -> Health:
 
 
 @router.get("", summary="How the service is", response_model=HealthAnswer, responses=documented(HealthAnswer))
-def health(request: Request) -> HealthAnswer:
+async def health(request: Request) -> HealthAnswer:
     """Return version, database, disk and workers; `degraded` says that something needs a person."""
-    return _health(request).answer()
+    return await run("health", _health(request).answer)
 
 
 @router.get("/live", summary="Whether the service runs", response_model=Live, responses=documented(Live))
@@ -63,7 +64,7 @@ async def ready(request: Request) -> Ready:
     response_class=Response,
     responses=documented(BaseModel) | {200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
-def metrics(request: Request) -> Response:
+async def metrics(request: Request) -> Response:
     """Return counters, gauges and histograms in Prometheus' text format."""
     found: Metrics = request.app.state.metrics
-    return Response(found.text(), media_type=CONTENT_TYPE)
+    return Response(await run("health", found.text), media_type=CONTENT_TYPE)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Path, Request
-from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
 from daq.uplink.wire import COUNT, EPOCH, SHA256
@@ -13,9 +12,10 @@ from server.service.answers import JsonAnswer
 from server.service.ingest import Sent
 from server.service.schemas.common import SessionId, Shown, documented
 from server.service.services import of
-from server.service.strict import StrictRoute
+from server.service.strict import IngestRoute
+from server.service.workers import run
 
-router = APIRouter(route_class=StrictRoute, prefix="/sessions/{session}", tags=["ingest"])
+router = APIRouter(route_class=IngestRoute, prefix="/sessions/{session}", tags=["ingest"])
 
 Stream = Annotated[str, Path(max_length=100, description="Id of the stream.", examples=["5f1c2a"])]
 Epoch = Annotated[str, Path(max_length=100, description="One history of a journal, which its owner names.")]
@@ -76,7 +76,7 @@ def _body(kind: str, text: str, example: Any = None, schema: dict[str, Any] | No
 async def describe(session: SessionId, stream: Stream, request: Request) -> JsonAnswer:
     """Say what a stream is, before its first chunk."""
     body = await request.body()
-    return JsonAnswer(await run_in_threadpool(of(request).ingest.describe, session, stream, body))
+    return JsonAnswer(await run("ingest", of(request).ingest.describe, session, stream, body))
 
 
 @router.get("/streams/{stream}/cursor", responses=documented(StreamCursor))
@@ -107,7 +107,7 @@ async def put_chunk(
     """
     sent = Sent(await request.body(), sha256, epoch)
     ingest = of(request).ingest
-    return JsonAnswer(await run_in_threadpool(ingest.put_chunk, session, stream, first_seq, count, sent))
+    return JsonAnswer(await run("ingest", ingest.put_chunk, session, stream, first_seq, count, sent))
 
 
 @router.get("/events/{epoch}/cursor", responses=documented(EventCursor))
@@ -132,4 +132,4 @@ async def put_event(
 ) -> JsonAnswer:
     """Store an event under its number: gap, tare, case, note, and so on. The same again is a success."""
     sent = Sent(await request.body(), sha256, sent_epoch)
-    return JsonAnswer(await run_in_threadpool(of(request).ingest.put_event, session, epoch, number, sent))
+    return JsonAnswer(await run("ingest", of(request).ingest.put_event, session, epoch, number, sent))

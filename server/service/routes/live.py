@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Request
-from fastapi.concurrency import run_in_threadpool
 from starlette.responses import Response
 from starlette.websockets import WebSocket
 
@@ -14,9 +13,10 @@ from server.service.problems import ProblemError
 from server.service.schemas.benches import BenchCommand, Done
 from server.service.schemas.common import SessionId, Shown, documented
 from server.service.services import of
-from server.service.strict import StrictRoute
+from server.service.strict import IngestRoute
+from server.service.workers import run
 
-router = APIRouter(route_class=StrictRoute, tags=["live"])
+router = APIRouter(route_class=IngestRoute, tags=["live"])
 
 
 @router.post("/sessions/{session}/live", status_code=204, responses=documented(Shown, status=422))
@@ -24,7 +24,7 @@ async def show(session: SessionId, body: LiveMessage, request: Request) -> Respo
     """Show what a load cell says now: envelopes of some hundredths of a second. Nothing of it is kept."""
     parts = of(request)
     if not parts.live.is_shown(session):
-        await run_in_threadpool(parts.sessions.version, session)
+        await run("ingest", parts.sessions.version, session)
     parts.live.trace(session, body)
     return Response(status_code=204)
 
@@ -37,7 +37,7 @@ async def command(session: SessionId, body: BenchCommand, request: Request) -> D
     its reason. A command that cannot be handed over at once is not kept.
     """
     parts = of(request)
-    await run_in_threadpool(parts.sessions.version, session)
+    await run("ingest", parts.sessions.version, session)
     await parts.live.benches.ask(session, body.command, body.text)
     return Done(session=session, command=body.command)
 

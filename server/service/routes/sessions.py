@@ -37,6 +37,7 @@ from server.service.services import Services, of
 from server.service.sizes import require_case_id
 from server.service.strict import StrictRoute
 from server.service.watch import case_bodies
+from server.service.workers import run
 
 kept = APIRouter(route_class=StrictRoute, prefix="/sessions", tags=["sessions"])
 imports = APIRouter(route_class=StrictRoute, prefix="/imports", tags=["sessions"])
@@ -135,14 +136,17 @@ def withdraw(session: SessionId, planned: ProposedId, request: Request) -> JsonA
 
 
 @imports.post("", status_code=201, responses=documented(SessionShown, status=201) | {200: {"model": SessionShown}})
-def import_session(body: Folder, request: Request) -> JsonAnswer:
+async def import_session(body: Folder, request: Request) -> JsonAnswer:
     """Take in a session's folder with its readings, as the command line has it; nothing is kept of one that is unsound.
 
     The very same folder again is a success (200).
     """
     parts = of(request)
-    name, new = import_folder(parts, [(f.name, f.base64) for f in body.files], body.id)
-    return JsonAnswer(_shown(parts, name), 201 if new else 200, {"Location": f"/api/v1/sessions/{name}"})
+    files = [(f.name, f.base64) for f in body.files]
+    name, new = await run("apart", import_folder, parts, files, body.id)
+    return JsonAnswer(
+        await run("readers", _shown, parts, name), 201 if new else 200, {"Location": f"/api/v1/sessions/{name}"}
+    )
 
 
 @kept.get("/{session}/cases/{case}", responses=documented(CaseShown))

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import json
+import struct
+import zlib
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from sqlalchemy import event
 
+from daq.blocks import Chunk
+from daq.errors import JournalError
 from daq.uplink.wire import EPOCH, SHA256
 from server.service.problems import PROBLEM
 from server.service.schemas.sessions import CASE, DOCUMENT
@@ -151,6 +157,34 @@ def test_a_chunk_with_a_wrong_hash_is_refused_and_the_true_one_is_taken(service:
     problem = refused(client.put(path, content=chunk.to_bytes(), headers=headers), 422, "not what its SHA-256 says")
     assert problem["remedy"] == "Send it again"
     assert put(client, name, chunk).json()["next_seq"] == 40
+
+
+def at_times(first: int, *t_s: float) -> Chunk:
+    return replace(made(first, len(t_s)), t_s=np.array(t_s))
+
+
+def test_time_must_rise_within_a_stream(service: ServiceReceiver) -> None:
+    name, client = service.new_session(), service.client()
+    describe(client, name)
+    put(client, name, at_times(10, 10.0, 11.0)).raise_for_status()
+    for first, times in [
+        (20, (12.0, 12.0)), (20, (13.0, 12.0)), (20, (12.0, float("nan"))), (20, (12.0, float("inf"))),
+        (20, (11.0, 12.0)), (0, (9.0, 10.0)), (12, (10.5, 12.0)),
+    ]:  # fmt: skip
+        refused(put(client, name, at_times(first, *times)), 422, "time")
+    assert put(client, name, at_times(12, 11.5, 12.0)).status_code == 200
+    assert put(client, name, at_times(8, 8.0, 9.0)).status_code == 200
+    assert len(service.stored(name, "a" * 32)) == 3
+
+
+@pytest.mark.parametrize(("at", "count"), [(16, -1), (16, 1 << 40), (24, -1), (24, 1 << 40), (16, 3)])
+def test_a_chunk_that_says_it_holds_more_or_less_than_it_does_is_refused(at: int, count: int) -> None:
+    """Its numbers of samples and reads, with a checksum that holds."""
+    body = made(0, 2).to_bytes()[:-4]
+    assert struct.unpack_from("<q", body, 16) == (2,)
+    body = body[:at] + struct.pack("<q", count) + body[at + 8 :]
+    with pytest.raises(JournalError, match="a chunk that says it has"):
+        Chunk.from_bytes(body + struct.pack("<I", zlib.crc32(body)))
 
 
 @pytest.mark.parametrize("what", ["diagnoses", "fits", "next"])

@@ -139,7 +139,7 @@ def test_a_damaged_chunk_is_a_failure_of_ours_and_the_health_says_so(service: Se
     assert file is not None
     flip(file, "chunks", "payload", 3)
     assert client.get("/api/v1/health").json()["database"]["damaged"] == 0
-    for address in ("readings", "readings?points=2", "cases", "comparison"):
+    for address in ("readings", "readings?points=2", "cases/c001/readings", "export?format=folder", "check"):
         answer = client.get(f"/api/v1/sessions/DEV-02/{address}")
         problem = answer.json()
         assert answer.status_code == 500

@@ -2,16 +2,36 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import gzip
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from fastapi import APIRouter, FastAPI
+from sqlalchemy import func, select
+from starlette.types import Message
 
-from daq.sessions import find_session
+from daq.columns import HEADERS
+from daq.sessions import find_session, read_yaml
+from server.service import importing
+from server.service.edge import Edge
+from server.service.importing import import_folder
+from server.service.ingest import Ingest
+from server.service.metrics import Metrics
+from server.service.problems import ProblemError
+from server.service.schema import chunks, sessions
+from server.service.strict import StrictRoute
+from server.service.workers import GoneError, require_client
 from server.workflow import compare_bench, open_bench
+from tests.server.service.asks import scope_of
 from tests.server.service.running import ServiceReceiver
 
 RECORDED, PUBLISHED = "DEV-02", "synek2019_H01"
@@ -97,6 +117,10 @@ def bad() -> dict[str, tuple[Files, str]]:
                 b"a%d: &a%d [%s]\n" % (k, k, b",".join([b"*a%d" % (k - 1)] * 9)) for k in range(1, 12))},
             "more than",
         ),
+        "time stands still": (
+            with_readings([head, *(",".join(["0", *row.split(",")[1:]]) for row in lines[1:])]),
+            "time goes from 0 s to 0 s",
+        ),
         "itself": (files | {"session.yaml": b"a: &a {b: *a}\n"}, "levels"),
     }  # fmt: skip
 
@@ -126,3 +150,124 @@ def test_other_readings_under_the_same_name_are_a_conflict(service: ServiceRecei
     other = send(service, with_readings(lines[:-1]), id="twice")
     assert other.status_code == 409
     assert "described otherwise" in other.json()["detail"]
+
+
+def packed_rows(rows: int, kind: str) -> bytes:
+    """Readings that say the same in every row, which pack to next to nothing."""
+    if kind == "parquet":
+        columns = {"t_s": np.arange(rows) / 1e3} | {h: np.zeros(rows) for h in HEADERS[1:]}
+        sink = pa.BufferOutputStream()
+        pq.write_table(pa.table(columns), sink, compression="zstd")
+        content: bytes = sink.getvalue().to_pybytes()
+        return content
+    text = "".join(f"{k},0,0,0,0,0,0\n" for k in range(rows))
+    return gzip.compress((",".join(HEADERS) + "\n" + text).encode(), 1)
+
+
+@pytest.mark.parametrize("kind", ["parquet", "csv.gz"])
+@pytest.mark.parametrize("limit", ["MOST_ROWS", "MOST_BYTES"])
+def test_readings_that_unpack_to_too_many_are_refused(
+    service: ServiceReceiver, monkeypatch: pytest.MonkeyPatch, kind: str, limit: str
+) -> None:
+    monkeypatch.setattr(importing, limit, 1000 if limit == "MOST_ROWS" else 5000)
+    given = changed("readings.csv.gz", f"readings.{kind}")
+    answer = send(service, given | {f"readings.{kind}": packed_rows(1001, kind)}, id=f"bomb-{kind}-{limit}")
+    assert answer.status_code == 413, answer.text
+    assert "fingertwin replay" in answer.json()["remedy"]
+    assert left_of(service, f"bomb-{kind}-{limit}") == (0, 0)
+
+
+def test_lines_without_end_are_unpacked_no_further_than_the_limit(
+    service: ServiceReceiver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Empty lines are no rows; only their bytes say that there are too many.
+    monkeypatch.setattr(importing, "MOST_BYTES", 1 << 20)
+    files = folder_of(RECORDED)
+    bomb = gzip.compress((",".join(HEADERS) + "\n" * (1 << 21)).encode())
+    assert len(bomb) < 10_000
+    assert send(service, files | {"readings.csv.gz": bomb}, id="lines").status_code == 413
+
+
+def left_of(service: ServiceReceiver, session: str) -> tuple[int, int]:
+    """Rows of a session, and of its chunks."""
+    with service.parts.database.reading() as connection:
+        counts = [
+            connection.execute(select(func.count()).select_from(t).where(c == session)).scalar_one()
+            for t, c in ((sessions, sessions.c.id), (chunks, chunks.c.session))
+        ]
+    return counts[0], counts[1]
+
+
+@pytest.mark.parametrize("fault", [GoneError(), OSError(28, "No space left on device")])
+def test_an_import_that_ends_half_way_leaves_nothing(
+    service: ServiceReceiver, monkeypatch: pytest.MonkeyPatch, fault: Exception
+) -> None:
+    put_chunk, name = Ingest.put_chunk, f"half-{type(fault).__name__}"
+    put: list[str] = []
+
+    def breaks(self: Ingest, session: str, *rest: Any, **more: Any) -> dict[str, Any]:
+        if put:
+            # Whoever looks meanwhile sees nothing of it, and nobody else may take its id.
+            assert left_of(service, session) == (1, 1)
+            assert service.client().get(f"/api/v1/sessions/{session}").status_code == 404
+            raise fault
+        put.append(session)
+        return put_chunk(self, session, *rest, **more)
+
+    monkeypatch.setattr(Ingest, "put_chunk", breaks)
+    files = [(n, base64.b64encode(c).decode()) for n, c in folder_of(RECORDED).items()]
+    with pytest.raises(type(fault)):
+        import_folder(service.parts, files, name)
+    assert left_of(service, name) == (0, 0)
+    monkeypatch.undo()
+    assert import_folder(service.parts, files, name) == (name, True)
+
+
+def test_what_a_killed_service_left_of_an_import_is_gone_after_its_start(service: ServiceReceiver) -> None:
+    document = {**read_yaml(find_session(PUBLISHED)), "id": "killed"}
+    service.parts.sessions.create("killed", document, arriving=True)
+    with pytest.raises(ProblemError, match="is being taken in"):
+        service.parts.sessions.create("killed", document)
+    assert "killed" not in {s.id for s in service.parts.sessions.listed(limit=1000)}
+    service.parts.sessions.forget_arrivals()
+    assert left_of(service, "killed") == (0, 0)
+
+
+def test_a_client_that_goes_ends_the_work_it_asked_for() -> None:
+    rounds, ended = threading.Event(), threading.Event()
+    app = FastAPI()
+    router = APIRouter(route_class=StrictRoute)
+
+    @router.get("/long")
+    def long() -> None:
+        try:
+            while True:
+                require_client()
+                rounds.set()
+                time.sleep(0.001)
+        except GoneError:
+            ended.set()
+            raise
+
+    app.include_router(router)
+    app.add_middleware(Edge, metrics=Metrics())
+
+    async def main() -> list[Message]:
+        scope = scope_of("http", "/long", {}, "127.0.0.1") | {"method": "GET", "query_string": b""}
+        said: list[Message] = [{"type": "http.request", "body": b"", "more_body": False}]
+        sent: list[Message] = []
+
+        async def receive() -> Message:
+            if said:
+                return said.pop()
+            await asyncio.to_thread(rounds.wait)
+            return {"type": "http.disconnect"}
+
+        async def send(message: Message) -> None:
+            sent.append(message)
+
+        await asyncio.wait_for(app(scope, receive, send), 10)
+        return sent
+
+    assert asyncio.run(main()) == []
+    assert ended.is_set()
