@@ -99,7 +99,7 @@ def replayed(path: Path) -> dict[str, float]:
     run.start()
     last_s = 0.0
     for record in run.records():
-        if record.chunk is not None:
+        if record.chunk is not None and len(record.chunk):
             count += len(record.chunk)
             last_s = float(record.chunk.t_s[-1])
     seconds = time.perf_counter() - began

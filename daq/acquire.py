@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.blocks import Chunk
-from daq.drivers.base import Decoder, LoadCell, Recorded, Samples, Transport, steps_from
-from daq.errors import DriverError, InputError, LinkLostError
+from daq.drivers.base import NOTHING, Decoder, LoadCell, Recorded, Samples, Transport, samples, steps_from
+from daq.drivers.looks import looks_like
+from daq.errors import DriverError, LinkLostError
 from daq.sample_clock import SampleClock
 
 Kind = Literal[
@@ -28,6 +29,7 @@ Kind = Literal[
     "overload",
     "overload_ended",
     "damaged",
+    "undecoded",
     "stale",
     "disconnected",
     "reconnected",
@@ -43,9 +45,8 @@ BACK_OFF_S = (0.25, 0.5, 1.0, 2.0, 5.0)
 # Chunks that wait for whoever writes them: half a minute.
 WAITING = 300
 READ_S = 0.05
-# Reads that make no sample, before they are given up; of their bytes so many are kept in the event that says so.
-MOST_WITHOUT_SAMPLE = 600
-KEPT_BYTES = 4096
+# Bytes that make no sample for so long are kept as they are; that they make none is said then, and so often.
+UNDECODED_S, SAID_AGAIN_S = 0.5, 10.0
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,10 @@ class StreamEvent:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What the sampling thread hands on: a chunk with what happened in it, or events alone."""
+    """What the sampling thread hands on: a chunk with what happened in it, or events alone.
+
+    A chunk without samples holds bytes that made none.
+    """
 
     chunk: Chunk | None
     events: tuple[StreamEvent, ...]
@@ -110,11 +114,15 @@ class Acquisition:
         self._unsaid: list[StreamEvent] = []
         self._halt = threading.Event()
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
-        self._failure: InputError | None = None
+        self._failure: Exception | None = None
         self._began_s = self._from_s = 0.0
         self._clock = SampleClock(cell.rate_hz)
         self._next_seq = 0
-        self._lost_samples = 0
+        self._lost_samples = self._lost_bytes = 0
+        # Of this connection: what came while it was started, and whether anything has made a sample.
+        self._heard: list[tuple[bytes, float]] = []
+        self._understood = False
+        self._said_undecoded_s = -SAID_AGAIN_S
         self._overloaded = False
         self._last_sequence: int | None = None
 
@@ -149,7 +157,7 @@ class Acquisition:
         """Yield what is handed on until the stream ends.
 
         Raises:
-            InputError: the device said, after a reconnection, that it is another.
+            Exception: what ended the sampling thread: a device that says, after a reconnection, that it is another.
         """
         while True:
             over = self._done.is_set()
@@ -167,13 +175,15 @@ class Acquisition:
 
     def _open(self) -> Transport:
         transport = self._connect()
+        listening = _Listening(transport, self._now)
         try:
-            self.cell.start(transport)
+            self.cell.start(listening)
         except (DriverError, LinkLostError) as error:
             transport.close()
             if isinstance(error, LinkLostError):
                 raise DriverError(f"the device went away at once ({error})", "a load cell that stays") from error
             raise
+        self._heard, self._understood = listening.heard, False
         return transport
 
     def _now(self) -> float:
@@ -192,22 +202,26 @@ class Acquisition:
                     break
                 transport.close()
                 transport = self._come_back(why)
-        except InputError as error:
+        except Exception as error:  # raised where the readings are taken, which else would wait for ever
             self._failure = error
         finally:
-            if transport is not None:
-                # What can no longer be reached needs no stopping.
-                with contextlib.suppress(LinkLostError, DriverError):
-                    self.cell.stop(transport)
-                transport.close()
-            self._hand_on(None, [self._event("ended", samples=self._next_seq)])
-            self._done.set()
+            try:
+                if transport is not None:
+                    # What can no longer be reached needs no stopping.
+                    with contextlib.suppress(LinkLostError, DriverError):
+                        self.cell.stop(transport)
+                    transport.close()
+                self._hand_on(None, [self._event("ended", samples=self._next_seq)])
+            finally:
+                self._done.set()
 
     def _read_on(self, transport: Transport) -> str | None:
         """Read until the device has gone (why), has nothing more (None), or a stop is asked for (None)."""
         gathered = _Gathered(self._now())
         decoder, heard_s, silent = self.cell.decoder(), self._now(), False
         recorded = transport if isinstance(transport, Recorded) else None
+        for data, arrived_s in self._heard:
+            self._take(data, decoder, gathered, arrived_s)
         while not self._halt.is_set():
             try:
                 data = transport.read(min(READ_S, self._chunk_s))
@@ -231,9 +245,9 @@ class Acquisition:
                 gathered.events.append(self._event("stale", silent_s=round(now - heard_s, 3)))
                 silent = True
             if now - gathered.since_s >= self._chunk_s:
-                # Bytes that have made no sample yet wait for one: a chunk is known by the number of its first sample.
-                if gathered.samples or len(gathered.raw) > MOST_WITHOUT_SAMPLE:
-                    self._close_chunk(gathered)
+                # Bytes that have made no sample yet wait for one a while.
+                if gathered.samples or gathered.waited_s(now) >= UNDECODED_S:
+                    self._close_chunk(gathered, warn=True)
                     gathered = _Gathered(now)
                 else:
                     self._say(gathered)
@@ -248,6 +262,9 @@ class Acquisition:
         gathered.skipped += decoded.skipped
         if not len(decoded):
             return
+        if not self._understood:
+            # Before the first record were answers and the rest of another one: no damage.
+            self._understood, gathered.rejected, gathered.skipped = True, 0, 0
         gathered.events += self._gaps(decoded)
         if self.cell.clock == "recording" and decoded.device_s is not None:
             times = decoded.device_s + self._from_s
@@ -287,17 +304,24 @@ class Acquisition:
             self._hand_on(None, gathered.events)
             gathered.events = []
 
-    def _close_chunk(self, gathered: _Gathered) -> None:
-        events, raw = gathered.events, b"".join(gathered.raw)
-        if gathered.rejected or gathered.skipped:
-            value: dict[str, Any] = {"rejected": gathered.rejected, "skipped_bytes": gathered.skipped}
-            if not gathered.samples:
-                value["raw_hex"] = raw[-KEPT_BYTES:].hex()
-            events.append(self._event("damaged", **value))
-        if not gathered.samples:
+    def _close_chunk(self, gathered: _Gathered, *, warn: bool = False) -> None:
+        """Hand on what was gathered.
+
+        Args:
+            gathered: with or without samples.
+            warn: whether bytes without a sample are to be said, as they waited long enough for one.
+        """
+        events, raw, parts = gathered.events, b"".join(gathered.raw), gathered.samples
+        if not raw:
             self._say(gathered)
             return
-        parts = gathered.samples
+        if parts and (gathered.rejected or gathered.skipped):
+            events.append(self._event("damaged", rejected=gathered.rejected, skipped_bytes=gathered.skipped))
+        if not parts:
+            parts, gathered.times = [_NONE], [np.zeros(0)]
+            if warn and self._now() - self._said_undecoded_s >= SAID_AGAIN_S:
+                events.append(self._event("undecoded", bytes=len(raw), looks=looks_like(raw)))
+                self._said_undecoded_s = self._now()
         chunk = Chunk(
             self._next_seq,
             np.concatenate(gathered.times),
@@ -316,17 +340,22 @@ class Acquisition:
     def _hand_on(self, chunk: Chunk | None, events: list[StreamEvent]) -> bool:
         """Put a record where it can be taken; while nobody takes, count lost samples and keep events."""
         events = [*self._unsaid, *events]
-        if self._lost_samples:
-            events.append(self._event("overrun", lost_samples=self._lost_samples))
+        lost = self._lost_samples or self._lost_bytes
+        if lost:
+            events.append(self._event("overrun", lost_samples=self._lost_samples, lost_bytes=self._lost_bytes))
         try:
             self._out.put_nowait(Record(chunk, tuple(events)))
         except queue.Full:
-            if self._lost_samples:
+            if lost:
                 events.pop()
             self._unsaid = events
-            self._lost_samples += 0 if chunk is None else len(chunk)
+            if chunk is not None:
+                self._lost_samples, self._lost_bytes = (
+                    self._lost_samples + len(chunk),
+                    self._lost_bytes + len(chunk.raw),
+                )
             return False
-        self._unsaid, self._lost_samples = [], 0
+        self._unsaid, self._lost_samples, self._lost_bytes = [], 0, 0
         return True
 
     def _come_back(self, why: str) -> Transport | None:
@@ -338,6 +367,7 @@ class Acquisition:
             tries += 1
             if self._halt.is_set():
                 return None
+            back_s = self._now()
             try:
                 transport = self._open()
             except DriverError:
@@ -345,9 +375,39 @@ class Acquisition:
             # A device that was switched off counts from the start; what it did meanwhile nobody knows.
             self._clock.restart()
             self._last_sequence = None
-            self._hand_on(None, [self._event("reconnected", away_s=round(self._now() - gone_s, 3), tries=tries)])
+            value = {"away_s": round(self._now() - gone_s, 3), "tries": tries}
+            # Before what was heard since.
+            self._hand_on(None, [StreamEvent("reconnected", back_s, self._wall(), value)])
             return transport
         return None
+
+
+class _Listening:
+    """A transport as a driver's start uses it; what came since the host last wrote begins the stream.
+
+    Attributes:
+        heard: bytes of each read, and when they arrived.
+    """
+
+    def __init__(self, transport: Transport, now: Callable[[], float]) -> None:
+        self.heard: list[tuple[bytes, float]] = []
+        self._transport, self._now = transport, now
+
+    def write(self, data: bytes) -> None:
+        self.heard.clear()
+        self._transport.write(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        data = self._transport.read(timeout_s)
+        if data:
+            self.heard.append((data, self._now()))
+        return data
+
+    def close(self) -> None:
+        self._transport.close()
+
+
+_NONE = samples(NOTHING)
 
 
 @dataclass(eq=False)
@@ -360,3 +420,7 @@ class _Gathered:
     events: list[StreamEvent] = field(default_factory=list)
     rejected: int = 0
     skipped: int = 0
+
+    def waited_s(self, now: float) -> float:
+        """How long the first bytes have waited [s]."""
+        return now - self.reads[0][1] if self.reads else 0.0

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import heapq
 import shutil
 import tempfile
 import time
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from daq.blocks import Chunk
 from daq.drivers import driver
 from daq.drivers.base import Decoder, LoadCell, Transport
 from daq.errors import DriverError, LinkLostError
@@ -97,11 +99,16 @@ class JournalFeed:
 def _reads(path: Path, stream: str) -> Iterator[tuple[float, bytes]]:
     """(arrival [s], bytes) of every read."""
     with JournalReader.open(path) as journal:
-        for chunk in journal.read(stream):
-            at = 0
-            for size, arrival_s in chunk.reads:
-                yield arrival_s, chunk.raw[at : at + size]
-                at += size
+        kinds = (journal.read(stream), journal.undecoded(stream))
+        yield from heapq.merge(*(_reads_of(chunks) for chunks in kinds), key=lambda read: read[0])
+
+
+def _reads_of(chunks: Iterable[Chunk]) -> Iterator[tuple[float, bytes]]:
+    for chunk in chunks:
+        at = 0
+        for size, arrival_s in chunk.reads:
+            yield arrival_s, chunk.raw[at : at + size]
+            at += size
 
 
 class JournalReplay(LoadCell):

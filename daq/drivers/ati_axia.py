@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.drivers.ati_serial import Lines, hush
-from daq.drivers.base import LoadCell, Samples, Setting, Transport, Unwrap, heard_without_samples, samples
+from daq.drivers.base import BOOT_S, LoadCell, Samples, Setting, Transport, Unwrap, heard_without_samples, samples
 from daq.errors import DriverError
 
 BREAK = b"\r"
-ANSWER_S = 1.0
+# It is asked again while it may still be starting up.
+ANSWER_S = 2.0
+TRIES = int(BOOT_S / ANSWER_S)
 LONGEST = 250
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 POUND_N = 4.4482216152605
@@ -86,7 +88,7 @@ class AxiaDecoder:
         self._unwrap = Unwrap(modulus)
         self._first: _Line | None = None
         self._started = False
-        self._seen = False
+        self._seen = self._bad = False
 
     def feed(self, data: bytes) -> Samples:
         """Take bytes and return the readings that they complete."""
@@ -94,6 +96,11 @@ class AxiaDecoder:
         rejected = 0
         good: list[_Line] = []
         for text in lines:
+            if text == b"":
+                # The other byte of a line's end.
+                skipped += int(self._bad)
+                self._first = self._first and replace(self._first, size=self._first.size + 1)
+                continue
             line = None if text is None else self._read(text)
             whole, self._started = self._started, True
             if self._first is not None:
@@ -102,6 +109,7 @@ class AxiaDecoder:
                     good.append(held)
                 else:
                     skipped += held.size
+            self._bad = line is None
             if line is None:
                 skipped += 0 if text is None else len(text) + 1
                 rejected += int(self._seen and (text is None or bool(text.strip())))
@@ -187,14 +195,20 @@ class AtiAxia(LoadCell):
         """Stop what may be streaming, then ask for the stream and see its first lines."""
         command = self.text("command").encode("ascii")
         hush(transport, BREAK)
-        transport.write(command + b"\r")
-        heard = heard_without_samples(transport, self.decoder(), ANSWER_S, 20 * LONGEST)
-        if heard is not None:
-            raise DriverError(
-                f"the device says {heard[:40]!r}" if heard else "no answer",
-                f"lines of an ATI Axia for {command.decode()} at {self.baud} baud",
-                "Check power, cable, port and baud rate; is another device there?",
-            )
+        said = b""
+        for _ in range(TRIES):
+            transport.write(command + b"\r")
+            heard = heard_without_samples(transport, self.decoder(), ANSWER_S, 20 * LONGEST)
+            if heard is None:
+                return
+            said = said or heard
+            if len(heard) > 20 * LONGEST:
+                break
+        raise DriverError(
+            f"the device says {said[:40]!r}" if said else "no answer",
+            f"lines of an ATI Axia for {command.decode()} at {self.baud} baud",
+            "Check power, cable, port and baud rate; is another device there?",
+        )
 
     def stop(self, transport: Transport) -> None:
         """A carriage return ends the stream."""

@@ -6,7 +6,7 @@ import struct
 
 import numpy as np
 
-from daq.drivers.base import Floats, LoadCell, Samples, Setting, Transport, Unwrap, samples
+from daq.drivers.base import BOOT_S, Floats, LoadCell, Samples, Setting, Transport, Unwrap, samples
 from daq.errors import DriverError
 
 LENGTH = 36
@@ -14,8 +14,8 @@ STOP_CODE, START_CODE, BUFFERED_CODE = 0, 2, 3
 MODULUS = 2**32
 ANSWER_S = 1.0
 QUIET_S = 0.1
-# UDP may lose a request.
-TRIES = 3
+# UDP may lose a request, and a box may still be starting up.
+TRIES = int(BOOT_S / ANSWER_S)
 MOST_REST = 2000
 
 

@@ -7,24 +7,32 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.drivers.base import NOTHING, Decoder, Floats, LoadCell, Samples, Setting, Transport, samples
+from daq.drivers.base import BOOT_S, NOTHING, Decoder, Floats, LoadCell, Samples, Setting, Transport, samples
 from daq.errors import DriverError
 
 PROMPT = b"\r\n>"
 BREAK = b"\r"
-ANSWER_S = 1.0
+# It is asked again while it may still be starting up.
+ANSWER_S = 2.0
+TRIES = int(BOOT_S / ANSWER_S)
 QUIET_S = 0.2
-# More than this after a break is no rest of a stream any more.
-MOST_REST = 20_000
+# More than this after a break is no rest of a stream any more, and more than that no answer.
+MOST_REST, MOST_ANSWER = 20_000, 4000
 
 ASCII_LENGTH = 45
 BINARY_LENGTH = 13
-# Fields are right-aligned and six wide; a controller prints neither leading zeros nor a negative zero.
-_RECORD = re.compile(rb"([0-9])((?:, *(?:-?[1-9][0-9]*|0)){6})\r")
+# A controller prints neither leading zeros nor a negative zero.
+_RECORD = re.compile(rb"([0-9])((?:, *(?:-?[1-9][0-9]*|0)){6})")
+_END = re.compile(rb"[\r\n]")
+# How fields are written: right-aligned and six wide, or without any spaces.
+PADDED, PLAIN = 1, 2
 
 
 class Lines:
-    """Lines of a stream, no longer than `longest` bytes before the line feed; longer ones are skipped as they come."""
+    """Lines of a stream, no longer than `longest` bytes; longer ones are skipped as they come.
+
+    CR, LF or both end a line: an empty one, which counts for nothing, may stand between the two.
+    """
 
     def __init__(self, longest: int) -> None:
         self._longest = longest
@@ -33,7 +41,7 @@ class Lines:
 
     def feed(self, data: bytes) -> tuple[list[bytes | None], int]:
         """Take bytes and return the lines that they complete (None: too long), and how many bytes were skipped."""
-        *whole, held = (self._held + data).split(b"\n")
+        *whole, held = _END.split(self._held + data)
         lines: list[bytes | None] = []
         skipped = 0
         for line in whole:
@@ -51,17 +59,19 @@ class Lines:
 
 
 class AsciiDecoder:
-    """Lines of exactly 45 bytes: an error digit, six times a comma and a right-aligned integer, CR LF.
+    """Lines of exactly 43 bytes: an error digit, six times a comma and a right-aligned integer; CR, LF or both.
 
     There is no checksum (the controller's own is not confirmed): a digit that became another digit cannot be told.
-    Everything else that damage does to a line breaks its form, and costs that line.
+    Everything else that damage does to a line breaks its form, and costs that line. A device that writes its numbers
+    without padding is read too, as its first record tells; of its lines a lost digit cannot be told either.
     """
 
     def __init__(self, scale: Floats) -> None:
         self._scale = scale
         # Two records whose line end was lost are counted as two.
         self._lines = Lines(4 * ASCII_LENGTH)
-        self._seen = False
+        self._seen = self._bad = False
+        self._form = PADDED | PLAIN
 
     def feed(self, data: bytes) -> Samples:
         """Take bytes and return the readings that they complete."""
@@ -69,10 +79,15 @@ class AsciiDecoder:
         rejected = 0
         rows: list[list[int]] = []
         for line in lines:
-            row = [] if line is None else _row(line)
-            if row:
+            if line == b"":
+                skipped += int(self._bad)  # the other byte of that line's end
+                continue
+            row, form = ([], 0) if line is None else _row(line)
+            self._bad = not form & self._form
+            if not self._bad:
                 rows.append(row)
                 self._seen = True
+                self._form &= form
                 continue
             skipped += 0 if line is None else len(line) + 1
             # Before the first record it was an echo or a part of one; blank lines are none.
@@ -82,14 +97,15 @@ class AsciiDecoder:
         return samples(found[:, 1:] * self._scale, found[:, 0], found[:, 0] != 0, rejected=rejected, skipped=skipped)
 
 
-def _row(line: bytes) -> list[int]:
-    """Error digit and six counts of a line, or nothing where it is not exactly of the form."""
+def _row(line: bytes) -> tuple[list[int], int]:
+    """Error digit and six counts of a line, and in which of the forms it is, 0 where in none."""
     match = _RECORD.fullmatch(line)
-    fields = match[2].split(b",")[1:] if match else []
-    if match is None or any(len(field) != 6 for field in fields):
-        return []
+    if match is None:
+        return [], 0
+    fields = match[2].split(b",")[1:]
     row = [int(match[1]), *map(int, fields)]
-    return row if all(-32768 <= count <= 32767 for count in row) else []
+    form = PADDED * all(len(field) == 6 for field in fields) | PLAIN * (b" " not in line)
+    return row, form if all(-32768 <= count <= 32767 for count in row) else 0
 
 
 class BinaryDecoder:
@@ -211,22 +227,39 @@ class AtiSerial(LoadCell):
         form = "B" if self.text("encoding") == "binary" else "A"
         hush(transport, BREAK)
         for command in (b"CD R", b"CD " + form.encode(), b"CV 3F", b"SM 1"):
-            self._ask(transport, command, PROMPT)
-        self._ask(transport, b"QS", b"")
+            self._ask(transport, command, None)
+        self._ask(transport, b"QS", self.decoder())
 
-    def _ask(self, transport: Transport, command: bytes, end: bytes) -> None:
-        """Send a command and wait for its echo and what ends the answer."""
-        transport.write(command + b"\r")
-        heard = b""
-        while command not in heard or end not in heard.split(command, 1)[1]:
-            data = transport.read(ANSWER_S)
-            heard += data
-            if not data or len(heard) > 1000:
-                raise DriverError(
-                    f"to {command.decode()} the device says {heard[:16]!r}" if heard else "no answer",
-                    f"the echo of an ATI F/T controller at {self.baud} baud",
-                    "Check power, cable, port and the controller's baud rate; is another device there?",
-                )
+    def _ask(self, transport: Transport, command: bytes, decoder: Decoder | None) -> None:
+        """Send a command until it is answered: by its echo and the prompt, or by the prompt alone of one without echo.
+
+        Args:
+            transport: to the device.
+            command: without what ends it.
+            decoder: fresh, where its answer is a stream of records, of which one is enough; else None.
+        """
+        said = b""
+        for _ in range(TRIES):
+            transport.write(command + b"\r")
+            heard = b""
+            while data := transport.read(ANSWER_S):
+                heard += data
+                _, echo, rest = heard.partition(command)
+                if decoder is None:
+                    if PROMPT in rest or heard.strip() == PROMPT.strip():
+                        return
+                elif echo or len(decoder.feed(data)):
+                    return
+                if len(heard) > MOST_ANSWER:
+                    break
+            said = said or heard
+            if len(heard) > MOST_ANSWER:
+                break
+        raise DriverError(
+            f"to {command.decode()} the device says {said[:40]!r}" if said else "no answer",
+            f"an ATI F/T controller at {self.baud} baud",
+            "Check power, cable, port and the controller's baud rate; is another device there?",
+        )
 
     def stop(self, transport: Transport) -> None:
         """A carriage return ends the stream."""

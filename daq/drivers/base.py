@@ -18,6 +18,8 @@ from daq.errors import DriverError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+# A device may start up when its port is opened, or have been switched on just now.
+BOOT_S = 12.0
 Link = Literal["serial", "udp", "file", "none"]
 
 
@@ -222,7 +224,7 @@ def heard_without_samples(transport: Transport, decoder: Decoder, wait_s: float,
     Args:
         transport: that is read.
         decoder: fresh.
-        wait_s: for the next bytes.
+        wait_s: for the next bytes, `BOOT_S` where nothing needs to be asked again.
         most_bytes: after which a sample should have come.
     """
     heard = b""

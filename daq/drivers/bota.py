@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.drivers.base import LoadCell, Samples, Setting, Transport, Unwrap, samples
+from daq.drivers.base import BOOT_S, LoadCell, Samples, Setting, Transport, Unwrap, samples
 from daq.drivers.frames import FrameStream, crc16_x25
 from daq.errors import DriverError
 
@@ -23,8 +23,9 @@ CONFIGURE, RUN = b"C", b"R"
 CONFIGURING, CONFIGURED, RUNNING = b"r,0,C,0", b"r,0,c,0", b"r,0,R,0"
 # Of the configuration line: calibrated forces, binary frames, 460800 baud.
 CALIBRATED, BINARY, BAUD_CODE = 1, 0, 4
-# It starts up in that time; it answers in this, and is asked so often.
-BOOT_S, ANSWER_S, TRIES = 2.5, 1.0, 3
+# It greets in this time; it answers in that, and is asked again while it may still be starting up.
+GREETS_S, ANSWER_S = 2.5, 1.0
+TRIES = int(BOOT_S / ANSWER_S)
 # An answer may come after what was still streaming, but not after more than a second of that.
 MOST_BYTES = 1 << 16
 
@@ -106,7 +107,7 @@ class Bota(LoadCell):
         """Return once it has greeted, streams, or stays quiet: one that was on already never greets."""
         decoder, heard = self.decoder(), b""
         while GREETING not in heard and len(heard) < MOST_BYTES:
-            data = transport.read(BOOT_S)
+            data = transport.read(GREETS_S)
             heard += data
             if not data or len(decoder.feed(data)):
                 return

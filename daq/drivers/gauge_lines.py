@@ -9,15 +9,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.drivers.base import NOTHING, Integers, LoadCell, Samples, Setting, Transport, heard_without_samples, samples
+from daq.drivers.base import (
+    BOOT_S,
+    NOTHING,
+    Integers,
+    LoadCell,
+    Samples,
+    Setting,
+    Transport,
+    heard_without_samples,
+    samples,
+)
 from daq.errors import DriverError
 from daq.gauges import GaugeCalibration, read_calibration, saturated, voltages
 
 Floats = NDArray[np.float64]
 
-ANSWER_S = 2.0
 # Without a line's end in so many bytes it is none.
 LONGEST_LINE = 512
+# More than a board says while it starts up.
+MOST_BYTES = 1 << 13
 # No gauge amplifier says more; it is a damaged number, or one in another unit.
 MOST_V = 100.0
 
@@ -156,7 +167,7 @@ class GaugeLines(LoadCell):
 
     def start(self, transport: Transport) -> None:
         """See a first line of the right form; the device streams of itself."""
-        heard = heard_without_samples(transport, self.decoder(), ANSWER_S, 4 * LONGEST_LINE)
+        heard = heard_without_samples(transport, self.decoder(), BOOT_S, MOST_BYTES)
         if heard is not None:
             raise DriverError(
                 f"the device says {heard[:64]!r}" if heard else "no lines come",

@@ -8,7 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.drivers.base import Floats, LoadCell, Samples, Setting, Transport, Unwrap, heard_without_samples, samples
+from daq.drivers.base import (
+    BOOT_S,
+    Floats,
+    LoadCell,
+    Samples,
+    Setting,
+    Transport,
+    Unwrap,
+    heard_without_samples,
+    samples,
+)
 from daq.errors import DriverError
 
 HEADER = b"\xaa\x07\x08\x10"
@@ -20,8 +30,6 @@ SEEN_AHEAD = 6
 # So many equal steps of the count in a row are a rule.
 STEADY = 16
 UNKNOWN = "unknown"
-# At ten a second, the slowest that it can be set to, so many frames come in this time.
-WAIT_S = 1.0
 MOST_BYTES = 1 << 16
 
 
@@ -169,7 +177,7 @@ class OptoForce(LoadCell):
 
     def start(self, transport: Transport) -> None:
         """See that it streams; nothing is sent, as its one command would set its filter and zero anew too."""
-        heard = heard_without_samples(transport, self.decoder(), WAIT_S, MOST_BYTES)
+        heard = heard_without_samples(transport, self.decoder(), BOOT_S, MOST_BYTES)
         if heard is not None:
             raise DriverError(
                 f"the device says {heard[:16].hex(' ')}" if heard else "the device sends nothing",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.drivers.base import LoadCell, Samples, Transport, samples
+from daq.drivers.base import BOOT_S, LoadCell, Samples, Transport, samples
 from daq.drivers.frames import FrameStream, crc16_modbus
 from daq.errors import DriverError
 
@@ -15,7 +15,11 @@ LENGTH = 16
 START = bytes.fromhex("0910019a0001020200")
 STARTED = bytes.fromhex("0910019a0001")
 STOP = b"\xff" * 50
-ANSWER_S = 1.0
+# After so many without a frame it is another device.
+MOST_BYTES = 100 * LENGTH
+# It is asked again while it may still be starting up.
+ANSWER_S = 2.0
+TRIES = int(BOOT_S / ANSWER_S)
 
 
 def with_crc(message: bytes) -> bytes:
@@ -66,21 +70,25 @@ class Robotiq(LoadCell):
 
     def start(self, transport: Transport) -> None:
         """Stop what may be streaming, then start the stream and see its first bytes."""
-        transport.write(STOP)
-        transport.write(with_crc(START))
-        decoder, heard = self.decoder(), b""
-        answer = with_crc(STARTED)
-        while True:
-            data = transport.read(ANSWER_S)
-            heard += data
-            if answer in heard or len(decoder.feed(data)):
-                return
-            if not data or len(heard) > 100 * LENGTH:
-                raise DriverError(
-                    f"the device says {heard[:16].hex(' ')}" if heard else "no answer",
-                    "a Robotiq FT300 (Modbus device 9 at 19200 baud)",
-                    "Check power, cable and port; is another device there?",
-                )
+        answer, said = with_crc(STARTED), b""
+        for _ in range(TRIES):
+            transport.write(STOP)
+            transport.write(with_crc(START))
+            decoder, heard = self.decoder(), b""
+            while data := transport.read(ANSWER_S):
+                heard += data
+                if answer in heard or len(decoder.feed(data)):
+                    return
+                if len(heard) > MOST_BYTES:
+                    break
+            said = said or heard
+            if len(heard) > MOST_BYTES:
+                break
+        raise DriverError(
+            f"the device says {said[:16].hex(' ')}" if said else "no answer",
+            "a Robotiq FT300 (Modbus device 9 at 19200 baud)",
+            "Check power, cable and port; is another device there?",
+        )
 
     def stop(self, transport: Transport) -> None:
         """Fifty FF bytes end the stream."""

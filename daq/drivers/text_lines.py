@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from daq.columns import find_columns
-from daq.drivers.base import LoadCell, Samples, Setting, Transport, samples
+from daq.drivers.base import BOOT_S, LoadCell, Samples, Setting, Transport, samples
 from daq.errors import DriverError, ReadingsError
 
 AUTO = "auto"
 # Tried in this order: a comma may be a decimal mark, and spaces may pad the fields of the others.
 DELIMITERS: Mapping[str, str | None] = {"tab": "\t", "semicolon": ";", "comma": ",", "space": None}
 MOST_LINE_BYTES = 1024
-# A board may restart when its port is opened; one that writes whole lines which say nothing is another device.
-WAIT_S, MOST_BAD_LINES = 5.0, 20
+# One that writes so many whole lines which say nothing is another device.
+MOST_BAD_LINES = 20
 MOST_BYTES = 1 << 16
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _NAMED = re.compile(r"f[_ ]?x", re.IGNORECASE)
@@ -229,7 +229,7 @@ class TextLines(LoadCell):
         """Read the first lines and keep what they tell in `values`, as a later reader may never see the header."""
         decoder, heard, bad = self.decoder(), b"", 0
         while True:
-            data = transport.read(WAIT_S)
+            data = transport.read(BOOT_S)
             heard += data
             got = decoder.feed(data)
             bad += got.rejected

@@ -30,7 +30,7 @@ def check(path: str | Path) -> Report:
         version = _identity(connection, file)
         if version > VERSION:
             text = f"version {version}, and this program knows {VERSION} at most: use the newer fingertwin"
-            return Report("", "", {}, {}, 0, 0, 0, 0, (Fault("version", text),))
+            return Report("", "", {}, {}, 0, 0, 0, 0, 0, (Fault("version", text),))
         log = read_log(file)
         if log is not None and log.damaged:
             text = f"{log_file(file).name} is damaged from frame {log.first_bad} on and hides {log.hidden} transactions"

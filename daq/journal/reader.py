@@ -6,6 +6,7 @@ import errno
 import sqlite3
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -13,7 +14,7 @@ from typing import Any, Self
 from daq.blocks import Chunk
 from daq.errors import JournalError
 from daq.files import replacing
-from daq.journal.rows import Event, Stream, chunk_checksum, disk_full, require_journal, said
+from daq.journal.rows import UNDECODED, Event, Stream, chunk_checksum, disk_full, require_journal, said
 
 # What SQLite says where it cannot write beside a journal.
 _PROTECTED = (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY)
@@ -87,6 +88,18 @@ class JournalReader:
         while row:
             yield sound_chunk(row[0])
             row = self._rows(query + "> ? ORDER BY first_seq LIMIT 1", stream, row[0][2])
+
+    def undecoded(self, stream: str) -> Iterator[Chunk]:
+        """Yield chunks without samples, in order: bytes that made no reading; `first_seq` is that of the next one.
+
+        Raises:
+            JournalError: a chunk is damaged.
+        """
+        query = f"SELECT {CHUNK_COLUMNS} FROM undecoded WHERE stream = ? AND id > ? ORDER BY id LIMIT 1"  # noqa: S608
+        row = self._rows(query, stream, 0)
+        while row:
+            yield sound_chunk(row[0])
+            row = self._rows(query, stream, row[0][0])
 
     def events(self, stream: str | None = None) -> list[Event]:
         """Events of a stream, or of all and of the bench, in the order in which they were written.
@@ -211,6 +224,9 @@ def connect_read(path: Path, damaged: bool = False) -> sqlite3.Connection:
             if damaged:
                 connection.execute("PRAGMA writable_schema=ON")
             connection.execute("PRAGMA user_version")
+            with suppress(sqlite3.DatabaseError):
+                if not connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'undecoded'").fetchone():
+                    connection.execute(f"CREATE TEMP {UNDECODED}")
         except sqlite3.DatabaseError as error:
             connection.close()
             if way is not ways[-1] and error.sqlite_errorcode & 0xFF in _PROTECTED:

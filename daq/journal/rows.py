@@ -38,11 +38,19 @@ CREATE TABLE outbox (
     tries INTEGER NOT NULL DEFAULT 0);
 CREATE INDEX outbox_pending ON outbox (id) WHERE state = 'pending';
 """
+# Chunks without samples, of which many may stand before one sample. Journals of the first days have no such table.
+UNDECODED = """TABLE IF NOT EXISTS undecoded (
+    id INTEGER PRIMARY KEY, stream TEXT NOT NULL, first_seq INTEGER NOT NULL, n INTEGER NOT NULL, crc INTEGER NOT NULL,
+    payload BLOB NOT NULL)"""
 INSERT_STREAM = "INSERT INTO streams VALUES (?, ?, ?, ?, ?, ?, ?)"
 # Rows that were ever written: none is ever deleted.
-ROWS = "SELECT (SELECT ifnull(max(id), 0) FROM chunks) + (SELECT ifnull(max(id), 0) FROM events)"
+ROWS = (
+    "SELECT (SELECT ifnull(max(id), 0) FROM chunks) + (SELECT ifnull(max(id), 0) FROM events) "
+    "+ (SELECT ifnull(max(id), 0) FROM undecoded)"
+)
 SAMPLES = "SELECT ifnull(sum(n), 0) FROM chunks"
 INSERT_CHUNK = "INSERT INTO chunks (stream, first_seq, n, crc, payload) VALUES (?, ?, ?, ?, ?)"
+INSERT_UNDECODED = "INSERT INTO undecoded (stream, first_seq, n, crc, payload) VALUES (?, ?, ?, ?, ?)"
 INSERT_EVENT = "INSERT INTO events (stream, at_s, utc_s, kind, value, crc) VALUES (?, ?, ?, ?, ?, ?)"
 INSERT_OUTBOX = "INSERT INTO outbox (id, stream, first_seq, sha256, state, tries) VALUES (?, ?, ?, ?, ?, ?)"
 
@@ -189,7 +197,7 @@ def initialise(connection: sqlite3.Connection, bench: str, **meta: str) -> str:
     connection.execute(f"PRAGMA application_id={APPLICATION_ID}")
     connection.execute(f"PRAGMA user_version={VERSION}")
     connection.execute("BEGIN IMMEDIATE")
-    for statement in SCHEMA.split(";"):
+    for statement in (*SCHEMA.split(";"), f"CREATE {UNDECODED}"):
         connection.execute(statement)
     entries = {"bench": bench, "created_utc": now_utc(), "epoch": epoch} | meta
     connection.executemany("INSERT INTO meta VALUES (?, ?)", entries.items())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import sqlite3
 from collections.abc import Iterator
 from contextlib import suppress
@@ -18,6 +19,7 @@ from daq.journal.rows import (
     INSERT_EVENT,
     INSERT_OUTBOX,
     INSERT_STREAM,
+    INSERT_UNDECODED,
     Event,
     Stream,
     event_row,
@@ -62,6 +64,7 @@ class Report:
         epoch: of the journal.
         chunks: that are sound, of each stream.
         samples: in those, of each stream.
+        undecoded_bytes: that made no reading, and are sound.
         events: that are sound.
         pending: chunks that wait to be sent.
         set_aside: chunks that the service refused.
@@ -73,6 +76,7 @@ class Report:
     epoch: str
     chunks: dict[str, int]
     samples: dict[str, int]
+    undecoded_bytes: int
     events: int
     pending: int
     set_aside: int
@@ -90,12 +94,12 @@ class Salvage:
         self._outbox = {row[0]: row[1:] for row in self._rows("outbox", _OUTBOX_COLUMNS) if isinstance(row[1], str)}
         self._pieces: dict[str, list[tuple[int, int, float]]] = {}
         self._pending = self._set_aside = 0
-        self._events = 0
+        self._events = self._undecoded_bytes = 0
 
     def report(self) -> Report:
         """Read all and say what is there."""
         streams = [row[1] for row in self._streams()]
-        for _ in self._chunks():
+        for _ in itertools.chain(self._chunks(), self._undecoded()):
             pass
         lost = {}
         for row in self._sound_events():
@@ -127,6 +131,8 @@ class Salvage:
             if waiting and waiting[:3] == (stream, first_seq, digest) and waiting[3] in ("sent", "quarantined"):
                 state, tries = waiting[3], waiting[4]
             new.execute(INSERT_OUTBOX, (row_id, stream, first_seq, digest, state, tries))
+        for row in self._undecoded():
+            new.execute(INSERT_UNDECODED, row[1:])
         for row in self._sound_events():
             new.execute(INSERT_EVENT, row)
         gaps = self._gaps()
@@ -147,7 +153,7 @@ class Salvage:
         faults = tuple(dict.fromkeys(self._faults))
         bench, epoch = meta.get("bench", ""), meta.get("epoch", "")
         waiting = (self._pending, self._set_aside)
-        return Report(bench, epoch, chunks, samples, self._events, *waiting, known, faults)
+        return Report(bench, epoch, chunks, samples, self._undecoded_bytes, self._events, *waiting, known, faults)
 
     def _streams(self) -> Iterator[tuple[Any, ...]]:
         for row in self._rows("streams", _STREAM_COLUMNS, "rowid"):
@@ -188,6 +194,16 @@ class Salvage:
             end_s = float(chunk.t_s[-1]) if len(chunk) else 0.0
             self._pieces.setdefault(stream, []).append((first_seq, count, end_s))
             yield row
+
+    def _undecoded(self) -> Iterator[tuple[Any, ...]]:
+        """Sound chunks without samples (id, stream, first_seq, n, crc, payload)."""
+        for row in self._rows("undecoded", CHUNK_COLUMNS):
+            try:
+                self._undecoded_bytes += len(sound_chunk(row).raw)
+            except JournalError as error:
+                self._faults.append(Fault("chunk", f"bytes without a reading: {error.found}", str(row[1])))
+            else:
+                yield row
 
     def _sound_events(self) -> Iterator[tuple[Any, ...]]:
         for _, *row in self._rows("events", f"id, {EVENT_COLUMNS}"):

@@ -26,6 +26,7 @@ from daq.journal.rows import (
     INSERT_EVENT,
     INSERT_OUTBOX,
     INSERT_STREAM,
+    INSERT_UNDECODED,
     Event,
     Happening,
     Stream,
@@ -156,6 +157,31 @@ class Journal(Writer):
                 raise
             self._ends[stream] = chunk.next_seq if len(chunk) else None
         return chunk.next_seq
+
+    def keep(self, stream: str, chunk: Chunk | None, events: Iterable[Happening] = ()) -> None:
+        """Keep what a load cell said: readings, or bytes that made none, with their events; or events alone.
+
+        Args:
+            stream: its id.
+            chunk: with samples, or with bytes that made none, which end no stream; None where there is none.
+            events: of the stream.
+
+        Raises:
+            JournalError: it does not follow the last one, or it cannot be kept; all before it is.
+        """
+        if chunk is None or len(chunk):
+            if chunk is None:
+                self.event(*events, stream=stream)
+            else:
+                self.append(stream, chunk, events)
+            return
+        payload = chunk.to_bytes()
+        key, rows = (stream, chunk.first_seq, 0), [event_row(event, stream) for event in events]
+        if self.space_left() < len(payload):
+            raise disk_full(self.path)
+        with self.transaction() as connection:
+            connection.execute(INSERT_UNDECODED, (*key, chunk_checksum(*key, payload), payload))
+            connection.executemany(INSERT_EVENT, rows)
 
     def event(self, *events: Happening, stream: str | None = None) -> None:
         """Keep events, also where the disk is too full for chunks; they are on the disk on return.

@@ -18,7 +18,7 @@ from daq.journal.lock import InUseError, WriterLock
 from daq.journal.mark import MarkWriter, read_mark
 from daq.journal.place import Place
 from daq.journal.reader import JournalReader
-from daq.journal.rows import INSERT_EVENT, ROWS, SAMPLES, Event, event_row, now_utc, said
+from daq.journal.rows import INSERT_EVENT, ROWS, SAMPLES, UNDECODED, Event, event_row, now_utc, said
 from daq.journal.successor import free_beside, write_anew
 
 # Of the write-ahead log, before it is emptied: 4 MiB, some seconds of the fastest load cell.
@@ -214,6 +214,7 @@ def connect_write(path: Path) -> sqlite3.Connection:
             connection.execute(f"PRAGMA {pragma}")
         if connection.execute("PRAGMA journal_mode=WAL").fetchone()[0] != "wal":
             raise JournalError(f"{path.name} cannot keep a write-ahead log", "a local disk", "Move it to one")
+        connection.execute(f"CREATE {UNDECODED}")
     except BaseException:
         connection.close()
         raise

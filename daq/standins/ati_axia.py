@@ -19,14 +19,12 @@ class AtiAxiaStandIn(StandIn):
         self._heard = b""
 
     def hear(self, data: bytes) -> bytes:
-        """Take commands, each ended by a carriage return; the answer to the stream's begins with a first line."""
+        """Take commands, each ended by a carriage return."""
         *commands, self._heard = (self._heard + data)[-200:].split(b"\r")
         out = b""
         for command in commands:
             self.streaming = not self.streaming and command == COMMAND
-            nothing = np.zeros(1)
-            first = self.encode(np.zeros((1, 6)), nothing.astype(np.int64), nothing)[0] if self.streaming else b">"
-            out += command + b"\r\n" + first
+            out += command + b"\r\n" + (b"" if self.streaming else b">")
         return out
 
     def encode(self, wrench: Floats, sequence: Integers, time_s: Floats, status: Integers | None = None) -> list[bytes]:

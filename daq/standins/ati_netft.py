@@ -27,15 +27,13 @@ class AtiNetftStandIn(StandIn):
     }
 
     def hear(self, data: bytes) -> bytes:
-        """Take requests; the answer to a start is the first record, of an unloaded cell."""
+        """Take requests; the answer to a start is the stream itself."""
         if data == request(STOP_CODE):
             self.streaming = False
-        if data not in {request(START_CODE), request(BUFFERED_CODE)}:
-            return b""
-        self.streaming = True
-        self.per_datagram = BUFFERED if data == request(BUFFERED_CODE) else 1
-        nothing = np.zeros(1)
-        return self.encode(np.zeros((1, 6)), nothing.astype(np.int64), nothing)[0]
+        if data in {request(START_CODE), request(BUFFERED_CODE)}:
+            self.streaming = True
+            self.per_datagram = BUFFERED if data == request(BUFFERED_CODE) else 1
+        return b""
 
     def encode(self, wrench: Floats, sequence: Integers, time_s: Floats, status: Integers | None = None) -> list[bytes]:
         """Records with both counters and the status."""

@@ -154,10 +154,7 @@ class BenchLoop:
         try:
             for record in self._acquisition.records():
                 events = [_of_stream(e, self._stream) for e in record.events]
-                if record.chunk is not None:
-                    self._journal.append(self._stream, record.chunk, events)
-                else:
-                    self._journal.event(*events)
+                self._journal.keep(self._stream, record.chunk, events)
                 self._kept.put(record)
         except Exception as error:  # raised where the user is
             self._failure = error
@@ -176,7 +173,7 @@ class BenchLoop:
             self._meter.take(record)
             if record.events:
                 self._view.tell([_of_stream(e, self._stream) for e in record.events])
-            if record.chunk is None:
+            if record.chunk is None or not len(record.chunk):
                 continue
             try:
                 events = self._run.take(record.chunk)

@@ -26,7 +26,7 @@ class StreamMeter:
     Attributes:
         samples: so far; gaps: how many; lost: samples that the device counted and nobody got.
         overloads: how often the cell was beyond its range; damaged: records or bytes that were refused.
-        state: streaming, silent, lost or ended; why: of the last change.
+        state: streaming, silent, not understood, lost or ended; why: of the last change.
         alarm: what is wrong with the journal; empty where nothing is.
     """
 
@@ -97,6 +97,8 @@ class StreamMeter:
             self.overloads += 1
         elif event.kind == "damaged":
             self.damaged += int(value.get("rejected", 0)) or 1
+        elif event.kind == "undecoded":
+            self.state, self.why = "not understood", str(value.get("looks", ""))
         elif event.kind == "stale":
             self.state = "streaming" if value.get("ended") else "silent"
         elif event.kind == "disconnected":

@@ -220,7 +220,7 @@ def _health(meter: StreamMeter, status: BenchStatus, space_left: int | None) -> 
     from rich.text import Text
 
     stream = Text(meter.state, "" if meter.state in ("streaming", "waiting") else "bold red")
-    stream.append(f" {meter.why}" if meter.state == "lost" else "", "bold red")
+    stream.append(f" {meter.why}" if meter.state in ("lost", "not understood") else "", "bold red")
     stream.append("  rate -" if meter.rate_hz is None else f"  rate {meter.rate_hz:.1f} Hz", "not bold")
     stream.append(f"  gaps {meter.gaps} ({meter.lost} lost)", "red" if meter.gaps else "")
     stream.append(f"  overloads {meter.overloads}", "red" if meter.overloads else "")

@@ -76,6 +76,8 @@ def _say_report(report: Report) -> None:
         say(f"{fault.kind:8} {f'stream {fault.stream[:12]}: ' if fault.stream else ''}{fault.text}")
     for stream, chunks in report.chunks.items():
         say(f"stream {stream[:12]}: {report.samples[stream]} samples in {chunks} sound chunks")
+    if report.undecoded_bytes:
+        say(f"{report.undecoded_bytes} bytes that made no reading")
     known = f", {report.known_gaps} losses noted by an earlier recovery" if report.known_gaps else ""
     aside = f", {report.set_aside} that the service refused are set aside" if report.set_aside else ""
     say(f"{report.events} events, {report.pending} chunks wait to be sent{aside}{known}")

@@ -162,6 +162,7 @@ def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, closed:
     if not answer("log", body, json):
         where = f": {journal.path}   (fingertwin journal check {journal.path})"
         say(f"{told['samples']} readings in {told['seconds']:.1f} s{'.' if options.passing else where}")
+    logging.require_readings(cell)
     return delivery.whole
 
 
@@ -205,6 +206,8 @@ class Logging:
         journal.alarm = lambda text: self.say(f"WARNING: {text}")
         self._kinds: Counter[str] = Counter()
         self._samples, self._first_s, self._last_s = 0, 0.0, 0.0
+        # Bytes that made no reading: how many, and the first of them.
+        self._undecoded_bytes, self._undecoded = 0, b""
         self._warned = False
 
     def run(self, acquisition: Acquisition) -> dict[str, Any]:
@@ -227,8 +230,27 @@ class Logging:
             "samples": self._samples,
             "seconds": seconds,
             "rate_hz": (self._samples - 1) / seconds if seconds > 0 else None,
+            "undecoded_bytes": self._undecoded_bytes,
             "events": dict(self._kinds),
         }
+
+    def require_readings(self, cell: LoadCell) -> None:
+        """Make sure that there are readings of a device, or of what it sent.
+
+        Raises:
+            DriverError: there are none; says what came instead.
+        """
+        from daq.drivers.looks import looks_like
+
+        if self._samples or not (self._undecoded_bytes or cell.link in ("serial", "udp")):
+            return
+        if not self._undecoded_bytes:
+            raise DriverError("nothing came, so there are no readings", f"records of {cell.name}", "Is it streaming?")
+        raise DriverError(
+            f"{self._undecoded_bytes} bytes came and made no reading: {looks_like(self._undecoded)}",
+            f"records of {cell.name}",
+            f"Check --driver, --baud and the settings; the bytes are kept in {self._journal.path}",
+        )
 
     def say(self, text: str) -> None:
         """Tell what happens; where the terminal was closed, nobody."""
@@ -240,13 +262,14 @@ class Logging:
                 raise
 
     def _keep(self, record: Record) -> None:
-        if record.chunk is not None:
-            self._journal.append(self.stream, record.chunk, record.events)
+        self._journal.keep(self.stream, record.chunk, record.events)
+        if record.chunk is not None and len(record.chunk):
             times = record.chunk.t_s
             self._first_s = float(times[0]) if self._samples == 0 else self._first_s
             self._samples, self._last_s = self._samples + len(times), float(times[-1])
-        else:
-            self._journal.event(*record.events, stream=self.stream)
+        elif record.chunk is not None:
+            self._undecoded_bytes += len(record.chunk.raw)
+            self._undecoded = self._undecoded or record.chunk.raw
         self._kinds.update(e.kind for e in record.events)
         self._watch(record)
         for event in record.events:
@@ -254,7 +277,7 @@ class Logging:
 
     def _watch(self, record: Record) -> None:
         """Warn before the disk is full."""
-        if record.chunk is None or self._warned or not self._samples:
+        if record.chunk is None or self._warned or not len(record.chunk):
             return
         per_s = record.chunk.packed_bytes / max(float(record.chunk.t_s[-1] - record.chunk.t_s[0]), 1e-3)
         left_s = self._journal.space_left() / per_s
@@ -281,7 +304,7 @@ def about_cell(cell: LoadCell, given: dict[str, str]) -> dict[str, str]:
 
 def worded(event: StreamEvent) -> str:
     """An event in one line."""
-    value = ", ".join(f"{k} {v}" for k, v in event.value.items() if k != "raw_hex")
+    value = ", ".join(f"{k} {v}" for k, v in event.value.items())
     return f"{event.at_s:10.2f} s  {event.kind.replace('_', ' ')}" + (f": {value}" if value else "")
 
 

@@ -13,6 +13,7 @@ import pytest
 
 from daq.acquire import Acquisition, Record
 from daq.drivers.base import LoadCell, Samples, Transport, samples
+from daq.drivers.looks import looks_like
 from daq.errors import DriverError, LinkLostError
 
 
@@ -211,12 +212,72 @@ class Deaf(Counting):
 
 
 def test_bytes_that_never_make_a_sample_are_said_and_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("daq.acquire.MOST_WITHOUT_SAMPLE", 20)
-    sent: list[bytes | float | None] = [bytes([k]) for k in range(60)]
+    monkeypatch.setattr("daq.acquire.UNDECODED_S", 0.02)
+    sent: list[bytes | float | None] = [bytes([k]) for k in range(100)]
     run = Acquisition(Deaf(), lambda: Portions(sent), chunk_s=0.005)
     run.start()
     records = list(run.records())
-    assert all(r.chunk is None for r in records)
-    told = [e.value for r in records for e in r.events if e.kind == "damaged"]
-    assert len(told) > 1
-    assert "".join(v["raw_hex"] for v in told) == bytes(range(60)).hex()
+    chunks = [r.chunk for r in records if r.chunk is not None]
+    assert len(chunks) > 1
+    assert [len(c) for c in chunks] == [0] * len(chunks)
+    assert b"".join(c.raw for c in chunks) == bytes(range(100))
+    assert sum(c.skipped for c in chunks) == 100
+    # At once, and not with each of them again.
+    [said] = [e for r in records for e in r.events if e.kind == "undecoded"]
+    assert said.at_s < 0.5
+    assert said.value["looks"].startswith("binary such as ")
+
+
+def test_a_fault_of_ours_ends_the_stream_and_is_raised() -> None:
+    class Faulty(Counting):
+        class _Decoder(CountingDecoder):
+            def feed(self, data: bytes) -> Samples:
+                raise ZeroDivisionError
+
+        def decoder(self) -> CountingDecoder:
+            return self._Decoder()
+
+    run = Acquisition(Faulty(), lambda: Portions([bytes([1]), 9.0]))
+    run.start()
+    with pytest.raises(ZeroDivisionError):
+        list(run.records())
+
+
+class Greeting(Counting):
+    """Says something while it is started, some of it before it was asked to."""
+
+    def start(self, transport: Transport) -> None:
+        assert transport.read(0.1) == b"boot"
+        transport.write(b"go")
+        assert transport.read(0.1) == bytes([1, 2])
+        assert transport.read(0.1) == bytes([3])
+
+
+class Asked(Portions):
+    def write(self, data: bytes) -> None:
+        pass
+
+
+def test_what_came_since_the_device_was_asked_begins_the_stream() -> None:
+    run = Acquisition(Greeting(), lambda: Asked([b"boot", bytes([1, 2]), bytes([3]), bytes([4]), bytes([5])]))
+    run.start()
+    records = list(run.records())
+    assert (numbered(records)[:, 0] * 10.0).tolist() == pytest.approx([1, 2, 3, 4, 5])
+    assert b"".join(r.chunk.raw for r in records if r.chunk is not None) == bytes([1, 2, 3, 4, 5])
+    assert kinds(records) == ["started", "ended"]
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"", "nothing"),
+        (bytes(500), "500 times 00"),
+        (b"1.0;2.0\r\n3.0;4.0\r\n5.0;6.0\r\n", "text such as '3.0;4.0', lines end in CR LF"),
+        (b"1.0;2.0\r3.0;4.0\r5.0;6.0\r", "lines end in CR alone"),
+        (b"1.0;2.0\n3.0;4.0\n5.0;6.0\n", "lines end in LF alone"),
+        (b"0.123" * 30, "without line ends"),
+        (bytes(range(128, 256)), "binary such as f0 f1 f2"),
+    ],
+)
+def test_what_bytes_look_like(data: bytes, said: str) -> None:
+    assert said in looks_like(data)

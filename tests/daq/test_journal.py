@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -408,6 +409,52 @@ def test_every_altered_row_is_found_and_the_rest_recovered(path: Path, statement
     assert check(out).faults == ()
     with Journal.open(out, 0) as journal:
         assert [p.first_seq for p in journal.pending()] == wanted
+
+
+def without_samples(first_seq: int, raw: bytes) -> Chunk:
+    none = made_chunk(first_seq, 0)
+    return replace(none, raw=raw, reads=[(len(raw), 1.0)])
+
+
+def test_bytes_that_made_no_reading_are_kept_in_order_and_end_no_stream(path: Path) -> None:
+    with Journal.create(path, "bench 1", 0) as journal:
+        stream = fill(journal, 1)
+        for raw in (b"one", b"two"):
+            journal.keep(stream, without_samples(COUNT, raw), [Event("undecoded", 1.0)])
+        journal.keep(stream, made_chunk(COUNT, COUNT))
+        journal.keep(stream, without_samples(2 * COUNT, b"three"))
+        journal.keep(stream, None, [Event("note")])
+        # They stay here: a service wants readings.
+        assert [p.first_seq for p in journal.pending()] == [0, COUNT]
+    out = path.with_name("out.journal")
+    recover(path, out)
+    for each in (path, out):
+        with JournalReader.open(each) as reader:
+            assert [(c.first_seq, c.raw) for c in reader.undecoded(stream)] == [
+                (50, b"one"),
+                (50, b"two"),
+                (100, b"three"),
+            ]
+            assert [e.kind for e in reader.events(stream)] == ["mark", "undecoded", "undecoded", "note"]
+        assert firsts(each, stream) == [0, COUNT]
+        report = check(each)
+        assert (report.faults, report.undecoded_bytes) == ((), 11)
+    altered(path, "UPDATE undecoded SET payload = (SELECT payload FROM undecoded WHERE id = 1) WHERE id = 2")
+    assert [f.text for f in check(path).faults] == [
+        f"bytes without a reading: chunk 50 of stream {stream} is damaged (its checksum does not hold)"
+    ]
+
+
+def test_a_journal_from_before_such_bytes_were_kept_is_read_and_written_on(path: Path) -> None:
+    stream = written(path, 2)
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("DROP TABLE undecoded")
+    with JournalReader.open(path) as reader:
+        assert list(reader.undecoded(stream)) == []
+    assert check(path).faults == ()
+    with Journal.open(path, 0) as journal:
+        journal.keep(stream, without_samples(2 * COUNT, b"odd"))
+    assert check(path).undecoded_bytes == 3
 
 
 def test_a_chunk_under_another_stream_is_damaged(path: Path) -> None:

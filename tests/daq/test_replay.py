@@ -12,7 +12,7 @@ import pytest
 
 from daq.acquire import Acquisition
 from daq.blocks import Chunk
-from daq.drivers.base import LoadCell
+from daq.drivers.base import LoadCell, Transport
 from daq.drivers.gauge_lines import GaugeLines
 from daq.drivers.robotiq import Robotiq
 from daq.errors import DriverError
@@ -20,7 +20,7 @@ from daq.journal.reader import JournalReader
 from daq.journal.rows import Event
 from daq.journal.writer import Journal
 from daq.readings import ReadingBlock
-from daq.replay import JournalReplay, is_journal
+from daq.replay import JournalReplay, _reads, is_journal
 from daq.standins.faults import Faults
 from daq.standins.robotiq import RobotiqStandIn
 from daq.standins.run import Player
@@ -28,6 +28,7 @@ from daq.standins.wires import TcpWire
 from daq.transports import connect
 from server.commands.log import about_cell
 from tests.daq.cal_files import nano17
+from tests.daq.test_acquire import Portions
 
 
 def keep(run: Acquisition, cell: LoadCell, path: Path) -> str:
@@ -35,29 +36,25 @@ def keep(run: Acquisition, cell: LoadCell, path: Path) -> str:
     with closing(Journal.create(path, "bench")) as journal:
         stream = journal.add_stream(cell.name, cell.values, {}, cell.clock)
         for record in run.records():
-            events = [Event(e.kind, e.at_s, e.value) for e in record.events]
-            if record.chunk is not None:
-                journal.append(stream, record.chunk, events)
-            else:
-                for event in events:
-                    journal.event(Event(event.kind, event.at_s, event.value, stream))
+            journal.keep(stream, record.chunk, [Event(e.kind, e.at_s, e.value) for e in record.events])
     return stream
 
 
 def kept(path: Path, stream: str) -> Chunk:
-    """A whole stream as one."""
+    """A whole stream as one, with the bytes that made no reading."""
     with JournalReader.open(path) as journal:
-        chunks = list(journal.read(stream))
+        chunks, without = list(journal.read(stream)), list(journal.undecoded(stream))
+    reads = [(len(data), arrival_s, data) for arrival_s, data in _reads(path, stream)]
     return Chunk(
         0,
         np.concatenate([c.t_s for c in chunks]),
         np.concatenate([c.wrench for c in chunks]),
         np.concatenate([c.status for c in chunks]),
         np.concatenate([c.overload for c in chunks]),
-        b"".join(c.raw for c in chunks),
-        [r for c in chunks for r in c.reads],
+        b"".join(data for _, _, data in reads),
+        [(size, arrival_s) for size, arrival_s, _ in reads],
         0.0,
-        sum(c.rejected for c in chunks),
+        sum(c.rejected for c in [*chunks, *without]),
     )
 
 
@@ -103,6 +100,49 @@ def test_the_same_bytes_give_the_same_readings_at_the_same_times(recorded: Path,
     assert kinds.count("disconnected") == kinds.count("reconnected") >= 1
     # A replay of the replay is the same again.
     assert JournalReplay(tmp_path / "again.sqlite3").decoder().feed(old.raw[:160]).wrench.shape[1] == 6
+
+
+class Odd(Robotiq):
+    """Robotiq's, whose bytes are not understood for a while; it says something as it starts."""
+
+    def start(self, transport: Transport) -> None:
+        transport.read(1.0)
+
+    def stop(self, transport: Transport) -> None:
+        """It only ever streams."""
+
+
+def test_what_was_not_understood_is_replayed_in_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daq.acquire.UNDECODED_S", 0.02)
+    frames = RobotiqStandIn().encode(np.outer(np.arange(40.0), np.ones(6)), np.arange(40), np.zeros(40))
+    # The first frame is cut by reads; two ends of frames stand around bytes that make no sense for a while.
+    portions = [
+        frames[0][:9],
+        frames[0][9:],
+        *frames[1:20],
+        frames[20][:7],
+        *[b"?" * 5] * 30,
+        frames[20][7:],
+        *frames[21:],
+    ]
+    cell, link = Odd(), Portions([*portions])
+    run = Acquisition(cell, lambda: link, chunk_s=0.005)
+    run.start()
+    path, again = tmp_path / "journal.sqlite3", tmp_path / "again.sqlite3"
+    stream = keep(run, cell, path)
+    with JournalReader.open(path) as journal:
+        assert sum(len(c.raw) for c in journal.undecoded(stream)) > 50
+    old = kept(path, stream)
+    assert old.raw == b"".join(portions)
+    # The readings around: but for those beside the damage, and the last one.
+    assert 36 <= len(old) < 40
+    replay = JournalReplay(path, speed=0.0)
+    run = Acquisition(replay, lambda: connect(replay, str(path)))
+    run.start()
+    new = kept(again, keep(run, replay, again))
+    assert (new.raw, list(new.reads)) == (old.raw, list(old.reads))
+    assert (new.wrench == old.wrench).all()
+    assert (new.t_s == old.t_s).all()
 
 
 def test_a_stream_that_is_not_there_is_said(recorded: Path) -> None:

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,12 @@ import pytest
 
 from daq.blocks import Chunk
 from daq.journal.reader import JournalReader
+from daq.journal.writer import Journal
 from daq.readings import ReadingBlock, open_readings, write_readings
 from server.cli import main
 from tests.contracts.ingest import SmallReceiver, serving
 from tests.daq.cal_files import nano17
+from tests.daq.journal_writer import made_chunk
 from tests.daq.test_lab_files import tdms
 
 
@@ -286,6 +289,26 @@ def test_a_replay_arrives_at_a_service_once_and_in_order(
     assert (np.concatenate([c.wrench for c in chunks]) == sent).all()
     assert {"started", "ended"} <= {e["kind"] for e in receiver.events(session)}
     receiver.close()
+
+
+def test_a_log_without_a_reading_fails_and_says_what_came_instead(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # As a load cell at the wrong speed: the journal of one is played.
+    bytes_alone = replace(made_chunk(0, 0), raw=b"?" * 500, reads=[(500, 0.5)])
+    with Journal.create(tmp_path / "odd.sqlite3", "bench", 0) as journal:
+        journal.keep(journal.add_stream("robotiq-ft300", {}, {}), bytes_alone)
+    arguments = ["log", "--driver", "replay", "--port", str(tmp_path / "odd.sqlite3"), "--set", "speed=0"]
+    code, text, err = run(capsys, monkeypatch, *arguments, "--out", str(tmp_path / "log"), "--json", "-")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "500 bytes came and made no reading: 500 times 3f; expected records of" in err
+    kept = tmp_path / "log" / "journal.sqlite3"
+    assert f"the bytes are kept in {kept}" in err
+    told = json.loads(text)
+    assert (told["samples"], told["undecoded_bytes"]) == (0, 500)
+    code, text, _ = run(capsys, monkeypatch, "journal", "check", str(kept))
+    assert code == 0
+    assert "500 bytes that made no reading" in text
 
 
 def test_what_a_service_refused_is_put_back_and_sent_by_the_next_log(

@@ -7,7 +7,7 @@ import struct
 import numpy as np
 import pytest
 
-from daq.drivers.ati_netft import AtiNetft
+from daq.drivers.ati_netft import TRIES, AtiNetft
 from daq.errors import DriverError
 from daq.standins.ati_netft import AtiNetftStandIn
 from tests.daq.drivers.scripted import Scripted
@@ -107,7 +107,7 @@ def test_a_lost_request_is_repeated() -> None:
     link.close()
 
 
-@pytest.mark.parametrize(("answers", "said"), [([b"", b"", b""], "no answer"), ([b"hello"], "a datagram of 5 bytes")])
+@pytest.mark.parametrize(("answers", "said"), [([b""] * TRIES, "no answer"), ([b"hello"], "a datagram of 5 bytes")])
 def test_another_device_or_none_is_said(answers: list[bytes], said: str) -> None:
     link = Scripted([(STOP, b""), *((START, a) for a in answers)])
     with pytest.raises(DriverError, match=said):
@@ -131,7 +131,7 @@ def test_the_stand_in_is_understood() -> None:
     assert got.overload.tolist() == [False, True]
     assert got.sequence is not None
     assert got.sequence.tolist() == [0, 1]
-    assert len(device.hear(START)) == 36
+    assert device.hear(START) == b""
     assert device.streaming
     assert device.hear(STOP) == b""
     assert not device.streaming

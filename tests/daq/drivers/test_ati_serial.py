@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daq.drivers.ati_serial import AtiSerial
+from daq.drivers.ati_serial import TRIES, AtiSerial
 from daq.drivers.base import Samples
 from daq.errors import DriverError
 from daq.standins.ati_serial import AtiSerialStandIn
@@ -103,9 +103,25 @@ def test_a_damaged_line_costs_that_line(bad: bytes) -> None:
     assert (got.rejected, got.skipped) == (1, len(bad))
 
 
-def test_a_lost_line_end_costs_two_lines() -> None:
-    got = decode(LINE + LINE[:-1] + LINE + LINE)
+def test_a_lost_line_end_costs_two_lines_and_half_of_one_none() -> None:
+    got = decode(LINE + LINE[:-2] + LINE + LINE)
     assert (len(got), got.rejected) == (2, 2)
+    got = decode(LINE + LINE[:-1] + LINE + LINE)
+    assert (len(got), got.rejected, got.skipped) == (4, 0, 0)
+
+
+@pytest.mark.parametrize("end", [b"\r", b"\n", b"\r\n"])
+@pytest.mark.parametrize("padded", [True, False])
+@pytest.mark.parametrize("portion", [1, 7, 0])
+def test_whatever_ends_a_line_and_pads_a_number(end: bytes, padded: bool, portion: int) -> None:
+    line = LINE[:-2] if padded else LINE[:-2].replace(b" ", b"")
+    got = decode((line + end) * 5, portion=portion)
+    assert got.wrench == pytest.approx(np.array([WRENCH] * 5))
+    assert (got.rejected, got.skipped) == (0, 0)
+    # Whichever it is, a line of the other form is a damaged one.
+    other = LINE[:-2].replace(b" ", b"") if padded else LINE[:-2]
+    got = decode((line + end) * 5 + (other + end) + (line + end) * 2, portion=portion)
+    assert (len(got), got.rejected, got.skipped) == (7, 1, len(other + end))
 
 
 def test_a_stream_without_line_ends_is_not_kept() -> None:
@@ -187,7 +203,20 @@ def test_binary_is_asked_for() -> None:
 )
 def test_another_device_or_none_is_said(answer: bytes, said: str) -> None:
     with pytest.raises(DriverError, match=said):
-        AtiSerial(SCALE).start(Scripted([(b"\r", b""), (b"CD R\r", answer)]))
+        AtiSerial(SCALE).start(Scripted([(b"\r", b""), *[(b"CD R\r", answer)] * TRIES]))
+
+
+def test_one_without_echo_is_understood() -> None:
+    silent = [(asked, answer.replace(asked[:-1], b"")) for asked, answer in ASKED[:-1]]
+    link = Scripted([(b"\r", PROMPT), *silent, (b"QS\r", LINE[20:] + LINE)])
+    AtiSerial(SCALE).start(link)
+    link.close()
+
+
+def test_one_that_is_still_starting_up_is_asked_again() -> None:
+    link = Scripted([(b"\r", b""), (b"CD R\r", b""), (b"CD R\r", b"F/T 5.0\r\n"), *ASKED])
+    AtiSerial(SCALE).start(link)
+    link.close()
 
 
 def test_one_that_does_not_fall_silent_is_said() -> None:

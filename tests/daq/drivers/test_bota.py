@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daq.drivers.bota import Bota
+from daq.drivers.bota import TRIES, Bota
 from daq.errors import DriverError
 from daq.standins.bota import BotaStandIn
 from tests.daq.drivers.scripted import Scripted
@@ -118,4 +118,4 @@ def test_one_that_stays_quiet_may_wait_for_its_configuration() -> None:
 @pytest.mark.parametrize(("answer", "said"), [(b"", "no answer to C"), (b"GSV-3 1.0\r\n", "the device says b'GSV-3")])
 def test_another_device_or_none_is_said(answer: bytes, said: str) -> None:
     with pytest.raises(DriverError, match=said):
-        Bota().start(Scripted([(b"C", answer), (b"C", b""), (b"C", b"")]))
+        Bota().start(Scripted([(b"C", answer), *[(b"C", b"")] * (TRIES - 1)]))

@@ -214,10 +214,10 @@ def test_a_log_goes_on_after_a_lost_board_and_says_what_happened(
     assert str(fault).split("Status Code: ")[1] in why["why"]
     assert "\n" not in why["why"]
     assert back["tries"] == 3
-    # What was read before the fault is kept, and what came after it; the first portion of a task only starts it.
-    assert sum(len(c) for c in chunks) == 100
+    # What was read before the fault is kept, and what came after it, with the portion that shows that a task began.
+    assert sum(len(c) for c in chunks) == 200
     wrench = np.concatenate([c.wrench for c in chunks])
-    assert wrench == pytest.approx(np.tile(WRENCH, (100, 1)))
+    assert wrench == pytest.approx(np.tile(WRENCH, (200, 1)))
     # Each task that was made was closed.
     assert board.asked.count("started") == 2
     assert board.asked.count("closed") == 2

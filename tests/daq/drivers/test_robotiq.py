@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from daq.drivers.robotiq import HEADER, STOP, Robotiq
+from daq.drivers.robotiq import HEADER, STOP, TRIES, Robotiq
 from daq.errors import DriverError
 from tests.daq.drivers.scripted import Scripted
 
@@ -46,4 +46,4 @@ def test_conversation() -> None:
 @pytest.mark.parametrize(("answer", "said"), [(b"", "no answer"), (b"GSV-3 1.0\r\n" * 40, "the device says")])
 def test_another_device_or_none_is_said(answer: bytes, said: str) -> None:
     with pytest.raises(DriverError, match=said):
-        Robotiq().start(Scripted([(STOP, b""), (START, answer)]))
+        Robotiq().start(Scripted([(STOP, b""), (START, answer)] * TRIES))
