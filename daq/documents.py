@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import json
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -11,6 +12,11 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from daq.errors import InputError
 
+try:  # libyaml is ten times faster, and not built everywhere
+    from yaml import CSafeLoader as SafeLoader
+except ImportError:
+    from yaml import SafeLoader  # type: ignore[assignment]
+
 
 class Document(BaseModel):
     """Base of a schema: nothing unknown, nothing infinite, nothing changed later."""
@@ -18,7 +24,45 @@ class Document(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Make an object of a JSON text, as `object_pairs_hook`; a key given twice is refused, since only one could count.
+
+    Raises:
+        json.JSONDecodeError: a key is there twice.
+    """
+    out = dict(pairs)
+    if len(out) < len(pairs):
+        names = [key for key, _ in pairs]
+        twice = next(key for key in names if names.count(key) > 1)
+        raise json.JSONDecodeError(f"key {twice[:60]!r} is there twice", "", 0)
+    return out
+
+
 Schema = TypeVar("Schema", bound=Document)
+
+
+def load_yaml(text: str) -> Any:
+    """Read YAML as plain data, refusing a key given twice.
+
+    Raises:
+        yaml.YAMLError: it is no YAML.
+        TypeError, ValueError: a list as a key, the 45th of a month.
+    """
+    return yaml.load(text, Loader=_Loader)  # noqa: S506 - a subclass of the safe loader
+
+
+class _Loader(SafeLoader):
+    """YAML's safe loader, which also refuses a key given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        """Build a mapping whose keys differ."""
+        seen = set()
+        for key, _ in node.value:
+            if key.value in seen and key.tag != "tag:yaml.org,2002:merge":
+                raise yaml.constructor.ConstructorError(None, None, f"key {key.value!r} is there twice", key.start_mark)
+            seen.add(key.value)
+        out: dict[Hashable, Any] = super().construct_mapping(node, deep)
+        return out
 
 
 def read_document(path: Path, wanted: str, error: type[InputError] = InputError) -> Any:
@@ -30,7 +74,7 @@ def read_document(path: Path, wanted: str, error: type[InputError] = InputError)
         error: to raise.
     """
     try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
+        return load_yaml(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError as fault:
         raise error(f"{path.name} is not text", f"{wanted} in UTF-8") from fault
     except (yaml.YAMLError, TypeError, ValueError) as fault:  # the latter two: a list as a key, the 45th of a month

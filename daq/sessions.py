@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 from pydantic import ValidationError
 
+from daq.documents import load_yaml
 from daq.errors import SessionError
 from daq.files import replacing
 from daq.locations import data_dir
@@ -65,11 +66,6 @@ __all__ = [
     "whole_document",
     "write_session",
 ]
-
-try:  # libyaml is ten times faster, and not built everywhere
-    from yaml import CSafeLoader as SafeLoader
-except ImportError:
-    from yaml import SafeLoader  # type: ignore[assignment]
 
 SESSION_FILE = "session.yaml"
 AMENDMENTS_FILE, AMENDMENTS_FORMAT = "amendments.yaml", "bench-amendments/1"
@@ -254,7 +250,7 @@ def read_yaml(file: Path) -> Any:
     except OSError as error:
         raise SessionError(f"{name} cannot be read ({error.strerror})", "a readable file") from error
     try:
-        return yaml.load(text, Loader=_Loader)  # noqa: S506 - a subclass of the safe loader
+        return load_yaml(text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f" in line {mark.line + 1}, column {mark.column + 1}" if mark else ""
@@ -269,20 +265,6 @@ def read_yaml(file: Path) -> Any:
 
 def _short(file: Path) -> str:
     return f"{file.parent.name}/{file.name}" if file.parent.name else file.name
-
-
-class _Loader(SafeLoader):
-    """YAML's safe loader, which also refuses a key given twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        """Build a mapping whose keys differ."""
-        seen = set()
-        for key, _ in node.value:
-            if key.value in seen and key.tag != "tag:yaml.org,2002:merge":
-                raise yaml.constructor.ConstructorError(None, None, f"key {key.value!r} is there twice", key.start_mark)
-            seen.add(key.value)
-        out: dict[Hashable, Any] = super().construct_mapping(node, deep)
-        return out
 
 
 class _Dumper(yaml.SafeDumper):

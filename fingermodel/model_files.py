@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.documents import unique_keys
 from daq.errors import ModelError
 from daq.files import replacing
 from fingermodel.budget import Budget, budget_of
@@ -234,7 +235,7 @@ def read_revision(path: Path) -> Revision:
         ModelError: not a revision, or a damaged one.
     """
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=unique_keys)
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ModelError(
             f"{path.name} is not JSON ({error})", f"{FORMAT}, as `fingertwin refit --out` writes"

@@ -202,6 +202,7 @@ def angle_between(one: Floats, other: Floats) -> float | None:
 
 def write_table(result: ActivationResult, path: Path) -> int:
     """Write a row a muscle and level as CSV, units in the columns' names; return the number of rows."""
+    from daq.export import defused
     from daq.files import replacing
 
     columns = [
@@ -214,7 +215,7 @@ def write_table(result: ActivationResult, path: Path) -> int:
             d.levels_pct, d.force_N, d.magnitudes, d.change_pct,
             d.change_deg(), d.change_deg("sagittal"), d.change_deg("coronal"), strict=True,
         )  # fmt: skip
-        rows += [[d.muscle, *(_cell(x) for x in (level, *force, *rest))] for level, force, *rest in cells]
+        rows += [[defused(d.muscle), *(_cell(x) for x in (level, *force, *rest))] for level, force, *rest in cells]
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(columns)

@@ -227,6 +227,7 @@ def work_out(
 
 def write_table(result: MovementResult, path: Path) -> int:
     """Write a row an instant as CSV, units in the columns' names; return the number of rows."""
+    from daq.export import defused
     from daq.files import replacing
 
     columns: dict[str, Floats] = {"time_s": result.times_s}
@@ -243,6 +244,6 @@ def write_table(result: MovementResult, path: Path) -> int:
         columns |= {f"{name}_{key}": v for name, v in zip(result.muscles, values.T, strict=True)}
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(columns)
+        writer.writerow(map(defused, columns))
         writer.writerows([f"{x:.9g}" for x in row] for row in zip(*columns.values(), strict=True))
     return len(result.times_s)

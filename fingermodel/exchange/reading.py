@@ -12,6 +12,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.documents import unique_keys
 from daq.errors import ModelError
 
 Floats = NDArray[np.float64]
@@ -81,7 +82,7 @@ def about_of(text: str | None, where: str) -> dict[str, Any]:
     if text is None:
         return {}
     try:
-        body = json.loads(text)
+        body = json.loads(text, object_pairs_hook=unique_keys)
     except ValueError:
         body = None
 

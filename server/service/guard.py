@@ -15,7 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from server.service.body_limit import LimitedBody, refuse
 from server.service.edge import Edge
 from server.service.metrics import Metrics
-from server.service.origins import is_foreign, is_ours, is_same
+from server.service.origins import is_foreign, is_ours, is_same, scheme_of
 from server.service.problems import ProblemError, problem_answer, shortened
 from server.service.settings import Settings
 from server.service.tokens import Token, TokenBook
@@ -36,11 +36,11 @@ _MOST_ADDRESS, _MOST_HEADERS = 8 << 10, 32 << 10
 _BURST_S = 10
 _HEADERS = frozenset({
     b"host", b"origin", b"authorization", b"content-length", b"sec-websocket-protocol", b"sec-fetch-site",
-    b"sec-fetch-mode", b"forwarded", b"x-forwarded-for", b"x-forwarded-host", b"via",
+    b"sec-fetch-mode", b"forwarded", b"x-forwarded-for", b"x-forwarded-host", b"x-forwarded-proto", b"via",
 })  # fmt: skip
-_FORWARDED = frozenset({b"forwarded", b"x-forwarded-for", b"x-forwarded-host", b"via"})
+_FORWARDED = frozenset({b"forwarded", b"x-forwarded-for", b"x-forwarded-host", b"x-forwarded-proto", b"via"})
 # These may be given in several parts.
-_LISTS = _FORWARDED | {b"sec-websocket-protocol"}
+_LISTS = (_FORWARDED - {b"x-forwarded-proto"}) | {b"sec-websocket-protocol"}
 Headers = dict[bytes, str]
 
 
@@ -104,8 +104,13 @@ class Guard:
         method = scope.get("method", "GET")
         changing = scope["type"] == "websocket" or method not in _SAFE
         foreign = is_foreign(headers.get(b"sec-fetch-site", ""), headers.get(b"sec-fetch-mode", ""), method)
-        if foreign or (changing and origin is not None and not is_same(origin, host)):
-            raise ProblemError(403, f"a page of {shortened(origin or 'another site')}", "the service's own pages")
+        forwarded = not _FORWARDED.isdisjoint(headers)
+        spoken = scheme_of(scope.get("scheme", "http"), headers.get(b"x-forwarded-proto"), forwarded=forwarded)
+        if foreign or (changing and origin is not None and not is_same(origin, host, spoken)):
+            remedy = "A proxy must pass on Host and X-Forwarded-Proto" if forwarded else ""
+            raise ProblemError(
+                403, f"a page of {shortened(origin or 'another site')}", "the service's own pages", remedy
+            )
 
     async def _admit(self, scope: Scope, headers: Headers) -> Token | None:
         """Return the token of a request, None where it needs none."""

@@ -42,15 +42,26 @@ def is_ours(host: str, configured: str) -> bool:
     return found is not None and (is_loopback(found[0]) or found[0] == configured.strip("[]").lower())
 
 
-def is_same(origin: str, host: str) -> bool:
-    """Whether a page's origin is the service itself, as the request's Host names it.
+def scheme_of(own: str, proto: str | None, *, forwarded: bool) -> str:
+    """Return the scheme that a browser speaks: http or https.
 
-    The scheme may differ: before the service may stand what speaks TLS.
+    Args:
+        own: that the service itself speaks with whoever connects: http, https, ws or wss.
+        proto: what a proxy says in X-Forwarded-Proto; None where it says nothing.
+        forwarded: whether a proxy has passed the request on. What stands before the service speaks TLS, unless it says
+            otherwise.
     """
+    if proto is not None:
+        return proto.strip().lower()
+    return "https" if forwarded or own in ("https", "wss") else "http"
+
+
+def is_same(origin: str, host: str, spoken: str) -> bool:
+    """Whether a page's origin is the service itself, as the request's Host names it, by the scheme that is spoken."""
     scheme, _, rest = origin.partition("://")
     page, here = authority(rest), authority(host)
     default = _PORTS.get(scheme.lower())
-    if page is None or here is None or default is None:
+    if page is None or here is None or default is None or scheme.lower() != spoken:
         return False
     return page[0] == here[0] and (page[1] or default) == (here[1] or default)
 

@@ -12,6 +12,7 @@ from fastapi.routing import APIRoute
 from starlette.datastructures import Headers
 from starlette.requests import ClientDisconnect
 
+from daq.documents import unique_keys
 from server.service.problems import ProblemError, shortened
 from server.service.workers import GoneError, Kind, run, threaded, watched
 
@@ -38,7 +39,7 @@ class StrictRequest(Request):
 
 
 def read_json(body: bytes) -> Any:
-    """Read JSON that has neither NaN nor infinities, halves of surrogate pairs, zero characters nor many levels.
+    """Read JSON without NaN, infinities, halves of surrogate pairs, zero characters, many levels or a key given twice.
 
     Raises:
         json.JSONDecodeError: it is no JSON, or has what cannot be kept.
@@ -48,6 +49,7 @@ def read_json(body: bytes) -> Any:
         raise json.JSONDecodeError("a zero character, which cannot be kept", "", body.index(b"\\u0000"))
     if body.count(b"[") + body.count(b"{") > MOST_LEVELS and _levels(value) > MOST_LEVELS:
         raise json.JSONDecodeError(f"more than {MOST_LEVELS} levels", "", 0)
+    json.loads(body, object_pairs_hook=unique_keys)
     return value
 
 

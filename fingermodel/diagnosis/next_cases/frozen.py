@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from daq.documents import unique_keys
 from daq.errors import ModelError
 from daq.files import replacing
 from fingermodel.diagnosis.next_cases.next_cases import Plan
@@ -103,7 +104,7 @@ def read_frozen(path: Path) -> dict[str, Any]:
         ModelError: not such a file, or one that was changed after it was written.
     """
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=unique_keys)
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
         raise ModelError(
             f"{path.name} cannot be read ({error})", f"{FORMAT}, as `fingertwin next --freeze` writes"

@@ -37,7 +37,6 @@ from daq.errors import InputError
 from server.service.live.clients import BAD_PARAMETERS, NOT_FOUND, Subscription
 from server.service.live.connection import serve
 from server.service.live.hub import LiveHub
-from server.service.origins import is_same
 from server.service.problems import ProblemError, problem_answer, shortened
 from server.service.wire import wire_of
 
@@ -69,7 +68,6 @@ def live_router(
     async def live(websocket: WebSocket) -> None:
         hub = hub_of(websocket)
         try:
-            require_same_host(websocket)
             await allow(websocket)
         except ProblemError as problem:
             hub.counters.refused += 1
@@ -91,22 +89,6 @@ def live_router(
         await serve(hub, websocket, subscription, after, None if wire is None else wire.write)
 
     return router
-
-
-def require_same_host(connection: HTTPConnection) -> None:
-    """Refuse pages of other hosts: browsers let any page open a WebSocket, and send what they know of this host along.
-
-    Raises:
-        ProblemError: 403, the connection comes from a page of another host.
-    """
-    origins, hosts = connection.headers.getlist("origin"), connection.headers.getlist("host")
-    if origins and (len(origins) > 1 or len(hosts) != 1 or not is_same(origins[0], hosts[0])):
-        raise ProblemError(
-            403,
-            f"a page of {shortened(origins[0])}",
-            "a page of this very host, or a program",
-            "Open the service's page",
-        )
 
 
 def asked_for(connection: HTTPConnection) -> tuple[Subscription, int | None]:

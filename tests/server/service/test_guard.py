@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from server.service import guard
 from server.service.edge import HEADERS
-from server.service.origins import authority, is_loopback, is_ours, is_same
+from server.service.origins import authority, is_loopback, is_ours, is_same, scheme_of
 from server.service.tokens import FRESH_S, listed, revoke
 from tests.server.service.asks import Answer, ask, open_socket
 from tests.server.service.guarded import MOST_BYTES, Guarded
@@ -133,7 +133,8 @@ def test_a_name_that_was_pointed_at_this_machine_is_refused(here: Guarded, host:
     ("origin", "host", "allowed"),
     [
         ("http://127.0.0.1:8765", "127.0.0.1:8765", True),
-        ("https://localhost", "localhost", True),
+        ("https://localhost", "localhost", False),
+        ("https://127.0.0.1:8765", "127.0.0.1:8765", False),
         ("http://localhost", "localhost:80", True),
         ("http://localhost:8765", "127.0.0.1:8765", False),
         ("http://localhost:3000", "localhost:8765", False),
@@ -141,6 +142,10 @@ def test_a_name_that_was_pointed_at_this_machine_is_refused(here: Guarded, host:
         ("null", "127.0.0.1:8765", False),
         ("file://", "127.0.0.1:8765", False),
         ("", "127.0.0.1:8765", False),
+        ("http://127.0.0.1", "127.0.0.1:8765", False),
+        ("http://127.0.0.1:8765.evil.example", "127.0.0.1:8765", False),
+        ("http://evil.example/127.0.0.1:8765", "127.0.0.1:8765", False),
+        ("http://127.0.0.1:8765@evil.example", "127.0.0.1:8765", False),
     ],
 )
 def test_only_the_services_own_pages_may_write_or_listen(here: Guarded, origin: str, host: str, allowed: bool) -> None:
@@ -164,7 +169,26 @@ def test_another_sites_page_loads_nothing_but_a_link_may_be_followed(here: Guard
 def test_no_host_or_origin_breaks_the_check_and_none_is_local_by_chance(host: str, origin: str) -> None:
     found = authority(host)
     assert is_ours(host, "127.0.0.1") == (found is not None and is_loopback(found[0]))
-    assert not is_same(origin, host) or "://" in origin
+    assert not is_same(origin, host, "http") or origin.lower().startswith("http://")
+
+
+@pytest.mark.parametrize(
+    ("own", "proto", "forwarded", "spoken"),
+    [
+        ("http", None, False, "http"),
+        ("ws", None, False, "http"),
+        ("wss", None, False, "https"),
+        ("http", None, True, "https"),
+        ("http", "http", True, "http"),
+        ("http", "HTTPS", True, "https"),
+    ],
+)
+def test_a_page_of_the_other_scheme_is_somebody_elses(
+    own: str, proto: str | None, forwarded: bool, spoken: str
+) -> None:
+    assert scheme_of(own, proto, forwarded=forwarded) == spoken
+    for scheme in ("http", "https"):
+        assert is_same(f"{scheme}://twin.lab", "twin.lab", spoken) == (scheme == spoken)
 
 
 def upload(guarded: Guarded, parts: list[bytes], headers: dict[str, str] | None = None) -> Answer:
