@@ -51,6 +51,13 @@ def load_yaml(text: str) -> Any:
     return yaml.load(text, Loader=_Loader)  # noqa: S506 - a subclass of the safe loader
 
 
+def yaml_fault(fault: Exception) -> str:
+    """Say in what line of a YAML text what is wrong."""
+    mark = getattr(fault, "problem_mark", None)
+    where = f" in line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+    return f"{where}: {getattr(fault, 'problem', None) or ' '.join(str(fault).split())}"
+
+
 class _Loader(SafeLoader):
     """YAML's safe loader, which also refuses a key given twice."""
 
@@ -78,7 +85,7 @@ def read_document(path: Path, wanted: str, error: type[InputError] = InputError)
     except UnicodeDecodeError as fault:
         raise error(f"{path.name} is not text", f"{wanted} in UTF-8") from fault
     except (yaml.YAMLError, TypeError, ValueError) as fault:  # the latter two: a list as a key, the 45th of a month
-        raise error(f"{path.name} is not YAML ({' '.join(str(fault).split())})", wanted) from fault
+        raise error(f"{path.name} is not YAML{yaml_fault(fault)}", wanted) from fault
 
 
 def _path(place: Sequence[int | str], raw: Any) -> Iterator[str]:
@@ -116,5 +123,10 @@ def validated(
         return schema.model_validate(raw)
     except ValidationError as fault:
         first = fault.errors()[0]
-        place = ".".join(_path(first["loc"], raw)) or "the file"
-        raise error(f"{where}: {place}: {first['msg']}", wanted, remedy) from fault
+        place = ".".join(_path(first["loc"], raw))
+        if first["type"] == "model_type":
+            words = f"{place or 'it'} has no keys with values"
+        else:
+            said = first["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
+            words = f"{place}: {said}" if place else said
+        raise error(f"{where}: {words}", wanted, remedy) from fault

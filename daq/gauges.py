@@ -130,7 +130,7 @@ def _root(file: Path) -> ET.Element:
             content = stream.read(_MOST_BYTES)
     except OSError as error:
         raise DriverError(
-            f"{file.name} cannot be read ({error.strerror})", "a calibration file (.cal)", f"Look in {file.parent}"
+            f"{file.name} cannot be read ({error.strerror})", "a calibration file (.cal)", "Check the path"
         ) from error
     # Entities are of no use in a calibration, and can be made to grow without bound.
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:

@@ -94,7 +94,7 @@ def open_readings(path: str | Path) -> ReadingSource:
             start = stream.read(4)
     except OSError as error:
         raise ReadingsError(
-            f"{file.name} cannot be read ({error.strerror})", "a readings file", f"Look in {file.parent}"
+            f"{file.name} cannot be read ({error.strerror})", "a readings file", "Check the path"
         ) from error
     if not start:
         raise ReadingsError(f"{file.name} is empty", f"a header {','.join(HEADERS)} and readings")

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from daq.documents import load_yaml
+from daq.documents import load_yaml, yaml_fault
 from daq.errors import SessionError
 from daq.files import replacing
 from daq.locations import data_dir
@@ -87,6 +87,12 @@ def find_session(path: str | Path) -> Path:
     """
     given = Path(path)
     if given.is_file():
+        if given.suffix.lower() not in (".yaml", ".yml"):
+            raise SessionError(
+                f"{given.name} is no session's description",
+                f"a session's folder, or its {SESSION_FILE}",
+                f"Readings need a {SESSION_FILE} beside them: docs/how-to/prepare-a-session.md",
+            )
         return given
     if given.is_dir():
         file = given / SESSION_FILE
@@ -160,7 +166,7 @@ def parse_session(data: object, folder: Path | None, file: str = "") -> tuple[Se
         the session, or None with the faults in the order of the file.
     """
     if not isinstance(data, Mapping):
-        found = "is empty" if data is None else "is no session's description"
+        found = "is empty" if data is None else "has no keys with values"
         return None, [
             SessionError(f"{file or 'the session'} {found}", f"keys with values, the first one `format: {FORMAT}`")
         ]
@@ -251,12 +257,8 @@ def read_yaml(file: Path) -> Any:
         raise SessionError(f"{name} cannot be read ({error.strerror})", "a readable file") from error
     try:
         return load_yaml(text)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        where = f" in line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        raise SessionError(f"{name} is not YAML{where}: {error.problem}", "YAML") from error
     except yaml.YAMLError as error:
-        raise SessionError(f"{name} is not YAML: {error}", "YAML") from error
+        raise SessionError(f"{name} is not YAML{yaml_fault(error)}", "YAML") from error
     except (TypeError, ValueError) as error:  # a list as a key, the 45th of a month
         raise SessionError(
             f"{name} holds what YAML allows and nobody can read ({error})", "plain keys and values"

@@ -98,7 +98,7 @@ def open_channels(path: str | Path) -> LabChannels:
             start = stream.read(32)
     except OSError as error:
         raise ReadingsError(
-            f"{file.name} cannot be read ({error.strerror})", "a TDMS or LVM file", f"Look in {file.parent}"
+            f"{file.name} cannot be read ({error.strerror})", "a TDMS or LVM file", "Check the path"
         ) from error
     if start[:4] in _TDMS:
         return TdmsChannels(file)
@@ -107,7 +107,7 @@ def open_channels(path: str | Path) -> LabChannels:
 
         return LvmChannels(file)
     raise ReadingsError(
-        f"{file.name} begins with {start[:12]!r}",
+        f"{file.name} is neither",
         "a TDMS file, or an LVM file with its header",
         "Without a header it is plain text: convert it to CSV with a header line",
     )

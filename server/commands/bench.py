@@ -27,12 +27,12 @@ def check_session(session: str, json: str | None) -> int:
     code = 0 if report.ok else 2
     if answer("check", {k: v for k, v in body.items() if k != "schema"}, json):
         return code
-    for finding in report.findings:
-        where = f"{finding.where}: " if finding.where else ""
-        say(f"{finding.level:8} {where}{finding.text}")
     counts = {level: sum(f.level == level for f in report.findings) for level in ("error", "warning", "note")}
     verdict = "usable" if report.ok else "not usable"
     say(f"{session}: {verdict}; " + ", ".join(f"{n} {level}{'s' * (n != 1)}" for level, n in counts.items()))
+    for finding in report.findings:
+        where = f"{finding.where}: " if finding.where else ""
+        say(f"{finding.level:8} {where}{finding.text}")
     return code
 
 

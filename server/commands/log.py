@@ -158,10 +158,11 @@ def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, closed:
             delivery,
         ):
             told = logging.run(acquisition)
-    body = {"driver": cell.name, "journal": str(journal.path), **told}
+    passed = f"{options.to} as session {options.session_name}" if options.passing and delivery.whole else None
+    body = {"driver": cell.name, "journal": None if passed else str(journal.path), **told}
     if not answer("log", body, json):
-        where = f": {journal.path}   (fingertwin journal check {journal.path})"
-        say(f"{told['samples']} readings in {told['seconds']:.1f} s{'.' if options.passing else where}")
+        where = passed or f"{journal.path}   (fingertwin journal check {journal.path})"
+        say(f"{told['samples']} readings in {told['seconds']:.1f} s: {where}")
     logging.require_readings(cell)
     return delivery.whole
 
@@ -351,9 +352,10 @@ def replay_session(
             say(f"{name} has averaged forces and no readings: its description is at {to}")
         return
     with tempfile.TemporaryDirectory() as folder:
-        target = out or Path(folder) / "replay"
+        # What goes to a service needs no folder of its own.
+        target = out or (_free_folder(name) if to is None else Path(folder) / "replay")
         options = LogOptions("replay", port, None, settings, target, None, to=to, session=name, document=document)
-        if log_cell(replace(options, passing=out is None), json):
+        if log_cell(replace(options, passing=out is None and to is not None), json):
             return
         kept = target if out is not None else _kept(target, name)
         raise InputError(
@@ -364,12 +366,18 @@ def replay_session(
 
 
 def _kept(folder: Path, name: str) -> Path:
-    """Copy a log's folder to where it stays: beside where the command was run."""
-    number = 1
-    while (kept := Path(f"{name}-replay" + (f"-{number}" if number > 1 else ""))).exists():
-        number += 1
+    """Copy a log's folder to where it stays."""
+    kept = _free_folder(name)
     shutil.copytree(folder, kept)
     return kept
+
+
+def _free_folder(name: str) -> Path:
+    """A folder for a replay that is not there yet, where the command was run."""
+    number = 1
+    while (free := Path(f"{name}-replay" + (f"-{number}" if number > 1 else ""))).exists():
+        number += 1
+    return free
 
 
 @contextmanager

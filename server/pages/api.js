@@ -1,9 +1,19 @@
 // The service's documented interface, and nothing but it.
 import { askForToken, bearer } from "./token.js";
 
+const ROUTE = /\b(GET|POST|PUT|PATCH|DELETE) \//;
+
+/** What was found, expected and to be done, without the addresses that programs need. */
+function worded(body) {
+  if (!body?.detail || !ROUTE.test(body.detail)) return body?.detail;
+  const [found, expected, remedy] = [body.found || body.title, body.expected, body.remedy].map((part) => (part && !ROUTE.test(part) ? part.replace(/\.$/, "") : ""));
+  const said = [found, expected && `expected ${expected}`].filter(Boolean).join("; ");
+  return `${said[0].toUpperCase()}${said.slice(1)}.${remedy ? ` ${remedy}.` : ""}`;
+}
+
 export class Refusal extends Error {
   constructor(status, body) {
-    super(body?.detail || `The service answered ${status}.`);
+    super(worded(body) || `The service answered ${status}.`);
     this.status = status;
     this.detail = this.message;
     this.body = body;

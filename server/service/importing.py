@@ -15,6 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from daq.checks import check
 from daq.export import sha256_of
 from daq.protocols import protocol_names
 from daq.readings import ReadingBlock, ReadingSource, open_readings
@@ -60,12 +61,14 @@ def import_folder(parts: Services, files: Sequence[tuple[str, str]], name: str |
         document = whole_document(session, name)
         known = str(document["id"])
         if session.readings_path is None:
+            _require_sound(session)
             return known, parts.sessions.create(known, document)
         _require_unpacked(session.readings_path)
         source = open_readings(session.readings_path)
         # Before anything is kept: every row can be used.
         for _ in _limited(source):
             pass
+        _require_sound(session)
         new = parts.sessions.create(known, document, arriving=True)
         try:
             _store(parts, known, session, source, hidden=new)
@@ -76,6 +79,14 @@ def import_folder(parts: Services, files: Sequence[tuple[str, str]], name: str |
                 parts.sessions.forget_arrivals(known)
             raise
     return known, new
+
+
+def _require_sound(session: Session) -> None:
+    """Refuse a session with anything that makes it unusable, such as a window outside its recording."""
+    if errors := check(session).errors:
+        more = f" ({len(errors)} faults)" if len(errors) > 1 else ""
+        where = f"{errors[0].where}: " if errors[0].where else ""
+        raise ProblemError(422, f"{where}{errors[0].text}{more}", remedy="Mend it in the folder, and send it again")
 
 
 def _write(folder: Path, files: Sequence[tuple[str, str]]) -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fingermodel.diagnosis.next_cases.frozen import read_frozen
 
 from daq.documents import read_document
 from daq.errors import InputError
 from daq.sessions import read_yaml
+from fingermodel.diagnosis.next_cases.frozen import read_frozen
 from fingermodel.exchange.reading import about_of
 from fingermodel.model_files import read_revision
 from server.service.strict import read_json

@@ -117,7 +117,7 @@ def test_the_shipped_protocols_repeat_and_tell_friction() -> None:
         ({"actions": ["load", "unload"]}, "load unload is not"),
         ({"actions": ["load", "overload"]}, "load overload is not"),
         ({"actions": ["load", "load"]}, "load load is not"),
-        ({"actions": ["load", "jog"]}, "Input should be 'load', 'overload', 'unload' or 'tap'"),
+        ({"actions": ["load", "jog"]}, "must be 'load', 'overload', 'unload' or 'tap'"),
         ({"overload": 1.0}, "greater than 1"),
         ({"repeat_first": "often"}, "valid boolean"),
         ({"repeat": True}, "Extra inputs"),

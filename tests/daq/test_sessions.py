@@ -168,7 +168,7 @@ def test_several_faults_are_all_listed(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("", ["is empty", "format: bench-session/1"]),
-        ("- 1\n- 2\n", ["is no session's description"]),
+        ("- 1\n- 2\n", ["has no keys with values"]),
         ("format: bench-session/1\nid: [1, 2\n", ["not YAML in line"]),
         ("format: bench-session/1\nformat: bench-session/1\n", ["'format' is there twice", "line 2"]),
         ("format: bench-session/1\nid: !!python/object:os.system x\n", ["not YAML in line 2"]),

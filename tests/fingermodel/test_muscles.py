@@ -209,7 +209,7 @@ def test_shipped_muscles_fit_their_finger(name: str) -> None:
         (lambda d: d["muscles"].pop(0), "has no FDP; expected the muscles of wu2008_index"),
         (lambda d: d["muscles"][0].update(path=["DIP.FDP.distal", "DIP.FDP.middle"]), "no point 'DIP.FDP.middle'"),
         (lambda d: d["muscles"][0].update(fibre_mm=90.0), "the path of FDP is shorter than its fibres"),
-        (lambda d: d["muscles"][0].update(pcsa_cm2=0.0), "pcsa_cm2: Input should be greater than 0"),
+        (lambda d: d["muscles"][0].update(pcsa_cm2=0.0), "pcsa_cm2: must be greater than 0"),
         (lambda d: d["muscles"][0].update(slack_mm=9.0), "both path and slack_mm"),
         (lambda d: d["curves"].update(kind="hill"), "curves.kind"),
         (lambda d: d["curves"].update(kind="thelen2003"), "thelen2003 have no passive_length_factor, tendon_shape"),

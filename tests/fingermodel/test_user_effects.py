@@ -458,7 +458,7 @@ def test_joints_and_muscles_that_the_finger_lacks_are_named(topology: Topology) 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"format": "fingertwin-effect/2"}, "format: Input should be 'fingertwin-effect/1'"),
+        ({"format": "fingertwin-effect/2"}, "format: must be 'fingertwin-effect/1'"),
         ({"name": "my effect"}, "name is 'my effect'"),
         ({"name": "lambda"}, "name is 'lambda'"),
         ({"name": "hood_shift"}, "the name of an effect of the catalogue"),

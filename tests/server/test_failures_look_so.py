@@ -46,3 +46,35 @@ def test_a_reader_that_has_gone_is_no_failure() -> None:
         child.stdout.readline()
         child.stdout.close()
         assert (child.wait(120.0), child.stderr.read()) == (0, b"")
+
+
+def test_a_replay_to_nowhere_keeps_its_folder_and_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    answer = run("replay", "DEV-02", "--speed", "max")
+    assert answer.code == 0
+    assert f"13000 readings in 520.0 s: {Path('DEV-02-replay', 'journal.sqlite3')}" in answer.out
+    assert check(tmp_path / "DEV-02-replay" / "journal.sqlite3").faults == ()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("check", "FILE"), ("compare", "DEV-02", "--model", "FILE"), ("export", "FILE"), ("add", "hanger_mass", "FILE"),
+        ("move", "FILE"), ("activate", "FILE"), ("scale", "FILE", "--out", "s.yaml"), ("species", "--of", "FILE"),
+        ("simulate", "FILE", "--out", "new"), ("import", "FILE"), ("friction", "FILE"), ("reproduce", "FILE"),
+        ("journal", "check", "FILE"), ("diagnose", "DEV-02", "--effect", "FILE"), ("restore", "FILE", "--data", "none"),
+    ],
+    ids=lambda a: a[0],
+)  # fmt: skip
+def test_a_file_of_another_kind_is_told_in_one_line_without_jargon(
+    arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("run.csv").write_text("t_s,Fx_N\n0,1\n", encoding="utf-8")
+    answer = run(*("run.csv" if a == "FILE" else a for a in arguments))
+    assert answer.code == 2
+    said = answer.err or answer.out
+    assert "run.csv" in said
+    assert "expected" in said
+    for jargon in ("Input should", "instance of", "b't_s", "unicode string", "Traceback", "pydantic", "Errno"):
+        assert jargon not in said

@@ -44,7 +44,7 @@ export function importing(signal) {
       fill(said, quiet(`Sending ${(bytes / 2 ** 20).toFixed(1)} MB …`), el("progress", { "aria-label": "Sending" }));
       const made = await post("/imports", { files: sent, ...(name.value.trim() ? { id: name.value.trim() } : {}) });
       if (signal.aborted) return;
-      fill(said, el("p", { class: "good" }, `${made.id} is here: ${Object.entries(made.cases).map(([s, n]) => `${n} load cases ${s}`).join(", ") || "no load case"}. `,
+      fill(said, el("p", { class: "good" }, `${made.id} is here${made.already_there ? " already; the folder is the same as before, and nothing has changed" : ""}: ${Object.entries(made.cases).map(([s, n]) => `${n} load cases ${s}`).join(", ") || "no load case"}. `,
         el("a", { href: `#/sessions/${encodeURIComponent(made.id)}/compare` }, "Compare it"), made.problem ? ` ${made.problem}` : ""));
     } catch (error) {
       fill(said, problem(error));

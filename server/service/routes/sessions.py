@@ -29,6 +29,7 @@ from server.service.schemas.sessions import (
     NewCase,
     NewSession,
     Proposal,
+    SessionImported,
     SessionList,
     SessionShown,
     Windows,
@@ -135,7 +136,10 @@ def withdraw(session: SessionId, planned: ProposedId, request: Request) -> JsonA
     return JsonAnswer(answer)
 
 
-@imports.post("", status_code=201, responses=documented(SessionShown, status=201) | {200: {"model": SessionShown}})
+_IMPORTED = documented(SessionImported, status=201) | {200: {"model": SessionImported}}
+
+
+@imports.post("", status_code=201, responses=_IMPORTED)
 async def import_session(body: Folder, request: Request) -> JsonAnswer:
     """Take in a session's folder with its readings, as the command line has it; nothing is kept of one that is unsound.
 
@@ -144,9 +148,8 @@ async def import_session(body: Folder, request: Request) -> JsonAnswer:
     parts = of(request)
     files = [(f.name, f.base64) for f in body.files]
     name, new = await run("apart", import_folder, parts, files, body.id)
-    return JsonAnswer(
-        await run("readers", _shown, parts, name), 201 if new else 200, {"Location": f"/api/v1/sessions/{name}"}
-    )
+    answer = await run("readers", _shown, parts, name) | {"already_there": not new}
+    return JsonAnswer(answer, 201 if new else 200, {"Location": f"/api/v1/sessions/{name}"})
 
 
 @kept.get("/{session}/cases/{case}", responses=documented(CaseShown))

@@ -73,6 +73,12 @@ class SessionShown(Shown):
     problem: str | None = Field(None, description="Why the session cannot be used, where it cannot.")
 
 
+class SessionImported(SessionShown):
+    """A session whose folder was sent."""
+
+    already_there: bool = Field(description="Whether the very same folder was kept before.")
+
+
 class SessionListed(Shown):
     """A session in the list."""
 

@@ -65,8 +65,8 @@ def test_a_finger_without_inertia_says_so() -> None:
     [
         ({"bone": "MC"}, "inertia of 'MC', 1 times; expected one of PP, MP, DP"),
         ({"bone": "MP"}, "inertia of 'MP', 2 times"),
-        ({"mass_kg": -1.0}, "mass_kg: Input should be greater than 0"),
-        ({"principal_kg_mm2": [1.0, 0.0, 1.0]}, "principal_kg_mm2.1: Input should be greater than 0"),
+        ({"mass_kg": -1.0}, "mass_kg: must be greater than 0"),
+        ({"principal_kg_mm2": [1.0, 0.0, 1.0]}, "principal_kg_mm2.1: must be greater than 0"),
         ({"source": "nobody"}, "source 'nobody' is not listed"),
     ],
     ids=["fixed bone", "twice", "negative mass", "no moment", "source"],

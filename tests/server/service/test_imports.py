@@ -73,6 +73,18 @@ def test_a_folder_is_compared_as_by_the_command_line(service: ServiceReceiver) -
     assert [c["residual_N"] for c in ours] == [pytest.approx(c["residual_N"]) for c in theirs]
     again = send(service, folder_of(RECORDED))
     assert (again.status_code, again.json()["version"]) == (200, made.json()["version"])
+    assert (made.json()["already_there"], again.json()["already_there"]) == (False, True)
+
+
+def test_a_folder_with_a_window_outside_its_recording_leaves_nothing(service: ServiceReceiver) -> None:
+    files = folder_of(RECORDED)
+    text = files["session.yaml"].decode()
+    first = text.index("loaded_s: [", text.index("\ncases:"))
+    moved = text[:first] + "loaded_s: [9000.0, 9003.0]" + text[text.index("]", first) + 1 :]
+    refused = send(service, files | {"session.yaml": moved.encode()}, id="unsound")
+    assert refused.status_code == 422
+    assert "lies outside the recording" in refused.json()["detail"]
+    assert service.client().get("/api/v1/sessions/unsound").status_code == 404
 
 
 def test_a_folder_without_readings_and_one_under_another_name(service: ServiceReceiver) -> None:
