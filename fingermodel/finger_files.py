@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import difflib
+import math
 import os
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -67,6 +68,8 @@ class _Segment(Sourced):
     proximal: Vector
     distal: Vector
     wrap: Literal["straight", "landsmeer1_dorsal", "landsmeer1_palmar"] = "straight"
+    rests_at_deg: float | None = Field(default=None, ge=-180, le=180)
+    """Flexion at which the line comes to rest on the bone; 0 by default, as in Landsmeer's first model."""
     proximal_bone: str | None = None
     distal_bone: str | None = None
     over: Over | None = None
@@ -198,6 +201,9 @@ def _check_names(document: FingerFile, where: str) -> None:
     for segment in document.segments:
         known = segment.slip in document.muscles or segment.slip in hood_slips
         need(known, f"segment {segment.joint}.{segment.slip} is pulled by nothing", "a muscle or a slip of the hood")
+        late = segment.rests_at_deg and (segment.wrap == "straight" or isinstance(document.hood, ElasticHoodBlock))
+        found = f"segment {segment.joint}.{segment.slip} has rests_at_deg"
+        need(not late, found, "it with a wrap only, and not beside an elastic hood")
     count = sum(len(j.rotations) for j in document.joints)
     need(
         len(set(document.reactions)) == len(document.reactions) == count,
@@ -255,6 +261,7 @@ def _build(document: FingerFile) -> Finger:
             proximal_bone=bone[s.proximal_bone or by_name[s.joint].parent],
             distal_bone=bone[s.distal_bone or by_name[s.joint].child],
             wrap=s.wrap,
+            rests_at=math.radians(s.rests_at_deg or 0.0),
         )
         for s in document.segments
     )

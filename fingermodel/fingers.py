@@ -50,7 +50,8 @@ class Segment:
 
     `slip` is the name of the tendon or slip of the hood (FDP, TE, RB, …). `source` is the muscle that pulls it with its
     whole tension, or the hood's slip that does. `wrap` is one of `WRAPS`: Landsmeer's first model keeps the line of
-    action of 0° relative to the distal bone once the joint bends towards the other side.
+    action of 0° relative to the distal bone once the joint bends towards the other side. `rests_at` [rad] is the
+    flexion at which the line comes to rest, where that is not 0: so a tendon on a cylinder about the axis does.
     """
 
     slip: str
@@ -58,6 +59,7 @@ class Segment:
     proximal_bone: int
     distal_bone: int
     wrap: str
+    rests_at: float = 0.0
 
     @property
     def name(self) -> str:

@@ -36,6 +36,7 @@ def suits(topology: Topology) -> bool:
         and len(topology.rotations) == len(topology.reactions) == 4
         and all(joint.parent == i and joint.child == i + 1 for i, joint in enumerate(joints))
         and all(1 <= len(joint.rotations) <= 2 for joint in joints)
+        and not any(s.rests_at for s in topology.segments)
         and all(any(_crosses(s.proximal_bone, s.distal_bone, joint) for joint in joints) for s in topology.segments)
     )
 

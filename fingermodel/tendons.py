@@ -2,7 +2,8 @@
 
 A segment runs straight from a point on its distal bone to a point on its proximal one. Where it would lie on the bone
 (an extensor in flexion, a flexor in hyperextension) Landsmeer's first model holds: the line of action stays as it is at
-0° relative to the distal bone, so the moment arm is constant (Chao et al. 1989; Synek et al. 2019, p. 7).
+0° relative to the distal bone, so the moment arm is constant (Chao et al. 1989; Synek et al. 2019, p. 7). A segment may
+come to rest at another angle than 0°.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from jax import Array
 
 from fingermodel.fingers import FingerValues, Topology
-from fingermodel.kinematics import JointPose
+from fingermodel.kinematics import JointPose, turn
 from fingermodel.rows import picked
 from fingermodel.vectors import cross
 
@@ -97,7 +98,7 @@ def _lines(
 
 
 def _carried(topology: Topology, pose: JointPose, index: int, point: Array, segments: tuple[int, ...]) -> Array:
-    """Points (n, 3) of the parent bone in the child's frame, unflexed for segments that rest on the bone."""
+    """Points (n, 3) of the parent bone in the child's frame, not flexed further for segments that rest on the bone."""
     joint = topology.joints[index]
     wraps = [topology.segments[s].wrap for s in segments]
     moved = point @ pose.rotation
@@ -105,10 +106,17 @@ def _carried(topology: Topology, pose: JointPose, index: int, point: Array, segm
         return moved
     dorsal = np.array([w == "landsmeer1_dorsal" for w in wraps])
     palmar = np.array([w == "landsmeer1_palmar" for w in wraps])
-    # Joints stay within ±180°, so the sine tells flexion from extension.
-    extended = pose.sine[joint.flexion] < 0.0
-    resting = jnp.where(extended, palmar, dorsal)
+    at = np.array([topology.segments[s].rests_at for s in segments])
     unmoved = point if len(joint.rotations) == 1 else point @ pose.unflexed
+    cosine, sine = pose.cosine[joint.flexion], pose.sine[joint.flexion]
+    if at.any():
+        extended = jnp.arctan2(sine, cosine) < at
+        bent = turn(pose.axes[joint.flexion], jnp.cos(at), jnp.sin(at))
+        unmoved = jnp.sum(unmoved[:, :, None] * bent, axis=1)
+    else:
+        # Joints stay within ±180°, so the sine tells flexion from extension.
+        extended = sine < 0.0
+    resting = jnp.where(extended, palmar, dorsal)
     return jnp.where(resting[:, None], unmoved, moved)
 
 

@@ -64,7 +64,7 @@ def read_foreign(source: Path, load_point_mm: Floats | None) -> Imported:
 
 def imported_body(imported: Imported) -> dict[str, Any]:
     """What a finger that was read has, as plain data."""
-    topology = imported.finger.topology
+    topology, check = imported.finger.topology, imported.check
     return {
         "id": imported.finger.id,
         "bones": list(topology.bones),
@@ -72,4 +72,13 @@ def imported_body(imported: Imported) -> dict[str, Any]:
         "segments": [segment.name for segment in topology.segments],
         "reactions": imported.document["reactions"],
         "notes": list(imported.notes),
+        "read": imported.read,
+        "check": None
+        if check is None
+        else {
+            "engine": check.engine,
+            "postures": check.postures,
+            "between": check.between,
+            "worst_mm": {name: round(error, 6) for name, error in check.worst_mm.items()},
+        },
     }

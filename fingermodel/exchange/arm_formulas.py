@@ -2,18 +2,19 @@
 
 A point turned about axes is a sum of products of cosines and sines of the angles, and so are a squared length and the
 moments of a line about axes. An angle that the tendon does not feel where it rests stands as `min(q, 0)` (dorsal) or
-`max(q, 0)` (palmar) in its line, and as itself in the axes that it turns about.
+`max(q, 0)` (palmar) in its line, with another number where it comes to rest there, and as itself in the axes that it
+turns about.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.fingers import Finger
+from fingermodel.fingers import Finger, Segment
 
 Floats = NDArray[np.float64]
 # Names of cosines and sines that are multiplied, to the factor before them.
@@ -44,21 +45,59 @@ class _Turn:
     axis: Floats
     number: int
     wrap: str
+    rests_at: float
 
     @property
     def felt(self) -> str:
         """The angle as the line of the tendon feels it."""
-        short = {"landsmeer1_dorsal": "min(q{}, 0)", "landsmeer1_palmar": "max(q{}, 0)"}
-        return short.get(self.wrap, "q{}").format(self.number)
+        short = {"landsmeer1_dorsal": "min(q{}, {:.17g})", "landsmeer1_palmar": "max(q{}, {:.17g})"}
+        return short.get(self.wrap, "q{}").format(self.number, self.rests_at)
 
 
 def path_formulas(finger: Finger, index: int, metres: float) -> PathFormulas:
     """Write one segment's length and moment arms as formulas; `metres` is our unit of length."""
+    turns, names, squared, arms = _sums(finger, index, metres)
+    resting = [t for t in turns if t.felt != f"q{t.number}"]
+    known = [f"line = sqrt({_text(squared)})", *(d for t in turns for d in _definitions(t))]
+    grown = "".join(f" - (q{t.number} - {t.felt})*({_text(arms[t.number - 1])})/line" for t in resting)
+    formulas = tuple("; ".join([f"({_text(arm)})/line", *known]) for arm in arms)
+    return PathFormulas(tuple(names), "; ".join([f"line{grown}", *known]), formulas)
+
+
+def formula_arms(finger: Finger, postures: Floats) -> Floats:
+    """Moment arms [mm] in postures (n, rotations) [rad], without compiling: (n, rotations, segments)."""
+    topology = finger.topology
+    out = np.zeros((*postures.shape, len(topology.segments)))
+    for index in range(len(topology.segments)):
+        turns, names, squared, arms = _sums(finger, index, 1.0)
+        factors: dict[str, Floats] = {}
+        for turn, name in zip(turns, names, strict=True):
+            angle = postures[:, topology.rotations.index(name)]
+            short = {"landsmeer1_dorsal": np.minimum, "landsmeer1_palmar": np.maximum}.get(turn.wrap)
+            felt = angle if short is None else short(angle, turn.rests_at)
+            factors |= {f"c{turn.number}": np.cos(angle), f"s{turn.number}": np.sin(angle)}
+            factors |= {f"d{turn.number}": np.cos(felt), f"t{turn.number}": np.sin(felt)}
+        line = np.sqrt(_value(squared, factors, len(postures)))
+        for name, arm in zip(names, arms, strict=True):
+            out[:, topology.rotations.index(name), index] = _value(arm, factors, len(postures)) / line
+    return out
+
+
+def _value(one: Sum, factors: Mapping[str, Floats], count: int) -> Floats:
+    """A sum's value for every posture (count,)."""
+    out = np.zeros(count)
+    for names, factor in one.items():
+        out += factor * np.prod([factors[name] for name in names], axis=0)
+    return out
+
+
+def _sums(finger: Finger, index: int, metres: float) -> tuple[list[_Turn], list[str], Sum, list[Sum]]:
+    """A segment's turns and their names, its squared length, and its moment arms times its length."""
     topology, values = finger.topology, finger.values
     segment = topology.segments[index]
     crossed = [i for i, j in enumerate(topology.joints) if segment.proximal_bone < j.child <= segment.distal_bone]
     centres = {i: np.asarray(values.centre)[i] * metres for i in crossed}
-    turns, names = _turns(finger, crossed, segment.wrap)
+    turns, names = _turns(finger, crossed, segment)
     anchor = np.asarray(values.distal_point)[index] * metres
     proximal = np.asarray(values.proximal_point)[index] * metres
     # Everything in the distal bone's frame.
@@ -73,14 +112,10 @@ def path_formulas(finger: Finger, index: int, metres: float) -> PathFormulas:
             axis = _turned(axis, later.axis, f"c{later.number}", f"s{later.number}")
         moment = _cross(_plus(lever, _constant(anchor)), line)
         arms.append(_added(_times(a, b) for a, b in zip(axis, moment, strict=True)))
-    resting = [t for t in turns if t.felt != f"q{t.number}"]
-    known = [f"line = sqrt({_text(squared)})", *(d for t in turns for d in _definitions(t))]
-    grown = "".join(f" - (q{t.number} - {t.felt})*({_text(arms[t.number - 1])})/line" for t in resting)
-    formulas = tuple("; ".join([f"({_text(arm)})/line", *known]) for arm in arms)
-    return PathFormulas(tuple(names), "; ".join([f"line{grown}", *known]), formulas)
+    return turns, names, squared, arms
 
 
-def _turns(finger: Finger, crossed: Sequence[int], wrap: str) -> tuple[list[_Turn], list[str]]:
+def _turns(finger: Finger, crossed: Sequence[int], segment: Segment) -> tuple[list[_Turn], list[str]]:
     topology, axes = finger.topology, np.asarray(finger.values.axis)
     turns: list[_Turn] = []
     names: list[str] = []
@@ -88,8 +123,8 @@ def _turns(finger: Finger, crossed: Sequence[int], wrap: str) -> tuple[list[_Tur
         first = sum(len(j.rotations) for j in topology.joints[:joint])
         for i, name in enumerate(topology.joints[joint].rotations):
             names.append(name)
-            felt = wrap if i == topology.joints[joint].flexion else "straight"
-            turns.append(_Turn(joint, axes[first + i], len(names), felt))
+            felt = segment.wrap if i == topology.joints[joint].flexion else "straight"
+            turns.append(_Turn(joint, axes[first + i], len(names), felt, segment.rests_at))
     return turns, names
 
 

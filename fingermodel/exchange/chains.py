@@ -7,9 +7,10 @@ hinges that share a centre, with nothing attached between them, are one joint.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -89,12 +90,14 @@ class Cylinder:
         place: (3,) a point of its axis [mm].
         axis: (3,) unit vector, body's axes.
         radius: [mm].
+        side: (3,) from the axis to where a path has to pass, body's axes; None where the shorter way is taken.
     """
 
     body: str
     place: Floats
     axis: Floats
     radius: float
+    side: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -106,15 +109,16 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class Piece:
-    """A stretch of tendon between two points, in the order of the file, with what it wraps on.
+    """A stretch of tendon between two points, in the order of the file, with what it may wrap on.
 
-    `wrap` is Landsmeer's rule where the file states it otherwise than by a shape.
+    `wrap` is Landsmeer's rule where the file states it otherwise than by a shape, `rests_at` its angle [rad].
     """
 
     slip: str
     ends: tuple[Point, Point]
-    on: Cylinder | Obstacle | None = None
+    on: tuple[Cylinder | Obstacle, ...] = ()
     wrap: str = "straight"
+    rests_at: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -141,12 +145,41 @@ class Described:
 
 
 @dataclass(frozen=True)
+class EngineCheck:
+    """Moment arms held against an engine's.
+
+    Attributes:
+        engine: its name and version.
+        worst_mm: greatest error of each tendon's moment arms [mm].
+        postures: how many were compared, drawn at random and along each angle.
+        between: of which angles, in words.
+    """
+
+    engine: str
+    worst_mm: Mapping[str, float]
+    postures: int
+    between: str
+
+
+@dataclass(frozen=True)
 class Imported:
-    """A finger file's contents, the finger it makes, and what the reader should know, one line each."""
+    """A finger that was read.
+
+    Attributes:
+        document: contents of its finger file.
+        finger: that they make.
+        notes: what the reader should know, one line each.
+        read: what was read of the file, in words.
+        ours: fingertwin had written the file.
+        check: its moment arms against the engine's; None where the engine is not installed.
+    """
 
     document: dict[str, Any]
     finger: Finger
     notes: tuple[str, ...]
+    read: str = ""
+    ours: bool = False
+    check: EngineCheck | None = None
 
 
 @dataclass
@@ -218,18 +251,22 @@ def finger_document_of(described: Described, where: str, source: str) -> Importe
     document = _document(described, bones, frame, tip, where, source)
     order = {id(bone): i for i, bone in enumerate(bones)}
     for piece in pieces:
-        segment, note = _segment(piece, placed, order, bones, frame, document)
+        segment, lost = _segment(piece, placed, order, bones, frame, document)
         name = f"{segment['joint']}.{segment['slip']}"
         if any(name == f"{s['joint']}.{s['slip']}" for s in document["segments"]):
             raise ModelError(
                 f"{where}: {segment['slip']} crosses {segment['joint']} twice", "once, as in a finger/1 file"
             )
-        if note:
-            notes.append(f"{name}: {note}")
+        notes += [f"{name}: {what}" for what in lost]
         document["segments"].append({**segment, **_UNSOURCED})
     if not described.about:
         document["muscles"] = list(dict.fromkeys(s["slip"] for s in document["segments"]))
-    return Imported(document, finger_from_dict(document, where), tuple(notes))
+    cylinders = sum(isinstance(shape, Cylinder) for piece in pieces for shape in piece.on)
+    read = (
+        f"{len(described.links)} bodies, {sum(len(b.hinges) for b in joints)} hinges, {len(pieces)} stretches of "
+        f"tendon between bones, {cylinders} wraps on cylinders, the load point"
+    )
+    return Imported(document, finger_from_dict(document, where), tuple(notes), read, bool(described.about))
 
 
 def _chain(described: Described, where: str) -> tuple[list[_Bone], dict[str, _Placed]]:
@@ -374,7 +411,7 @@ def _segment(
     bones: Sequence[_Bone],
     frame: Floats,
     document: Mapping[str, Any],
-) -> tuple[dict[str, Any], str]:
+) -> tuple[dict[str, Any], list[str]]:
     """A piece as a segment of the finger file, and what it lost."""
     ends = sorted(piece.ends, key=lambda end: order[id(placed[end.body].bone)])
     low, high = (order[id(placed[end.body].bone)] for end in ends)
@@ -382,17 +419,29 @@ def _segment(
     joint = document["joints"][low]
     unit = document["length_unit"]["value_mm"]
     head = frame.T @ bones[low + 1].centre
-    wrap, note = piece.wrap, ""
-    if isinstance(piece.on, Obstacle):
-        note = f"wraps on {piece.on.what}, which a finger/1 file has no word for: taken as straight"
-    elif piece.on is not None:
-        place = placed[piece.on.body]
-        cylinder = (frame.T @ place.at(piece.on.place), frame.T @ place.turn @ piece.on.axis, piece.on.radius)
-        # Seen from the joint, whichever of its two bones carries the cylinder.
-        from_joint = cylinder[0] - head if place.bone is bones[low] else cylinder[0]
-        wrap = _rule(joint, proximal - head, distal, from_joint, cylinder[1:]) if high == low + 1 else "straight"
-        if wrap == "straight":
-            note = "wraps on a cylinder that is not the head of its joint: taken as straight"
+    wrap, rests_at, lost = piece.wrap, piece.rests_at, []
+    for shape in piece.on:
+        try:
+            if isinstance(shape, Obstacle):
+                raise _NoRuleError(f"{shape.what}, which a finger/1 file has no word for")
+            place = placed[shape.body]
+            # What turns with a joint's first rotations alone is no bone.
+            if high > low + 1 or order.get(id(place.bone), low) not in (low, high):
+                raise _NoRuleError("a cylinder that is not the head of its joint")
+            if wrap != "straight":
+                raise _NoRuleError("a second cylinder")
+            centre = frame.T @ place.at(shape.place)
+            turned = replace(
+                shape,
+                # Seen from the joint, whichever of its two bones carries the cylinder.
+                place=centre - head if place.bone is bones[low] else centre,
+                axis=frame.T @ place.turn @ shape.axis,
+                side=None if shape.side is None else frame.T @ place.turn @ shape.side,
+            )
+            wrap, rests_at = _rule(joint, proximal - head, distal, turned)
+        except _NoRuleError as reason:
+            lost.append(f"wraps on {reason}")
+    notes = [f"{what}: {'taken as straight' if wrap == 'straight' else 'left out'}" for what in lost]
     slip = piece.slip
     if document["muscles"] and slip.startswith(f"{joint['name']}."):
         slip = slip.removeprefix(f"{joint['name']}.")
@@ -402,36 +451,56 @@ def _segment(
         "proximal": _plain((proximal - head) / unit),
         "distal": _plain(distal / unit),
         "wrap": wrap,
+        **({"rests_at_deg": math.degrees(rests_at)} if rests_at else {}),
         "proximal_bone": bones[low].name,
         "distal_bone": bones[high].name,
-    }, note
+    }, notes
 
 
-def _rule(
-    joint: Mapping[str, Any], proximal: Floats, distal: Floats, place: Floats, cylinder: tuple[Floats, float]
-) -> str:
-    """Landsmeer's rule that a cylinder stands for: one about the flexion axis that the line of 0° touches.
+class _NoRuleError(Exception):
+    """What a path wraps on for which there is no rule of ours."""
+
+
+def _rule(joint: Mapping[str, Any], proximal: Floats, distal: Floats, cylinder: Cylinder) -> tuple[str, float]:
+    """Landsmeer's rule that a cylinder about the flexion axis stands for, and the angle of rest [rad].
 
     Args:
         joint: of the finger file.
-        proximal: end, from the joint's centre.
+        proximal: end, from the joint's centre at 0°.
         distal: end, from there too.
-        place: a point of the cylinder's axis, from there too.
-        cylinder: its axis and radius.
+        cylinder: as the joint sees it.
+
+    Raises:
+        _NoRuleError: there is none.
     """
-    direction, radius = cylinder
     bending = [np.array(r["axis"]) for r in joint["rotations"] if r.get("flexion")]
-    if not bending:
-        return "straight"
-    axis = bending[0]
-    if np.linalg.norm(np.cross(axis, direction)) > _TURNED or np.linalg.norm(np.cross(axis, place)) > _TOUCH_MM:
-        return "straight"
+    axis = bending[0] if bending else np.zeros(3)
+    off = float(np.linalg.norm(np.cross(axis, cylinder.place)))
+    if not bending or np.linalg.norm(np.cross(axis, cylinder.axis)) > _TURNED or off > _TOUCH_MM:
+        raise _NoRuleError("a cylinder that is not the head of its joint")
     ends = [v - axis * (axis @ v) for v in (proximal, distal)]
     along = ends[0] - ends[1]
+    length = float(np.linalg.norm(along))
+    if length == 0.0:
+        raise _NoRuleError("a cylinder between ends that stand one above the other")
     moment = float(axis @ np.cross(ends[1], along))
-    if abs(abs(moment) - radius * float(np.linalg.norm(along))) > _TOUCH_MM * float(np.linalg.norm(along)):
-        return "straight"
-    return "landsmeer1_palmar" if moment > 0.0 else "landsmeer1_dorsal"
+    foot = ends[0] - along * (ends[0] @ along) / length**2
+    side = foot if cylinder.side is None else cylinder.side - axis * (axis @ cylinder.side)
+    if cylinder.side is not None and np.linalg.norm(side) < cylinder.radius:
+        raise _NoRuleError("a cylinder that holds it inside")
+    if abs(abs(moment) - cylinder.radius * length) <= _SAME_MM * length and foot @ side > 0.0:
+        return ("landsmeer1_palmar" if moment > 0.0 else "landsmeer1_dorsal"), 0.0
+    reach = [float(np.linalg.norm(end)) for end in ends]
+    if min(reach) <= cylinder.radius or not np.linalg.norm(side) > 0.0:
+        raise _NoRuleError("a cylinder that its ends or its line run through")
+    # Angles about the axis; a palmar tendon's way from its distal end to its proximal one grows shorter in flexion.
+    across = np.cross(axis, ends[1])
+    swept = math.atan2(float(ends[0] @ across), float(ends[0] @ ends[1])) % math.tau
+    middle = ends[1] * math.cos(swept / 2.0) + across * math.sin(swept / 2.0)
+    touching = sum(math.acos(cylinder.radius / r) for r in reach)
+    palmar = bool(middle @ side > 0.0)
+    rests_at = swept - touching if palmar else touching - (math.tau - swept)
+    return ("landsmeer1_palmar" if palmar else "landsmeer1_dorsal"), max(-math.pi, min(math.pi, rests_at))
 
 
 def _plain(vector: Floats) -> list[float]:

@@ -1,9 +1,10 @@
 """Tendons that wrap, as other software has them: round a cylinder about the joint's flexion axis.
 
-Landsmeer's first model keeps a resting tendon's line as it is at 0°. On a joint with one axis its moment arm is then
-constant, as that of a tendon on a cylinder is, and the two are the same as long as the line of 0° touches the cylinder
-between its ends. A line that leans along the axis is the same tendon as a flat one whose ends lie at other radii: the
-length between points at radii a and b, h apart along the axis, is √(a² + b² + h² − 2ab cos θ) at every angle.
+Landsmeer's first model keeps a resting tendon's line as it is at 0°, or at another angle where it comes to rest. On a
+joint with one axis its moment arm is then constant, as that of a tendon on a cylinder is, and the two are the same as
+long as that line touches the cylinder between its ends. A line that leans along the axis is the same tendon as a flat
+one whose ends lie at other radii: the length between points at radii a and b, h apart along the axis, is
+√(a² + b² + h² − 2ab cos θ) at every angle.
 
 On a joint with two axes ours has no length of which the moment arms were the slopes, and no path has its arms exactly.
 """
@@ -87,7 +88,7 @@ def tendon_lines(finger: Finger) -> tuple[TendonLine, ...]:
         return tuple(lines)
     topology, values = finger.topology, jax_values(finger.values)
     rng = np.random.default_rng(0)
-    bends = _flexions(finger)
+    bends = flexions(finger)
     low, high = (np.where(bends, a, b) for a, b in zip(FLEXION_RANGE, OTHER_RANGE, strict=True))
     postures = np.concatenate([_corners(low, high), rng.uniform(low, high, (_POSTURES, len(low)))])
     ours = np.asarray(jax.vmap(lambda q: posture_moment_arms(topology, values, q))(jnp.asarray(postures)))
@@ -108,7 +109,7 @@ def _corners(low: Floats, high: Floats) -> Floats:
     return np.array(rows)
 
 
-def _flexions(finger: Finger) -> NDArray[np.bool_]:
+def flexions(finger: Finger) -> NDArray[np.bool_]:
     """Which rotations are flexion: (rotations,)."""
     return np.array([i == joint.flexion for joint in finger.topology.joints for i in range(len(joint.rotations))])
 
@@ -122,16 +123,19 @@ def _line(finger: Finger, index: int) -> TendonLine:
         return TendonLine(*ends)
     if len(crossed) > 1:
         return TendonLine(*ends, reason="it spans several joints")
-    return _on_head(finger, crossed[0], *ends, palmar=segment.wrap == "landsmeer1_palmar")
+    return _on_head(finger, crossed[0], *ends, segment.wrap == "landsmeer1_palmar", segment.rests_at)
 
 
-def _on_head(finger: Finger, joint: Joint, proximal: Floats, distal: Floats, palmar: bool) -> TendonLine:
-    """The cylinder that the line of 0° touches, and that line."""
+def _on_head(
+    finger: Finger, joint: Joint, proximal: Floats, distal: Floats, palmar: bool, rests_at: float
+) -> TendonLine:
+    """The cylinder that the line touches where it comes to rest, and that line at 0°."""
     topology, values = finger.topology, finger.values
     index = topology.joints.index(joint)
     first = sum(len(j.rotations) for j in topology.joints[:index])
     centre, axis = np.asarray(values.centre)[index], np.asarray(values.axis)[first + joint.flexion]
-    ends = [point - axis * (axis @ point) for point in (proximal - centre, distal)]
+    bent = Rotation.from_rotvec(axis * rests_at)
+    ends = [point - axis * (axis @ point) for point in (proximal - centre, bent.apply(distal))]
     height = float(axis @ (proximal - centre - distal))
     single = len(joint.rotations) == 1
     if single:
@@ -147,9 +151,9 @@ def _on_head(finger: Finger, joint: Joint, proximal: Floats, distal: Floats, pal
         return TendonLine(proximal, distal, head, reason="its joint has more than one axis")
     if height != 0.0:
         middle = axis * (axis @ (proximal - centre + distal)) / 2.0
-        proximal, distal = centre + middle + ends[0], middle + ends[1]
+        proximal, distal = centre + middle + ends[0], middle + bent.inv().apply(ends[1])
     touches = ends[0] @ along > 0.0 and ends[1] @ along < 0.0
-    return TendonLine(proximal, distal, head, reason="" if touches else "its line of 0° passes its joint off its end")
+    return TendonLine(proximal, distal, head, reason="" if touches else "its line passes its joint off its end")
 
 
 def _flat(ends: list[Floats], height: float) -> list[Floats]:

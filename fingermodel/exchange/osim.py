@@ -216,7 +216,7 @@ def _cylinder(wraps: ET.Element, name: str, line: TendonLine) -> None:
     assert head is not None  # noqa: S101 - the caller has looked
     element = child(wraps, "WrapCylinder", name=f"{name}.head")
     # Its own axis is z; the quadrant +y chooses among the tangents.
-    up = _quadrant(line.proximal - head.centre, line.distal, head)
+    up = _quadrant(line.proximal - head.centre, head)
     frame = np.stack([np.cross(up, head.axis), up, head.axis], axis=1)
     child(element, "active", "true")
     child(element, "xyz_body_rotation", numbers(Rotation.from_matrix(frame).as_euler("XYZ")))
@@ -226,16 +226,16 @@ def _cylinder(wraps: ET.Element, name: str, line: TendonLine) -> None:
     child(element, "length", number(_LONG_M))
 
 
-def _quadrant(proximal: Floats, distal: Floats, head: JointHead) -> Floats:
+def _quadrant(proximal: Floats, head: JointHead) -> Floats:
     """Unit vector of the side on which OpenSim finds the right tangents at every angle.
 
     It takes the proximal end's tangent that lies on this side where the other one does not. The two lie an angle to
     either side of that end, so the side is a square angle away from it, less half as much to have the end on it too.
     """
-    end, other = (v - head.axis * (head.axis @ v) for v in (proximal, distal))
+    end = proximal - head.axis * (head.axis @ proximal)
     reach = float(np.linalg.norm(end))
     turn = np.pi / 2.0 - np.arccos(head.radius / reach) / 2.0
-    across = np.cross(head.axis, end) * np.sign(head.axis @ np.cross(end, other))
+    across = np.cross(head.axis, end) * np.sign(head.axis @ np.cross(end, head.side))
     side: Floats = (end * np.cos(turn) + across * np.sin(turn)) / reach
     return side
 

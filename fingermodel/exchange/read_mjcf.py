@@ -1,13 +1,19 @@
-"""A finger chain out of MuJoCo's MJCF: bodies with hinges, spatial tendons with sites, cylinders that they wrap on."""
+"""A finger chain out of MuJoCo's MJCF: bodies with hinges, spatial tendons with sites, cylinders that they wrap on.
+
+MuJoCo itself compiles the file, so defaults, frames, repeated sections and orientations mean what they mean there.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
+import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -23,14 +29,16 @@ from fingermodel.exchange.chains import (
     Point,
     finger_document_of,
 )
-from fingermodel.exchange.reading import MILLIMETRES, Floats, about_of, read_root, vector
+from fingermodel.exchange.engine_check import held_against
+from fingermodel.exchange.reading import MILLIMETRES, Floats, about_of, read_root
 from fingermodel.exchange.sharing import segment_shares
 from fingermodel.exchange.writing import LOAD_POINT
 from fingermodel.fingers import Finger
 
 WANTED = "an MJCF model (<mujoco>)"
-# Elements that change the rest of the file in ways that only MuJoCo resolves.
-_UNRESOLVED = ("include", "frame", "replicate", "attach", "composite", "flexcomp")
+# Elements that read other files, or grow without bound.
+_REFUSED = ("include", "replicate", "attach", "composite", "flexcomp", "plugin")
+_LOOKS = ("camera", "light", "material", "texture", "mesh", "motor", "position", "velocity", "general", "muscle")
 _SAME_SHARE = 1e-9
 
 
@@ -58,27 +66,27 @@ def read_mjcf(path: Path, source: str, load_point_mm: Floats | None = None) -> I
     root, where = read_root(path, WANTED), path.name
     if root.tag != "mujoco":
         raise ModelError(f"{where} begins with <{root.tag}>", WANTED)
-    for tag in _UNRESOLVED:
+    for tag in _REFUSED:
         if root.find(f".//{tag}") is not None:
             raise ModelError(f"{where} uses <{tag}>", "a model without", "Save it from MuJoCo (mj_saveLastXML) first")
     if len(root.findall("./equality/*")):
         raise ModelError(f"{where} ties joints or bodies together (<equality>)", "joints that move by themselves")
     text = root.find("./custom/text[@name='fingertwin']")
     about = about_of(None if text is None else text.get("data"), where)
-    file = _File(root, where)
-    links, last = file.links()
-    stretches = list(file.stretches())
+    model = _Model(root, where)
+    links, stretches = model.links(), list(model.stretches())
     driven = {a.get("tendon") for a in root.findall("./actuator/*")} - {None}
     chosen = _chosen(stretches, driven, bool(about), where)
-    load_point = file.points.get(LOAD_POINT)
-    if load_point_mm is not None:
-        load_point = Point(last, load_point_mm)
+    load_point = model.points[model.sites.index(LOAD_POINT)] if LOAD_POINT in model.sites else None
+    moving = [link.body for link in links if link.hinges]
+    if load_point_mm is not None and moving:
+        load_point = Point(moving[-1], load_point_mm)
     name = root.get("model") or path.stem
     described = Described(name, "world", tuple(links), tuple(s.piece for s in chosen), load_point, about)
     imported = finger_document_of(described, where, source)
     if about:
         _check_shares(imported.finger, stretches, chosen, where)
-    return imported
+    return held_against(imported, f"MuJoCo {mujoco.__version__}", model.moment_arms)
 
 
 def _chosen(stretches: list[_Stretch], driven: set[str | None], ours: bool, where: str) -> list[_Stretch]:
@@ -121,199 +129,137 @@ def _check_shares(finger: Finger, stretches: list[_Stretch], chosen: list[_Stret
         )
 
 
-class _File:
-    """Elements by name, with what their default classes say."""
+class _Model:
+    """A compiled model in our units, every name and default resolved."""
 
     def __init__(self, root: ET.Element, where: str) -> None:
-        self.root, self.where = root, where
-        compiler = [c.attrib for c in root.findall("./compiler")]
-        settings = {k: v for attributes in compiler for k, v in attributes.items()}
-        if settings.get("coordinate", "local") != "local":
-            raise ModelError(f"{where} has {settings['coordinate']} coordinates", "local ones")
-        self.degrees = settings.get("angle", "degree") == "degree"
-        self.order = settings.get("eulerseq", "xyz")
-        if len(self.order) != 3 or set(self.order.lower()) - set("xyz"):
-            raise ModelError(f"{where}: eulerseq is {self.order!r}", "three of x y z")
-        self.defaults: dict[str, dict[str, dict[str, str]]] = {"main": {}}
-        for element in root.findall("./default"):
-            self._take_defaults(element, "main", {})
-        self.points: dict[str, Point] = {}
-        self.shapes: dict[str, Cylinder | Obstacle] = {}
+        self.where = where
+        self.model = compiled(root, where)
+        kinds = mujoco.mjtObj
+        self.bodies = ["world", *(self._name(kinds.mjOBJ_BODY, i, "body") for i in range(1, self.model.nbody))]
+        self.sites = [self._name(kinds.mjOBJ_SITE, i, "site") for i in range(self.model.nsite)]
+        self.joints = [self._name(kinds.mjOBJ_JOINT, i, "joint") for i in range(self.model.njnt)]
+        self.tendons = [self._name(kinds.mjOBJ_TENDON, i, "tendon") for i in range(self.model.ntendon)]
+        places = self.model.site_pos * MILLIMETRES
+        self.points = [Point(self.bodies[b], p) for b, p in zip(self.model.site_bodyid, places, strict=True)]
 
-    def _take_defaults(self, element: ET.Element, name: str, inherited: Mapping[str, dict[str, str]]) -> None:
-        own = {tag: dict(values) for tag, values in inherited.items()}
-        for part in element:
-            if part.tag != "default":
-                own[part.tag] = {**own.get(part.tag, {}), **part.attrib}
-        self.defaults[name] = own
-        for part in element.findall("./default"):
-            self._take_defaults(part, part.get("class", ""), own)
+    def _name(self, kind: Any, index: int, what: str) -> str:
+        return mujoco.mj_id2name(self.model, kind, index) or f"{what}{index}"
 
-    def _attributes(self, element: ET.Element, inherited: str) -> dict[str, str]:
-        of_class = self.defaults.get(element.get("class", inherited), {})
-        return {**of_class.get(element.tag, {}), **element.attrib}
+    def links(self) -> list[Link]:
+        """Bodies, parents before children."""
+        return [self._link(body) for body in range(1, self.model.nbody)]
 
-    def links(self) -> tuple[list[Link], str]:
-        """Bodies, parents before children, and the last one that moves; takes note of sites and geoms."""
-        world = self.root.find("./worldbody")
-        if world is None:
-            raise ModelError(f"{self.where} has no <worldbody>", WANTED)
-        self._attached(world, "world", "main")
-        out: list[Link] = []
-        names = {"world"}
-        last = "world"
-        open_bodies = [(body, "world", world.get("childclass", "main")) for body in world.findall("./body")]
-        while open_bodies:
-            body, parent, inherited = open_bodies.pop(0)
-            name = body.get("name") or f"body{len(names)}"
-            if name in names:
-                raise ModelError(f"{self.where}: two bodies are called {name!r}", "a name for each")
-            names.add(name)
-            inherited = body.get("childclass", inherited)
-            link = self._link(body, name, parent, inherited)
-            last = name if link.hinges else last
-            out.append(link)
-            self._attached(body, name, inherited)
-            open_bodies = [(part, name, inherited) for part in body.findall("./body")] + open_bodies
-        return out, last
-
-    def _link(self, body: ET.Element, name: str, parent: str, inherited: str) -> Link:
-        place = vector(body.get("pos"), 3, f"{self.where}: pos of {name}", "0 0 0") * MILLIMETRES
-        turn = self._turn(body.attrib, name)
-        hinges: list[Hinge] = []
-        centres: list[Floats] = []
-        for element in body:
-            if element.tag == "freejoint":
-                raise ModelError(f"{self.where}: {name} floats freely", "hinges", "Fix the first bone to the world")
-            if element.tag != "joint":
-                continue
-            given = self._attributes(element, inherited)
-            label = given.get("name") or f"{name}_joint{len(hinges) + 1}"
-            kind = given.get("type", "hinge")
+    def _link(self, body: int) -> Link:
+        model, name = self.model, self.bodies[body]
+        place, turn = model.body_pos[body] * MILLIMETRES, _turn(model.body_quat[body])
+        first = int(model.body_jntadr[body])
+        own = range(first, first + int(model.body_jntnum[body]))
+        hinges = []
+        for joint in own:
+            label = self.joints[joint]
+            kind = mujoco.mjtJoint(model.jnt_type[joint]).name.removeprefix("mjJNT_").lower()
             if kind != "hinge":
                 raise ModelError(f"{self.where}: joint {label} is of type {kind}", "hinge: a finger's bones turn")
-            if float(vector(given.get("ref"), 1, f"{self.where}: ref of {label}", "0")[0]) != 0.0:
-                raise ModelError(f"{self.where}: joint {label} counts its angle from {given['ref']}", "ref 0")
-            axis = vector(given.get("axis"), 3, f"{self.where}: axis of {label}", "0 0 1")
-            if not np.linalg.norm(axis) > 0.0:
-                raise ModelError(f"{self.where}: joint {label} has no axis", "a vector")
-            hinges.append(Hinge(label, turn @ axis))
-            centres.append(vector(given.get("pos"), 3, f"{self.where}: pos of {label}", "0 0 0") * MILLIMETRES)
+            zero = math.degrees(model.qpos0[model.jnt_qposadr[joint]])
+            if zero != 0.0:
+                raise ModelError(f"{self.where}: joint {label} counts its angle from {zero:g}°", "ref 0")
+            hinges.append(Hinge(label, turn @ model.jnt_axis[joint]))
+        centres = model.jnt_pos[own.start : own.stop] * MILLIMETRES
         if any(np.linalg.norm(c - centres[0]) > 1e-6 for c in centres):
             raise ModelError(
                 f"{self.where}: the hinges of {name} do not meet in a point", "axes through one centre for each body"
             )
-        centre = centres[0] if centres else np.zeros(3)
-        joint = hinges[0].name if hinges else ""
-        return Link(name, parent, joint, tuple(hinges), turn, place + turn @ centre, centre)
-
-    def _attached(self, body: ET.Element, name: str, inherited: str) -> None:
-        for element in body:
-            label = element.get("name")
-            if label is None or element.tag not in ("site", "geom"):
-                continue
-            given = self._attributes(element, inherited)
-            if element.tag == "site":
-                self.points[label] = Point(name, self._middle(given, label))
-            else:
-                self.shapes[label] = self._shape(given, label, name)
-
-    def _middle(self, given: Mapping[str, str], label: str) -> Floats:
-        what = f"{self.where}: place of {label}"
-        if "fromto" in given:
-            ends = vector(given["fromto"], 6, what) * MILLIMETRES
-            return (ends[:3] + ends[3:]) / 2.0
-        return vector(given.get("pos"), 3, what, "0 0 0") * MILLIMETRES
-
-    def _shape(self, given: Mapping[str, str], label: str, body: str) -> Cylinder | Obstacle:
-        if given.get("type", "sphere") != "cylinder":
-            return Obstacle(f"{label}, a {given.get('type', 'sphere')}")
-        size = (given.get("size") or "0").split()
-        radius = float(vector(size[0], 1, f"{self.where}: size of {label}")[0]) * MILLIMETRES
-        if "fromto" in given:
-            ends = vector(given["fromto"], 6, f"{self.where}: fromto of {label}")
-            axis = ends[3:] - ends[:3]
-        else:
-            axis = self._turn(given, label)[:, 2]
-        if not np.linalg.norm(axis) > 0.0:
-            raise ModelError(f"{self.where}: {label} has no axis", "two ends apart")
-        return Cylinder(body, self._middle(given, label), axis / np.linalg.norm(axis), radius)
-
-    def _turn(self, given: Mapping[str, str], label: str) -> Floats:
-        """Orientation of a body or geom: takes its components to its parent's."""
-        what = f"{self.where}: orientation of {label}"
-        angle = math.pi / 180.0 if self.degrees else 1.0
-        try:
-            if "quat" in given:
-                w, x, y, z = vector(given["quat"], 4, what)
-                turned = Rotation.from_quat([x, y, z, w])
-            elif "axisangle" in given:
-                values = vector(given["axisangle"], 4, what)
-                turned = Rotation.from_rotvec(values[:3] / np.linalg.norm(values[:3]) * values[3] * angle)
-            elif "euler" in given:
-                # Small letters turn with the body, as SciPy's capitals do.
-                sequence = self.order.swapcase()
-                turned = self._euler(sequence, vector(given["euler"], 3, what) * angle)
-            elif "xyaxes" in given:
-                values = vector(given["xyaxes"], 6, what)
-                x_axis = values[:3] / np.linalg.norm(values[:3])
-                y_axis = values[3:] - x_axis * (x_axis @ values[3:])
-                y_axis = y_axis / np.linalg.norm(y_axis)
-                turned = Rotation.from_matrix(np.stack([x_axis, y_axis, np.cross(x_axis, y_axis)], axis=1))
-            elif "zaxis" in given:
-                turned = self._from_z(vector(given["zaxis"], 3, what))
-            else:
-                return np.eye(3)
-        except ValueError as error:
-            if isinstance(error, ModelError):
-                raise
-            raise ModelError(f"{what} is no rotation", "a quaternion or axes that are not zero") from error
-        matrix: Floats = turned.as_matrix()
-        if not np.isfinite(matrix).all():
-            raise ModelError(f"{what} is no rotation", "a quaternion or axes that are not zero")
-        return matrix
-
-    @staticmethod
-    def _euler(sequence: str, angles: Floats) -> Rotation:
-        """Turns one after the other: capitals about the turned axes, small letters about the fixed ones."""
-        out = Rotation.identity()
-        for letter, angle in zip(sequence, angles, strict=True):
-            one = Rotation.from_euler(letter.lower(), float(angle))
-            out = out * one if letter.isupper() else one * out
-        return out
-
-    @staticmethod
-    def _from_z(z: Floats) -> Rotation:
-        """The least turn that takes z there."""
-        z = z / np.linalg.norm(z)
-        axis = np.cross([0.0, 0.0, 1.0], z)
-        sine = float(np.linalg.norm(axis))
-        if sine == 0.0:
-            return Rotation.from_rotvec([math.pi if z[2] < 0.0 else 0.0, 0.0, 0.0])
-        return Rotation.from_rotvec(axis / sine * math.atan2(sine, float(z[2])))
+        centre = centres[0] if len(centres) else np.zeros(3)
+        parent = self.bodies[model.body_parentid[body]]
+        return Link(name, parent, hinges[0].name if hinges else "", tuple(hinges), turn, place + turn @ centre, centre)
 
     def stretches(self) -> Iterator[_Stretch]:
         """Pieces between the sites of every spatial tendon."""
-        for tendon in self.root.findall("./tendon/spatial"):
-            name = tendon.get("name")
-            if not name:
-                raise ModelError(f"{self.where}: a spatial tendon has no name", "a name for each")
-            share, before, on = 1.0, "", None
-            for element in tendon:
-                if element.tag == "pulley":
-                    divisor = float(vector(element.get("divisor"), 1, f"{self.where}: a divisor of {name}")[0])
-                    if divisor <= 0.0:
-                        raise ModelError(f"{self.where}: a pulley of {name} has divisor {divisor:g}", "above 0")
-                    share, before, on = 1.0 / divisor, "", None
-                elif element.tag == "geom":
-                    on = self.shapes.get(element.get("geom", ""))
-                    if on is None:
-                        raise ModelError(f"{self.where}: {name} wraps on {element.get('geom')!r}", "a geom of the file")
-                elif element.tag == "site":
-                    site = element.get("site", "")
-                    if site not in self.points:
-                        raise ModelError(f"{self.where}: {name} runs through {site!r}", "a site of the file")
-                    if before:
-                        piece = Piece(name, (self.points[before], self.points[site]), on)
-                        yield _Stretch(name, (before, site), piece, share)
-                    before, on = site, None
+        model, kinds = self.model, mujoco.mjtWrap
+        for tendon in range(model.ntendon):
+            name = self.tendons[tendon]
+            share, before, on = 1.0, -1, tuple[Cylinder | Obstacle, ...]()
+            first = int(model.tendon_adr[tendon])
+            for at in range(first, first + int(model.tendon_num[tendon])):
+                kind, index, value = kinds(model.wrap_type[at]), int(model.wrap_objid[at]), float(model.wrap_prm[at])
+                if kind == kinds.mjWRAP_PULLEY:
+                    share, before, on = 1.0 / value, -1, ()
+                elif kind == kinds.mjWRAP_SITE:
+                    if before >= 0:
+                        piece = Piece(name, (self.points[before], self.points[index]), on)
+                        yield _Stretch(name, (self.sites[before], self.sites[index]), piece, share)
+                    before, on = index, ()
+                elif kind in (kinds.mjWRAP_CYLINDER, kinds.mjWRAP_SPHERE):
+                    on = (self._shape(index, int(value)),)
+
+    def _shape(self, geom: int, side: int) -> Cylinder | Obstacle:
+        model = self.model
+        if mujoco.mjtGeom(model.geom_type[geom]) != mujoco.mjtGeom.mjGEOM_CYLINDER:
+            return Obstacle(f"{self._name(mujoco.mjtObj.mjOBJ_GEOM, geom, 'geom')}, a sphere")
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        body = int(model.geom_bodyid[geom])
+        place, axis = model.geom_pos[geom] * MILLIMETRES, _turn(model.geom_quat[geom])[:, 2]
+        towards: Floats | None = None
+        if side >= 0:
+            apart = data.site_xpos[side] - data.geom_xpos[geom]
+            towards = data.xmat[body].reshape(3, 3).T @ apart * MILLIMETRES
+        return Cylinder(self.bodies[body], place, axis, float(model.geom_size[geom][0]) * MILLIMETRES, towards)
+
+    def moment_arms(self, rotations: Sequence[str], tendons: Sequence[str], postures: Floats) -> Floats:
+        """Of tendons in postures (n, rotations) [rad]: (n, rotations, tendons) [mm]."""
+        model, data = self.model, mujoco.MjData(self.model)
+        joints = [self.joints.index(name) for name in rotations]
+        angles, speeds = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+        chosen = [self.tendons.index(name) for name in tendons]
+        out = np.zeros((*postures.shape, len(tendons)))
+        rate = np.zeros((model.ntendon, model.nv))
+        rows = np.repeat(np.arange(model.ntendon), model.ten_J_rownnz)
+        for posture, arms in zip(postures, out, strict=True):
+            data.qpos[angles] = posture
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_tendon(model, data)
+            rate[rows, model.ten_J_colind] = data.ten_J
+            arms[:] = -rate[np.ix_(chosen, speeds)].T * MILLIMETRES
+        return out
+
+
+def _turn(quaternion: Floats) -> Floats:
+    """Takes a body's or geom's components to its parent's."""
+    w, x, y, z = quaternion
+    matrix: Floats = Rotation.from_quat([x, y, z, w]).as_matrix()
+    return matrix
+
+
+def compiled(root: ET.Element, where: str) -> Any:
+    """MuJoCo's model of what moves tendons: bodies, joints, sites, shapes and tendons, without their looks.
+
+    Raises:
+        ModelError: MuJoCo cannot read it.
+    """
+    kept = ET.Element("mujoco", root.attrib)
+    kept.extend(part for part in root if part.tag in ("compiler", "default", "worldbody", "tendon"))
+    for parent in kept.iter():
+        for part in list(parent):
+            drawn = part.get("type") in ("mesh", "hfield", "sdf") or "mesh" in part.attrib
+            if part.tag in _LOOKS or (part.tag == "geom" and drawn):
+                parent.remove(part)
+            part.attrib.pop("material", None)
+    # Bones whose mass was in what was left out: ours are statics.
+    ET.SubElement(kept, "compiler", boundmass="1e-6", boundinertia="1e-9", fusestatic="false", discardvisual="false")
+    heard = mujoco.get_mju_user_warning()
+    # Its warnings, of numbers that are refused below, would go into a file in the user's folder.
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        model = mujoco.MjModel.from_xml_string(ET.tostring(kept, encoding="unicode"))
+    except ValueError as error:
+        said = re.sub(r",? line -?\d+", "", " ".join(str(error).split())).rstrip(", ")
+        raise ModelError(f"{where}: MuJoCo refuses it ({said})", WANTED) from error
+    finally:
+        mujoco.set_mju_user_warning(heard)
+    for values in (model.body_pos, model.body_quat, model.jnt_pos, model.site_pos, model.geom_pos, model.geom_size):
+        if not np.isfinite(values).all():
+            raise ModelError(f"{where} holds a number that is not finite", "finite numbers")
+    return model

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
+from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -24,6 +26,8 @@ from fingermodel.exchange.chains import (
     Point,
     finger_document_of,
 )
+from fingermodel.exchange.engine_check import held_against
+from fingermodel.exchange.opensim_arms import OpensimArms, OpensimFailedError, installed
 from fingermodel.exchange.osim import ABOUT
 from fingermodel.exchange.reading import MILLIMETRES, Floats, about_of, read_root, vector
 from fingermodel.exchange.writing import LOAD_POINT, METRES, segment_names
@@ -47,12 +51,12 @@ def read_osim(path: Path, source: str, load_point_mm: Floats | None = None) -> I
         ModelError: not an OpenSim model, or no finger chain that a finger/1 file can hold.
     """
     root, where = read_root(path, WANTED), path.name
-    version = root.get("Version", "")
+    stated = root.get("Version", "")
     model = root.find("./Model")
     if root.tag != "OpenSimDocument" or model is None:
         raise ModelError(f"{where} begins with <{root.tag}>", WANTED)
-    if not version.isdigit() or int(version) < OLDEST:
-        raise ModelError(f"{where} has version {version or '?'}", f"{OLDEST} or later", "Open and save it in OpenSim 4")
+    if not stated.isdigit() or int(stated) < OLDEST:
+        raise ModelError(f"{where} has version {stated or '?'}", f"{OLDEST} or later", "Open and save it in OpenSim 4")
     for tag, wanted in (("length_units", "meters"), ("force_units", "N")):
         given = (model.findtext(tag) or wanted).strip()
         if given not in (wanted, "m" if wanted == "meters" else wanted):
@@ -72,19 +76,35 @@ def read_osim(path: Path, source: str, load_point_mm: Floats | None = None) -> I
         model.get("name") or path.stem, "ground", tuple(links), pieces, load_point, about, tuple(file.notes)
     )
     imported = finger_document_of(described, where, source)
-    _check_formulas(imported.finger, file.formulas, bool(about), where)
-    return imported
+    scaled = model.find("./JointSet//MultiplierFunction") is not None
+    _check_formulas(imported.finger, file.formulas, bool(about), scaled, where)
+    if scaled and file.formulas:
+        note = (
+            f"OpenSim's Scale Tool left the formulas of {', '.join(file.formulas)} as they were: their moment arms "
+            "were taken from their scaled markers"
+        )
+        imported = replace(imported, notes=(*imported.notes, note))
+    if about:  # its paths were held against the formulas that they came from
+        return imported
+    unmeasured = "it is not installed"
+    if installed():
+        try:
+            return held_against(imported, f"OpenSim {version('opensim')}", OpensimArms(root).moment_arms)
+        except OpensimFailedError:
+            unmeasured = "it could not open this file"
+    note = f"moment arms were not held against OpenSim's: {unmeasured}"
+    return replace(imported, notes=(*imported.notes, note))
 
 
-def _check_formulas(finger: Finger, formulas: dict[str, list[str]], ours: bool, where: str) -> None:
-    """Refuse formulas that are not those of a line between their markers."""
+def _check_formulas(finger: Finger, formulas: dict[str, list[str]], ours: bool, scaled: bool, where: str) -> None:
+    """Refuse formulas that are not those of a line between their markers, but for the numbers of a scaled model."""
     names = segment_names(finger)
     for name, given in formulas.items():
         wanted: list[str] = []
         if ours and name in names:
             written = path_formulas(finger, names.index(name), METRES)
             wanted = [written.length, *written.moment_arms]
-        if len(given) != len(wanted) or not all(_same(a, b) for a, b in zip(given, wanted, strict=True)):
+        if len(given) != len(wanted) or not all(_same(a, b, scaled) for a, b in zip(given, wanted, strict=True)):
             raise ModelError(
                 f"{where}: {name} is given by formulas that are not those of a tendon between its markers",
                 "path points, or the formulas that fingertwin exported",
@@ -92,11 +112,13 @@ def _check_formulas(finger: Finger, formulas: dict[str, list[str]], ours: bool, 
             )
 
 
-def _same(given: str, wanted: str) -> bool:
-    """Whether two formulas are alike but for the rounding of their numbers."""
+def _same(given: str, wanted: str, scaled: bool) -> bool:
+    """Whether two formulas are alike but for the rounding of their numbers, or for the numbers."""
     texts = [re.sub(r"\s", "", text) for text in (given, wanted)]
     if _NUMBER.sub("#", texts[0]) != _NUMBER.sub("#", texts[1]):
         return False
+    if scaled:
+        return True
     a, b = (np.array([float(x) for x in _NUMBER.findall(text)]) for text in texts)
     return bool(np.all(np.abs(a - b) <= _SAME_NUMBER * np.maximum(np.abs(b), 1e-6)))
 
@@ -126,21 +148,31 @@ class _File:
         name = text.removeprefix("/bodyset/")
         return name if text.startswith("/bodyset/") and name in self.bodies else None
 
-    def _wraps(self) -> dict[str, Cylinder | Obstacle]:
-        out: dict[str, Cylinder | Obstacle] = {}
+    def _wraps(self) -> dict[str, tuple[Cylinder | Obstacle, ...]]:
+        """Shapes by name; one that is not active is none."""
+        out: dict[str, tuple[Cylinder | Obstacle, ...]] = {}
         grounds = [("ground", ground) for ground in self.model.findall("./Ground")]
         for body, element in [*grounds, *self.bodies.items()]:
             for shape in element.findall("./WrapObjectSet/objects/*"):
                 name = shape.get("name", "")
+                if (shape.findtext("active") or "true").strip() == "false":
+                    out[name] = ()
+                    continue
                 if shape.tag != "WrapCylinder":
-                    out[name] = Obstacle(f"{name}, a {shape.tag}")
+                    out[name] = (Obstacle(f"{name}, a {shape.tag}"),)
                     continue
                 what = f"{self.where}: {name}"
                 angles = vector(shape.findtext("xyz_body_rotation"), 3, f"{what}: xyz_body_rotation", "0 0 0")
                 place = vector(shape.findtext("translation"), 3, f"{what}: translation", "0 0 0") * MILLIMETRES
                 radius = float(vector(shape.findtext("radius"), 1, f"{what}: radius")[0]) * MILLIMETRES
-                axis = Rotation.from_euler("XYZ", angles).as_matrix()[:, 2]
-                out[name] = Cylinder(body, place, axis, radius)
+                turn = Rotation.from_euler("XYZ", angles).as_matrix()
+                quadrant = (shape.findtext("quadrant") or "all").strip().lower()
+                side: Floats | None = None
+                if quadrant.lstrip("+-") in ("x", "y"):
+                    # Far outside the cylinder.
+                    sign = -1.0 if quadrant.startswith("-") else 1.0
+                    side = turn[:, "xy".index(quadrant[-1])] * sign * 2.0 * radius
+                out[name] = (Cylinder(body, place, turn[:, 2], radius, side),)
         return out
 
     def links(self) -> list[Link]:
@@ -215,28 +247,47 @@ class _File:
         """A custom joint's axis, where an angle turns about it."""
         label = element.get("name", "")
         words = (element.findtext("coordinates") or "").split()
+        what = f"{self.where}: {label} of joint {joint}"
         function = next((part for part in element if part.get("name") == "function"), None)
         if function is None:
             function = next(iter(element.findall("./function/*")), None)
-        kind = "Constant" if function is None else function.tag
-        what = f"{self.where}: {label} of joint {joint}"
-        if kind == "Constant":
-            fixed = 0.0 if function is None else float(vector(function.findtext("value"), 1, what, "0")[0])
-            if fixed != 0.0:
-                raise ModelError(f"{what} is moved by {fixed:g}", "0", "Move the joint's frame instead")
+        slope, start = (0.0, 0.0) if function is None else self._line(function, what)
+        if function is None or (slope == 0.0 and start == 0.0):
             return
-        slope = 0.0
-        if kind == "LinearFunction" and function is not None:
-            factor, start = vector(function.findtext("coefficients"), 2, what, "1 0")
-            slope = float(factor) if start == 0.0 else 0.0
-        if len(words) != 1 or abs(slope) != 1.0 or label.startswith("translation"):
-            raise ModelError(
-                f"{what} follows a {kind} of {' '.join(words) or 'nothing'}", "rotations by one angle each"
-            )
+        if slope == 0.0:
+            raise ModelError(f"{what} is moved by {start:g}", "0", "Move the joint's frame instead")
+        if len(words) != 1 or abs(slope) != 1.0 or start != 0.0 or label.startswith("translation"):
+            found = f"{what} follows a {function.tag} of {' '.join(words) or 'nothing'}"
+            raise ModelError(found, "rotations by one angle each")
         axis = vector(element.findtext("axis"), 3, what)
         if not np.linalg.norm(axis) > 0.0:
             raise ModelError(f"{what} has no axis", "a vector")
         yield words[0], axis * slope
+
+    def _line(self, function: ET.Element, what: str) -> tuple[float, float]:
+        """Slope and value at 0 of a function that is a straight line.
+
+        Raises:
+            ModelError: it is none, or of a kind that is not read.
+        """
+        if function.tag == "Constant":
+            return 0.0, float(vector(function.findtext("value"), 1, what, "0")[0])
+        if function.tag == "LinearFunction":
+            slope, start = vector(function.findtext("coefficients"), 2, what, "1 0")
+            return float(slope), float(start)
+        if function.tag == "MultiplierFunction" and (inner := function.find("./function/*")) is not None:
+            # What OpenSim's Scale Tool leaves.
+            scale = float(vector(function.findtext("scale"), 1, what, "1")[0])
+            slope, start = self._line(inner, what)
+            return slope * scale, start * scale
+        if function.tag in ("SimmSpline", "NaturalCubicSpline", "PiecewiseLinearFunction"):
+            given = [function.findtext(k) or "" for k in ("x", "y")]
+            x, y = (vector(text, len(text.split()), what) for text in given)
+            if len(x) == len(y) >= 2 and x[-1] > x[0]:
+                slope = float((y[-1] - y[0]) / (x[-1] - x[0]))
+                if np.allclose(y, y[0] + slope * (x - x[0]), rtol=0.0, atol=1e-12):
+                    return slope, float(y[0] - slope * x[0])
+        raise ModelError(f"{what} follows a {function.tag}", "a straight line, as rotations by one angle each have")
 
     def pieces(self) -> Iterator[Piece]:
         """Pieces between the path points of every force that has a path."""
@@ -259,12 +310,13 @@ class _File:
             self.notes.append(f"{left_out} forces without a path of points are left out")
 
     def _path(self, path: ET.Element, name: str) -> Iterator[Piece]:
-        wraps = [
-            (wrap.findtext("wrap_object") or "").strip() for wrap in path.findall("./PathWrapSet/objects/PathWrap")
-        ]
-        for wrap in wraps:
-            if wrap not in self.shapes:
-                raise ModelError(f"{self.where}: {name} wraps on {wrap!r}", "a wrap object of the file")
+        wraps: list[tuple[Cylinder | Obstacle, float, float]] = []
+        for wrap in path.findall("./PathWrapSet/objects/PathWrap"):
+            given = (wrap.findtext("wrap_object") or "").strip()
+            if given not in self.shapes:
+                raise ModelError(f"{self.where}: {name} wraps on {given!r}", "a wrap object of the file")
+            first, last = vector(wrap.findtext("range"), 2, f"{self.where}: range of {name} on {given}", "-1 -1")
+            wraps += [(shape, first, last if last >= 1.0 else np.inf) for shape in self.shapes[given]]
         points: list[Point] = []
         for element in path.findall("./PathPointSet/objects/*"):
             what = f"{self.where}: point {element.get('name', '')} of {name}"
@@ -274,14 +326,10 @@ class _File:
             if body is None:
                 raise ModelError(f"{what} lies on {element.findtext('socket_parent_frame')!r}", "a body of the model")
             points.append(Point(body, vector(element.findtext("location"), 3, what) * MILLIMETRES))
-        # OpenSim tries every shape on every stretch, so one can only be told of a path with a single stretch.
-        for ends in pairwise(points):
-            on: Cylinder | Obstacle | None = None
-            if len(wraps) == 1 and len(points) == 2:
-                on = self.shapes[wraps[0]]
-            elif wraps and ends[0].body != ends[1].body:
-                on = Obstacle(", ".join(wraps))
-            yield Piece(name, ends, on)
+        # OpenSim tries every shape on every stretch between the points of its range.
+        for number, ends in enumerate(pairwise(points), 1):
+            on = tuple(shape for shape, first, last in wraps if first <= number < last)
+            yield Piece(name, ends, on if ends[0].body != ends[1].body else ())
 
     def _given(self, formulas: ET.Element, name: str) -> Piece:
         """A path by formulas, whose ends are markers."""
@@ -294,7 +342,7 @@ class _File:
         given += formulas.findall("./moment_arm_functions/ExpressionBasedFunction")
         texts = [(f.findtext("expression") or "").strip() if f is not None else "" for f in given]
         self.formulas[name] = texts
-        rule = (
-            "landsmeer1_dorsal" if "min(q" in texts[0] else "landsmeer1_palmar" if "max(q" in texts[0] else "straight"
-        )
-        return Piece(name, (ends[0], ends[1]), None, rule)
+        felt = re.search(r"(min|max)\(q\d+, ([^)]*)\)", texts[0])
+        rule = "straight" if felt is None else {"min": "landsmeer1_dorsal", "max": "landsmeer1_palmar"}[felt[1]]
+        resting = vector(felt[2] if felt else "0", 1, f"{self.where}: the angle at which {name} comes to rest")
+        return Piece(name, (ends[0], ends[1]), (), rule, float(resting[0]))

@@ -147,8 +147,8 @@ def cited(finger: Finger) -> list[str]:
     return [f"Source {name}: {text}" for name, text in finger.document.get("sources", {}).items()]
 
 
-def _upwards(value: float) -> str:
-    """Two digits, rounded up."""
+def upwards(value: float) -> str:
+    """Two digits of a positive number, rounded up."""
     step = 10.0 ** (math.floor(math.log10(value)) - 1)
     return f"{math.ceil(value / step) * step:.2g}"
 
@@ -163,7 +163,7 @@ def inexact(finger: Finger, names: Sequence[str], lines: Sequence[TendonLine], f
         for rotation, fault in line.fault.items():
             worst[rotation] = max(worst.get(rotation, 0.0), fault)
     low, high = (round(math.degrees(x)) for x in FLEXION_RANGE)
-    of = ", ".join(f"{_upwards(fault)} mm about {rotation}" for rotation, fault in worst.items()) or "nothing"
+    of = ", ".join(f"{upwards(fault)} mm about {rotation}" for rotation, fault in worst.items()) or "nothing"
     others = " and other angles within " + f"±{math.degrees(OTHER_RANGE[1]):.0f}°"
     return (
         f"{format_name} cannot hold the resting line of {', '.join(name for name, _ in wrong)} as Landsmeer's first "

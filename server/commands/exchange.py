@@ -82,6 +82,10 @@ def import_finger(source: Path, load_point: str | None, out: Path | None, json: 
         write_finger(imported.document, target, f"Made of {source.name}. {UNSOURCED}")
     body: dict[str, Any] = {"source": str(source), "finger": str(target)} | imported_body(imported)
     if not answer("import", body, json):
+        say(f"  read: {imported.read}")
+        if check := imported.check:
+            said = ", ".join(f"{name} {error:.2g}" for name, error in check.worst_mm.items())
+            say(f"  worst moment-arm error against {check.engine} over {check.postures} postures [mm]: {said}")
         for note in imported.notes:
             say(f"  {note}")
         say(f"  angles: {', '.join(body['rotations'])}; the clamp carries {', '.join(body['reactions'])}")

@@ -36,7 +36,8 @@ def _bend(finger: Finger, segment: Segment, pose: FingerPose) -> float:
     joint = topology.joint(segment.joint)
     first = sum(len(j.rotations) for j in topology.joints[: topology.joints.index(joint)])
     angle = float(pose.posture[first + joint.flexion]) if joint.flexion >= 0 else 0.0
-    return max(angle, 0.0) if segment.wrap == "landsmeer1_dorsal" else min(angle, 0.0)
+    beyond = angle - segment.rests_at
+    return max(beyond, 0.0) if segment.wrap == "landsmeer1_dorsal" else min(beyond, 0.0)
 
 
 def tendon_connections(finger: Finger, values: FingerValues, pose: FingerPose) -> list[Floats]:

@@ -96,6 +96,15 @@ class FingerImport(Form):
     ] = None
 
 
+class ImportCheck(Shown):
+    """Moment arms of an imported finger held against those of the engine that the file was made for."""
+
+    engine: str = Field(examples=["MuJoCo 4.0.0"])
+    postures: int = Field(description="Drawn at random, and along each angle.")
+    between: str = Field(description="Of which angles.")
+    worst_mm: dict[str, float] = Field(description="Greatest error of each tendon's moment arms [mm].")
+
+
 class FingerImported(Shown):
     """A finger that was read out of another software's file. The service does not keep it."""
 
@@ -105,6 +114,8 @@ class FingerImported(Shown):
     segments: list[str] = Field(description="Tendon segments.")
     reactions: list[str] = Field(description="What the tip clamp carries.")
     notes: list[str] = Field(description="What was taken how, and what the file does not say.")
+    read: str = Field(description="What was read of the file.")
+    check: ImportCheck | None = Field(description="Against the engine's moment arms; null where it is not installed.")
     document: Plain = Field(description="finger/1.")
     file: str = Field(description="The same as YAML, to be saved and used as any finger file.")
 
