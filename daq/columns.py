@@ -12,35 +12,19 @@ from pathlib import Path
 from typing import Literal
 
 from daq.errors import ReadingsError
+from daq.units import COMMON, Kind, factor_of
 from daq.vocabulary import did_you_mean
 
 QUANTITIES = ("t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 HEADERS = ("t_s", "Fx_N", "Fy_N", "Fz_N", "Tx_Nmm", "Ty_Nmm", "Tz_Nmm")
 STATUS = "status"
+# By a quantity's first letter.
+KINDS: Mapping[str, Kind] = {"t": "time", "F": "force", "T": "torque"}
 
 # Of one block while reading, and of one row group while writing Parquet.
 BLOCK_BYTES = 1 << 20
 BLOCK_ROWS = 1 << 15
 ROW_GROUP_ROWS = 1 << 18
-
-# Exact by definition: standard gravity 9.80665 m/s², the pound 0.45359237 kg, the inch 25.4 mm.
-_KGF = 9.80665
-_LBF = 0.45359237 * _KGF
-TIME_S: Mapping[str, float] = {
-    "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9,
-    "min": 60.0, "h": 3600.0,
-}  # fmt: skip
-FORCE_N: Mapping[str, float] = {
-    "N": 1.0, "newton": 1.0, "mN": 1e-3, "cN": 1e-2, "kN": 1e3, "lbf": _LBF, "lb": _LBF, "lbs": _LBF, "ozf": _LBF / 16,
-    "kgf": _KGF, "kg": _KGF, "kp": _KGF, "gf": _KGF * 1e-3, "g": _KGF * 1e-3,
-}  # fmt: skip
-TORQUE_NMM: Mapping[str, float] = {
-    "Nmm": 1.0, "Nm": 1e3, "Ncm": 10.0, "mNm": 1.0, "mNmm": 1e-3, "cNm": 10.0, "kNm": 1e6, "kNmm": 1e3,
-    "lbfin": _LBF * 25.4, "lbin": _LBF * 25.4, "inlbf": _LBF * 25.4, "inlb": _LBF * 25.4, "lbfft": _LBF * 304.8,
-    "lbft": _LBF * 304.8, "ftlbf": _LBF * 304.8, "ftlb": _LBF * 304.8, "ozfin": _LBF / 16 * 25.4,
-    "kgfm": _KGF * 1e3, "kgfcm": _KGF * 10.0, "kgfmm": _KGF, "kgm": _KGF * 1e3, "kgcm": _KGF * 10.0, "kgmm": _KGF,
-    "gfcm": _KGF * 1e-2, "gfmm": _KGF * 1e-3,
-}  # fmt: skip
 
 _PATTERN = re.compile(
     r"^\s*(?P<symbol>time|t|[ftm][xyz])\s*(?:[\[(]\s*(?P<inside>[^\])]*?)\s*[\])]|[_\s/]\s*(?P<after>\S.*?))?\s*$",
@@ -127,11 +111,11 @@ def _column(header: str, index: int, file: str) -> Column | None:
     symbol = match["symbol"].lower()
     unit = match["inside"] if match["inside"] is not None else match["after"]
     if symbol in ("t", "time"):
-        quantity, units = "t", TIME_S
+        quantity = "t"
     elif symbol[0] == "f":
-        quantity, units = "F" + symbol[1], FORCE_N
+        quantity = "F" + symbol[1]
     else:
-        quantity, units = "T" + symbol[1], TORQUE_NMM
+        quantity = "T" + symbol[1]
     example = dict(zip(QUANTITIES, HEADERS, strict=True))[quantity]
     if not unit:
         raise ReadingsError(
@@ -139,19 +123,15 @@ def _column(header: str, index: int, file: str) -> Column | None:
             f"a unit in its header, such as {example}",
             "A unit is never assumed: rename the column",
         )
-    factor = units.get(re.sub(r"[\s_.*·⋅/×-]", "", unit))
+    kind = KINDS[quantity[0]]
+    factor = factor_of(unit, kind)
     if factor is None:
-        hint = did_you_mean(unit, units)
         raise ReadingsError(
-            f"{file}: column {header.strip()!r} is in {unit!r}, which is not a unit of {_kind(quantity)}",
-            f"one of {' '.join(list(units)[:8])} …, such as {example}",
-            hint,
+            f"{file}: column {header.strip()!r} is in {unit!r}, which is not a unit of {kind}",
+            f"one of {' '.join(COMMON[kind])} …, such as {example}",
+            did_you_mean(unit, COMMON[kind]),
         )
     return Column(quantity, header, index, factor)
-
-
-def _kind(quantity: str) -> str:
-    return {"t": "time", "F": "force", "T": "torque"}[quantity[0]]
 
 
 def _number_of(names: Sequence[str]) -> str:

@@ -11,16 +11,17 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.columns import FORCE_N, TORQUE_NMM
 from daq.errors import DriverError
+from daq.units import Kind, factor_of
 
 Floats = NDArray[np.float64]
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 VERSIONS = ("1.0", "1.1")
-FORCES = {unit: FORCE_N[unit] for unit in ("N", "kN", "lbf", "lb")}
-TORQUES = {unit: TORQUE_NMM[unit] for unit in ("Nm", "Nmm", "kNm", "lbfin", "lbin", "inlb", "lbfft", "lbft", "ftlb")}
-LENGTHS = {"m": 1000.0, "mm": 1.0, "cm": 10.0, "in": 25.4, "ft": 304.8}
+# What calibration files are delivered in.
+FORCES = ("N", "kN", "lbf", "lb")
+TORQUES = ("Nm", "Nmm", "kNm", "lbfin", "lbin", "inlb", "lbfft", "lbft", "ftlb")
+LENGTHS = ("m", "mm", "cm", "in", "ft")
 # A converter's highest code lies one step below its range, of 12 bits by 0.05 %: this much of the range is its end.
 END_OF_RANGE = 0.999
 # The file rounds UserAxis to five decimals; Axis and scale reproduce its rows to 1e-5 of their largest number.
@@ -98,8 +99,8 @@ def read_calibration(path: str | Path) -> GaugeCalibration:
     for name, wanted in (("NumGages", 6.0), ("GainMultiplier", 1.0)):
         if name in stated and _numbers(file, name, stated[name], 1)[0] != wanted:
             raise DriverError(f"{file.name}: {name} is {stated[name]}", f"{wanted:g}", "Others are not understood")
-    force = _unit(file, stated, "ForceUnits", FORCES)
-    torque = _unit(file, stated, "TorqueUnits", TORQUES)
+    force = _unit(file, stated, "ForceUnits", "force", FORCES)
+    torque = _unit(file, stated, "TorqueUnits", "torque", TORQUES)
     factors = np.repeat([force, torque], 3)
     axis, user = _rows(file, found, "Axis"), _rows(file, found, "UserAxis")
     if not axis and not user:
@@ -152,8 +153,9 @@ def _numbers(file: Path, what: str, text: str | None, count: int) -> Floats:
     return values
 
 
-def _unit(file: Path, stated: Mapping[str, str], name: str, known: Mapping[str, float]) -> float:
-    factor = known.get(re.sub(r"[\s_.*·⋅-]", "", stated.get(name, "")))
+def _unit(file: Path, stated: Mapping[str, str], name: str, kind: Kind, known: Sequence[str]) -> float:
+    unit = re.sub(r"[\s_.*·⋅-]", "", stated.get(name, ""))
+    factor = factor_of(unit, kind) if unit in known else None
     if factor is None:
         found = f"{name} is {stated[name]!r}" if name in stated else f"it states no {name}"
         raise DriverError(f"{file.name}: {found}", f"one of {' '.join(known)}", "Have it exported in one of these")
@@ -195,7 +197,7 @@ def _transformed(
         return None, "its BasicTransform turns the axes"
     d_mm = np.array([moved[k] for k in ("Dx", "Dy", "Dz")])
     if d_mm.any():
-        d_mm = d_mm * _unit(file, stated, "DistUnits", LENGTHS)
+        d_mm = d_mm * _unit(file, stated, "DistUnits", "length", LENGTHS)
     matrix[3:] -= np.cross(d_mm, matrix[:3].T).T
     return matrix, ""
 

@@ -218,7 +218,10 @@ def journal_export(
 @app.command("import", rich_help_panel=BENCH)
 def import_recording(
     recording: Annotated[
-        Path, typer.Argument(help="Name a TDMS or LVM file, or a finger in an OpenSim (.osim) or MJCF (.xml) file.")
+        Path,
+        typer.Argument(
+            help="Name a TDMS, LVM, CSV, Excel or Parquet file, or an OpenSim (.osim) or MJCF (.xml) finger."
+        ),
     ],
     mapping: Annotated[
         Path | None,
@@ -245,7 +248,7 @@ def import_recording(
     ] = None,
     json: Json = None,
 ) -> None:
-    """Make a readings file of a lab's TDMS or LVM recording (asks which channel is which), or a finger file."""
+    """Make a readings file of a lab's recording (asks which channel is which), or a finger file."""
     from server.exchange import READABLE
 
     if recording.suffix.lower() in READABLE:

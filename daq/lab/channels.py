@@ -1,14 +1,17 @@
-"""The channels of TDMS and LVM files, as LabVIEW writes them: names, units, time increments, and numbers in blocks."""
+"""The channels of a lab's recording: names, units, time increments, and numbers in blocks."""
 
 from __future__ import annotations
 
+import io
+import logging
 import struct
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +27,12 @@ _UNREADABLE = (
     NotImplementedError, struct.error,
 )  # fmt: skip
 TIMESTAMP = "timestamp"
+# Of a TDMS segment: its head, and the bit of it that turns the order of bytes round.
+_LEAD_IN, _BIG_ENDIAN = 28, 1 << 6
+# The scales that npTDMS applies.
+_SCALES = (
+    "Linear", "Polynomial", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add", "Subtract", "AdvancedAPI",
+)  # fmt: skip
 _LVM, _TDMS = b"LabVIEW Measurement", (b"TDSm", b"TDSh")
 
 
@@ -36,7 +45,8 @@ class Channel:
         unit: as the file states it, nothing where it does not; `timestamp` where it holds dates.
         group: of TDMS; nothing in LVM.
         increment_s: time from one value to the next, None where the file does not say.
-        start_s: time of the first value by that account.
+        start_s: time of the first value by that account, against the file's first channel.
+        fault: why its numbers cannot be read; nothing where they can.
     """
 
     name: str
@@ -44,6 +54,7 @@ class Channel:
     group: str = ""
     increment_s: float | None = None
     start_s: float = 0.0
+    fault: str = ""
 
 
 class LabChannels(ABC):
@@ -54,7 +65,8 @@ class LabChannels(ABC):
         channels: in its order.
         pauses_possible: it was written in parts, and what lay between them no increment tells.
         rounded_to_s: how finely increments are written [s].
-        cut_off: its end is missing, as after a crash.
+        cut_off: its end is missing, as after a crash; of a compressed file known when it was read.
+        notes: what else the reader should know.
     """
 
     path: Path
@@ -62,6 +74,7 @@ class LabChannels(ABC):
     pauses_possible: bool = False
     rounded_to_s: float = 0.0
     cut_off: bool = False
+    notes: tuple[str, ...] = ()
 
     @abstractmethod
     def blocks(self, names: Sequence[str]) -> Iterator[Floats]:
@@ -70,6 +83,17 @@ class LabChannels(ABC):
         Raises:
             ReadingsError: a value is no number, a row is torn, channels are of different length.
         """
+
+    def readable(self, name: str) -> Channel:
+        """Return the channel of a name, whose numbers can be read.
+
+        Raises:
+            ReadingsError: there is none, or its numbers cannot be read.
+        """
+        channel = self.channel(name)
+        if channel.fault:
+            raise ReadingsError(f"{self.path.name}: {name} {channel.fault}", "numbers", "Map another channel")
+        return channel
 
     def channel(self, name: str) -> Channel:
         """Return the channel of a name.
@@ -87,10 +111,13 @@ class LabChannels(ABC):
 
 
 def open_channels(path: str | Path) -> LabChannels:
-    """Read what channels a TDMS or LVM file has; which of them it is is told by its first bytes.
+    """Read what channels a recording has; its kind is told by its first bytes.
+
+    Args:
+        path: of a TDMS, LVM, Parquet or Excel file, or of text with columns (also gzipped).
 
     Raises:
-        ReadingsError: it is neither, or torn.
+        ReadingsError: it is none of these, or torn.
     """
     file = Path(path)
     try:
@@ -98,7 +125,7 @@ def open_channels(path: str | Path) -> LabChannels:
             start = stream.read(32)
     except OSError as error:
         raise ReadingsError(
-            f"{file.name} cannot be read ({error.strerror})", "a TDMS or LVM file", "Check the path"
+            f"{file.name} cannot be read ({error.strerror})", "a recording", "Check the path"
         ) from error
     if start[:4] in _TDMS:
         return TdmsChannels(file)
@@ -106,11 +133,17 @@ def open_channels(path: str | Path) -> LabChannels:
         from daq.lab.lvm import LvmChannels
 
         return LvmChannels(file)
-    raise ReadingsError(
-        f"{file.name} is neither",
-        "a TDMS file, or an LVM file with its header",
-        "Without a header it is plain text: convert it to CSV with a header line",
-    )
+    if start.startswith(b"PAR1"):
+        from daq.lab.tables import ParquetChannels
+
+        return ParquetChannels(file)
+    if start.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
+        from daq.lab.tables import ExcelChannels
+
+        return ExcelChannels(file)
+    from daq.lab.text import TextChannels
+
+    return TextChannels(file)
 
 
 class TdmsChannels(LabChannels):
@@ -120,13 +153,19 @@ class TdmsChannels(LabChannels):
         self.path = path
         # It brings no types; and it is needed only here.
         self._nptdms: Any = import_module("nptdms")
+        # What it would write to the terminal is said here, once and in words.
+        for name in ("nptdms.reader", "nptdms.tdms_segment", "nptdms.scaling"):
+            logging.getLogger(name).setLevel(logging.ERROR)
         out = []
         # Opened here, since the reader leaves open what it fails on.
         try:
-            with path.open("rb") as stream, self._nptdms.TdmsFile.open(stream) as file:
-                self.cut_off = bool(file.file_status.incomplete_final_segment)
+            with path.open("rb") as stream:
+                self._end = _last_segment(stream)
+            with self._opened() as file:
+                self.cut_off = self._end < path.stat().st_size or bool(file.file_status.incomplete_final_segment)
+                self._origin = _origin(file)
                 for group in file.groups():
-                    out += [self._describe(group.name, c) for c in group.channels() if len(c)]
+                    out += [self._describe(group, c, file) for c in group.channels() if len(c)]
         except _UNREADABLE as error:
             raise self._torn(error) from error
         self.channels = tuple(out)
@@ -135,25 +174,27 @@ class TdmsChannels(LabChannels):
         """Yield the numbers (n, k) of some channels."""
         wanted = [self.channel(name) for name in names]
         try:
-            with self.path.open("rb") as stream, self._nptdms.TdmsFile.open(stream) as file:
+            with self._opened() as file:
                 sources = [file[c.group][c.name.removeprefix(c.group + "/")] for c in wanted]
                 lengths = {len(s) for s in sources}
-                if len(lengths) > 1:
+                if len(lengths) > 1 and not self.cut_off:
                     said = ", ".join(f"{c.name} {len(s)}" for c, s in zip(wanted, sources, strict=True))
                     raise ReadingsError(
                         f"{self.path.name} has channels of different length ({said})", "as many values in each"
                     )
                 origins: list[Any] = [None] * len(sources)
-                for at in range(0, lengths.pop(), BLOCK_ROWS):
-                    columns = [self._numbers(s, at, i, origins) for i, s in enumerate(sources)]
+                count = min(lengths)
+                for at in range(0, count, BLOCK_ROWS):
+                    rows = min(BLOCK_ROWS, count - at)
+                    columns = [self._numbers(s, at, rows, i, origins) for i, s in enumerate(sources)]
                     yield np.stack(columns, axis=1)
         except _UNREADABLE as error:
             if isinstance(error, ReadingsError):
                 raise
             raise self._torn(error) from error
 
-    def _numbers(self, source: Any, at: int, which: int, origins: list[Any]) -> Floats:
-        values = np.asarray(source.read_data(at, min(BLOCK_ROWS, len(source) - at)))
+    def _numbers(self, source: Any, at: int, rows: int, which: int, origins: list[Any]) -> Floats:
+        values = np.asarray(source.read_data(at, rows))
         if values.dtype.kind == "M":
             if origins[which] is None:
                 origins[which] = values[0]
@@ -162,18 +203,101 @@ class TdmsChannels(LabChannels):
             raise ReadingsError(f"{self.path.name}: {source.name} holds {values.dtype}", "numbers")
         return values.astype(np.float64)
 
-    @staticmethod
-    def _describe(group: str, channel: Any) -> Channel:
+    @contextmanager
+    def _opened(self) -> Iterator[Any]:
+        """The file up to the last segment whose description is whole."""
+        with self.path.open("rb") as stream, self._nptdms.TdmsFile.open(_Bounded(stream, self._end)) as file:
+            yield file
+
+    def _describe(self, group: Any, channel: Any, file: Any) -> Channel:
         properties = channel.properties
         increment = properties.get("wf_increment")
         # A channel that is no waveform may state an increment of zero.
         stated = isinstance(increment, int | float) and np.isfinite(increment) and increment > 0.0
         unit = str(properties.get("unit_string") or properties.get("NI_UnitDescription") or "").strip()
-        if np.dtype(channel.dtype).kind == "M":
+        kind = np.dtype(channel.dtype).kind
+        if kind == "M":
             unit = TIMESTAMP
         start = float(properties.get("wf_start_offset") or 0.0)
-        return Channel(f"{group}/{channel.name}", unit, group, float(increment) if stated else None, start)
+        begun = _datetime(properties.get("wf_start_time"))
+        if begun is not None and self._origin is not None:
+            start += float((begun - self._origin) / np.timedelta64(1, "ns")) * 1e-9
+        fault = "" if kind in "fiuM" else "holds text"
+        for holder in (channel, group, file):
+            unknown = _unknown_scale(holder.properties)
+            if unknown:
+                fault = f"has a scale of type {unknown}, which is not known: its numbers would be raw counts"
+        name = f"{group.name}/{channel.name}"
+        return Channel(name, unit, group.name, float(increment) if stated else None, start, fault)
 
     def _torn(self, error: Exception) -> ReadingsError:
         text = " ".join(str(error).split())[:160]
         return ReadingsError(f"{self.path.name} is torn or damaged ({text})", "a complete TDMS file", "Copy it again")
+
+
+def _datetime(value: Any) -> np.datetime64 | None:
+    return value if isinstance(value, np.datetime64) and not np.isnat(value) else None
+
+
+def _origin(file: Any) -> np.datetime64 | None:
+    """The earliest start of a channel."""
+    starts = (_datetime(c.properties.get("wf_start_time")) for g in file.groups() for c in g.channels())
+    return min((s for s in starts if s is not None), default=None)
+
+
+def _unknown_scale(properties: Any) -> str:
+    """The first type of scale that npTDMS would leave away, saying nothing; nothing where it knows them all."""
+    if properties.get("NI_Scaling_Status") == "scaled":
+        return ""
+    count = properties.get("NI_Number_Of_Scales")
+    types = (properties.get(f"NI_Scale[{i}]_Scale_Type") for i in range(int(count or 0)))
+    return next((str(t) for t in types if t is not None and t not in _SCALES), "")
+
+
+def _last_segment(stream: BinaryIO) -> int:
+    """Bytes up to the last segment whose description is whole; what lies behind was cut off while it was written."""
+    size = stream.seek(0, 2)
+    at = 0
+    while size - at >= _LEAD_IN:
+        stream.seek(at)
+        lead = stream.read(_LEAD_IN)
+        if lead[:4] not in _TDMS:
+            return size
+        order = ">" if int.from_bytes(lead[4:8], "little") & _BIG_ENDIAN else "<"
+        following, raw = struct.unpack(f"{order}QQ", lead[12:])
+        if at + _LEAD_IN + raw > size:
+            return at
+        if at + _LEAD_IN + following >= size:
+            return size
+        at += _LEAD_IN + following
+    return at
+
+
+class _Bounded(io.RawIOBase):
+    """A stream that ends earlier than its file."""
+
+    def __init__(self, stream: BinaryIO, end: int) -> None:
+        self._stream, self._end = stream, end
+        stream.seek(0)
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return self._stream.seek(self._end + offset) if whence == 2 else self._stream.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._stream.tell()
+
+    def read(self, size: int = -1) -> bytes:
+        left = max(self._end - self._stream.tell(), 0)
+        return self._stream.read(left if size < 0 else min(size, left))
+
+    def readinto(self, buffer: Any) -> int:
+        room = memoryview(buffer).cast("B")
+        data = self.read(len(room))
+        room[: len(data)] = data
+        return len(data)

@@ -1,4 +1,4 @@
-"""Recordings that a lab already has: TDMS and LVM files, in resolved units or gauge volts, by a confirmed mapping.
+"""Recordings that a lab already has, in resolved units or gauge volts, by a confirmed mapping.
 
 The mapping says which channel is which, and in what unit. One can be proposed from the file's own words, but names are
 no proof: a person confirms it before it is used.
@@ -6,7 +6,6 @@ no proof: a person confirms it before it is used.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,13 +16,14 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import Field, StrictBool, model_validator
 
-from daq.columns import FORCE_N, HEADERS, QUANTITIES, TIME_S, TORQUE_NMM
+from daq.columns import HEADERS, KINDS, QUANTITIES
 from daq.documents import Document, read_document, validated
 from daq.errors import ReadingsError
 from daq.files import replacing
 from daq.gauges import GaugeCalibration, read_calibration, saturated
 from daq.lab.channels import TIMESTAMP, Channel, LabChannels, open_channels
 from daq.readings import ReadingBlock, write_readings
+from daq.units import COMMON, Kind, factor_of
 from daq.vocabulary import did_you_mean
 
 Floats = NDArray[np.float64]
@@ -32,7 +32,6 @@ FORMAT = "lab-file-map/1"
 WANTED = f"a {FORMAT} file"
 AXES = QUANTITIES[1:]
 GAUGES = tuple(f"gauge{k}" for k in range(1, 7))
-VOLTS: Mapping[str, float] = {"V": 1.0, "volt": 1.0, "volts": 1.0, "Volts": 1.0, "Volt": 1.0, "mV": 1e-3}
 # Of an increment: closer than any two clocks.
 SAME_INCREMENT = 1e-6
 
@@ -99,7 +98,7 @@ class LabRecording:
         increment: (start [s], step [s]) where time is counted.
         calibration: of the gauges.
         conversions: what is done to the numbers, for the reader.
-        notes: what else the reader should know.
+        told: what else the reader should know of the mapping.
     """
 
     source: LabChannels
@@ -109,7 +108,13 @@ class LabRecording:
     increment: tuple[float, float] | None
     calibration: GaugeCalibration | None
     conversions: tuple[str, ...]
-    notes: tuple[str, ...] = field(default=())
+    told: tuple[str, ...] = field(default=())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the reader should know; that an end is missing is known of some files only when they were read."""
+        cut = f"{self.source.path.name} is cut off: the readings that all its channels have were read"
+        return ((cut,) if self.source.cut_off else ()) + self.told + tuple(self.source.notes)
 
     def blocks(self) -> Iterator[ReadingBlock]:
         """Yield the readings in order; of gauges with a status, bit 0 where the first is saturated, and so on.
@@ -197,14 +202,14 @@ def open_recording(path: str | Path, mapping: LabFileMap) -> LabRecording:
             "confirmed: true",
             "Look at its channels, units and doubts, then set it",
         )
-    used = {key: source.channel(taken.channel) for key, taken in mapping.channels.items()}
-    notes = [f"{name} ends in the middle: what its last part lacks is not read"] if source.cut_off else []
+    used = {key: source.readable(taken.channel) for key, taken in mapping.channels.items()}
+    notes: list[str] = []
     conversions = []
     factors = np.ones(6)
     for place, (axis, gauge) in enumerate(zip(AXES, GAUGES, strict=True)):
         key = gauge if mapping.in_volts else axis
-        known = VOLTS if mapping.in_volts else FORCE_N if axis[0] == "F" else TORQUE_NMM
-        factors[place] = _factor(mapping.channels[key], used[key], known, name)
+        kind: Kind = "voltage" if mapping.in_volts else KINDS[axis[0]]
+        factors[place] = _factor(mapping.channels[key], used[key], kind, name)
         if factors[place] != 1.0:
             target = f"{gauge}_V" if mapping.in_volts else HEADERS[1 + place]
             taken = mapping.channels[key]
@@ -242,27 +247,21 @@ def convert_recording(path: str | Path, mapping: str | Path, target: str | Path)
     return recording
 
 
-def plain_unit(unit: str) -> str:
-    """A unit without what is set between its parts."""
-    return re.sub(r"[\s_.*·⋅/×-]", "", unit)
-
-
-def _factor(taken: Taken, channel: Channel, known: Mapping[str, float], file: str) -> float:
+def _factor(taken: Taken, channel: Channel, kind: Kind, file: str) -> float:
     if taken.unit is None:
         raise ReadingsError(
             f"the mapping for {file} gives {taken.channel} no unit",
-            f"one of {' '.join(list(known)[:8])}",
+            f"one of {' '.join(COMMON[kind])}",
             "A unit is never assumed: look into the program that wrote it",
         )
-    factor = known.get(plain_unit(taken.unit))
+    factor = factor_of(taken.unit, kind)
     if factor is None:
-        hint = did_you_mean(taken.unit, known)
         raise ReadingsError(
-            f"the mapping for {file} has {taken.channel} in {taken.unit!r}",
-            f"one of {' '.join(list(known)[:8])}",
-            hint,
+            f"the mapping for {file} has {taken.channel} in {taken.unit!r}, which is no unit of {kind}",
+            f"one of {' '.join(COMMON[kind])}",
+            did_you_mean(taken.unit, COMMON[kind]),
         )
-    stated = known.get(plain_unit(channel.unit))
+    stated = factor_of(channel.unit, kind)
     if stated is not None and stated != factor:
         raise ReadingsError(
             f"{file} states {taken.channel} in {channel.unit!r}, its mapping in {taken.unit!r}",
@@ -278,22 +277,22 @@ def _time(
     """Factor of the time's channel, or (start, step) [s]."""
     name = source.path.name
     if isinstance(mapping.time, Taken):
-        channel = source.channel(mapping.time.channel)
+        channel = source.readable(mapping.time.channel)
+        _check_clocks([*used.values(), channel], name)
         if TIMESTAMP in (channel.unit, mapping.time.unit):
             if channel.unit != mapping.time.unit:
                 raise ReadingsError(f"{name}: {channel.name} is in {channel.unit!r}", f"{mapping.time.unit!r}")
             return 1.0, None
-        return _factor(mapping.time, channel, TIME_S, name), None
+        return _factor(mapping.time, channel, "time", name), None
     if source.pauses_possible:
         raise ReadingsError(
             f"{name} was written in segments, and pauses between them show in no increment",
             "time from a channel",
             "Map time to X_Value, or split the file",
         )
-    stated = {(c.start_s, c.increment_s) for c in used.values()}
-    start_s, step_s = next(iter(stated))
-    if len(stated) > 1:
-        raise ReadingsError(f"{name}: the channels differ in start or increment", "the same in all six")
+    _check_clocks(list(used.values()), name)
+    first = next(iter(used.values()))
+    start_s, step_s = first.start_s, first.increment_s
     wanted = mapping.time.increment_s
     if wanted == "file":
         if step_s is None:
@@ -302,3 +301,16 @@ def _time(
     if step_s is not None and abs(step_s - wanted) > SAME_INCREMENT * wanted + 0.5 * source.rounded_to_s:
         raise ReadingsError(f"{name} states an increment of {step_s:g} s", f"{wanted:g} s, as its mapping says")
     return 1.0, (start_s, wanted)
+
+
+def _check_clocks(channels: list[Channel], file: str) -> None:
+    """Refuse channels that were not sampled together: rows of them are no readings."""
+    first = channels[0]
+    for other in channels[1:]:
+        if (other.start_s, other.increment_s) != (first.start_s, first.increment_s) and other.increment_s is not None:
+            raise ReadingsError(
+                f"{file}: the channels differ in start or increment ({first.name} from {first.start_s:g} s every "
+                f"{first.increment_s or 0.0:g} s, {other.name} from {other.start_s:g} s every {other.increment_s:g} s)",
+                "the same in all",
+                "Resample them to one clock in the program that recorded them",
+            )

@@ -31,6 +31,9 @@ class LvmChannels(LabChannels):
         self.path = path
         self.rounded_to_s = _STEP_S
         with path.open("rb") as stream:
+            stream.seek(-1, 2)
+            self.cut_off = stream.read(1) != b"\n"
+            stream.seek(0)
             lines = _Lines(stream, path)
             head: dict[str, str] = {}
             self._separator = "\t"
@@ -54,7 +57,9 @@ class LvmChannels(LabChannels):
         # Tags count channels; columns count the time as well, whether its cells are filled or not.
         places = [i for i, h in enumerate(self._headings) if h not in ("X_Value", "Comment")]
         units, steps, starts = (self._cells(tags, t, places) for t in ("Y_Unit_Label", "Delta_X", "X0"))
-        x_filled = head.get("X_Columns", "One").lower() != "no"
+        x_columns = head.get("X_Columns", "One").lower()
+        x_filled = x_columns != "no"
+        self._clocks = [i for i, h in enumerate(self._headings) if h == "X_Value"] if x_columns == "multi" else []
         self.channels = tuple(
             Channel(
                 name,
@@ -83,9 +88,13 @@ class LvmChannels(LabChannels):
                 if not text.strip():
                     continue
                 if tag in _SEGMENT_TAGS or text.startswith("***"):
-                    self._segment(lines, text)
+                    try:
+                        self._segment(lines, text)
+                    except _EndedError:
+                        break
                     continue
                 rows.append(self._row(cells, places, lines))
+                self._check_clocks(cells, places, lines)
                 if len(rows) == BLOCK_ROWS:
                     yield np.array(rows)
                     rows = []
@@ -100,10 +109,19 @@ class LvmChannels(LabChannels):
                 found = repr(cells[place]) if place < len(cells) else "missing"
                 raise self._fault(lines.number, f"{self._names[place]} is {found}", "a finite number")
             row.append(value)
-        if lines.torn:
-            # Half a number looks like a whole one.
-            raise self._fault(lines.number, "the last line has no end", "complete lines", "Remove that line")
         return row
+
+    def _check_clocks(self, cells: list[str], places: list[int], lines: _Lines) -> None:
+        """Where every channel has its time before it, a row is a reading only if they are the same."""
+        own = {max((c for c in self._clocks if c <= place), default=-1): place for place in places}
+        times = {self._number(cells[c]) if c < len(cells) else None for c in own if c >= 0}
+        if len(times) > 1:
+            raise self._fault(
+                lines.number,
+                f"the channels differ in time ({', '.join(str(x) for x in times)} s)",
+                "the same in all",
+                "Write the file with one time column, or resample the channels to one clock",
+            )
 
     def _segment(self, lines: _Lines, first: str | None) -> tuple[dict[str, list[str]], list[str]]:
         """Read a segment's header and headings; of a later segment the headings must be the same."""
@@ -117,9 +135,13 @@ class LvmChannels(LabChannels):
                 cells = text.split(self._separator)
                 tags[cells[0].strip()] = [c.strip() for c in cells[1:]]
             text = next(lines, None)
+        if text is None and first is not None and self.cut_off:
+            raise _EndedError
         headings = [h.strip() for h in (next(lines, "") or "").split(self._separator)]
         while headings and not headings[-1]:
             headings.pop()
+        if not headings and first is not None and self.cut_off:
+            raise _EndedError
         if not headings:
             raise self._fault(lines.number, "a segment has no headings", "its channels' names after its header")
         if first is not None and headings != self._headings:
@@ -147,13 +169,16 @@ class LvmChannels(LabChannels):
         return ReadingsError(f"{self.path.name}, line {line}: {found}", expected, remedy)
 
 
+class _EndedError(Exception):
+    """The file was cut off within the header of a later segment."""
+
+
 class _Lines:
-    """Lines of a file as text, counted, of bounded length."""
+    """Whole lines of a file as text, counted, of bounded length: half a number looks like a whole one."""
 
     def __init__(self, stream: Any, path: Path) -> None:
         self._stream, self._path = stream, path
         self.number = 0
-        self.torn = False
 
     def __iter__(self) -> Iterator[str]:
         return self
@@ -163,9 +188,10 @@ class _Lines:
         if not line:
             raise StopIteration
         self.number += 1
-        self.torn = not line.endswith(b"\n")
         if len(line) == _LONGEST_LINE:
             raise ReadingsError(f"{self._path.name}, line {self.number}: more than a megabyte", "lines of an LVM file")
+        if not line.endswith(b"\n"):
+            raise StopIteration
         try:
             return line.decode("utf-8-sig").rstrip("\r\n")
         except UnicodeDecodeError:

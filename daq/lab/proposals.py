@@ -6,13 +6,21 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from daq.columns import FORCE_N, QUANTITIES, TIME_S, TORQUE_NMM
+from daq.columns import KINDS, QUANTITIES
 from daq.errors import ReadingsError
 from daq.lab.channels import TIMESTAMP, Channel, LabChannels, open_channels
-from daq.lab.files import AXES, GAUGES, VOLTS, Increment, LabFileMap, Taken, plain_unit
+from daq.lab.files import AXES, GAUGES, Increment, LabFileMap, Taken
+from daq.units import COMMON, Kind, factor_of
 
-_AXIS = re.compile(r"^(?P<kind>f|force|t|torque|m|moment)[\s_-]*(?P<axis>[xyz])(?![a-z])", re.IGNORECASE)
-_TIME = re.compile(r"^(t|time|x_value|timestamps?|zeit|temps)(?![a-z])", re.IGNORECASE)
+_FORCE = "f|forces?|kraft|kraefte|kräfte|kracht|fuerza|forza|for[cç]a|siła"
+_TORQUE = "t|m|torques?|moments?|momento|drehmoment|koppel|couple|coppia|vridmoment"
+_AXIS = re.compile(rf"^(?:.*[\s./:-])?(?P<kind>{_FORCE}|{_TORQUE})[\s._(-]*(?P<axis>[xyz])(?![a-z])", re.IGNORECASE)
+_TIME = re.compile(
+    r"^(t|time|timestamps?|x_value|zeit(stempel)?|temps|tiempo|tempo|tijd|czas|elapsed|date|datum|clock|epoch)(?![a-z])",
+    re.IGNORECASE,
+)
+# Seconds since 1970 between 2000 and 2100, by the unit that would make them so.
+_EPOCH = {"s": (9.4e8, 4.2e9), "ms": (9.4e11, 4.2e12), "us": (9.4e14, 4.2e15), "ns": (9.4e17, 4.2e18)}
 _COUNTED = re.compile(r"^(?P<stem>.*?)[\s_-]*(?P<number>\d+)\s*(?:[\[(].*)?$")
 _GAUGE_STEMS = {"gauge", "gage", "sg", "g", "straingauge", "straingage", "ai", "voltage", "volt", "v", "ch", "channel"}
 _IN_NAME = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$|[_\s]([^\W\d_]+(?:[-*·.]?[^\W\d_]+)*)\s*$")
@@ -22,7 +30,7 @@ def propose_mapping(path: str | Path, calibration: str | None = None) -> LabFile
     """Propose a mapping, not confirmed, with its doubts.
 
     Args:
-        path: a TDMS or LVM file.
+        path: of a recording.
         calibration: path of the cell's .cal from the mapping's folder, where its channels are gauges.
 
     Raises:
@@ -30,22 +38,29 @@ def propose_mapping(path: str | Path, calibration: str | None = None) -> LabFile
     """
     source = open_channels(path)
     doubts: list[str] = []
-    channels = _resolved(source, doubts) or _gauges(source, doubts)
+    channels = _resolved(source, doubts) or _gauges(source, doubts) or _by_position(source, doubts)
     if channels is None:
         said = ", ".join(f"{c.name} [{c.unit or '?'}]" for c in source.channels[:24])
         raise ReadingsError(
             f"the channels of {source.path.name} ({said}) do not tell which is which",
-            f"names such as {' '.join(AXES)}, or six in volts",
-            "Write the mapping by hand",
+            f"names such as {' '.join(AXES)}, six in volts, or six alone",
+            f"Write {source.path.name}.map.yaml by hand (docs/how-to/read-a-lab-file.md)",
         )
     if GAUGES[0] in channels:
         if calibration is None:
             doubts.append("which calibration file belongs to the gauges: give its path as calibration")
         doubts.append("what the gauges read without load: give zero_V, or have a tare in the recording")
+    for taken in channels.values():
+        source.readable(taken.channel)
     time = _time(source, channels, doubts)
     for key, taken in channels.items():
+        kind: Kind = "voltage" if key in GAUGES else KINDS[key[0]]
         if taken.unit is None:
             doubts.append(f"the unit of {key} ({taken.channel}): the file states none")
+        elif factor_of(taken.unit, kind) is None:
+            known = f"write one of {' '.join(COMMON[kind])}"
+            doubts.append(f"the unit of {key} ({taken.channel}): {taken.unit!r} is no unit of {kind}; {known}")
+    doubts += [f"whether it is right that {note}" for note in source.notes]
     return LabFileMap(
         format="lab-file-map/1",
         confirmed=False,
@@ -59,10 +74,10 @@ def propose_mapping(path: str | Path, calibration: str | None = None) -> LabFile
 def _resolved(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
     """The first group with all six axes."""
     sets: dict[str, dict[str, list[Channel]]] = {}
-    for channel in source.channels:
+    for channel in _sound(source):
         match = _AXIS.match(_leaf(channel))
         if match:
-            letter = "F" if match["kind"][0].lower() == "f" else "T"
+            letter = "F" if re.fullmatch(_FORCE, match["kind"], re.IGNORECASE) else "T"
             sets.setdefault(channel.group, {}).setdefault(letter + match["axis"].lower(), []).append(channel)
     whole = [group for group, found in sets.items() if set(found) == set(AXES)]
     if not whole:
@@ -74,18 +89,42 @@ def _resolved(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None
         candidates = sets[whole[0]][axis]
         if len(candidates) > 1:
             doubts.append(f"{axis} is {' or '.join(c.name for c in candidates)}: the first was taken")
-        out[axis] = Taken(
-            channel=candidates[0].name, unit=_unit(candidates[0], FORCE_N if axis[0] == "F" else TORQUE_NMM)
-        )
+        out[axis] = Taken(channel=candidates[0].name, unit=_unit(candidates[0], KINDS[axis[0]]))
     doubts.append("whether these are the cell's own axes, or were turned or shifted by a tool transformation")
     doubts.append("whether a tare was taken off already")
     return out
 
 
+def _by_position(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
+    """Six channels whose names tell nothing, where units are three of each kind or the columns have no names at all."""
+    rest = [c for c in _sound(source) if not _TIME.match(_leaf(c)) and c.unit != TIMESTAMP]
+    if [c.name for c in rest] == [f"column {i + 1}" for i in range(7)]:
+        rest = rest[1:]  # time comes first
+    letters = "".join(
+        next((x for x in "FT" if factor_of(_unit(c, KINDS[x]) or "", KINDS[x]) is not None), "?") for c in rest
+    )
+    at = letters.find("FFFTTT")
+    if len(rest) == 6 and all(c.name.startswith("column ") for c in rest):
+        at = 0
+    if at < 0:
+        return None
+    taken = rest[at : at + 6]
+    doubts.append(
+        f"which channel is which: their names tell nothing, so {', '.join(c.name for c in taken)} were taken as "
+        f"{' '.join(AXES)} in the file's order"
+    )
+    return {a: Taken(channel=c.name, unit=_unit(c, KINDS[a[0]])) for a, c in zip(AXES, taken, strict=True)}
+
+
+def _sound(source: LabChannels) -> list[Channel]:
+    """Channels whose numbers can be read; of an unknown scale too, so that it is refused by its name."""
+    return [c for c in source.channels if not c.fault.startswith("holds")]
+
+
 def _gauges(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
     """Six channels of one stem that are counted; else the only six in volts."""
     sets: dict[tuple[str, str], dict[int, Channel]] = {}
-    for channel in source.channels:
+    for channel in _sound(source):
         match = _COUNTED.match(_leaf(channel))
         if match and re.sub(r"[\s_-]", "", match["stem"]).lower() in _GAUGE_STEMS:
             sets.setdefault((channel.group, match["stem"]), {})[int(match["number"])] = channel
@@ -94,27 +133,42 @@ def _gauges(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
         taken: Sequence[Channel] = [six[0][k] for k in sorted(six[0])]
         doubts.append(f"the order of the gauges: it is that of the numbers, {taken[0].name} for gauge 1")
     else:
-        taken = [c for c in source.channels if plain_unit(c.unit) in VOLTS]
+        taken = [c for c in _sound(source) if factor_of(c.unit, "voltage") is not None]
         if len(taken) != 6:
             return None
         doubts.append(f"which channel is which gauge: six are in volts, taken in the file's order from {taken[0].name}")
-    return {g: Taken(channel=c.name, unit=_unit(c, VOLTS)) for g, c in zip(GAUGES, taken, strict=True)}
+    return {g: Taken(channel=c.name, unit=_unit(c, "voltage")) for g, c in zip(GAUGES, taken, strict=True)}
 
 
 def _time(source: LabChannels, channels: Mapping[str, Taken], doubts: list[str]) -> Taken | Increment:
     used = source.channel(next(iter(channels.values())).channel)
-    named = [c for c in source.channels if _TIME.match(_leaf(c)) and not _AXIS.match(_leaf(c))]
+    chosen = {t.channel for t in channels.values()}
+    named = [c for c in _sound(source) if c.name not in chosen and (_TIME.match(_leaf(c)) or c.unit == TIMESTAMP)]
     named.sort(key=lambda c: c.group != used.group)
+    spare = [c for c in _sound(source) if c.name not in chosen]
+    if not named and used.increment_s is None and len(spare) == 1 and spare[0] is source.channels[0]:
+        named = spare
+        doubts.append(f"whether {spare[0].name} is the time: it is the first column and no axis")
     if named:
         channel = named[0]
         if len(named) > 1:
             doubts.append(f"which time is meant: {' or '.join(c.name for c in named)}; the first was taken")
-        unit = TIMESTAMP if channel.unit == TIMESTAMP else _unit(channel, TIME_S)
+        unit = TIMESTAMP if channel.unit == TIMESTAMP else _unit(channel, "time")
+        epoch = _epoch(source, channel)
         if unit is None and channel.name.startswith("X_Value"):
             unit = "s"
             doubts.append(f"{channel.name} is taken as seconds, as LabVIEW writes it")
+        elif unit is None and epoch:
+            unit = epoch
+            doubts.append(
+                f"whether {channel.name} counts {epoch} since 1970: its numbers would then be of this century"
+            )
         elif unit is None:
             doubts.append(f"the unit of time ({channel.name}): the file states none")
+        elif unit != TIMESTAMP and factor_of(unit, "time") is None:
+            doubts.append(
+                f"the unit of time ({channel.name}): {unit!r} is none; write one of {' '.join(COMMON['time'])}"
+            )
         return Taken(channel=channel.name, unit=unit)
     if used.increment_s is not None:
         doubts.append(f"the increment of {used.increment_s:g} s tells the time only if the recording never paused")
@@ -130,10 +184,21 @@ def _leaf(channel: Channel) -> str:
     return channel.name.removeprefix(channel.group + "/").strip()
 
 
-def _unit(channel: Channel, known: Mapping[str, float]) -> str | None:
+def _epoch(source: LabChannels, channel: Channel) -> str:
+    """The unit in which a channel's first number is a time of this century since 1970; nothing where there is none."""
+    if channel.unit == TIMESTAMP:
+        return ""
+    block = next(iter(source.blocks([channel.name])), None)
+    first = 0.0 if block is None else float(block[0, 0])
+    return next((unit for unit, (low, high) in _EPOCH.items() if low < first < high), "")
+
+
+def _unit(channel: Channel, kind: Kind) -> str | None:
     """The unit that the file states, or else the one in the channel's name."""
     if channel.unit:
         return channel.unit
     match = _IN_NAME.search(_leaf(channel))
-    found = match and (match[1] or match[2])
-    return found if found and plain_unit(found) in known else None
+    if match is None:
+        return None
+    # In brackets it is meant as one, known or not.
+    return str(match[1]) if match[1] else str(match[2]) if factor_of(match[2], kind) is not None else None

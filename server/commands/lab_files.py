@@ -1,4 +1,4 @@
-"""`fingertwin import`: a lab's TDMS or LVM recording as a readings file, by a mapping that a person confirms."""
+"""`fingertwin import`: a lab's recording as a readings file, by a mapping that a person confirms."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ def import_recording(
     elif calibration is not None:
         raise InputError("--calibration with --map", "one of the two", "Write the calibration into the mapping")
     target = out or Path(f"{recording.stem}.parquet")
+    if target.resolve() == recording.resolve():
+        raise InputError(f"{target} is the recording", "another file for the readings", "Give it: --out FILE")
     with progress("Reading and writing"):
         done = convert_recording(recording, mapping, target)
     body: dict[str, Any] = {"recording": str(recording), "mapping": str(mapping), "readings": str(target)}

@@ -1,0 +1,211 @@
+"""Text with columns, as any program writes it: its first lines tell separators, decimal commas, headers and times."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import ReadingsError
+from daq.lab.channels import BLOCK_ROWS, TIMESTAMP, Channel, LabChannels
+from daq.lab.table import SAMPLE_ROWS, Moment, Table, elapsed, find_table, moment_of, number_of
+
+Floats = NDArray[np.float64]
+
+_LONGEST_LINE = 1 << 20
+_SPACES = " "
+# Separator and decimal mark; of two that tell as many numbers the first is taken.
+_LAYOUTS = (
+    ("\t", "."), ("\t", ","), (";", "."), (";", ","), ("|", "."), ("|", ","), (",", "."), (",", ","),
+    (_SPACES, "."), (_SPACES, ","),
+)  # fmt: skip
+_SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", _SPACES: "spaces"}
+
+
+class TableChannels(LabChannels):
+    """Columns of a table that was found among rows of cells."""
+
+    _table: Table
+
+    def _name(self, table: Table, sample: Sequence[Sequence[Any]], decimal: str) -> None:
+        """Take over what was found."""
+        width = len(table.names)
+        often = Counter(table.names)
+        self._table, self._decimal = table, decimal
+        self._names = [n if often[n] == 1 else f"{n} #{i + 1}" for i, n in enumerate(table.names)]
+        columns: list[list[Any]] = [[row[i] for row in sample if len(row) > i] for i in range(width)]
+        channels = []
+        for i, (name, column) in enumerate(zip(self._names, columns, strict=True)):
+            unit = table.units[i] if i < len(table.units) else ""
+            numbers = [number_of(cell, decimal) is not None for cell in column]
+            dated = bool(column) and not any(numbers) and all(moment_of(cell) is not None for cell in column)
+            fault = "" if dated or all(numbers) or numbers.count(True) * 2 > len(numbers) else "holds text"
+            channels.append(Channel(name, TIMESTAMP if dated else unit, fault=fault))
+        self.channels = tuple(channels)
+        if table.above:
+            self.notes += (f"{table.above} lines above the names of the columns are not read",)
+
+    def _rows_to_blocks(self, rows: Iterator[tuple[int, Sequence[Any]]], names: Sequence[str]) -> Iterator[Floats]:
+        """Yield the numbers (n, k) of some columns; times as seconds since the first."""
+        places = [self._names.index(self.readable(name).name) for name in names]
+        number = partial(number_of, decimal=self._decimal)
+        begun: dict[int, Moment] = {}
+        block: list[list[float]] = []
+        width = len(self._names)
+        for line, cells in rows:
+            if not any(str(c).strip() for c in cells if c is not None):
+                continue
+            if len(cells) < width and max(places) >= len(cells):
+                raise self._fault(line, f"it has {len(cells)} cells", f"{width}, as the first row has")
+            if any(str(c).strip() for c in cells[width:] if c is not None):
+                raise self._fault(line, f"it has {len(cells)} cells", f"{width}, as the first row has")
+            row = []
+            for place in places:
+                value = number(cells[place])
+                if value is None and (moment := moment_of(cells[place])) is not None:
+                    value = elapsed(moment, begun.setdefault(place, moment), self.path.name)
+                if value is None or not np.isfinite(value):
+                    found = f"{self._names[place]} is {cells[place]!r}"
+                    raise self._fault(line, found, "a finite number", self._remedy(str(cells[place])))
+                row.append(value)
+            block.append(row)
+            if len(block) == BLOCK_ROWS:
+                yield np.array(block)
+                block = []
+        if block:
+            yield np.array(block)
+
+    def _remedy(self, text: str) -> str:
+        other = {".": ",", ",": "."}[self._decimal]
+        if other in text:
+            mark = "point" if self._decimal == "." else "comma"
+            return f"The first rows have a decimal {mark}: write all numbers alike, without separators of thousands"
+        return "Remove that row, or everything from there on"
+
+    def _fault(self, line: int, found: str, expected: str, remedy: str = "") -> ReadingsError:
+        return ReadingsError(f"{self.path.name}, line {line}: {found}", expected, remedy)
+
+
+class TextChannels(TableChannels):
+    """Text with columns; gzipped or not."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with path.open("rb") as stream:
+            self._zipped = stream.read(2) == b"\x1f\x8b"
+        start = self._start()
+        self._encoding = _encoding_of(start, path.name)
+        lines = [line for _, line in islice(self._lines(), SAMPLE_ROWS)]
+        found = [
+            (table, layout)
+            for layout in _LAYOUTS
+            if (table := find_table(_split(lines, layout[0]), partial(number_of, decimal=layout[1]))) is not None
+        ]
+        if not found:
+            begins = f"begins with {lines[0][:40]!r} and has no rows of numbers" if lines else "has no whole line"
+            raise ReadingsError(
+                f"{path.name} {begins}",
+                "columns of numbers between commas, semicolons, tabs or spaces, below their names",
+                "Export it as CSV, without separators of thousands",
+            )
+        # The layout that makes most of the sample numbers; where two do, the one named first.
+        table, (self._separator, decimal) = max(found, key=lambda f: f[0].values)
+        sample = _split(lines, self._separator)[table.first :]
+        width = len(_trimmed(sample[0]))
+        if len(table.names) != width:
+            remedy = "Name every column"
+            if self._separator == "," and width > len(table.names):
+                remedy = "Commas between columns and in numbers look alike: export it with semicolons or decimal points"
+            raise ReadingsError(
+                f"{path.name} has {len(table.names)} names above {width} numbers in a row", "as many", remedy
+            )
+        self._name(table, sample, decimal)
+        if decimal == ",":
+            self.notes += ("its numbers have decimal commas",)
+        if self._separator != ",":
+            self.notes += (f"its columns stand between {_SEPARATORS[self._separator]}",)
+
+    def blocks(self, names: Sequence[str]) -> Iterator[Floats]:
+        """Yield the numbers (n, k) of some columns."""
+        lines = islice(self._lines(), self._table.first, None)
+        if self._separator == _SPACES:
+            return self._rows_to_blocks(((n, line.split()) for n, line in lines), names)
+        return self._rows_to_blocks(
+            ((n, next(csv.reader([line], delimiter=self._separator), [])) for n, line in lines), names
+        )
+
+    def _opened(self) -> Any:
+        return gzip.open(self.path, "rb") if self._zipped else self.path.open("rb")
+
+    def _start(self) -> bytes:
+        try:
+            with self._opened() as stream:
+                return stream.read(1 << 16)
+        except EOFError:
+            return b""
+        except (OSError, ValueError) as error:
+            raise ReadingsError(
+                f"{self.path.name} cannot be unpacked ({error})", "a gzip file", "Copy it again"
+            ) from error
+
+    def _lines(self) -> Iterator[tuple[int, str]]:
+        """Whole lines with their number: half a number looks like a whole one."""
+        number = 0
+        with self._opened() as raw, io.TextIOWrapper(raw, encoding=self._encoding, newline=None) as stream:
+            while True:
+                try:
+                    line = stream.readline(_LONGEST_LINE)
+                except EOFError:
+                    self.cut_off = True
+                    return
+                except (UnicodeDecodeError, OSError, ValueError) as error:
+                    raise self._fault(number + 1, f"it cannot be read ({error})", "text", "Copy it again") from error
+                if len(line) == _LONGEST_LINE:
+                    raise self._fault(number + 1, "more than a million characters", "lines of a table")
+                if not line or not line.endswith("\n"):
+                    self.cut_off = self.cut_off or bool(line)
+                    return
+                number += 1
+                yield number, line.rstrip("\n")
+
+
+def _trimmed(cells: Sequence[str]) -> list[str]:
+    out = list(cells)
+    while out and not out[-1].strip():
+        out.pop()
+    return out
+
+
+def _split(lines: Sequence[str], separator: str) -> list[list[str]]:
+    if separator == _SPACES:
+        return [line.split() for line in lines]
+    # One line at a time: a quotation mark that is never closed swallows no more than its own.
+    return [next(csv.reader([line], delimiter=separator, skipinitialspace=True), []) for line in lines]
+
+
+def _encoding_of(start: bytes, name: str) -> str:
+    for mark, encoding in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
+        if start.startswith(mark):
+            return encoding
+    if re.search(rb"[\x00-\x08\x0e-\x1f]", start):
+        raise ReadingsError(
+            f"{name} is neither text nor a recording that is known",
+            "a TDMS, LVM, Parquet or Excel file, or text with columns",
+            "Export it as CSV from the program that wrote it",
+        )
+    try:
+        # The last character may be cut.
+        start[: start.rfind(b"\n") + 1].decode("utf-8")
+    except UnicodeDecodeError:
+        return "cp1252"  # Windows' own, in western countries
+    return "utf-8"
