@@ -48,7 +48,9 @@ def csv_headers(path: Path, kind: str) -> list[str]:
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if mark in text and "," not in text:
             raise ReadingsError(
-                f"{path.name} has {name} between its columns", "commas", "Make it one with `fingertwin import`, or export it with commas and decimal points"
+                f"{path.name} has {name} between its columns",
+                "commas",
+                "Make it a readings file with `fingertwin import`",
             )
     try:
         fields = next(csv.reader([text]))

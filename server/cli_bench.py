@@ -263,3 +263,18 @@ def import_recording(
     from server.commands.lab_files import import_recording as run
 
     run(recording, mapping, calibration, out, json)
+
+
+@app.command("plot", rich_help_panel=BENCH)
+def plot_recording(
+    recording: Annotated[Path, typer.Argument(help="Name a TDMS, LVM, CSV, Excel or Parquet file, or a journal.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write this .html, .png or .svg; by default RECORDING.html in this folder."),
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Draw what is in a recording, with units and plateaus, before anything is mapped."""
+    from server.commands.plot import plot_recording as run
+
+    run(recording, out, json)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from daq.columns import KINDS, QUANTITIES
@@ -52,7 +52,8 @@ def propose_mapping(path: str | Path, calibration: str | None = None) -> LabFile
         doubts.append("what the gauges read without load: give zero_V, or have a tare in the recording")
     for taken in channels.values():
         source.readable(taken.channel)
-    time = _time(source, channels, doubts)
+    chosen = [taken.channel for taken in channels.values()]
+    time = propose_time(source, source.channel(chosen[0]), chosen, doubts)
     for key, taken in channels.items():
         kind: Kind = "voltage" if key in GAUGES else KINDS[key[0]]
         if taken.unit is None:
@@ -140,9 +141,18 @@ def _gauges(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
     return {g: Taken(channel=c.name, unit=_unit(c, "voltage")) for g, c in zip(GAUGES, taken, strict=True)}
 
 
-def _time(source: LabChannels, channels: Mapping[str, Taken], doubts: list[str]) -> Taken | Increment:
-    used = source.channel(next(iter(channels.values())).channel)
-    chosen = {t.channel for t in channels.values()}
+def propose_time(source: LabChannels, used: Channel, chosen: Collection[str], doubts: list[str]) -> Taken | Increment:
+    """Propose where time comes from, and add what that leaves in doubt.
+
+    Args:
+        source: the recording.
+        used: one of the channels that are read.
+        chosen: names of the channels that are read.
+        doubts: to add to.
+
+    Raises:
+        ReadingsError: no channel of time and no increment.
+    """
     named = [c for c in _sound(source) if c.name not in chosen and (_TIME.match(_leaf(c)) or c.unit == TIMESTAMP)]
     named.sort(key=lambda c: c.group != used.group)
     spare = [c for c in _sound(source) if c.name not in chosen]
@@ -191,6 +201,14 @@ def _epoch(source: LabChannels, channel: Channel) -> str:
     block = next(iter(source.blocks([channel.name])), None)
     first = 0.0 if block is None else float(block[0, 0])
     return next((unit for unit, (low, high) in _EPOCH.items() if low < first < high), "")
+
+
+def stated_unit(channel: Channel) -> str:
+    """The unit of any kind that a channel or its name states; nothing where there is none."""
+    if channel.unit:
+        return channel.unit
+    kinds: tuple[Kind, ...] = ("force", "torque", "voltage", "time")
+    return next((found for kind in kinds if (found := _unit(channel, kind))), "")
 
 
 def _unit(channel: Channel, kind: Kind) -> str | None:

@@ -119,7 +119,7 @@ def zipped(path: Path) -> Path:
 def parquet(path: Path, when: bool = False) -> Path:
     moments = np.datetime64("2024-05-01T12:00:00", "us") + (TIMES * 1e6).astype("timedelta64[us]")
     units = ["N"] * 3 + ["Nmm"] * 3
-    columns = {"time_s": TIMES} if not when else {"time": moments}
+    columns: dict[str, Any] = {"time": moments} if when else {"time_s": TIMES}
     columns |= {f"{a}_{u}": WRENCH[:, i] for i, (a, u) in enumerate(zip(AXES, units, strict=True))}
     pa.parquet.write_table(pa.table(columns), path)
     return path

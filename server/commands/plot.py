@@ -1,0 +1,60 @@
+"""`fingertwin plot`: what is in a recording, before anybody has said what is what."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from daq.errors import InputError
+from server.console import answer, progress, say, table
+
+_ENDINGS = (".html", ".png", ".svg")
+
+
+def plot_recording(recording: Path, out: Path | None, json: str | None) -> None:
+    """Draw a recording's channels over time, and list its plateaus.
+
+    Raises:
+        InputError: it is no recording, or the figure's name has another ending.
+    """
+    from daq.lab.traces import as_recording, read_traces
+    from server.exporting import writing
+
+    target = out or Path(f"{recording.name}.html")
+    if target.suffix.lower() not in _ENDINGS:
+        raise InputError(f"--out {target.name}", f"a name that ends in {', '.join(_ENDINGS)}")
+    with progress("Reading"), as_recording(recording) as file:
+        traces = read_traces(file)
+    plateaus = traces.plateaus()
+    with progress("Drawing"), writing(target):
+        _draw(target, traces, plateaus, recording.name)
+    channels = [{"name": n, "unit": u or None} for n, u in zip(traces.names, traces.units, strict=True)]
+    body: dict[str, Any] = {"recording": str(recording), "figure": str(target), "readings": len(traces.t)}
+    body |= {"channels": channels, "time_unit": traces.unit, "plateaus": plateaus, "notes": list(traces.notes)}
+    if answer("plot", body, json):
+        return
+    lows, highs = traces.values.min(axis=0), traces.values.max(axis=0)
+    rows = [
+        [c["name"], c["unit"] or "?", f"{low:.4g}", f"{high:.4g}"]
+        for c, low, high in zip(channels, lows, highs, strict=True)
+    ]
+    table(f"{recording.name}: {len(traces.t)} readings", ["channel", "unit", "least", "greatest"], rows)
+    for note in traces.notes:
+        say(f"  {note}")
+    said = f"{len(plateaus)} plateaus" + (f", the first {plateaus[0][0]:g} to {plateaus[0][1]:g}" if plateaus else "")
+    say(f"{said} ({traces.unit}): {target}   (fingertwin new {recording.name} --out DIR makes a session of it)")
+
+
+def _draw(target: Path, traces: Any, plateaus: Any, name: str) -> None:
+    from daq.files import replacing
+    from server.figures.report import Picture, Section, write_report
+    from server.figures.static import render
+    from server.figures.traces import traces_figure
+
+    figure = traces_figure(traces, plateaus, name)
+    ending = target.suffix.lower()
+    if ending == ".html":
+        write_report(target, [Section("Traces", [Picture(figure)])], name)
+        return
+    with replacing(target) as temporary:
+        temporary.write_bytes(render(figure, ending.removeprefix(".")))

@@ -1,0 +1,50 @@
+"""`fingertwin plot`: what is in a recording, before anybody has said what is what."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from server.figures.traces import thinned
+from tests.daq.test_lab_files import resolved, tdms
+from tests.fingermodel.test_exchange_cli import answered, refused
+
+
+def test_channels_units_and_plateaus(tmp_path: Path) -> None:
+    t_s = np.arange(0.0, 9.0, 0.01)
+    rng = np.random.default_rng(1)
+    columns = {f"rig/ch{i}": np.where(t_s < 4.5, 0.0, i) + rng.normal(0.0, 0.01, len(t_s)) for i in range(3)}
+    columns |= {"rig/remark": np.array(["x"] * len(t_s))}
+    path = tdms(tmp_path / "r.tdms", columns, {"rig/ch1": "mV", "rig/ch2": "bananas"}, wf_increment=0.01)
+    body = answered("plot", path, "--out", tmp_path / "r.png")
+    assert (body["readings"], body["time_unit"]) == (900, "s")
+    assert [(c["name"], c["unit"]) for c in body["channels"]] == [
+        ("rig/ch0", None), ("rig/ch1", "mV"), ("rig/ch2", "bananas")
+    ]  # fmt: skip
+    assert "rig/remark is left out: it holds text" in body["notes"]
+    (first, second) = body["plateaus"]
+    assert (first[0] < 1.0, 4.0 < first[1] < 4.5 < second[0] < 5.0, second[1] > 8.0) == (True, True, True)
+    assert (tmp_path / "r.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_recording_without_time_is_drawn_by_its_readings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    body = answered("plot", resolved(tmp_path / "r.tdms"))
+    assert body["time_unit"] == "reading"
+    assert "Plotly" in Path("r.tdms.html").read_text("utf-8")
+
+
+def test_what_cannot_be_drawn_is_one_line(tmp_path: Path) -> None:
+    assert "a name that ends in .html, .png, .svg" in refused("plot", "r.tdms", "--out", tmp_path / "r.pdf")
+    assert "cannot be read" in refused("plot", tmp_path / "absent.csv")
+
+
+def test_a_thinned_line_keeps_its_peaks() -> None:
+    values = np.zeros(100_000)
+    values[[17, 44_321]] = 9.0, -7.0
+    t, kept = thinned(np.arange(100_000.0), values)
+    assert len(t) < 6000
+    assert (kept.max(), kept.min(), t[kept.argmax()], t[kept.argmin()]) == (9.0, -7.0, 17.0, 44_321.0)
+    assert (np.diff(t) > 0.0).all()
