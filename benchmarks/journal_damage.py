@@ -3,8 +3,9 @@
     python -m benchmarks.journal_damage [--kills 200] [--seed 0] [--out FILE]
 
 A writer of chunks that only their number decides is killed with -9 at a random moment, and its journal compared with
-what it had said it keeps; for some the disk is full meanwhile. A copy of each journal, with its write-ahead log, is
-then damaged, checked, read and recovered. Nothing that is read or recovered may differ from what was written.
+what it had said it keeps; for some the disk is full meanwhile. Then each of its files (the journal, its log, the log's
+index, the mark) is damaged in a copy of all of them, which is checked, read and recovered. Nothing that is read or
+recovered may differ from what was written.
 """
 
 from __future__ import annotations
@@ -25,11 +26,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.machine import commit, publish
+from benchmarks.recovery import wilson
 from benchmarks.uplink_parts import surroundings
 from daq.blocks import Chunk
 from daq.errors import JournalError
 from daq.journal.check import check, recover
 from daq.journal.lock import lock_file
+from daq.journal.mark import mark_file
 from daq.journal.wal import log_file, read_log
 from daq.journal.writer import Event, Journal, JournalReader
 from tests.daq.journal_writer import made_chunk, made_count
@@ -182,15 +185,35 @@ def cut(path: Path, end: int, draw: random.Random) -> None:
         file.truncate(end - draw.randint(1, max(end // 2, 1)))
 
 
-DAMAGES: dict[str, tuple[Callable[[Path, int, random.Random], None], bool]] = {
-    "a bit flipped in the file": (flipped, False),
-    "a bit flipped in the write-ahead log": (flipped, True),
-    "4 KiB of zeros in the file": (zeroed, False),
-    "4 KiB of zeros in the write-ahead log": (zeroed, True),
-    "zeros in the first 4 KiB of the write-ahead log": (beheaded, True),
-    "the file cut short": (cut, False),
-    "the write-ahead log cut short": (cut, True),
+def gone(path: Path, end: int, draw: random.Random) -> None:
+    """Delete it."""
+    path.unlink()
+
+
+def index_file(path: Path) -> Path:
+    """Where the index of a journal's write-ahead log lies."""
+    return path.with_name(path.name + "-shm")
+
+
+FILES: dict[str, tuple[Callable[[Path], Path], bool]] = {
+    # Where it lies, and whether it tells what the journal holds.
+    "the file": (lambda path: path, True),
+    "the write-ahead log": (log_file, True),
+    "the log's index": (index_file, False),
+    "the mark": (mark_file, False),
 }
+DAMAGES: dict[tuple[str, str], Callable[[Path, int, random.Random], None]] = {
+    ("a bit flipped", "the file"): flipped,
+    ("4 KiB of zeros", "the file"): zeroed,
+    ("cut short", "the file"): cut,
+    ("a bit flipped", "the write-ahead log"): flipped,
+    ("4 KiB of zeros", "the write-ahead log"): zeroed,
+    ("zeros in its first 4 KiB", "the write-ahead log"): beheaded,
+    ("cut short", "the write-ahead log"): cut,
+    ("deleted", "the write-ahead log"): gone,
+    **{(damage, file): do for file in ("the log's index", "the mark") for damage, do in (
+        ("a bit flipped", flipped), ("4 KiB of zeros", zeroed), ("cut short", cut), ("deleted", gone))},
+}  # fmt: skip
 
 
 def shortened(seen: Seen, true: Seen) -> int:
@@ -212,7 +235,7 @@ class Row:
     tried: int = 0
     harmless: int = 0
     found: int = 0
-    prefix: int = 0
+    false: int = 0
     last: int = 0
     undetected: int = 0
     wrong: int = 0
@@ -220,17 +243,20 @@ class Row:
     recovered: int = 0
 
 
-def damaged(path: Path, true: Seen, name: str, draw: random.Random, row: Row) -> None:
-    """Damage a copy of a journal, and see what check, a reader and recovery make of it."""
-    damage, in_log = DAMAGES[name]
+def damaged(path: Path, true: Seen, name: tuple[str, str], draw: random.Random, row: Row) -> None:
+    """Damage a file in a copy of all of a journal's, and see what check, a reader and recovery make of it."""
+    damage, (where, tells) = DAMAGES[name], FILES[name[1]]
     copy, out = path.with_name("copy.journal"), path.with_name("out.journal")
-    for source, target in ((path, copy), (log_file(path), log_file(copy)), (lock_file(path), lock_file(copy))):
-        target.unlink(missing_ok=True)
-        if source.exists():
-            shutil.copyfile(source, target)
+    places = (*(place for place, _ in FILES.values()), lock_file)
+    for place in places:
+        place(copy).unlink(missing_ok=True)
+        if place(path).exists():
+            shutil.copyfile(place(path), place(copy))
     out.unlink(missing_ok=True)
-    target = log_file(copy) if in_log else copy
-    end = used(copy) if in_log else copy.stat().st_size
+    target = where(copy)
+    if not target.exists():
+        return
+    end = used(copy) if name[1] == "the write-ahead log" else target.stat().st_size
     if not end:
         return
     damage(target, end, draw)
@@ -243,11 +269,10 @@ def damaged(path: Path, true: Seen, name: str, draw: random.Random, row: Row) ->
     row.wrong += seen.wrong
     if found:
         row.found += 1
+        row.false += not tells
     elif (seen.content, seen.events) == (true.content, true.events):
         row.harmless += 1
-    elif in_log and damage is cut and shortened(seen, true):
-        row.prefix += 1
-    elif in_log and shortened(seen, true) == 1:
+    elif name[1] == "the write-ahead log" and shortened(seen, true) == 1:
         row.last += 1
     else:
         row.undetected += 1
@@ -266,6 +291,7 @@ class Tally:
     kept: int = 0
     acknowledged: int = 0
     lost: int = 0
+    losing: int = 0
     doubled: int = 0
     wrong: int = 0
     faults: int = 0
@@ -273,7 +299,7 @@ class Tally:
     torn: int = 0
 
 
-def killed(kills: int, seed: int, folder: Path) -> tuple[Tally, dict[str, Row]]:
+def killed(kills: int, seed: int, folder: Path) -> tuple[Tally, dict[tuple[str, str], Row]]:
     """Kill and damage."""
     draw, tally, rows = random.Random(seed), Tally(), {name: Row() for name in DAMAGES}
     path, said = folder / "bench.journal", dict[str, int]()
@@ -292,14 +318,23 @@ def killed(kills: int, seed: int, folder: Path) -> tuple[Tally, dict[str, Row]]:
             kept, wrong = whole(seen.content.get(name, []))
             tally.doubled += wrong
             tally.lost += max(number - kept, 0)
+            tally.losing += number > kept
             if name == stream:
                 tally.kept += kept
                 tally.acknowledged += number
-        name = list(DAMAGES)[k % len(DAMAGES)]
-        damaged(path, seen, name, draw, rows[name])
+        for file in FILES:
+            kinds = [name for name in DAMAGES if name[1] == file]
+            damage = kinds[k % len(kinds)]
+            damaged(path, seen, damage, draw, rows[damage])
         if k % SESSIONS == SESSIONS - 1:
             shutil.rmtree(path.parent)
     return tally, rows
+
+
+def share(failures: int, trials: int) -> str:
+    """How many of so many fail, with Wilson's interval."""
+    low, high = wilson(failures, trials)
+    return f"{failures} did (Wilson's 95 % interval of the rate: {100 * low:.2f} to {100 * high:.2f} %)"
 
 
 def main() -> None:
@@ -317,6 +352,7 @@ def main() -> None:
     where, began = surroundings(), time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         tally, rows = killed(given.kills, given.seed, Path(folder))
+    tried, missed = sum(r.tried for r in rows.values()), sum(r.undetected + (r.wrong > 0) for r in rows.values())
     lines = [
         "# Killing a journal's writer, and damaging what it leaves",
         "",
@@ -335,20 +371,24 @@ def main() -> None:
         f"| readings that differ from what was written | {tally.wrong} | 0 |",
         f"| faults that `check` finds | {tally.faults} | 0 |",
         "",
-        "| damage to a copy | tried | no effect | found | a whole prefix | the last alone | not found "
+        f"Of {given.kills} kills none may lose what was acknowledged: {share(tally.losing, given.kills)}.",
+        "",
+        "| damage | of | tried | no effect | found | false alarm | the last alone | not found "
         "| readings made up | chunks there before | recovered |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
         *(
-            f"| {name} | {r.tried} | {r.harmless} | {r.found} | {r.prefix} | {r.last} | {r.undetected} "
+            f"| {damage} | {file} | {r.tried} | {r.harmless} | {r.found} | {r.false} | {r.last} | {r.undetected} "
             f"| {r.wrong} | {r.chunks} | {r.recovered} |"
-            for name, r in rows.items()
+            for (damage, file), r in rows.items()
         ),
         "",
-        "No effect: all is read as it was written. A whole prefix: a log that ends early is what a crash leaves, so a",
-        "journal alone cannot tell that more had been there; a service that has more says so (`service_ahead`). The",
-        "last alone: only the log's last transaction is unreadable, which a kill within a commit leaves as well.",
-        "Not found: anything else that is missing or differs while `check` finds no fault, or a fault in what was",
-        "recovered. Readings made up: read or recovered without an error and never written so, zeros among them.",
+        f"Of {tried} damages none may be missed or make a reading up: {share(missed, tried)}.",
+        "",
+        "No effect: all is read as it was written. False alarm: a fault that is found where only what tells nothing of",
+        "the readings is damaged. The last alone: only the log's last transaction is unreadable, and the mark does not",
+        "know it, which a kill within a commit leaves as well. Not found: anything else that is missing or differs",
+        "while `check` finds no fault, or a fault in what was recovered. Readings made up: read or recovered without",
+        "an error and never written so, zeros among them.",
         "",
     ]
     publish(given.out, lines)

@@ -72,11 +72,11 @@ def recover(path: str | Path, out: str | Path) -> Report:
         connection = held.enter_context(closing(connect_read(source, damaged=True)))
         require_journal(connection, file)
         faults += _behind(connection, read_mark(file))
-        with replacing(target) as temporary, closing(sqlite3.connect(temporary, isolation_level=None)) as new:
-            try:
+        try:
+            with replacing(target) as temporary, closing(sqlite3.connect(temporary, isolation_level=None)) as new:
                 report = Salvage(connection, file, faults).into(new)
-            except sqlite3.Error as error:
-                raise said(error, target) from error
+        except sqlite3.Error as error:
+            raise said(error, target) from error
     return report
 
 

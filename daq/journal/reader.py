@@ -218,7 +218,10 @@ def connect_read(path: Path, damaged: bool = False) -> sqlite3.Connection:
     # Without a log nothing is being written, and a folder that is write-protected holds up no reader.
     ways = [address] if log.is_file() and log.stat().st_size else [address, address + "&immutable=1"]
     for way in ways:
-        connection = sqlite3.connect(way, uri=True, isolation_level=None, check_same_thread=False)
+        try:
+            connection = sqlite3.connect(way, uri=True, isolation_level=None, check_same_thread=False)
+        except sqlite3.Error as error:
+            raise said(error, path) from error
         try:
             connection.execute("PRAGMA trusted_schema=OFF")
             if damaged:

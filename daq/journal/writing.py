@@ -107,6 +107,8 @@ class Writer(JournalReader):
                 with suppress(sqlite3.Error):
                     if connection.in_transaction:
                         connection.execute("ROLLBACK")
+                if self._place.lost(written=True) is None:
+                    self._place.note()  # part of it may have been written
                 if isinstance(error, sqlite3.ProgrammingError):
                     raise JournalError(f"{self.path.name} is closed", "an open journal") from error
                 if isinstance(error, sqlite3.Error):
@@ -214,6 +216,8 @@ def connect_write(path: Path) -> sqlite3.Connection:
             connection.execute(f"PRAGMA {pragma}")
         if connection.execute("PRAGMA journal_mode=WAL").fetchone()[0] != "wal":
             raise JournalError(f"{path.name} cannot keep a write-ahead log", "a local disk", "Move it to one")
+        # What the log holds may never have reached the disk, where a sync failed before: it is written once more.
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         connection.execute(f"CREATE {UNDECODED}")
     except BaseException:
         connection.close()
