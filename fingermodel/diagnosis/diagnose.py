@@ -24,7 +24,7 @@ from fingermodel.diagnosis.settings import MOST_FITS, SUSPECT
 from fingermodel.diagnosis.verdict.confounding import Confounding, confounding
 from fingermodel.diagnosis.verdict.hints import Hint, hints
 from fingermodel.diagnosis.verdict.own_curve import own_curves
-from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, checks
+from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, checks, holding, together
 from fingermodel.diagnosis.verdict.sensitivity import Sensitivity, sensitivity
 from fingermodel.diagnosis.verdict.session_faults import SessionFault, session_faults
 from fingermodel.diagnosis.verdict.verdict import Verdict, judge, likeliest, stated_node
@@ -142,8 +142,10 @@ def diagnose(
     alike = confounding(nothing, candidates)
     named = likeliest(posterior)
     fit = posterior.best_fit(named) or posterior.leader
-    checked = checks(posterior, dict.fromkeys([fit, posterior.leader, posterior.nothing]))
-    verdict = judge(posterior, stated, candidates, alike, checked[fit.explanation], fit.explanation.names)
+    shares = holding(posterior, fit)
+    asked_of = [fit, posterior.leader, posterior.nothing, *(posterior.fits[e] for e in shares)]
+    checked = checks(posterior, dict.fromkeys(asked_of))
+    verdict = judge(posterior, stated, candidates, alike, together(checked, shares), fit.explanation.names)
     asked = sensitivity(posterior, verdict)
     found: tuple[Hint, ...] = ()
     curves: tuple[SmoothCurve, ...] = ()

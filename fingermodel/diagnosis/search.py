@@ -6,7 +6,7 @@ is said is read from fits, and from promises only of what they leave far behind.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -17,7 +17,7 @@ from scipy.special import logsumexp
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, SUSPECT_LOG_ODDS, chance_of
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, SUSPECT_LOG_ODDS, Apart, chance_of
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidate, Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slips import Explained, Slips
@@ -84,12 +84,42 @@ class Searcher:
             start: (parameters,) of an earlier fit of the base model, tried besides the priors' centre.
             most: fits.
         """
-        every = self._without_bad_cases(start)
+        self._explain(self._without_bad_cases(start), most)
+        while len(self._bad) < self._most_bad and (cases := self._overlooked()):
+            kept, before = (self._bad, self._fitter, self._fits), self._leader.log_posterior
+            self._bad, self._fits = self._bad | cases, {}
+            self._explain(self._begun(start), most)
+            found = self._explained(self._leader, cases)
+            gain = max((one.gain for one in found.values()), default=0.0)
+            if self._leader.log_posterior + LOG_PRIOR_ODDS + gain <= before:
+                self._bad, self._fitter, self._fits = kept
+                break
+        return Searched(self._hyper, self._fits, self._rest(), *self._odds())
+
+    def _explain(self, every: Optimum, most: int) -> None:
+        """Fit explanations, the cases taken for bad as they are."""
         self._first_fits(every)
         self._until_none_promises(most)
         self._finish(every)
         self._until_none_promises(most)
-        return Searched(self._hyper, self._fits, self._rest(), *self._odds())
+
+    def _overlooked(self) -> frozenset[int]:
+        """A case (or two exchanged) that would make an explanation more probable than the leader if it were bad.
+
+        What a slip does may have been taken for an effect, or for a bent budget, while all candidates were free.
+        """
+        best, found = self._leader.log_posterior, frozenset[int]()
+        for fit in self._fits.values():
+            apart = {c: a for c, a in fit.left_out(fit.best).items() if c not in self._bad}
+            # However well a slip of two cases explains them, it gains no more than half their misfit.
+            most = 0.5 * sum(sorted(a.misfit for a in apart.values())[-2:])
+            if fit.log_posterior + LOG_PRIOR_ODDS + most <= self._leader.log_posterior:
+                continue
+            for case, one in self._slips_of(apart, fit).items():
+                value = fit.log_posterior + LOG_PRIOR_ODDS + apart[case].anything + one.gain
+                if value > best:
+                    best, found = value, self._worst({case: (value, one.partner)})
+        return found
 
     def _without_bad_cases(self, start: Floats | None) -> Optimum:
         """Take cases for bad, the worst first, until none is; then those back that the later ones had made so."""
@@ -182,8 +212,10 @@ class Searcher:
 
     def _explained(self, host: Optimum, cases: Collection[int]) -> dict[int, Explained]:
         """Slips of the cases that any could make probable enough, two at once included."""
-        apart = host.left_out(host.best)
-        asked = {c: a for c, a in apart.items() if c in cases and a.misfit > -LOG_PRIOR_ODDS}
+        return self._slips_of({c: a for c, a in host.left_out(host.best).items() if c in cases}, host)
+
+    def _slips_of(self, apart: Mapping[int, Apart], host: Optimum) -> dict[int, Explained]:
+        asked = {c: a for c, a in apart.items() if a.misfit > -LOG_PRIOR_ODDS}
         return self._slips.explain(asked, host.theta, self._hyper.values(host.best).scatter)
 
     def _bad_odds(self, host: Optimum) -> dict[int, float]:

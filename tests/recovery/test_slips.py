@@ -51,6 +51,21 @@ def test_the_case_is_named_and_what_was_done(
     assert set(found["effects"]) == set(effects)
 
 
+def test_a_slip_that_another_effect_would_explain_is_named_beside_the_true_one(tmp_path: Path) -> None:
+    draw_session(tmp_path, 62, {"cell_rotation": (-3.5, 4.0, 0.3)}, nuisance_scale=1.5)
+    file = tmp_path / "session.yaml"
+    document = yaml.safe_load(file.read_text(encoding="utf-8"))
+    # Of one tendon the bone is read once only, and the posture that was entered is another.
+    first, *further = [c for c in document["cases"] if c["location"] == "bone" and set(c["masses_g"]) == {"RI"}]
+    document["cases"] = [c for c in document["cases"] if c not in further]
+    posture, first["posture"] = first["posture"], "major_flexion"
+    file.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    found = diagnosed(tmp_path)
+    assert [s["case"] for s in found["suspects"]] == [first["id"]]
+    assert found["suspects"][0]["reads_like"][0]["posture"] == posture
+    assert (found["verdict"], found["effects"]) == ("found", ["cell_rotation"])
+
+
 def test_a_validation_case_with_a_slip_is_named_and_does_not_veto(tmp_path: Path) -> None:
     draw_session(tmp_path, 52, {"hanger_mass": 40.0}, nuisance_scale=0.8)
     file = tmp_path / "session.yaml"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -26,6 +26,9 @@ from fingermodel.diagnosis.session_model.slips import Explained, Slips
 from fingermodel.diagnosis.settings import P_VALUE
 
 Floats = NDArray[np.float64]
+
+# Hyperparameters and explanations count from this probability on.
+_WEIGHT = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +58,7 @@ class PredictiveCheck:
         bad: log odds of the cases that are more probably bad than not, by index of the case.
         slips: what may have been done in these instead of what was entered.
         log_evidence: for the explanation by all of them, whichever are bad.
-        prediction: of them.
+        predictions: of them, with the weight of each node of the hyperparameters.
     """
 
     log_density: float | None
@@ -63,7 +66,7 @@ class PredictiveCheck:
     bad: dict[int, float]
     slips: dict[int, Explained]
     log_evidence: float = 0.0
-    prediction: Prediction | None = field(default=None, repr=False)
+    predictions: tuple[tuple[float, Prediction], ...] = field(default=(), repr=False)
 
     @property
     def vetoes(self) -> bool:
@@ -72,14 +75,15 @@ class PredictiveCheck:
 
     def setting_apart(self, bad: dict[int, float], slips: dict[int, Explained]) -> PredictiveCheck:
         """The same with these cases for the bad ones."""
-        p = self.prediction
-        if p is None:
+        if not self.predictions:
             return self
-        sound = ~np.isin(p.cases, list(bad))
-        log_density, misfit = _log_normal(p.away[sound], p.covariance[np.ix_(sound, sound)])
+        cases = self.predictions[0][1].cases
+        sound = ~np.isin(cases, list(bad))
+        each = [(w, *_log_normal(p.away[sound], p.covariance[np.ix_(sound, sound)])) for w, p in self.predictions]
+        log_density = float(logsumexp([np.log(w) + log for w, log, _ in each]))
         # So many bad cases among so few are no slips either: then the explanation misses them.
-        many = float(chance_of(len(bad), len(np.unique(p.cases))))
-        p_value = min(float(chdtrc(int(sound.sum()), misfit)), many)
+        many = float(chance_of(len(bad), len(np.unique(cases))))
+        p_value = min(sum(w * float(chdtrc(int(sound.sum()), misfit)) for w, _, misfit in each), many)
         return replace(self, log_density=log_density, p_value=p_value, bad=bad, slips=slips)
 
 
@@ -117,12 +121,22 @@ def predicted(fit: Optimum, node: Node | None = None, change: Floats | None = No
     return Prediction(away, covariance, noise.cases, noise.moment)
 
 
+def _predictions(fit: Optimum) -> tuple[tuple[float, Prediction], ...]:
+    """Predict at the most probable hyperparameters, and at others as far as they are probable."""
+    total = float(logsumexp(list(fit.nodes.values())))
+    weights = {node: float(np.exp(value - total)) for node, value in fit.nodes.items()}
+    kept = sorted((n for n, w in weights.items() if w >= _WEIGHT or n == fit.best), key=lambda n: -weights[n])
+    whole = sum(weights[n] for n in kept)
+    return tuple((weights[n] / whole, predicted(fit, n)) for n in kept)
+
+
 def check(fit: Optimum) -> PredictiveCheck:
     """Hold the validation cases against an explanation; single bad ones are set apart, and named."""
     session: Session = fit.session
     if session.fitted.all():
         return PredictiveCheck(None, None, {}, {})
-    p = predicted(fit)
+    predictions = _predictions(fit)
+    p = predictions[0][1]
     size = bad_size(p.moment)
     component, slips = session.rows[~session.fitted] % 6, Slips(session)
     bad: dict[int, float] = {}
@@ -145,9 +159,10 @@ def check(fit: Optimum) -> PredictiveCheck:
             break
         for case in {worst, found[worst].partner} - {None}:
             bad[case], explained[case] = max(odds[case], SUSPECT_LOG_ODDS), found[case]
-    log_evidence, _ = _log_normal(p.away, p.covariance + np.diag(np.isin(p.cases, list(bad)) * size**2))
-    log_evidence += sum(LOG_PRIOR_ODDS + one.gain for one in explained.values())
-    return PredictiveCheck(None, None, {}, {}, log_evidence, p).setting_apart(bad, explained)
+    spoilt = np.diag(np.isin(p.cases, list(bad)) * size**2)
+    each = [np.log(w) + _log_normal(q.away, q.covariance + spoilt)[0] for w, q in predictions]
+    log_evidence = float(logsumexp(each)) + sum(LOG_PRIOR_ODDS + one.gain for one in explained.values())
+    return PredictiveCheck(None, None, {}, {}, log_evidence, predictions).setting_apart(bad, explained)
 
 
 def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation, PredictiveCheck]:
@@ -170,6 +185,26 @@ def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation,
             bad[case] = odds
             slips[case] = max(p, key=lambda entry: entry[0] * entry[1])[2].slips[case]
     return {e: c.setting_apart(bad, slips) for e, c in out.items()}
+
+
+def holding(posterior: Posterior, fit: Optimum) -> dict[Explanation, float]:
+    """Explanations in which all candidates of a fit act, as far as they are probable, with their share; the fit's own.
+
+    Where no candidate acts there is one such explanation.
+    """
+    names = set(fit.explanation.names)
+    log = {e: f.log_posterior for e, f in posterior.fits.items() if names <= set(e.names) and (names or not e.size)}
+    total = float(logsumexp(list(log.values())))
+    share = {e: float(np.exp(v - total)) for e, v in log.items()}
+    kept = {e: w for e, w in share.items() if w >= _WEIGHT or e == fit.explanation}
+    return {e: w / sum(kept.values()) for e, w in kept.items()}
+
+
+def together(checked: Mapping[Explanation, PredictiveCheck], shares: Mapping[Explanation, float]) -> float | None:
+    """Chance that the validation cases are missed so far by explanations with these shares; None without any."""
+    each = [(share, checked[e].p_value) for e, share in shares.items()]
+    known = [share * p for share, p in each if p is not None]
+    return sum(known) if len(known) == len(each) else None
 
 
 def unseen_errors(fit: Optimum, node: Node, change: Floats) -> dict[str, tuple[float, float]]:

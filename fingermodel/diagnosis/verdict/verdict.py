@@ -16,7 +16,6 @@ from fingermodel.diagnosis.session_model.candidates import Candidates
 from fingermodel.diagnosis.settings import LEAST_CASES, NOTHING_SURE, P_VALUE, SURE
 from fingermodel.diagnosis.verdict.confounding import Confounding
 from fingermodel.diagnosis.verdict.instruments import INSTRUMENTS
-from fingermodel.diagnosis.verdict.predictive import PredictiveCheck
 
 Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undecided"]
 
@@ -47,7 +46,7 @@ def judge(
     stated: Optimum,
     candidates: Candidates,
     classes: Confounding,
-    check: PredictiveCheck,
+    p_value: float | None,
     checked: Sequence[str],
 ) -> Verdict:
     """Read the verdict.
@@ -57,7 +56,7 @@ def judge(
         stated: the base model as budget and noise are stated.
         candidates: that were searched.
         classes: what the load cases cannot tell apart.
-        check: of the validation cases, under what the verdict would add.
+        p_value: predictive check of the validation cases, under all that has what the verdict would add.
         checked: names of what was checked.
     """
     verdict = _undisputed(posterior, stated, candidates, classes)
@@ -65,10 +64,10 @@ def judge(
     if cases < LEAST_CASES:
         short = f"{cases} identification cases are too few to decide anything (at least {LEAST_CASES})"
         return Verdict("undecided", verdict.names, (), verdict.probability, verdict.reasons, (short,))
-    if check.vetoes and verdict.kind in ("found", "nothing_missing", "one_of"):
+    if p_value is not None and p_value < P_VALUE and verdict.kind in ("found", "nothing_missing", "one_of"):
         what = words(checked) or "the model without any effect"
         short = (
-            f"the validation cases are not as {what} predicts them (predictive check: p = {check.p_value:.1g}); "
+            f"the validation cases are not as {what} predicts them (predictive check: p = {p_value:.1g}); "
             "something acts there that the fitted cases do not show"
         )
         return Verdict("undecided", verdict.names, (), verdict.probability, verdict.reasons, (short,))
