@@ -95,7 +95,6 @@ def one_session(kind: Kind, seed: int, second: bool = False) -> dict[str, Any]:
             "class": sorted(_class_of(found, posterior.leader.explanation.names)),
             "inclusion": dict(list(posterior.inclusion.items())[:4]),
             "p_nothing": posterior.p_nothing,
-            "p_other": posterior.p_only_beyond,
             "p_beyond": posterior.p_beyond,
             "suspects": [s["probability"] for s in suspects(found)],
             "misfit": nothing.freed(stated_node(nothing))[0].misfit,

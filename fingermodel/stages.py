@@ -148,8 +148,6 @@ class Effect:
         formula: what it changes.
         source: of the form and the range.
         tell: what gives it away in the data.
-        constitutive: whether it is a law of tissue, contact or time, whose exact form nobody knows; a mass, a length,
-            an angle, a constant or a matrix is what it is by definition.
         always: whether it is part of every model, so that nothing is gained by asking whether it acts.
         of_each_setting: whether it has parameters for each setting, all alike, so that programs may have room for more.
         after_mounting: whether it is an error of what the cell says, and no force: a mounting that is a little off, as
@@ -165,7 +163,6 @@ class Effect:
     formula: ClassVar[str] = ""
     source: ClassVar[str] = ""
     tell: ClassVar[str] = ""
-    constitutive: ClassVar[bool] = True
     rests_on_clamp_assumption: ClassVar[bool] = False
     after_mounting: ClassVar[bool] = False
     always: ClassVar[bool] = False

@@ -153,7 +153,7 @@ class Searcher:
     def _every(self) -> Explanation:
         """All candidates at once."""
         parameters = sorted({i for c in self._candidates.all for form in c.forms for i in form})
-        all_of_them = Candidate("all candidates", "", (tuple(parameters),), 1.0, has_form=False)
+        all_of_them = Candidate("all candidates", "", (tuple(parameters),), 1.0)
         return Explanation((Member(all_of_them),))
 
     @property

@@ -23,7 +23,6 @@ class AxisTilt(Effect):
 
     name = "axis_tilt"
     stage = "geometry"
-    constitutive = False
     title = "the flexion axes are not parallel"
     formula = "axis_j = R_y(a_j) R_x(b_j) axis_j"
     source = "geometry; range assumed: 15 deg per joint"

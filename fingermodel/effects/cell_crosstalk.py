@@ -21,7 +21,6 @@ class CellCrosstalk(Effect):
     name = "cell_crosstalk"
     stage = "reading"
     after_mounting = True
-    constitutive = False
     title = "the cell's components leak into one another"
     formula = "F = (1 + E) F"
     source = "calibration matrix of a damaged or mismatched cell; range assumed: 10 %"

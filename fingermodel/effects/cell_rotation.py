@@ -23,7 +23,6 @@ class CellRotation(Effect):
 
     name = "cell_rotation"
     stage = "reading"
-    constitutive = False
     title = "the cell's axes are turned"
     formula = "W = R(a) W, forces and moments"
     source = "geometry; range assumed: 12 deg about three axes"

@@ -21,7 +21,6 @@ class GoniometerBias(Effect):
 
     name = "goniometer_bias"
     stage = "geometry"
-    constitutive = False
     title = "the goniometer reads a joint wrong"
     formula = "q_j += b_j"
     source = "goniometer SEM 2-5 deg; range assumed: 12 deg per joint"

@@ -20,7 +20,6 @@ class HangerMass(Effect):
 
     name = "hanger_mass"
     stage = "tension"
-    constitutive = False
     title = "the hanger was not weighed"
     formula = "T_i += c g m0 wherever a mass hangs; or (1 + e_i) m0"
     source = "weight of an unweighed hanger; ranges assumed: 5-100 g, 20 % by tendon"

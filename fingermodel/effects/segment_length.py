@@ -22,7 +22,6 @@ class SegmentLength(Effect):
 
     name = "segment_length"
     stage = "geometry"
-    constitutive = False
     title = "a bone is longer or shorter"
     formula = "length_b *= 1 + s_b"
     source = "geometry; range assumed: 15 % per bone"

@@ -25,7 +25,6 @@ class SutureAngle(Effect):
 
     name = "suture_angle"
     stage = "reading"
-    constitutive = False
     title = "the tendons leave the metacarpal at an angle"
     formula = (
         "v = R_z(a) R_y(b) (x - c r) at the bone, r (y, z) where a tendon crosses the first joint; or (1 + e_i) a, b"

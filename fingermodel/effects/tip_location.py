@@ -20,7 +20,6 @@ class TipLocation(Effect):
 
     name = "tip_location"
     stage = "geometry"
-    constitutive = False
     title = "the clamp holds the tip elsewhere"
     formula = "x(load point) += d"
     source = "Synek et al. 2019: mid pulp, 7.5 mm beyond O1; range assumed: 6 mm"

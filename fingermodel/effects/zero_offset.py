@@ -26,7 +26,6 @@ class ZeroOffset(Effect):
     name = "zero_offset"
     stage = "reading"
     after_mounting = True
-    constitutive = False
     title = "the tare missed a constant force"
     formula = "F += f0 at one mount, Tz += m0 at the tip"
     source = "ranges assumed: 0.8 N an axis, of a tare taken under load; 8 N mm, of that at a lever of 10 mm"

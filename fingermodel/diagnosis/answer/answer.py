@@ -111,7 +111,7 @@ def meaning(d: Diagnosis) -> str:
     kinds = {
         "found": f"{names} acts by its known law, whatever else does",
         "one_of": f"one or more of {', '.join(d.verdict.names)} acts",
-        "none_of_catalogue": "something acts that no effect of the catalogue describes, and none of them does",
+        "none_of_catalogue": "something acts that no effect of the catalogue describes, whatever else does",
         "nothing_missing": "no effect acts, and nothing unknown",
         "undecided": "the likeliest single statement",
     }

@@ -122,11 +122,6 @@ class Posterior:
         return self.probability(lambda e: e.beyond_newton > 0.0 or e.outside)
 
     @cached_property
-    def p_only_beyond(self) -> float:
-        """That such a thing acts and nothing of the catalogue by its name."""
-        return self.probability(lambda e: not e.named and (e.beyond_newton > 0.0 or e.outside))
-
-    @cached_property
     def beyond_newton(self) -> float:
         """Expected size of it if it acts [N]."""
         total = self.probability(lambda e: e.beyond_newton > 0.0)

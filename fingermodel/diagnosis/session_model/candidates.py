@@ -27,7 +27,6 @@ class Candidate:
         forms: each a set of indices of parameters; they share the candidate's prior.
         share: of its effect's prior.
         outside: whether its effect is marked as outside the catalogue.
-        has_form: whether it is a law whose form may be in error; a mass or an angle is what it is by definition.
         rests_on_clamp_assumption: whether only out-of-plane forces can support it.
     """
 
@@ -36,8 +35,12 @@ class Candidate:
     forms: tuple[tuple[int, ...], ...]
     share: float
     outside: bool = False
-    has_form: bool = True
     rests_on_clamp_assumption: bool = False
+
+    @property
+    def has_form(self) -> bool:
+        """Whether it is one effect, whose form may be in error; not all candidates at once."""
+        return bool(self.effect)
 
 
 @dataclass(frozen=True)
@@ -124,7 +127,6 @@ class Candidates:
                     forms,
                     1.0 / len(found),
                     effect.outside,
-                    effect.constitutive,
                     effect.rests_on_clamp_assumption,
                 )
                 for name, forms in found.items()

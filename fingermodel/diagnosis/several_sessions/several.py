@@ -94,7 +94,7 @@ def diagnose_pooled(
     ranking, p_apart = pooling.normalised(found, range(len(diagnoses)))
     rests_on = pooling.rests_on(names, found, ranking)
     p_nothing = p_apart * float(np.prod([d.posterior.p_nothing for d in diagnoses]))
-    p_other = p_apart * float(np.prod([d.posterior.p_only_beyond for d in diagnoses]))
+    p_other = p_apart * float(np.prod([d.posterior.p_beyond for d in diagnoses]))
     verdict = judge_together(names, diagnoses, ranking, (p_apart, p_nothing, p_other), rests_on)
     shared = shared_finding(names, [_known(d) for d in diagnoses], permutations, lambda done: tell(0.7 + 0.3 * done))
     if shared is not None and shared.laws:

@@ -126,13 +126,13 @@ def _statement(verdict: Verdict, posterior: Posterior) -> Callable[[Posterior], 
     if not names:
         # Undecided: the likeliest single statement.
         name, p_name = next(iter(posterior.inclusion.items()), ("", 0.0))
-        ranked = [(posterior.p_nothing, "nothing"), (posterior.p_only_beyond, "beyond"), (p_name, "name")]
+        ranked = [(posterior.p_nothing, "nothing"), (posterior.p_beyond, "beyond"), (p_name, "name")]
         kinds = {"nothing_missing": "nothing", "none_of_catalogue": "beyond"}
         which = kinds.get(verdict.kind, max(ranked)[1])
         if which == "nothing":
             return lambda p: p.p_nothing
         if which == "beyond":
-            return lambda p: p.p_only_beyond
+            return lambda p: p.p_beyond
         names = (name,)
     if verdict.kind == "one_of":
         return lambda p: p.of_any(names)
@@ -143,7 +143,7 @@ def _kind(posterior: Posterior, verdict: Verdict, probability: float) -> Kind:
     """The kind of verdict that a posterior would lead to, as far as the explanations asked tell."""
     if probability >= SURE:
         return verdict.kind
-    if posterior.p_only_beyond >= SURE:
+    if posterior.p_beyond >= SURE:
         return "none_of_catalogue"
     return "nothing_missing" if posterior.p_nothing >= SURE else "undecided"
 

@@ -88,8 +88,9 @@ def _undisputed(posterior: Posterior, stated: Optimum, candidates: Candidates, c
     sure = sorted((name for name, p in posterior.inclusion.items() if p >= SURE), key=order.index)
     if sure and posterior.of_names(sure) >= SURE:
         return _found(posterior, stated, classes, sure, tuple(dict.fromkeys(effect_of[n] for n in sure)))
-    if posterior.p_only_beyond >= SURE:
-        return Verdict("none_of_catalogue", (), (), posterior.p_only_beyond, _beyond(posterior))
+    likely = [name for name, p in posterior.inclusion.items() if p >= 0.5]
+    if posterior.p_beyond >= SURE and not likely:
+        return Verdict("none_of_catalogue", (), (), posterior.p_beyond, _beyond(posterior))
     if posterior.p_nothing >= NOTHING_SURE:
         return _nothing(posterior, stated)
     for members in _classes_of(posterior, classes):
@@ -123,10 +124,7 @@ def _found(
             f"Something else acts beside it with a probability of {posterior.p_beyond:.2f}, of about "
             f"{posterior.beyond_newton:.2f} N: less than what is found changes."
         )
-    beside = [(n, p) for n, p in posterior.inclusion.items() if n not in names and 0.1 <= p < SURE]
-    if beside:
-        reasons.append("Beside it may act " + ", ".join(f"{n} (probability {p:.2f})" for n, p in beside[:3]) + ".")
-    return Verdict("found", names, effects, probability, tuple(reasons))
+    return Verdict("found", names, effects, probability, (*reasons, *_beside(posterior, names)))
 
 
 def _nothing(posterior: Posterior, fit: Optimum) -> Verdict:
@@ -164,12 +162,20 @@ def _beyond(posterior: Posterior) -> tuple[str, ...]:
             if member.candidate.outside:
                 known[member.candidate.name] = known.get(member.candidate.name, 0.0) + entry.probability
     best = max(known, key=lambda n: known[n], default=None)
-    if best is not None and known[best] >= 0.5:
-        return (f"{best}, which is known to happen in rigs and is none of the catalogue's, explains most of it.",)
     leader = posterior.leader
     near = words(leader.explanation.names)
     looks = f"; the nearest law of the catalogue, {near}, would have to be another one" if near else ""
-    return (f"Something of about {posterior.beyond_newton:.2f} N acts that no effect here describes{looks}.",)
+    said = f"Something of about {posterior.beyond_newton:.2f} N acts that no effect here describes{looks}."
+    if best is not None and known[best] >= 0.5:
+        said = f"{best}, which is known to happen in rigs and is none of the catalogue's, explains most of it."
+    return (said, *_beside(posterior, ()))
+
+
+def _beside(posterior: Posterior, names: Sequence[str]) -> list[str]:
+    """What may act beside some names."""
+    found = [(n, p) for n, p in posterior.inclusion.items() if n not in names and 0.1 <= p < SURE]
+    listed = ", ".join(f"{n} (probability {p:.2f})" for n, p in found[:3])
+    return [f"Beside it may act {listed}."] if found else []
 
 
 def _undecided(posterior: Posterior) -> Verdict:
@@ -178,7 +184,7 @@ def _undecided(posterior: Posterior) -> Verdict:
     said += [f"nothing missing {posterior.p_nothing:.2f}"] if posterior.p_nothing >= 0.05 else []
     said += [f"something outside the catalogue {posterior.p_beyond:.2f}"] if posterior.p_beyond >= 0.05 else []
     names = tuple(n for n, p in rivals if p >= 0.5)
-    best = max([posterior.p_nothing, posterior.p_only_beyond, *(p for _, p in rivals)])
+    best = max([posterior.p_nothing, posterior.p_beyond, *(p for _, p in rivals)])
     return Verdict("undecided", names, (), best, (), ("no explanation is sure: " + "; ".join(said),))
 
 
