@@ -129,10 +129,11 @@ class MeasuredSession:
         for row, index in enumerate(chosen):
             out[row, :, row, :] = self.cases[index].covariance
         weights, axes = self.tare_weights[chosen], np.arange(6)
-        for tare, w in zip(self.tares, weights.T, strict=True):
-            rows = np.flatnonzero(w)
-            shares = np.outer(w[rows], w[rows])
-            out[np.ix_(rows, axes, rows, axes)] += np.einsum("ij,ab->iajb", shares, tare.covariance)
+        # Of many cases few share a tare, and one case has two at most.
+        for index in np.flatnonzero(weights.any(axis=0)):
+            rows = np.flatnonzero(weights[:, index])
+            shares = np.outer(weights[rows, index], weights[rows, index])
+            out[np.ix_(rows, axes, rows, axes)] += np.einsum("ij,ab->iajb", shares, self.tares[index].covariance)
         return out.reshape(6 * n, 6 * n)
 
     def case_covariance(self, index: int) -> Floats:

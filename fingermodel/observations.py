@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from daq.sessions import Session
 from fingermodel.budget import Budget
 from fingermodel.fingers import Finger, Topology
 from fingermodel.model import jax_values, tip_kinematics_batch
+from fingermodel.reading_noise import Noise, noise_of
 from fingermodel.stages import Layout, LoadCaseInput
 
 Floats = NDArray[np.float64]
@@ -32,11 +34,9 @@ class Observations:
         masses_g: (n,) of each case.
         inputs: what the model needs, batched over n.
         wrench: (n, 6) measured [N, N mm]; NaN where not read.
-        covariance: (6 n, 6 n) of the wrench, without the case-to-case scatter of friction.
-        case_covariance: (n, 6, 6) its diagonal blocks.
+        noise: covariance of the wrench, without the case-to-case scatter of friction.
         layout: settings and mountings.
         noise_assumed: whether any case states no uncertainty of its own, so that the budget's stands in.
-        shared_tares: (6 n, k) columns whose sum of squares is what cases share that were measured against one tare.
         tared: (n, 6) what was taken from each reading as its tare [N, N mm].
     """
 
@@ -47,17 +47,14 @@ class Observations:
     masses_g: tuple[dict[str, float], ...]
     inputs: LoadCaseInput
     wrench: Floats
-    covariance: Floats
+    noise: Noise
     layout: Layout
     noise_assumed: bool
-    shared_tares: Floats = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     tared: Floats = field(default_factory=lambda: np.zeros((0, 6)), repr=False)
 
     def __post_init__(self) -> None:
         if not self.tared.size:
             object.__setattr__(self, "tared", np.zeros((len(self.ids), 6)))
-        if not self.shared_tares.size:
-            object.__setattr__(self, "shared_tares", np.zeros((6 * len(self.ids), 0)))
 
     @property
     def posture_angles(self) -> dict[str, Floats]:
@@ -65,12 +62,20 @@ class Observations:
         angles = np.asarray(self.inputs.posture)
         return {name: angles[self.postures.index(name)] for name in dict.fromkeys(p for p in self.postures if p)}
 
-    @property
+    @cached_property
+    def covariance(self) -> Floats:
+        """(6 n, 6 n) of the wrench: as large as n squared, for what needs all of it."""
+        return self.noise.dense
+
+    @cached_property
     def case_covariance(self) -> Floats:
         """(n, 6, 6) blocks of the covariance, one a case."""
-        n = len(self.ids)
-        blocks = self.covariance.reshape(n, 6, n, 6)
-        return np.ascontiguousarray(np.moveaxis(np.diagonal(blocks, axis1=0, axis2=2), -1, 0))
+        return self.noise.blocks
+
+    @cached_property
+    def shared_tares(self) -> Floats:
+        """(6 n, k) columns whose sum of squares is what cases share that were measured against one tare."""
+        return self.noise.tares
 
     def where(self, role: str) -> NDArray[np.intp]:
         """Indices of the cases of one role."""
@@ -131,15 +136,7 @@ def observe(measured: MeasuredSession, finger: Finger, budget: Budget) -> Observ
         known[n + i] = check.force_N
         mountings.append(layout.mountings.index((str(check.mount), 0)))
     wrench = np.array([m.wrench for m in measured.cases] + [c.wrench for c in measured.checks]).reshape(-1, 6)
-    covariance = np.zeros((6 * (n + k), 6 * (n + k)))
-    covariance[: 6 * n, : 6 * n] = measured.covariance()
-    for i, m in enumerate(measured.cases):
-        if not m.noise_stated:
-            spread = np.diag([budget.reading_sd_N**2] * 3 + [(budget.reading_sd_N * 10.0) ** 2] * 3)
-            covariance[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] += spread
-    for i, check in enumerate(measured.checks):
-        at = slice(6 * (n + i), 6 * (n + i) + 6)
-        covariance[at, at] = check.covariance
+    spread = np.diag([budget.reading_sd_N**2] * 3 + [(budget.reading_sd_N * 10.0) ** 2] * 3)
     since_tare, elapsed = _clock(measured)
     inputs = LoadCaseInput.batch(
         posture=posture,
@@ -162,10 +159,9 @@ def observe(measured: MeasuredSession, finger: Finger, budget: Budget) -> Observ
         masses_g=tuple({k: float(v) for k, v in m.case.masses_g.items()} for m in measured.cases) + ({},) * k,
         inputs=inputs,
         wrench=wrench,
-        covariance=covariance,
+        noise=noise_of(measured, spread),
         layout=layout,
         noise_assumed=any(not m.noise_stated for m in measured.cases),
-        shared_tares=_shared_tares(measured, n + k),
         tared=_tared(measured, n + k),
     )
 
@@ -176,21 +172,6 @@ def _tared(measured: MeasuredSession, count: int) -> Floats:
     if measured.tares:
         out[: len(measured.cases)] = measured.tare_weights @ np.array([t.mean for t in measured.tares])
     return out
-
-
-def _shared_tares(measured: MeasuredSession, count: int) -> Floats:
-    """Columns (6 count, 6 tares) of the tares that more than one case was measured against."""
-    blocks = [np.zeros((6 * count, 0))]
-    for tare, weights in zip(measured.tares, measured.tare_weights.T, strict=True):
-        if np.count_nonzero(weights) > 1:
-            root = np.sqrt(np.maximum(np.diag(tare.covariance), 0.0)) * np.eye(6)
-            if np.count_nonzero(tare.covariance - np.diag(np.diag(tare.covariance))):
-                values, vectors = np.linalg.eigh(tare.covariance)
-                root = vectors * np.sqrt(np.maximum(values, 0.0))
-            column = np.zeros((count, 6, 6))
-            column[: len(weights)] = weights[:, None, None] * root
-            blocks.append(column.reshape(6 * count, 6))
-    return np.concatenate(blocks, axis=1)
 
 
 def _clock(measured: MeasuredSession) -> tuple[Floats, Floats]:

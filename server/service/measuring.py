@@ -94,16 +94,21 @@ class Measured:
 
     def force(self, name: str) -> dict[str, Any] | None:
         """Measured force [N] and moment [N mm] of a case with standard uncertainties; None where it has none."""
-        if self.measured is None:
+        index = self._places.get(name)
+        if self.measured is None or index is None:
             return None
-        for index, case in enumerate(self.measured.cases):
-            if case.case.id == name:
-                sd = np.sqrt(np.diag(self.measured.case_covariance(index)))
-                out: dict[str, Any] = {"measured_N": case.wrench[:3].tolist(), "measured_sd_N": sd[:3].tolist()}
-                out["measured_Nmm"] = case.wrench[3:].tolist() if case.has_torque else None
-                out["steady"] = case.steady
-                return out
-        return None
+        case, sd = self.measured.cases[index], np.sqrt(np.diag(self.measured.case_covariance(index)))
+        return {
+            "measured_N": case.wrench[:3].tolist(),
+            "measured_sd_N": sd[:3].tolist(),
+            "measured_Nmm": case.wrench[3:].tolist() if case.has_torque else None,
+            "steady": case.steady,
+        }
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        cases = () if self.measured is None else self.measured.cases
+        return {case.case.id: index for index, case in enumerate(cases)}
 
 
 class Measuring:

@@ -19,6 +19,7 @@ from fingermodel.diagnosis.model_free.nulls import Null, moments_violated, nulls
 from fingermodel.finger_files import read_finger
 from fingermodel.model import Model, jax_values, tip_kinematics_batch
 from fingermodel.observations import Observations
+from fingermodel.reading_noise import Noise, SharedTare
 from fingermodel.rig import simulate_session
 from fingermodel.stages import LoadCaseInput
 from tests.fingermodel.fingers import PUBLISHED, Bench, open_bench
@@ -56,7 +57,9 @@ def exact(model: Model, observations: Observations, theta: Floats | None = None)
 
 def only(observations: Observations, keep: Sequence[int]) -> Observations:
     """Some of the cases."""
-    rows = np.array([6 * i + c for i in keep for c in range(6)])
+    place = {case: k for k, case in enumerate(keep)}
+    kept = [(t, [i for i, c in enumerate(t.cases) if int(c) in place]) for t in observations.noise.shared]
+    shared = (SharedTare(np.array([place[int(c)] for c in t.cases[i]], int), t.columns[i]) for t, i in kept)
 
     def some(items: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(items[i] for i in keep)
@@ -70,7 +73,7 @@ def only(observations: Observations, keep: Sequence[int]) -> Observations:
         masses_g=tuple(observations.masses_g[i] for i in keep),
         inputs=LoadCaseInput(*(jnp.asarray(np.asarray(x)[list(keep)]) for x in observations.inputs)),
         wrench=observations.wrench[list(keep)],
-        covariance=observations.covariance[np.ix_(rows, rows)],
+        noise=Noise(observations.noise.own[list(keep)], tuple(shared)),
     )
 
 
@@ -270,7 +273,7 @@ def test_published_sessions_rest_nothing_on_an_assumed_noise(session: str) -> No
 
 
 def test_no_noise_at_all_still_has_an_answer(bench: Bench) -> None:
-    quiet = replace(bench.observations, covariance=np.zeros_like(bench.observations.covariance))
+    quiet = replace(bench.observations, noise=Noise(np.zeros_like(bench.observations.noise.own)))
     assert not violated(nulls(bench.model, exact(bench.model, quiet)))
 
 

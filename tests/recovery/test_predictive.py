@@ -39,10 +39,10 @@ def test_slopes_of_validation_readings_are_those_of_the_prediction() -> None:
 def test_validation_readings_of_unknown_uncertainty_do_not_count() -> None:
     bench = open_bench("DEV-08", catalogue=True)
     held = bench.observations.where("validation")
-    covariance = bench.observations.covariance.copy()
     moments = (6 * held[:, None] + np.arange(3, 6)).reshape(-1)
-    covariance[moments, :] = covariance[:, moments] = 0.0
-    session = session_of(bench.model, replace(bench.observations, covariance=covariance))
+    turn = np.tile(np.eye(6), (len(bench.observations.ids), 1, 1))
+    turn[held, 3:, 3:] = 0.0
+    session = session_of(bench.model, replace(bench.observations, noise=bench.observations.noise.turned(turn)))
     assert not np.isin(session.rows, moments).any()
     assert np.isin(6 * held, session.rows[~session.fitted]).all()
 

@@ -25,6 +25,7 @@ from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Finger
 from fingermodel.model import Model
 from fingermodel.observations import Observations
+from fingermodel.reading_noise import Noise
 from fingermodel.stages import Layout, LoadCaseInput
 from server.figures.arrows import BETWEEN, MEASURED, NOMINAL, Spread, area_of, sector, spread_between
 from server.figures.bone import bone_figure
@@ -92,7 +93,7 @@ def session(rows: Sequence[Row], *, sd: float = 0.05, scale: float = 1.0, assume
         masses_g=tuple(r.masses_g for r in rows),
         inputs=inputs,
         wrench=wrench,
-        covariance=np.diag(np.tile([sd**2] * 3 + [1.0] * 3, count)),
+        noise=Noise(np.tile(np.diag([sd**2] * 3 + [1.0] * 3), (count, 1, 1))),
         layout=layout,
         noise_assumed=assumed,
     )

@@ -103,19 +103,11 @@ class RigMistake:
         turn[:, :3, :3] = axes
         turn[:, 3:, 3:] = axes
         turn *= self.factor
-        whole = np.zeros((6 * len(turn), 6 * len(turn)))
-        for k, one in enumerate(turn):
-            whole[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = one
         read = np.isfinite(observations.wrench)
         # A component that was not read may be turned into one that is asked for; then that is not known either.
         known = np.einsum("nij,nj->ni", np.abs(turn) > 1e-6 * self.factor, ~read) == 0
         wrench = np.einsum("nij,nj->ni", turn, np.nan_to_num(observations.wrench))
-        return replace(
-            observations,
-            wrench=np.where(known, wrench, np.nan),
-            covariance=whole @ observations.covariance @ whole.T,
-            shared_tares=whole @ observations.shared_tares,
-        )
+        return replace(observations, wrench=np.where(known, wrench, np.nan), noise=observations.noise.turned(turn))
 
 
 def rig_mistake(model: Model, observations: Observations) -> RigMistake | None:

@@ -20,6 +20,7 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import LEVER_MM, SEED, WORTH_NAT
 from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw
 from fingermodel.diagnosis.verdict.hints import library
+from fingermodel.reading_noise import Noise
 from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]
@@ -96,8 +97,7 @@ def _planned(fit: Optimum, cases: Sequence[PlannedReading], inputs: LoadCaseInpu
         masses_g=tuple(c.masses_g for c in cases),
         inputs=inputs,
         wrench=np.zeros((count, 6)),
-        covariance=np.zeros((0, 0)),
-        shared_tares=np.zeros((0, 0)),
+        noise=Noise(np.zeros((count, 6, 6))),
         tared=np.zeros((0, 6)),
     )
     return library(replace(session, problem=replace(session.problem, observations=observations, _fitted=[])), fit.theta)

@@ -216,11 +216,5 @@ def _with(observations: Observations, **columns: Floats) -> Observations:
 
 def _mirrored(observations: Observations) -> Observations:
     """The readings of the other hand."""
-    sign = np.tile(_MIRROR, len(observations.ids))
-    shared = observations.shared_tares
-    return replace(
-        observations,
-        wrench=observations.wrench * _MIRROR,
-        covariance=observations.covariance * sign[:, None] * sign,
-        shared_tares=shared * sign[:, None] if shared.size else shared,
-    )
+    turn = np.tile(np.diag(_MIRROR), (len(observations.ids), 1, 1))
+    return replace(observations, wrench=observations.wrench * _MIRROR, noise=observations.noise.turned(turn))

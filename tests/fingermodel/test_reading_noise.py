@@ -1,0 +1,39 @@
+"""The covariance of readings by its parts is that of all of them, and grows with their number only."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fingermodel.reading_noise import Noise, SharedTare
+from server.workflow import Bench, open_bench
+
+
+@pytest.fixture(scope="module", params=["DEV-01", "synek2019_H01"])
+def bench(request: pytest.FixtureRequest) -> Bench:
+    return open_bench(request.param)
+
+
+def test_the_parts_are_the_covariance_of_the_measured_session(bench: Bench) -> None:
+    observations, n = bench.observations, 6 * len(bench.measured.cases)
+    spread = np.diag([bench.model.budget.reading_sd_N**2] * 3 + [(10 * bench.model.budget.reading_sd_N) ** 2] * 3)
+    stated = np.array([0.0 if m.noise_stated else 1.0 for m in bench.measured.cases])
+    expected = bench.measured.covariance() + np.kron(np.diag(stated), spread)
+    np.testing.assert_allclose(observations.covariance[:n, :n], expected, rtol=1e-9, atol=1e-15)
+    shared = observations.covariance - observations.shared_tares @ observations.shared_tares.T
+    blocks = np.kron(np.eye(len(observations.ids)), np.ones((6, 6)))
+    np.testing.assert_allclose(shared * (1 - blocks), 0.0, atol=1e-15)
+
+
+def test_readings_that_are_turned_have_the_covariance_turned() -> None:
+    rng = np.random.default_rng(0)
+    half, turn = rng.normal(size=(4, 6, 6)), rng.normal(size=(4, 6, 6))
+    shared = (SharedTare(np.array([0, 2, 3]), rng.normal(size=(3, 6, 6))), SharedTare(np.array([1, 2]), half[:2]))
+    noise = Noise(half @ np.swapaxes(half, 1, 2), shared)
+    whole = np.zeros((24, 24))
+    for k, one in enumerate(turn):
+        whole[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = one
+    turned = noise.turned(turn)
+    np.testing.assert_allclose(turned.dense, whole @ noise.dense @ whole.T)
+    np.testing.assert_allclose(turned.tares, whole @ noise.tares)
+    np.testing.assert_allclose(turned.blocks, [turned.dense[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(4)])
