@@ -67,6 +67,11 @@ __all__ = [
     "write_session",
 ]
 
+try:  # libyaml is ten times faster, and not built everywhere
+    from yaml import CSafeDumper as SafeDumper
+except ImportError:
+    from yaml import SafeDumper  # type: ignore[assignment]
+
 SESSION_FILE = "session.yaml"
 AMENDMENTS_FILE, AMENDMENTS_FORMAT = "amendments.yaml", "bench-amendments/1"
 # Of a document that brings its own finger instead of naming a file.
@@ -269,16 +274,16 @@ def _short(file: Path) -> str:
     return f"{file.parent.name}/{file.name}" if file.parent.name else file.name
 
 
-class _Dumper(yaml.SafeDumper):
+class _Dumper(SafeDumper):
     """YAML with short lists and masses on one line."""
 
 
-def _represent_list(dumper: yaml.SafeDumper, data: list[Any]) -> yaml.Node:
+def _represent_list(dumper: _Dumper, data: list[Any]) -> yaml.Node:
     plain = all(isinstance(v, int | float | list) or (isinstance(v, str) and len(v) < 30) for v in data)
     return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=plain)
 
 
-def _represent_dict(dumper: yaml.SafeDumper, data: dict[str, Any]) -> yaml.Node:
+def _represent_dict(dumper: _Dumper, data: dict[str, Any]) -> yaml.Node:
     flow = bool(data) and len(data) < 7 and all(isinstance(v, int | float) for v in data.values())
     return dumper.represent_mapping("tag:yaml.org,2002:map", data.items(), flow_style=flow or not data)
 
