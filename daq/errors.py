@@ -14,6 +14,12 @@ Every message is one line: what was found, what was expected, what to do.
 
 from __future__ import annotations
 
+import errno
+
+# Of OSError: full disks, too many open files, too little memory, a device that does not answer now.
+_LATER = ("ENOSPC", "EDQUOT", "EMFILE", "ENFILE", "ENOMEM", "EAGAIN", "EIO", "EBUSY", "ESTALE", "ETIMEDOUT")
+LATER = frozenset(getattr(errno, name) for name in _LATER if hasattr(errno, name))
+
 
 class InputError(ValueError):
     """Bad input, said in one line: found, expected, remedy."""

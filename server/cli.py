@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import typer
 from typer.exceptions import TyperException
 
-from daq.errors import InputError
+from daq.errors import LATER, InputError, LaterError
 from server import cli_bench, cli_fingers, cli_service
 from server.cli_options import (
     BEGIN,
@@ -400,6 +400,10 @@ def options(
     """Log a load cell under a cadaver finger, compare it with a finger model, refit, and see the error fall."""
 
 
+# Of a command that cannot be carried out now and may be later, as sysexits.h has it; 2 is for what never can be.
+AGAIN_LATER = 75
+
+
 def main() -> None:
     """Run the command line."""
     if isinstance(sys.stdout, TextIOWrapper):
@@ -407,7 +411,7 @@ def main() -> None:
     try:
         code = app(sys.argv[1:] or ["--help"], standalone_mode=False)
     except InputError as error:
-        _fail(str(error), 2)
+        _fail(str(error), AGAIN_LATER if isinstance(error, LaterError) else 2)
     except TyperException as error:
         text = error.format_message() if hasattr(error, "format_message") else str(error)
         text = " ".join(text.replace("Value error, ", "").split()).rstrip(".")
@@ -423,7 +427,8 @@ def main() -> None:
         raise SystemExit(0) from None
     except OSError as error:
         where = f": {error.filename}" if error.filename else ""
-        _fail(f"{error.strerror or error}{where}. Check the path, its rights and the space left.", 2)
+        code = AGAIN_LATER if error.errno in LATER else 2
+        _fail(f"{error.strerror or error}{where}. Check the path, its rights and the space left.", code)
     if code == 130:  # Typer makes Ctrl-C within a command an exit code
         _fail("Interrupted; nothing that was already written is lost.", 130)
     raise SystemExit(code if isinstance(code, int) else 0)

@@ -1,4 +1,4 @@
-"""Commands of the model service: `serve`, `token`, `backup`, `restore`."""
+"""Commands of the model service: `serve`, `token`, `backup`, `restore`, `purge`."""
 
 from __future__ import annotations
 
@@ -117,3 +117,27 @@ def restore(
     from server.commands.service import restore as run
 
     run({"data": data, "database_url": database_url}, file, force, json)
+
+
+@app.command()
+def purge(
+    what: Annotated[
+        Literal["deleted", "jobs", "messages"],
+        typer.Argument(
+            help="deleted: content of sessions that were deleted; jobs: that have ended, with their results; "
+            "messages: of the live stream, but those of running benches."
+        ),
+    ],
+    older_than: Annotated[
+        float, typer.Option(metavar="DAYS", min=0, help="Since the deletion, the end, or the message.")
+    ] = 30.0,
+    session: Annotated[str | None, typer.Option(metavar="ID", help="Of this session only.")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only count.")] = False,
+    data: Data = None,
+    database_url: DatabaseUrl = None,
+    json: Json = None,
+) -> None:
+    """Remove for good what nobody needs any more, and give its space back; the service may run meanwhile."""
+    from server.commands.service import purge as run
+
+    run({"data": data, "database_url": database_url}, what, older_than, session, dry_run, json)

@@ -1,4 +1,4 @@
-"""`fingertwin serve`, `token`, `backup` and `restore`."""
+"""`fingertwin serve`, `token`, `backup`, `restore` and `purge`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from server.console import answer, progress, say, table
 
 if TYPE_CHECKING:
     from server.service.database import Database
-    from server.service.settings import Settings
+    from server.service.settings import Settings, What
     from server.service.tokens import Role, Token
 
 Given = Mapping[str, Any]
@@ -100,6 +100,34 @@ def restore(given: Given, source: Path, force: bool, json: str | None) -> None:
     say(f"{done.file}: {_megabytes(done.size_bytes)}, {done.sessions} sessions, checked")
     if aside is not None:
         say(f"The former database is {aside}")
+
+
+@privately
+def purge(given: Given, what: What, older_days: float, session: str | None, dry_run: bool, json: str | None) -> None:
+    """Remove what is older than so many days, and give its space back."""
+    from server.service.folder import HeldError, alone, folder_of, held
+    from server.service.purge import give_back
+    from server.service.purge import purge as run
+
+    settings, given_back = settings_of(given), False
+    with _database(settings) as database, progress("Counting" if dry_run else "Removing"):
+        done = run(database, what, older_days, session, dry_run=dry_run)
+        if not dry_run:
+            try:
+                with held(folder_of(settings)), alone(database):
+                    given_back = give_back(database, alone=True)
+            except HeldError:
+                given_back = give_back(database)
+    if answer("purge", {**done.as_dict(), "dry_run": dry_run, "given_back": given_back}, json):
+        return
+    found = {
+        "deleted": f"{done.sessions} deleted sessions with {_megabytes(done.chunk_bytes)} of readings",
+        "jobs": f"{done.jobs} jobs",
+        "messages": f"{done.messages} messages",
+    }[what]
+    say(f"{found} {'would be' if dry_run else 'are'} removed")
+    if not dry_run and not given_back:
+        say("Their space is used again; to make the file smaller, end the service and purge once more.")
 
 
 def settings_of(given: Given) -> Settings:

@@ -6,7 +6,7 @@ import asyncio
 import gc
 import logging
 import threading
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 
@@ -30,6 +30,8 @@ from server.service.tokens import TokenBook
 _LOG = logging.getLogger(__name__)
 # So long a compilation that has begun may hold up the end of the service.
 _COMPILED_S = 30.0
+# What fails while the service gets ready is tried again after so long, and each time after twice as long [s].
+FIRST_WAIT_S, _MOST_WAIT_S = 1.0, 60.0
 _DESCRIPTION = """\
 The digital twin of a finger on a test bench. It takes a load cell's readings in, keeps them, predicts and compares the
 forces of every load case, refits the model, and finds the physical effect that is missing.
@@ -61,6 +63,7 @@ def create_app(settings: Settings) -> FastAPI:
         try:
             yield
         finally:
+            parts.stopping.set()
             await parts.live.close()
             # The interpreter must not end while a thread is inside the compiler: that would end it with a crash.
             await asyncio.to_thread(warming.join, _COMPILED_S)
@@ -157,27 +160,39 @@ def _warm(parts: Services) -> None:
 
     from daq.plateaus import reduce_window
 
-    try:
+    def model() -> None:
         predictor = parts.twins.predictor("an1979_middle")
         rotations, muscles = len(predictor.topology.rotations), len(predictor.topology.muscles)
         for size in (1, 16):
             predictor.predict(np.full((size, rotations), 0.5), np.zeros((size, muscles)), 0.0)
-    except Exception:
-        _LOG.exception("the model was not warmed, and the service does not become ready")
-    else:
-        parts.ready = True
+
+    if not _until_done(parts, model, "the model was not warmed, and the service is not ready yet"):
+        return
+    parts.ready = True
     if not gc.isenabled():
         # What was loaded stays as long as the service runs: it is looked through no more.
         gc.freeze()
         gc.enable()
     # What the first weight that hangs would wait for: a window's statistics load what they need.
     reduce_window(np.arange(100.0), np.random.default_rng(0).normal(size=(100, 6)))
-    if parts.ready and parts.settings.warm_workers:
+    if parts.settings.warm_workers:
         parts.jobs.warm()
-    try:
-        parts.jobs.start()
-    except Exception:
-        _LOG.exception("the jobs of the run before were not taken up")
+    _until_done(parts, parts.jobs.start, "the jobs of the run before were not taken up yet")
+
+
+def _until_done(parts: Services, work: Callable[[], None], failed: str) -> bool:
+    """Do what the service cannot do without, again and again until it succeeds: whatever it lacked may come back."""
+    wait_s = FIRST_WAIT_S
+    while not parts.stopping.is_set():
+        try:
+            work()
+        except Exception:
+            _LOG.exception("%s; again in %g s", failed, wait_s)
+            parts.stopping.wait(wait_s)
+            wait_s = min(2.0 * wait_s, _MOST_WAIT_S)
+        else:
+            return True
+    return False
 
 
 def _stop(parts: Services) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from sqlalchemy import text
 
-from daq.errors import InputError, JournalError
+from daq.errors import LATER, InputError, JournalError, LaterError
 from daq.journal.lock import InUseError, WriterLock
 from daq.private import close_to_others
 from server.service.database import Database
@@ -36,7 +36,7 @@ def made(folder: Path) -> Path:
         trial.touch()
         trial.unlink()
     except OSError as error:
-        raise InputError(
+        raise (LaterError if error.errno in LATER else InputError)(
             f"the data folder {folder} cannot be written ({error.strerror or error})",
             "a folder that may be written",
             "Check its rights and its disk, or give another with --data",

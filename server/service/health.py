@@ -16,6 +16,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from server.service.database import Database, now_utc
 from server.service.metrics import Metrics
 from server.service.migrate import expected
+from server.service.purge import reusable_bytes
 from server.service.schema import jobs
 from server.service.scrub import Scrub, named
 
@@ -35,6 +36,9 @@ class DatabaseHealth(BaseModel):
     ok: bool = Field(description="Whether it answers.")
     size_bytes: int | None = Field(description="Of the database; null where it does not say.")
     free_bytes: int | None = Field(description="Free on its disk; null where that is another machine's.")
+    reusable_bytes: int | None = Field(description="Of the database's file, what holds nothing; null for PostgreSQL.")
+    deleted_bytes: int | None = Field(description="Readings of deleted sessions, which `fingertwin purge` removes.")
+    folder_bytes: int | None = Field(description="Everything in the data folder, former databases included.")
     checked_utc: str | None = Field(description="When everything was last held against its checksums; null before.")
     damaged: int = Field(description="Rows that are known not to be as they were written.")
 
@@ -116,6 +120,9 @@ class Health:
                 ok=ok,
                 size_bytes=self.size_bytes() if ok else None,
                 free_bytes=free,
+                reusable_bytes=self.reusable_bytes() if ok else None,
+                deleted_bytes=self._scrub.deleted_bytes,
+                folder_bytes=self.folder_bytes(),
                 checked_utc=self._scrub.checked_utc,
                 damaged=len(damaged),
             ),
@@ -134,6 +141,20 @@ class Health:
             with self._database.reading() as connection:
                 return int(connection.execute(text("SELECT pg_database_size(current_database())")).scalar_one())
         except (OSError, SQLAlchemyError):
+            return None
+
+    def reusable_bytes(self) -> int | None:
+        """Bytes of the database's file that hold nothing; None where it does not say."""
+        try:
+            return reusable_bytes(self._database)
+        except SQLAlchemyError:
+            return None
+
+    def folder_bytes(self) -> int | None:
+        """Size of all files in the data folder; None where there is none."""
+        try:
+            return None if self._folder is None else sum(f.stat().st_size for f in self._folder.iterdir())
+        except OSError:
             return None
 
     def free_bytes(self) -> int | None:
@@ -156,6 +177,7 @@ class Health:
         """Let the metrics ask for what is known here."""
         metrics.ask("fingertwin_jobs", "Jobs by state.", self.jobs_by_state, "state")
         metrics.ask("fingertwin_database_bytes", "Size of the database.", self.size_bytes)
+        metrics.ask("fingertwin_disk_bytes", "What takes space, by what it is.", self._disk, "of")
         metrics.ask("fingertwin_free_bytes", "Free on its disk.", self.free_bytes)
         metrics.ask(
             "fingertwin_damaged_rows",
@@ -164,6 +186,15 @@ class Health:
         )
         metrics.ask("fingertwin_ready", "Whether the service may be asked.", lambda: float(self.ready))
         metrics.ask("fingertwin_workers", "Worker processes and waiting jobs.", self._of_workers, "state")
+
+    def _disk(self) -> dict[str, float]:
+        known = {
+            "database": self.size_bytes(),
+            "reusable": self.reusable_bytes(),
+            "deleted": self._scrub.deleted_bytes,
+            "folder": self.folder_bytes(),
+        }
+        return {name: float(size) for name, size in known.items() if size is not None}
 
     def _of_workers(self) -> dict[str, float]:
         return dict(vars(self._workers()))

@@ -14,7 +14,7 @@ from sqlalchemy import Connection, create_engine, event, inspect, text
 from sqlalchemy.exc import DBAPIError, NoSuchTableError
 from sqlalchemy.pool import NullPool
 
-from daq.errors import InputError, LaterError
+from daq.errors import LATER, InputError, LaterError
 from server.service.database import Database
 from server.service.files import beside, settle
 from server.service.schema import metadata
@@ -47,8 +47,15 @@ def upgrade(database: Database, to: str = "head") -> str:
             written.
     """
     with explained(database):
-        if _is_absent(database.file) and _begun(database, to):
-            return ""
+        try:
+            if _is_absent(database.file) and _begun(database, to):
+                return ""
+        except OSError as error:
+            raise (LaterError if error.errno in LATER else InputError)(
+                f"{database.file} cannot be made ({error.strerror or error})",
+                "a folder with space that may be written",
+                "Make room, or give another with --data",
+            ) from error
     with explained(database), _alone(database) as connection:
         found = version_of(connection)
         if not found and database.file is not None:

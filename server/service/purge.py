@@ -10,16 +10,15 @@ import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from typing import Any
 
 from sqlalchemy import ColumnElement, Table, delete, exists, func, or_, select, tuple_, update
 
 from daq.errors import InputError
 from server.service.database import Database
 from server.service.schema import chunks, edits, events, job_parts, jobs, messages, sessions, streams
+from server.service.settings import What
 
-What = Literal["deleted", "jobs", "messages"]
-WHAT: tuple[What, ...] = get_args(What)
 ENDED = ("done", "failed", "cancelled")
 # Rows, and pages of the file, that one transaction removes: benches wait for no more than that.
 _CHUNKS, _ROWS, _PAGES = 32, 500, 2048

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ from daq.blocks import Chunk
 from daq.errors import JournalError
 from server.service.checksums import DamagedError, Sealed, digest_of, opened
 from server.service.database import Database, now_utc
+from server.service.purge import purge
 from server.service.schema import chunks, events, metadata, streams
 
 # What has its SHA-256 in a column of its own, since whoever sent it said it.
@@ -105,14 +106,17 @@ class Scrub:
 
     Args:
         database: that is read.
+        before: is called before each pass: it removes what is kept no longer.
 
     Attributes:
         checked_utc: end of the last whole pass; None before it.
+        deleted_bytes: of readings of deleted sessions, as of then.
     """
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
+    def __init__(self, database: Database, before: Callable[[], None] = lambda: None) -> None:
+        self._database, self._before = database, before
         self.checked_utc: str | None = None
+        self.deleted_bytes: int | None = None
         self._known: dict[str, None] = {}
         self._lock, self._halt = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="scrub", daemon=True)
@@ -151,6 +155,7 @@ class Scrub:
                 return False
         with self._lock:
             self._known = dict.fromkeys(found)
+        self.deleted_bytes = purge(self._database, "deleted", 0.0, dry_run=True).chunk_bytes
         self.checked_utc = now_utc()
         return True
 
@@ -159,6 +164,7 @@ class Scrub:
         while not self._halt.wait(wait_s):
             wait_s = EVERY_S
             try:
+                self._before()
                 self.look(RATE)
             except (SQLAlchemyError, OSError) as error:
                 # What cannot be read for now is tried again; what can never be read shows in every pass.

@@ -13,9 +13,10 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 import uvicorn
+from sqlalchemy.exc import DBAPIError
 from uvicorn.server import HANDLED_SIGNALS
 
-from daq.errors import InputError
+from daq.errors import LATER, InputError, LaterError
 from server.service import logs
 from server.service.database import Database
 from server.service.folder import alone, folder_of, held, made
@@ -156,9 +157,15 @@ class _Started:
         except InputError as error:
             self.refusal = error
             failed = [{**message, "message": ""} for message in failed]
-        except Exception:
+        except Exception as error:
             if not failed:
                 raise
+            cause = error.orig if isinstance(error, DBAPIError) else error
+            if isinstance(error, DBAPIError) or (isinstance(error, OSError) and error.errno in LATER):
+                self.refusal = LaterError(
+                    f"the service cannot start now ({cause})", "space and free files", "Start it again"
+                )
+                failed = [{**message, "message": ""} for message in failed]
         for message in failed:
             await send(message)
 

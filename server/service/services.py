@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ from server.service.database import Database
 from server.service.ingest import Ingest
 from server.service.measuring import Measuring
 from server.service.messages import Messages
+from server.service.purge import retain
 from server.service.revisions import Revisions
 from server.service.scrub import Scrub
 from server.service.sessions import Sessions
@@ -42,6 +44,7 @@ class Services:
         sessions, ingest, measuring, twins, revisions, effects, jobs, live, watch, scrub: its parts.
         started: monotonic time of the start [s].
         ready: whether models are warm and the database is up to date.
+        stopping: is set when the service ends.
     """
 
     settings: Settings
@@ -59,6 +62,7 @@ class Services:
     scrub: Scrub
     started: float = field(default_factory=time.monotonic)
     ready: bool = False
+    stopping: threading.Event = field(default_factory=threading.Event)
 
 
 def of(connection: HTTPConnection) -> Services:
@@ -139,5 +143,5 @@ def build(settings: Settings) -> Services:
         jobs,
         live,
         watch,
-        Scrub(database),
+        Scrub(database, lambda: retain(database, settings.keep_days)),
     )

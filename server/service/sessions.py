@@ -135,7 +135,10 @@ class Sessions:
     def listed(self, specimen: str | None = None, limit: int = 100, after: str = "") -> list[Listed]:
         """Return sessions by id, after one of them."""
         count = select(func.count()).where(streams.c.session == sessions.c.id).scalar_subquery()
-        query = select(sessions, count.label("streams")).where(sessions.c.deleted_utc.is_(None))
+        # Documents may have megabytes, and are not read for this.
+        shown = [sessions.c[name] for name in ("id", "specimen", "version", "created_utc", "closed_utc")]
+        posted = sessions.c.document.is_not(None).label("posted")
+        query = select(*shown, posted, count.label("streams")).where(sessions.c.deleted_utc.is_(None))
         query = query.where(sessions.c.id > after).order_by(sessions.c.id).limit(limit)
         if specimen is not None:
             query = query.where(sessions.c.specimen == specimen)
@@ -145,7 +148,7 @@ class Sessions:
             Listed(
                 r.id,
                 r.specimen,
-                "document" if r.document is not None else "bench",
+                "document" if r.posted else "bench",
                 r.version,
                 r.created_utc,
                 r.closed_utc,

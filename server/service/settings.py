@@ -5,13 +5,15 @@ from __future__ import annotations
 import ipaddress
 import os
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from platformdirs import user_data_path
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 DATABASE_FILE = "fingertwin.db"
+# What can be removed for good: content of deleted sessions, jobs that have ended, messages of the live stream.
+What = Literal["deleted", "jobs", "messages"]
 
 
 def default_folder() -> Path:
@@ -34,6 +36,8 @@ class Settings(BaseSettings):
         dask_scheduler: address of the cluster's scheduler.
         most_body_bytes: of a request.
         requests_per_s: of one client beyond loopback; bursts of ten times as many pass.
+        keep_days: how long deleted sessions, ended jobs and live messages are kept, as JSON such as `{"deleted": 30}`;
+            what is not named is kept for good.
         log_format: lines to read, or JSON.
         log_level: of the log.
     """
@@ -51,6 +55,7 @@ class Settings(BaseSettings):
     dask_scheduler: str | None = None
     most_body_bytes: int = Field(default=16 << 20, ge=1 << 16)
     requests_per_s: float = Field(default=100.0, gt=0)
+    keep_days: dict[What, Annotated[float, Field(ge=0)]] = Field(default_factory=dict)
     log_format: Literal["text", "json"] = "text"
     log_level: Literal["debug", "info", "warning", "error"] = "info"
 

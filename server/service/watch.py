@@ -9,6 +9,7 @@ from collections.abc import Hashable
 from typing import Any
 
 from sqlalchemy import select
+from sqlalchemy.exc import SQLAlchemyError
 
 from daq.errors import InputError
 from server.service.answers import dumps
@@ -21,6 +22,8 @@ from server.service.twins import Twins
 from server.workflow import compare_bench
 
 _LOG = logging.getLogger(__name__)
+# After so long what failed for want of space or files is looked at again [s].
+_AGAIN_S = 5.0
 
 
 class Watch:
@@ -91,6 +94,12 @@ class Watch:
                 self._look(session)
             except ProblemError:
                 self._waiting.discard(session)  # deleted meanwhile
+            except (SQLAlchemyError, OSError):
+                # A full disk, too many open files: looked at again, and nobody has to ask for it.
+                _LOG.exception("the cases of session %s are not computed yet", session)
+                with self._some:
+                    self._some.wait_for(lambda: self._halt, _AGAIN_S)
+                self.touch(session)
             except Exception:
                 _LOG.exception("the cases of session %s were not computed", session)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +21,9 @@ from server.service.schema import chunks, streams
 from server.service.workers import require_client
 
 _MOST_CACHED = 20_000
+# So many windows are read in one pass over the whole stream, instead of by a look-up each.
+_MANY = 16
+_WHERE = "the stored readings"
 _Key = tuple[str, str, Span]
 
 
@@ -72,38 +75,65 @@ class Windows:
                 new.append(window)
         if new:
             with self._database.reading() as connection:
+                state = None
+                if stream is not None:
+                    here = (streams.c.session == session) & (streams.c.id == stream)
+                    state = connection.execute(select(streams).where(here)).first()
+                if stream is None or state is None:
+                    return replace(out, waiting=dict.fromkeys(new, "no readings are there yet"))
+                whole = bool(state.ended) and state.held == state.next_seq
+                if whole and self._together(connection, session, stream, {w: windows[w] for w in new}, out):
+                    return out
                 for window in new:
-                    self._reduce(connection, session, stream, window, windows[window], out)
+                    self._reduce(connection, session, stream, window, windows[window], out, whole=whole)
         return out
 
     def one(self, session: str, stream: str | None, window: Span) -> Plateau | None:
         """Reduce a window where all its readings are there."""
         return self.reduce(session, stream, {window: "window"}).plateaus.get(window)
 
+    def _together(
+        self, connection: Connection, session: str, stream: str, windows: Mapping[Span, str], out: Reduced
+    ) -> bool:
+        """Reduce many windows of a whole stream in one pass; False where there are few, or one has a fault."""
+        if len(windows) < _MANY:
+            return False
+        around = min(start for start, _ in windows), max(end for _, end in windows)
+        try:
+            found = gather(blocks_of(connection, session, stream, around), windows, _WHERE).plateaus
+        except ReadingsError:
+            return False  # one by one, each is told what is wrong with it
+        out.plateaus.update(found)
+        self._remember({(session, stream, window): plateau for window, plateau in found.items()})
+        return True
+
     def _reduce(
-        self, connection: Connection, session: str, stream: str | None, window: Span, name: str, out: Reduced
+        self,
+        connection: Connection,
+        session: str,
+        stream: str,
+        window: Span,
+        name: str,
+        out: Reduced,
+        *,
+        whole: bool,
     ) -> None:
-        state = None
-        if stream is not None:
-            here = (streams.c.session == session) & (streams.c.id == stream)
-            state = connection.execute(select(streams).where(here)).first()
-        if state is None or stream is None:
-            out.waiting[window] = "no readings are there yet"
-            return
-        lacks = _lacking(connection, session, stream, window, bool(state.ended) and state.held == state.next_seq)
+        lacks = _lacking(connection, session, stream, window, whole)
         if lacks:
             out.waiting[window] = lacks
             return
         found: Plateau | ReadingsError
         try:
-            blocks = blocks_of(connection, session, stream, window)
-            found = gather(blocks, {window: name}, "the stored readings").plateaus[window]
+            found = gather(blocks_of(connection, session, stream, window), {window: name}, _WHERE).plateaus[window]
             out.plateaus[window] = found
         except ReadingsError as error:
             # Without what it was raised in: it is kept.
             found = out.failed[window] = error.with_traceback(None)
+        self._remember({(session, stream, window): found})
+
+    def _remember(self, found: Mapping[_Key, Plateau | ReadingsError]) -> None:
         with self._lock:
-            self._known[session, stream, window] = found
+            self._known.update(found)
             while len(self._known) > _MOST_CACHED:
                 self._known.popitem(last=False)
 
