@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import typer
 from typer.exceptions import TyperException
 
-from daq.errors import LATER, InputError, LaterError
+from daq.errors import InputError, LaterError
 from server import cli_bench, cli_fingers, cli_service
 from server.cli_options import (
     BEGIN,
@@ -427,8 +427,7 @@ def main() -> None:
         raise SystemExit(0) from None
     except OSError as error:
         where = f": {error.filename}" if error.filename else ""
-        code = AGAIN_LATER if error.errno in LATER else 2
-        _fail(f"{error.strerror or error}{where}. Check the path, its rights and the space left.", code)
+        _fail(f"{error.strerror or error}{where}. Check the path, its rights and the space left.", 2)
     if code == 130:  # Typer makes Ctrl-C within a command an exit code
         _fail("Interrupted; nothing that was already written is lost.", 130)
     raise SystemExit(code if isinstance(code, int) else 0)
