@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test test-full check bench clean
+.PHONY: help demo test test-full check bench lock sbom clean
 help:  ## List the tasks
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
 
@@ -24,6 +24,12 @@ check: $(VENV)/.dev  ## Style, types, layers
 
 bench: $(VENV)/.dev  ## Time everything against its rivals (about five minutes)
 	$(BIN)/python -m benchmarks.run
+
+lock: $(VENV)/.installed  ## Write requirements.lock: what the service is installed from, with hashes
+	$(BIN)/python docs/deploy/lock.py requirements.lock
+
+sbom: $(VENV)/.installed  ## Write the service's bill of materials (CycloneDX) to dist/
+	$(BIN)/python docs/deploy/lock.py dist/fingertwin.cdx.json
 
 clean:  ## Remove the environment and caches
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -58,7 +58,7 @@ def amend(
     undo: Annotated[bool, typer.Option("--undo", help="Take the case's last amendment back.")] = False,
     why: Annotated[str | None, typer.Option(help="Say how it is known; this is kept with the amendment.")] = None,
     by: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Say who amends it; by default the user of this machine.")
+        str | None, typer.Option(metavar="NAME", help="Name who says so; the trail keeps the user of this machine too.")
     ] = None,
     json: Json = None,
 ) -> None:

@@ -119,20 +119,20 @@ def restore(
     run({"data": data, "database_url": database_url}, file, force, json)
 
 
-@app.command()
+@app.command(rich_help_panel=SERVICE)
 def purge(
     what: Annotated[
         Literal["deleted", "jobs", "messages"],
         typer.Argument(
-            help="deleted: content of sessions that were deleted; jobs: that have ended, with their results; "
-            "messages: of the live stream, but those of running benches."
+            help="Remove the content of deleted sessions; jobs that have ended, with their results; or messages of the "
+            "live stream, but those of running benches."
         ),
     ],
     older_than: Annotated[
-        float, typer.Option(metavar="DAYS", min=0, help="Since the deletion, the end, or the message.")
+        float, typer.Option(metavar="DAYS", min=0, help="Remove what was deleted, ended or told so long ago.")
     ] = 30.0,
-    session: Annotated[str | None, typer.Option(metavar="ID", help="Of this session only.")] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only count.")] = False,
+    session: Annotated[str | None, typer.Option(metavar="ID", help="Remove that of this session only.")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Count only.")] = False,
     data: Data = None,
     database_url: DatabaseUrl = None,
     json: Json = None,
@@ -141,3 +141,18 @@ def purge(
     from server.commands.service import purge as run
 
     run({"data": data, "database_url": database_url}, what, older_than, session, dry_run, json)
+
+
+@app.command(rich_help_panel=SERVICE)
+def audit(
+    folder: Annotated[
+        Path | None, typer.Argument(help="Name a session's or models' folder; by default it is the service's trail.")
+    ] = None,
+    data: Data = None,
+    database_url: DatabaseUrl = None,
+    json: Json = None,
+) -> None:
+    """Show who changed what, when and from where, and check that the trail is as it was written."""
+    from server.commands.audit import show_audit
+
+    raise typer.Exit(show_audit(folder, {"data": data, "database_url": database_url}, json))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from daq.audit import note
 from daq.checks import measure_and_check
 from daq.sessions import read_session
 
@@ -170,10 +171,18 @@ def save_revision(
     step: Step | None = None,
 ) -> dict[str, Any]:
     """Write a fit as a revision and return its document."""
+    from daq.export import sha256_of
     from fingermodel.model_files import write_revision
 
     document = describe_revision(bench, fit, before, after, readings_digest(bench.measured), step)
     write_revision(document, path)
+    changed = {
+        "file": path.name,
+        "revision": document["id"],
+        "added": document["added"],
+        "removed": document["removed"],
+    }
+    note(path.parent, "add" if step else "refit", bench.measured.session.id, changed | {"sha256": sha256_of(path)})
     return document
 
 

@@ -171,12 +171,11 @@ class Session:
             raise InputError(f"session {self.id} has no revision yet", "at least one", "Refit it, or add an effect")
         return next((r for r in revisions if r.in_force), revisions[-1]).plot()
 
-    def move_windows(self, case: str, *, author: str | None = None, **windows: Span | None) -> Edit:
+    def move_windows(self, case: str, **windows: Span | None) -> Edit:
         """Move windows of a load case, in s of the readings: unloaded_s, loaded_s, unloaded_after_s.
 
         Args:
             case: its id.
-            author: who does it.
             windows: (start, end); None takes one away.
         """
         known = ("unloaded_s", "loaded_s", "unloaded_after_s")
@@ -185,26 +184,26 @@ class Session:
             raise InputError(f"the window {unknown[0]!r}" if unknown else "no window", f"of {', '.join(known)}")
         given = {name: None if span is None else list(span) for name, span in windows.items()}
         answer = self._exchange.ask(
-            "PUT", self._path("cases", case, "windows"), json=given | _by(author), again=False
+            "PUT", self._path("cases", case, "windows"), json=given, again=False
         )  # fmt: skip
         return Edit.of(self._exchange.body(answer))
 
-    def add_case(self, case: Mapping[str, Any], author: str | None = None) -> Edit:
+    def add_case(self, case: Mapping[str, Any]) -> Edit:
         """Add a load case, as bench-session/1 has them; a repeat is added too, none is replaced."""
-        return self._edit({"case": dict(case)} | _by(author), "cases")
+        return self._edit({"case": dict(case)}, "cases")
 
-    def exclude(self, case: str, reason: str, author: str | None = None) -> Edit:
+    def exclude(self, case: str, reason: str) -> Edit:
         """Leave a load case out, for a reason."""
-        return self._edit({"reason": reason} | _by(author), "cases", case, "exclude")
+        return self._edit({"reason": reason}, "cases", case, "exclude")
 
-    def include(self, case: str, author: str | None = None) -> Edit:
+    def include(self, case: str) -> Edit:
         """Take a load case in again."""
-        return self._edit(_by(author), "cases", case, "include")
+        return self._edit({}, "cases", case, "include")
 
-    def undo(self, edit: Edit | int, author: str | None = None) -> Edit:
+    def undo(self, edit: Edit | int) -> Edit:
         """Take an edit back; an undo can be taken back too."""
         number = edit.number if isinstance(edit, Edit) else edit
-        return self._edit(_by(author), "edits", str(number), "undo")
+        return self._edit({}, "edits", str(number), "undo")
 
     def edits(self) -> list[Edit]:
         """Return every change that was made after the bench, oldest first."""
@@ -279,7 +278,3 @@ class Session:
 
     def _path(self, *parts: str) -> str:
         return path_of("sessions", self.id, *parts)
-
-
-def _by(author: str | None) -> Body:
-    return {} if author is None else {"author": author}

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.amendments import amendment, case_of, exchanged, listed, words, write_amendments
+from daq.audit import note
 from daq.errors import InputError, SessionError
 from daq.locations import data_dir
 from daq.session_models import Amendment, Session
@@ -65,6 +66,7 @@ def amend_case(
         new = [amendment(read, case, why, tendons=tendons, masses_g=masses, posture=posture, exclude=exclude, by=by)]
     _require_sound(session, new)
     write_amendments(folder, (*beside, *new))
+    note(folder, "amend", read.id, {"made": [a.model_dump(mode="json", exclude_none=True) for a in new]})
     _tell(session, read_session(session), new, json)
 
 
@@ -83,6 +85,8 @@ def _undo(session: str, beside: Sequence[Amendment], case: str, folder: Path, js
     if last is None:
         raise SessionError(f"case {case} has no amendment here", "one that was made with fingertwin amend")
     write_amendments(folder, (*beside[:last], *beside[last + 1 :]))
+    taken = beside[last].model_dump(mode="json", exclude_none=True)
+    note(folder, "amend undone", folder.name, {"taken_back": taken})
     if not _tell(session, read_session(session), [], json):
         say(f"Taken back: {case}: {words(beside[last])}.")
 

@@ -6,7 +6,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from daq.audit import note
 from daq.errors import InputError
+from daq.export import sha256_of
 from server.console import answer, progress, say, table
 
 
@@ -31,6 +33,8 @@ def import_recording(
         raise InputError(f"{target} is the recording", "another file for the readings", "Give it: --out FILE")
     with progress("Reading and writing"):
         done = convert_recording(recording, mapping, target)
+    told = {"recording": recording.name, "mapping_sha256": sha256_of(mapping), "sha256": sha256_of(target)}
+    note(target.parent, "import", target.name, told)
     body: dict[str, Any] = {"recording": str(recording), "mapping": str(mapping), "readings": str(target)}
     body |= {"conversions": list(done.conversions), "notes": list(done.notes)}
     if not answer("import", body, json):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from daq.audit import note
 from server.commands.diagnosis import run_diagnosis
 from server.commands.twin import provenance, say_first
 from server.console import answer, progress, say, table
@@ -76,6 +77,7 @@ def freeze_plan(bench: Bench, plan: Plan, out: Path | None) -> Path:
     path = out or Path("models") / f"{bench.measured.session.id}-frozen-{document['sha256'][:8]}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     write_frozen(document, path)
+    note(path.parent, "next --freeze", bench.measured.session.id, {"file": path.name, "sha256": document["sha256"]})
     return path
 
 

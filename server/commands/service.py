@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import gc
+import platform
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from daq.audit import local_user
 from daq.errors import InputError
 from daq.private import privately
 from server.console import answer, progress, say, table
@@ -44,9 +46,10 @@ def serve(given: Given, json: str | None) -> None:
 @privately
 def create_token(given: Given, name: str, role: Role, days: float | None, json: str | None) -> None:
     """Make a token and print it."""
+    from server.service.audit import acting
     from server.service.tokens import create
 
-    with _database(settings_of(given), new=True) as database:
+    with database_of(settings_of(given), new=True) as database, acting(local_user(), platform.node()):
         token, text = create(database, name, role, days)
     if answer("token-create", {"token": text, **token.as_dict()}, json):
         return
@@ -59,7 +62,7 @@ def list_tokens(given: Given, json: str | None) -> None:
     """Show the tokens."""
     from server.service.tokens import listed
 
-    with _database(settings_of(given)) as database:
+    with database_of(settings_of(given)) as database:
         found = listed(database)
     if answer("token-list", {"tokens": [t.as_dict() for t in found]}, json):
         return
@@ -69,9 +72,10 @@ def list_tokens(given: Given, json: str | None) -> None:
 
 def revoke_token(given: Given, number: str, json: str | None) -> None:
     """Make a token useless."""
+    from server.service.audit import acting
     from server.service.tokens import revoke
 
-    with _database(settings_of(given)) as database:
+    with database_of(settings_of(given)) as database, acting(local_user(), platform.node()):
         token = revoke(database, number)
     if not answer("token-revoke", token.as_dict(), json):
         say(f"Token {token.id} of {token.name} is revoked; a service that runs refuses it within a second or two.")
@@ -151,7 +155,7 @@ def settings_of(given: Given) -> Settings:
 
 
 @contextmanager
-def _database(settings: Settings, *, new: bool = False) -> Iterator[Database]:
+def database_of(settings: Settings, *, new: bool = False) -> Iterator[Database]:
     """Yield the service's database, which may be in use.
 
     Raises:

@@ -20,6 +20,7 @@ const OTHERS = {
   together: ["Several sessions together", () => import("./views/together.js")],
   fingers: ["Fingers", () => import("./views/fingers.js")],
   studies: ["Published studies", () => import("./views/studies.js")],
+  audit: ["Who changed what", () => import("./views/audit.js")],
   help: ["Help", () => import("./views/help.js")],
 };
 
@@ -44,6 +45,7 @@ function navigation({ session, view }) {
     link("#/together", "Together", !session && view === "together"),
     link("#/fingers", "Fingers", !session && view === "fingers"),
     link("#/studies", "Studies", !session && view === "studies"),
+    link("#/audit", "Changes", !session && view === "audit"),
     link("#/help", "Help", !session && view === "help"));
 }
 

@@ -103,6 +103,7 @@ def create_app(settings: Settings) -> FastAPI:
 
 def _add_routes(app: FastAPI) -> None:
     from server.service.routes import (
+        audit,
         bench_view,
         catalogue,
         exports,
@@ -138,6 +139,7 @@ def _add_routes(app: FastAPI) -> None:
         exports,
         catalogue,
         studies,
+        audit,
     )
     for part in parts:
         api.include_router(part.router)

@@ -83,3 +83,8 @@ def sound(body: bytes, sha256: str, what: str) -> bytes:
 def digest_of(body: bytes) -> str:
     """Return the SHA-256 in hexadecimal."""
     return hashlib.sha256(body).hexdigest()
+
+
+def fingerprint(document: Any) -> str:
+    """The SHA-256 of plain data, whatever the order of its keys."""
+    return digest_of(json.dumps(document, sort_keys=True, separators=(",", ":")).encode())

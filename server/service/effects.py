@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy import insert, select
 
 from server.catalogue import effect_row
+from server.service.audit import record
 from server.service.database import Database, now_utc
 from server.service.problems import ProblemError, not_found, shortened
 from server.service.schema import own_effects
@@ -56,6 +57,7 @@ class OwnEffects:
                 raise ProblemError(409, f"{len(rows)} effects", f"at most {_MOST_EFFECTS}")
             values = {"name": effect.name, "created_utc": now_utc(), "document": kept}
             connection.execute(insert(own_effects).values(values))
+            record(connection, "effect kept", None, {"name": values["name"], "document": values["document"]})
         return self._shown(effect), True
 
     def check(self, document: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import re
 import shutil
 import zipfile
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,7 @@ from server.exporting import (
     write_table_file,
     write_whole,
 )
+from server.service.audit import entries
 from server.service.blinding import blinded
 from server.service.figure_parts import resolved
 from server.service.measuring import Measured
@@ -124,6 +125,7 @@ def _cases(parts: Services, measured: Measured, file_format: str, model: str | N
     hidden = blinded(measured)
     origin = parts.twins.provenance(measured, bench, digest=True)
     about = about_bench(bench, {}, hidden) | {"sources": origin["readings"] or {}, "provenance": origin}
+    about["audit"] = [asdict(e) for e in entries(parts.database, measured.record.id)]
     return _table(bench_columns(bench, hidden), about, file_format, folder / measured.record.id)
 
 
@@ -196,6 +198,8 @@ def _zipped(parts: Services, measured: Measured, into: Path) -> Path:
             entry.compress_type, entry.external_attr = packed, 0o100644 << 16
             with path.open("rb") as source, out.open(entry, "w", force_zip64=True) as target:
                 shutil.copyfileobj(source, target, 1 << 20)
+        trail = [json.dumps(asdict(e), ensure_ascii=False) for e in entries(parts.database, measured.record.id)]
+        out.writestr(f"{folder.name}/audit-service.jsonl", "".join(f"{line}\n" for line in trail))
     return file
 
 

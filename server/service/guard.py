@@ -12,6 +12,7 @@ from limits.storage import MemoryStorage
 from limits.strategies import MovingWindowRateLimiter
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from server.service.audit import acting
 from server.service.body_limit import LimitedBody, refuse
 from server.service.edge import Edge
 from server.service.metrics import Metrics
@@ -81,6 +82,10 @@ class Guard:
             await refuse(scope, receive, send, problem_answer(error.status, error.body, error.headers))
             return
         scope.setdefault("state", {})["token"] = token
+        with acting(*_actor(scope, token)):
+            await self._pass_on(scope, receive, send, token)
+
+    async def _pass_on(self, scope: Scope, receive: Receive, send: Send, token: Token | None) -> None:
         if scope["type"] == "websocket":
             if token is not None:
                 # What goes past `_Socket` would go on when the token is no longer valid.
@@ -210,6 +215,12 @@ def _headers(scope: Scope) -> Headers:
     if size > _MOST_HEADERS:
         raise ProblemError(400, f"headers of {size} bytes", f"at most {_MOST_HEADERS}")
     return found
+
+
+def _actor(scope: Scope, token: Token | None) -> tuple[str, str]:
+    """Who asks, and from where, as the audit trail keeps it: a token's name, never what a request says of itself."""
+    address = (scope.get("client") or ("",))[0]
+    return (token.name, f"{address}, token {token.id}") if token else ("local", address)
 
 
 def _is_open(scope: Scope) -> bool:

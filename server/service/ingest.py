@@ -20,6 +20,7 @@ from daq.blocks import Chunk
 from daq.errors import JournalError, ReadingsError
 from daq.journal.rows import Event
 from daq.windows import require_increasing
+from server.service.audit import record
 from server.service.checksums import digest_of, sound
 from server.service.database import Database, now_utc
 from server.service.messages import Messages
@@ -119,6 +120,7 @@ class Ingest:
                 number = connection.execute(highest).scalar_one() + 1
                 row = {"session": session, "id": stream, "number": number, "description": description, "sha256": digest}
                 connection.execute(insert(streams).values(row))
+                record(connection, "stream begun", session, {"stream": stream, "description_sha256": row["sha256"]})
                 raise_version(connection, session)
             return self._cursor_of(connection, session, stream)
 

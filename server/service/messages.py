@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 from sqlalchemy import Connection, insert, select
 
 from server.service.answers import plain
+from server.service.audit import record
 from server.service.database import Database, now_utc
 from server.service.schema import messages
 
@@ -53,6 +54,10 @@ class Telling:
         row = {"session": session, "kind": kind, "created_utc": at, "body": body}
         number = self.connection.execute(insert(messages).values(row).returning(messages.c.id)).scalar_one()
         self.told.append(Message(kind, session, body, number, at))
+
+    def record(self, what: str, about: str | None, details: Mapping[str, Any]) -> None:
+        """Add a change to the audit trail, in this transaction."""
+        record(self.connection, what, about, details)
 
 
 class Messages:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import datetime as dt
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, Table, delete, exists, func, or_, select, tuple_, update
 
 from daq.errors import InputError
+from server.service.audit import record
 from server.service.database import Database
 from server.service.schema import chunks, edits, events, job_parts, jobs, messages, sessions, streams
 from server.service.settings import What
@@ -68,6 +69,7 @@ def purge(
         if not dry_run:
             for name in names:
                 erase(database, name)
+            _note(database, what, older_days, names)
         return Purged(len(names), sum(int(c[0]) for c in counts), sum(int(c[1]) for c in counts))
     table, old = (jobs, _old_jobs(until)) if what == "jobs" else (messages, _old_messages(until))
     if session is not None:
@@ -79,7 +81,15 @@ def purge(
             ended = select(jobs.c.id).where(old)
             _remove(database, job_parts, job_parts.c.job.in_(ended))
         _remove(database, table, old)
+        _note(database, what, older_days, [session] if count else [])
     return Purged(jobs=count) if what == "jobs" else Purged(messages=count)
+
+
+def _note(database: Database, what: What, older_days: float, names: Sequence[str | None]) -> None:
+    """Keep in the audit trail what was removed, where anything was; the trail itself is never shortened."""
+    with database.writing() as connection:
+        for name in names:
+            record(connection, "purged", name, {"what": what, "older_days": older_days})
 
 
 def retain(database: Database, days: Mapping[What, float]) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Connection, Row, insert, select
 
+from server.service.checksums import fingerprint
 from server.service.database import Database, now_utc
 from server.service.messages import Messages, Telling
 from server.service.problems import ProblemError, not_found
@@ -43,6 +44,8 @@ class Revisions:
                 "provenance": dict(provenance),
             }
             connection.execute(insert(revisions).values(row))
+            told = {"revision": name, "specimen": specimen, "job": provenance.get("job"), "why": why}
+            telling.record("revision kept", document["session"]["id"], told | {"sha256": fingerprint(document)})
         _put_in_force(connection, specimen, name, why)
         telling.tell("revision", document["session"]["id"], {"id": name, "specimen": specimen, "why": why})
 
@@ -58,6 +61,7 @@ class Revisions:
                 raise ProblemError(409, f"revision {name} is in force already", "another one")
             _put_in_force(telling.connection, row.specimen, name, why)
             body = {"id": name, "specimen": row.specimen, "why": why}
+            telling.record("revision restored", row.session, body)
             telling.tell("revision", row.session, body)
             return _shown(row) | {"in_force": True}
 

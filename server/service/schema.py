@@ -211,3 +211,19 @@ tokens = Table(
     Column("expires_utc", TIME),
     Column("revoked_utc", TIME),
 )
+
+# Every change, by whom, when and from where; the database itself refuses to change or remove a row.
+audit = Table(
+    "audit",
+    metadata,
+    Column("number", COUNT, primary_key=True, autoincrement=False),
+    Column("at_utc", TIME, nullable=False),
+    Column("who", NAME, nullable=False),
+    Column("origin", NAME, nullable=False),
+    Column("what", String(40), nullable=False),
+    Column("about", NAME, index=True),
+    Column("details", Sealed("details of audit"), nullable=False),
+    # SHA-256 of the entry before, which has no second one after it.
+    Column("before", DIGEST, nullable=False, unique=True),
+    Column("sha256", DIGEST, nullable=False),
+)

@@ -10,6 +10,8 @@ from typing import Any
 from sqlalchemy import delete, func, insert, select, update
 
 from daq.sessions import FINGER_DOCUMENT, parse_session, plain_document
+from server.service.audit import actor
+from server.service.checksums import fingerprint
 from server.service.database import Database, now_utc
 from server.service.ingest import raise_version
 from server.service.messages import Messages, Telling
@@ -89,6 +91,7 @@ class Sessions:
             if arriving:
                 values |= {"arriving": True, "deleted_utc": now_utc()}
             else:
+                telling.record("session created", name, _fingerprint(kept))
                 telling.tell("session", name, {"change": "created"})
             connection.execute(insert(sessions).values(values))
         return True
@@ -97,6 +100,8 @@ class Sessions:
         """Show a session that was arriving, since all of it is there."""
         with self._messages.writing() as telling:
             here = (sessions.c.id == name) & sessions.c.arriving.is_(True)
+            document = telling.connection.execute(select(sessions.c.document).where(here)).scalar()
+            telling.record("session created", name, _fingerprint(document))
             telling.connection.execute(update(sessions).where(here).values(arriving=None, deleted_utc=None))
             telling.tell("session", name, {"change": "created"})
 
@@ -175,6 +180,7 @@ class Sessions:
                     "Close it there (fingertwin log)",
                 )
             raise_version(telling.connection, name, closed_utc=now_utc())
+            telling.record("session closed", name, {})
             telling.tell("session", name, {"change": "closed"})
 
     def delete(self, name: str) -> None:
@@ -186,6 +192,7 @@ class Sessions:
         with self._messages.writing() as telling:
             read_record(telling.connection, name)
             raise_version(telling.connection, name, deleted_utc=now_utc())
+            telling.record("session deleted", name, {})
             telling.tell("session", name, {"change": "deleted"})
 
     def edit(
@@ -196,7 +203,6 @@ class Sessions:
         body: Mapping[str, Any],
         *,
         undoes: int | None = None,
-        author: str | None = None,
     ) -> int:
         """Add an edit, unless it would make the session unusable.
 
@@ -216,20 +222,19 @@ class Sessions:
             connection = telling.connection
             record = read_record(connection, name)
             self._require_possible(record, kind, case, undoes)
-            number = _keep(telling, name, kind, case, body, undoes, author)
+            number = _keep(telling, name, kind, case, body, undoes)
             # Before it is kept: what the session would be.
             changed = read_record(connection, name)
             if changed.cases:
                 changed.session()
         return number
 
-    def propose(self, name: str, body: Mapping[str, Any], author: str | None = None) -> int:
+    def propose(self, name: str, body: Mapping[str, Any]) -> int:
         """Propose a load case to be measured; it stands on the checklist until it is, or is taken back.
 
         Args:
             name: of the session.
             body: posture, location, masses_g [g] and why.
-            author: who proposes it.
 
         Returns:
             the number of the edit.
@@ -240,9 +245,9 @@ class Sessions:
         require_sizes(body)
         with self._messages.writing() as telling:
             case, kept = proposal(read_record(telling.connection, name), body)
-            return _keep(telling, name, PLAN, case, kept, None, author)
+            return _keep(telling, name, PLAN, case, kept, None)
 
-    def withdraw(self, name: str, case: str, author: str | None = None) -> int:
+    def withdraw(self, name: str, case: str) -> int:
         """Take a proposed load case back.
 
         Returns:
@@ -253,7 +258,7 @@ class Sessions:
         """
         with self._messages.writing() as telling:
             number = edit_of(read_record(telling.connection, name), case)
-            return _keep(telling, name, "undo", case, {}, number, author)
+            return _keep(telling, name, "undo", case, {}, number)
 
     def _require_possible(self, record: Record, kind: str, case: str | None, undoes: int | None) -> None:
         where = f"/api/v1/sessions/{record.id}"
@@ -302,6 +307,10 @@ class Sessions:
         return plain_document(session)
 
 
+def _fingerprint(document: Mapping[str, Any] | None) -> dict[str, Any]:
+    return {"document_sha256": None if document is None else fingerprint(document)}
+
+
 def _keep(
     telling: Telling,
     session: str,
@@ -309,14 +318,13 @@ def _keep(
     case: str | None,
     body: Mapping[str, Any],
     undoes: int | None,
-    author: str | None,
 ) -> int:
     """Add an edit, raise the version and tell of it; return its number."""
     connection = telling.connection
     values = {
         "session": session,
         "created_utc": now_utc(),
-        "author": author,
+        "author": actor().who,
         "kind": kind,
         "case": case,
         "body": dict(body),
@@ -324,5 +332,7 @@ def _keep(
     }
     number = int(connection.execute(insert(edits).values(values).returning(edits.c.number)).scalar_one())
     raise_version(connection, session)
+    told = {"edit": number, "kind": kind, "case": case, "body": dict(body), "undoes": undoes}
+    telling.record("session edited", session, told)
     telling.tell("session", session, {"change": "edited", "edit": number, "kind": kind, "case": case})
     return number

@@ -20,6 +20,7 @@ from typing import Any, Literal
 from sqlalchemy import insert, select, update
 
 from daq.errors import InputError
+from server.service.audit import record
 from server.service.database import Database, now_utc
 from server.service.schema import tokens
 
@@ -91,6 +92,7 @@ def create(database: Database, name: str, role: Role, days: float | None = None)
     text = f"{PREFIX}{number}_{secret}"
     with database.writing() as connection:
         connection.execute(insert(tokens).values(asdict(token) | {"sha256": digest(text)}))
+        record(connection, "token made", None, {"id": number, "name": token.name, "role": role, "expires_utc": expires})
     return token, text
 
 
@@ -107,7 +109,9 @@ def revoke(database: Database, number: str) -> Token:
     """
     with database.writing() as connection:
         mine = tokens.c.id == number
-        connection.execute(update(tokens).where(mine, tokens.c.revoked_utc.is_(None)).values(revoked_utc=now_utc()))
+        change = update(tokens).where(mine, tokens.c.revoked_utc.is_(None)).values(revoked_utc=now_utc())
+        if connection.execute(change).rowcount:
+            record(connection, "token revoked", None, {"id": number})
     found = [token for token in listed(database) if token.id == number]
     if not found:
         raise InputError(f"there is no token {number[:_MOST_NAME]}", "an id of fingertwin token list")

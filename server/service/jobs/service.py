@@ -100,6 +100,7 @@ class JobService:
                     uuid.uuid4().hex, kind, session, asked, QUEUED, 0.0, "", 0, limit_s, now_utc(), None, None
                 )  # fmt: skip
                 connection.execute(insert(jobs).values(vars(job) | {"number": (last or 0) + 1}))
+                telling.record("job asked for", session, {"job": job.id, "kind": kind, "request": asked})
                 telling.tell("job", session, job.as_message())
             self._order(job)
         return job
@@ -166,6 +167,8 @@ class JobService:
         """
         job = self.get(name)
         if not job.finished and self._supervisor.cancel(name):
+            with self._messages.writing() as telling:
+                telling.record("job cancelled", job.session, {"job": name})
             return self.wait(name, _CANCEL_S)
         job = self.get(name)
         raise ProblemError(409, f"job {name} is {job.state}", "one that is queued or running")

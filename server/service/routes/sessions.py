@@ -18,7 +18,6 @@ from server.service.schema import streams
 from server.service.schemas.common import CaseId, Limit, SessionId, Shown, documented
 from server.service.schemas.sessions import (
     Amended,
-    Author,
     CaseList,
     CaseShown,
     Checklist,
@@ -28,6 +27,7 @@ from server.service.schemas.sessions import (
     Folder,
     NewCase,
     NewSession,
+    Nothing,
     Proposal,
     SessionImported,
     SessionList,
@@ -122,7 +122,7 @@ def checklist(session: SessionId, request: Request) -> JsonAnswer:
 def propose(session: SessionId, body: Proposal, request: Request) -> JsonAnswer:
     """Propose a load case to be measured next; it stands on the checklist as proposed until it is measured."""
     parts = of(request)
-    number = parts.sessions.propose(session, body.model_dump(exclude={"author"}), body.author)
+    number = parts.sessions.propose(session, body.model_dump())
     answer = {"session": session, "version": parts.sessions.version(session), "edit": number, "case": None}
     return JsonAnswer(answer, 201)
 
@@ -163,28 +163,28 @@ def add_case(session: SessionId, body: NewCase, request: Request) -> JsonAnswer:
     """Add a load case; its force is computed as soon as the readings of its windows are there."""
     name = body.case.get("id")
     require_case_id(name)
-    return _edited(of(request), session, "case", str(name), body.case, author=body.author, status=201)
+    return _edited(of(request), session, "case", str(name), body.case, status=201)
 
 
 @kept.put("/{session}/cases/{case}/windows", responses=documented(Edited))
 def move_windows(session: SessionId, case: CaseId, body: Windows, request: Request) -> JsonAnswer:
     """Move the windows of a load case; its force is computed anew, and the edit can be undone."""
-    given = body.model_dump(exclude_unset=True, exclude={"author"})
+    given = body.model_dump(exclude_unset=True)
     if not given:
         raise ProblemError(422, "no window", "unloaded_s, loaded_s or unloaded_after_s")
-    return _edited(of(request), session, "windows", case, given, author=body.author)
+    return _edited(of(request), session, "windows", case, given)
 
 
 @kept.post("/{session}/cases/{case}/exclude", responses=documented(Edited))
 def exclude(session: SessionId, case: CaseId, body: Exclusion, request: Request) -> JsonAnswer:
     """Leave a load case out, for a reason; of a bench that is running, that is done at the bench."""
-    return _edited(of(request), session, "exclude", case, {"reason": body.reason}, author=body.author)
+    return _edited(of(request), session, "exclude", case, {"reason": body.reason})
 
 
 @kept.post("/{session}/cases/{case}/include", responses=documented(Edited))
-def include(session: SessionId, case: CaseId, body: Author, request: Request) -> JsonAnswer:
+def include(session: SessionId, case: CaseId, body: Nothing, request: Request) -> JsonAnswer:
     """Take a load case in again."""
-    return _edited(of(request), session, "include", case, {}, author=body.author)
+    return _edited(of(request), session, "include", case, {})
 
 
 @kept.post("/{session}/cases/{case}/amend", responses=documented(Edited))
@@ -201,7 +201,7 @@ def amend(session: SessionId, case: CaseId, body: Amended, request: Request) -> 
         gone = dict.fromkeys(here.masses_g, 0.0) if body.masses_g is not None else {}
         made = [amendment(known, case, body.why, masses_g=gone | (body.masses_g or {}), posture=body.posture)]
     kept_as = [a.model_dump(mode="json", exclude_none=True, exclude={"at"}) for a in made]
-    return _edited(parts, session, "amend", case, {"amendments": kept_as}, author=body.author)
+    return _edited(parts, session, "amend", case, {"amendments": kept_as})
 
 
 @kept.get("/{session}/edits", responses=documented(EditList))
@@ -214,12 +214,12 @@ def edit_list(session: SessionId, request: Request) -> JsonAnswer:
 
 
 @kept.post("/{session}/edits/{edit}/undo", responses=documented(Edited))
-def undo(session: SessionId, edit: EditNumber, body: Author, request: Request) -> JsonAnswer:
+def undo(session: SessionId, edit: EditNumber, body: Nothing, request: Request) -> JsonAnswer:
     """Take an edit back; an undo is an edit too, and can be taken back."""
     parts = of(request)
     found = next((e for e in parts.sessions.read(session).edits if e.number == edit), None)
     case = None if found is None else found.case
-    return _edited(parts, session, "undo", case, {}, undoes=edit, author=body.author)
+    return _edited(parts, session, "undo", case, {}, undoes=edit)
 
 
 router = APIRouter()
@@ -235,10 +235,9 @@ def _edited(
     body: dict[str, Any],
     *,
     undoes: int | None = None,
-    author: str | None = None,
     status: int = 200,
 ) -> JsonAnswer:
-    number = parts.sessions.edit(session, kind, case, body, undoes=undoes, author=author)
+    number = parts.sessions.edit(session, kind, case, body, undoes=undoes)
     try:
         shown = None if case is None else _case(parts, session, case)
     except ProblemError:

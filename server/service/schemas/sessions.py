@@ -153,7 +153,6 @@ class NewCase(Form):
     """A load case to add, as in bench-session/1; a repeat is added too, none is replaced."""
 
     case: Annotated[Plain, Field(examples=[CASE])]
-    author: Name | None = None
 
 
 class Proposal(Form):
@@ -166,7 +165,6 @@ class Proposal(Form):
         Field(max_length=20, description="Weight to hang on each tendon [g].", examples=[{"FDS": 475.0}]),
     ]
     why: Annotated[Reason | None, Field(description="What it would tell.", examples=["parts two explanations"])] = None
-    author: Name | None = None
 
 
 class FolderFile(Form):
@@ -196,14 +194,12 @@ class Windows(Form):
     unloaded_s: Span | None = None
     loaded_s: Span | None = None
     unloaded_after_s: Span | None = None
-    author: Name | None = None
 
 
 class Exclusion(Form):
     """Why a case is left out."""
 
     reason: Reason
-    author: Name | None = None
 
 
 class Amended(Form):
@@ -217,13 +213,10 @@ class Amended(Form):
         None, description="Another case, entered in this one's place; nothing else then."
     )
     why: Reason
-    author: Name | None = None
 
 
-class Author(Form):
-    """Who does it."""
-
-    author: Name | None = None
+class Nothing(Form):
+    """An empty object: nothing has to be said."""
 
 
 class EditShown(Shown):
@@ -231,7 +224,7 @@ class EditShown(Shown):
 
     number: int
     created_utc: str
-    author: str | None
+    author: str | None = Field(description="Name of the token that asked for it; `local` for whoever needs none.")
     kind: str
     case: str | None
     body: dict[str, Any]

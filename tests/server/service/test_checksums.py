@@ -16,7 +16,7 @@ from sqlalchemy import insert, select
 from daq.blocks import Chunk
 from daq.errors import InputError
 from server.service.backup import backup, restore
-from server.service.checksums import DamagedError, Sealed, digest_of
+from server.service.checksums import DamagedError, Sealed, digest_of, sealed
 from server.service.database import Database
 from server.service.ingest import STORED, chunk_of
 from server.service.migrate import expected, known, upgrade
@@ -57,6 +57,7 @@ def flip(file: Path, table: str, column: str, seed: int) -> None:
         bits = bytearray(value)
         place = int(np.random.default_rng(seed).integers(8 * len(bits)))
         bits[place // 8] ^= 1 << place % 8
+        connection.execute("DROP TRIGGER audit_no_update")  # a disk asks nobody
         kind = "BLOB" if column == "payload" else "TEXT"
         change = f'UPDATE {table} SET "{column}" = CAST(? AS {kind}) WHERE rowid = ?'  # noqa: S608
         connection.execute(change, (bytes(bits), at))
@@ -157,8 +158,10 @@ def test_restore_takes_a_backup_of_every_earlier_schema(tmp_path: Path) -> None:
         database = Database(f"sqlite:///{file}")
         upgrade(database, version)
         with database.writing() as connection:
+            # The first schema had no checksums.
+            text = '{"a": 1}' if version == "0001" else sealed('{"a": 1}')
             connection.exec_driver_sql(
-                "INSERT INTO sessions (id, created_utc, document, version) VALUES ('S', '', '{\"a\": 1}', 0)"
+                "INSERT INTO sessions (id, created_utc, document, version) VALUES ('S', '', ?, 0)", (text,)
             )
         database.close()
         done, _ = restore(Settings(data=tmp_path / f"from-{version}"), file)

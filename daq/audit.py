@@ -1,0 +1,137 @@
+"""Who changed what, when and from where: a trail that is only ever added to, each entry chained to the one before.
+
+An entry holds the SHA-256 of the entry before it and of itself, so that none can be changed, left out or put in without
+all that follow being made anew. What the last entry is has to be known from elsewhere: a copy, or a published figure.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import getpass
+import hashlib
+import json
+import os
+import platform
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from daq.documents import unique_keys
+from daq.errors import InputError
+
+FILE = "audit.jsonl"
+# Before the first entry.
+BEGIN = "0" * 64
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One change.
+
+    Attributes:
+        number: from 1.
+        at_utc: when it was made.
+        who: token's name, or local user.
+        origin: address or machine that it came from.
+        what: kind of change, such as `amend`.
+        about: session or file; None for what concerns none.
+        details: plain data.
+        before: SHA-256 of the entry before it.
+        sha256: of all the rest.
+    """
+
+    number: int
+    at_utc: str
+    who: str
+    origin: str
+    what: str
+    about: str | None
+    details: Mapping[str, Any]
+    before: str
+    sha256: str = ""
+
+    def digest(self) -> str:
+        """The SHA-256 of everything but itself."""
+        body = asdict(self) | {"sha256": None}
+        return hashlib.sha256(json.dumps(body, sort_keys=True, ensure_ascii=True).encode()).hexdigest()
+
+
+def following(
+    last: tuple[int, str] | None, who: str, origin: str, what: str, about: str | None, details: Mapping[str, Any]
+) -> Entry:
+    """Make the entry that follows one of a number and digest; the first where that is None."""
+    number, before = last or (0, BEGIN)
+    at = dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds")
+    # As it is read back: a number that JSON writes otherwise would break the chain.
+    plain = json.loads(json.dumps(dict(details), default=str))
+    entry = Entry(number + 1, at, who, origin, what, about, plain, before)
+    return Entry(**{**vars(entry), "sha256": entry.digest()})
+
+
+def faults(entries: Iterable[Entry]) -> list[str]:
+    """Say where a trail is not as it was written; empty where it is sound."""
+    out = []
+    number, before = 0, BEGIN
+    for entry in entries:
+        if entry.number != number + 1:
+            out.append(f"entry {entry.number} follows entry {number}")
+        elif entry.before != before:
+            out.append(f"entry {entry.number} does not follow the entry {number} that is here")
+        if entry.sha256 != entry.digest():
+            out.append(f"entry {entry.number} was changed")
+        number, before = entry.number, entry.sha256
+    return out
+
+
+def local_user() -> str:
+    """Name of the user of this machine who runs the program."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError, ImportError):  # a user id without a name
+        return "unknown"
+
+
+def note(folder: Path, what: str, about: str | None, details: Mapping[str, Any]) -> None:
+    """Add a change that the local user has made to the trail of a folder.
+
+    Raises:
+        InputError: the trail cannot be read or written.
+    """
+    entries = read(folder)
+    last = (entries[-1].number, entries[-1].sha256) if entries else None
+    entry = following(last, local_user(), platform.node() or "this machine", what, about, details)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / FILE).open("a", encoding="utf-8", newline="\n") as file:
+            file.write(json.dumps(asdict(entry), ensure_ascii=False) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise InputError(
+            f"{folder / FILE} cannot be written ({error.strerror})", "a folder that may be written"
+        ) from error
+
+
+def read(folder: Path) -> list[Entry]:
+    """Return the trail of a folder, oldest first; none where there is no such file.
+
+    Raises:
+        InputError: a line of it is no entry.
+    """
+    file = folder / FILE
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        return []
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{file} cannot be read ({error})", "an audit trail") from error
+    out = []
+    for number, line in enumerate(lines, 1):
+        try:
+            out.append(Entry(**json.loads(line, object_pairs_hook=unique_keys)))
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"line {number} of {file} is no entry", "an audit trail as it was written", "Restore it from a copy"
+            ) from error
+    return out
