@@ -109,12 +109,17 @@ def restore(given: Given, source: Path, force: bool, json: str | None) -> None:
 @privately
 def purge(given: Given, what: What, older_days: float, session: str | None, dry_run: bool, json: str | None) -> None:
     """Remove what is older than so many days, and give its space back."""
+    from server.service.audit import acting
     from server.service.folder import HeldError, alone, folder_of, held
     from server.service.purge import give_back
     from server.service.purge import purge as run
 
     settings, given_back = settings_of(given), False
-    with _database(settings) as database, progress("Counting" if dry_run else "Removing"):
+    with (
+        database_of(settings) as database,
+        acting(local_user(), platform.node()),
+        progress("Counting" if dry_run else "Removing"),
+    ):
         done = run(database, what, older_days, session, dry_run=dry_run)
         if not dry_run:
             try:
