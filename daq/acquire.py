@@ -21,7 +21,7 @@ from daq.blocks import Chunk
 from daq.drivers.base import NOTHING, Decoder, LoadCell, Recorded, Samples, Transport, samples, steps_from
 from daq.drivers.looks import looks_like
 from daq.errors import DriverError, LinkLostError
-from daq.sample_clock import SampleClock
+from daq.sample_clock import LOST_S, SampleClock
 
 Kind = Literal[
     "started",
@@ -45,6 +45,7 @@ BACK_OFF_S = (0.25, 0.5, 1.0, 2.0, 5.0)
 # Chunks that wait for whoever writes them: half a minute.
 WAITING = 300
 READ_S = 0.05
+REST_S, REST_READS = 0.01, 3
 # Bytes that make no sample for so long are kept as they are; that they make none is said then, and so often.
 UNDECODED_S, SAID_AGAIN_S = 0.5, 10.0
 
@@ -116,7 +117,7 @@ class Acquisition:
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
         self._failure: Exception | None = None
         self._began_s = self._from_s = 0.0
-        self._clock = SampleClock(cell.rate_hz)
+        self._clock = SampleClock(cell.rate_hz, held_back=cell.held_back)
         self._next_seq = 0
         self._lost_samples = self._lost_bytes = 0
         # Of this connection: what came while it was started, and whether anything has made a sample.
@@ -135,7 +136,7 @@ class Acquisition:
             from_s: time when `start` is called, later than that [s].
         """
         self._next_seq, self._from_s = first_seq, from_s
-        self._clock = SampleClock(self.cell.rate_hz, last_s)
+        self._clock = SampleClock(self.cell.rate_hz, last_s, self.cell.held_back)
 
     def start(self) -> None:
         """Connect, make the device stream, and read on in the background.
@@ -233,6 +234,8 @@ class Acquisition:
                 return None
             now = self._now()
             if data:
+                if self.cell.link == "serial" and now - heard_s > LOST_S:
+                    data, now = self._with_rest(transport, data), self._now()
                 heard_s = now
                 if silent:
                     gathered.events.append(self._event("stale", ended=True))
@@ -254,6 +257,14 @@ class Acquisition:
         self._close_chunk(gathered)
         return None
 
+    @staticmethod
+    def _with_rest(transport: Transport, data: bytes) -> bytes:
+        """Bytes that came after a silence, with those that waited behind them: a network brings them in pieces."""
+        with contextlib.suppress(LinkLostError, EOFError):  # which the next read finds again
+            for _ in range(REST_READS):
+                data += transport.read(REST_S)
+        return data
+
     def _take(self, data: bytes, decoder: Decoder, gathered: _Gathered, now: float) -> None:
         decoded = decoder.feed(data)
         gathered.raw.append(data)
@@ -265,13 +276,11 @@ class Acquisition:
         if not self._understood:
             # Before the first record were answers and the rest of another one: no damage.
             self._understood, gathered.rejected, gathered.skipped = True, 0, 0
-        gathered.events += self._gaps(decoded)
         if self.cell.clock == "recording" and decoded.device_s is not None:
             times = decoded.device_s + self._from_s
         else:
-            times = self._clock.times(decoded, now)
-        if self._clock.jumped_s:
-            gathered.events.append(self._event("gap", lost_s=round(self._clock.jumped_s, 4), counted=False))
+            times = self._clock.times(decoded, now, len(data))
+        gathered.events += self._gaps(decoded, times)
         if self.live is not None:
             self.live(times, decoded)
         gathered.samples.append(decoded)
@@ -287,16 +296,24 @@ class Acquisition:
             gathered.events.append(StreamEvent("overload_ended", float(times[-1]), self._wall()))
             self._overloaded = False
 
-    def _gaps(self, decoded: Samples) -> list[StreamEvent]:
-        """What the device's own count says was lost."""
-        if decoded.sequence is None:
-            return []
-        before = decoded.sequence[0] - 1 if self._last_sequence is None else self._last_sequence
-        missing = steps_from(before, decoded.sequence) - 1
-        self._last_sequence = int(decoded.sequence[-1])
-        if not missing.any():
-            return []
-        return [self._event("gap", lost_samples=int(k), counted=True) for k in missing[missing > 0]]
+    def _gaps(self, decoded: Samples, times: NDArray[np.float64]) -> list[StreamEvent]:
+        """Where samples are missing: by the device's own count, or by what its clock and the arrivals tell."""
+        clock = self._clock
+        told: list[tuple[float, dict[str, Any]]] = [
+            (float(times[at]), {"lost_s": round(lost_s, 4), "counted": False, "restarted": at in clock.restarted})
+            for at, lost_s in clock.breaks
+        ]
+        if clock.jumped_s:
+            told.append((float(times[-1]), {"lost_s": round(clock.jumped_s, 4), "counted": False}))
+        if decoded.sequence is not None:
+            before = decoded.sequence[0] - 1 if self._last_sequence is None else self._last_sequence
+            missing = steps_from(before, decoded.sequence) - 1
+            if clock.restarted:
+                missing[clock.restarted] = 0  # a count that begins anew tells nothing of what was lost
+            self._last_sequence = int(decoded.sequence[-1])
+            told += [(float(times[at]), {"lost_samples": int(missing[at]), "counted": True})
+                     for at in np.flatnonzero(missing > 0)]  # fmt: skip
+        return [StreamEvent("gap", at_s, self._wall(), value) for at_s, value in told]
 
     def _say(self, gathered: _Gathered) -> None:
         """Hand on what happened, before there is a sample to hand on with it."""

@@ -146,6 +146,7 @@ class JournalReplay(LoadCell):
         weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self._original = _recorded_by(self.stream, Path(folder))
         self.clock, self.checksum = self._original.clock, self._original.checksum
+        self.held_back = self._original.held_back
         self.values = {"driver": self.stream.driver, **self._original.values}
         self._feed: JournalFeed | None = None
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -210,6 +212,10 @@ class AtiSerial(LoadCell):
         "--protocol levels --out DIR"
     )
     source = "commands and records as in public driver code; checksum and error codes not confirmed, and not used"
+
+    def __init__(self, given: Mapping[str, Any] | None = None) -> None:
+        super().__init__(given)
+        self.held_back = 4 if self.text("encoding") == "binary" else 0
 
     @property
     def rate_hz(self) -> float | None:

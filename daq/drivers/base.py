@@ -145,6 +145,7 @@ class LoadCell(ABC):
         source: where its protocol is described, and how sure that is.
         checksum: whether its records carry one.
         clock: what tells the time of a sample: the device's counter or clock, its arrival here, or a recording itself.
+        held_back: records that are decoded only once so many after them, or their beginning, have come.
     """
 
     name: ClassVar[str]
@@ -155,6 +156,7 @@ class LoadCell(ABC):
     source: ClassVar[str]
     checksum: bool = False
     clock: Literal["device", "counter", "arrival", "recording"] = "arrival"
+    held_back: int = 0
 
     def __init__(self, given: Mapping[str, Any] | None = None) -> None:
         self.values = settled(self.name, self.settings, given or {})

@@ -76,6 +76,7 @@ class Bota(LoadCell):
     example = "fingertwin log --driver bota-sensone --port COM3 --protocol levels --out DIR"
     source = "frame, status bits and answers as in public driver code; CRC-16/X-25 checked on golden bytes"
     checksum = True
+    held_back = 1
     clock = "device"
 
     def __init__(self, given: Mapping[str, Any] | None = None) -> None:

@@ -158,6 +158,7 @@ class OptoForce(LoadCell):
     )
     source = "frame as in public driver code, byte sum checked on golden bytes; meaning of the status bits not known"
     checksum = True
+    held_back = 1
     clock = "counter"
 
     def __init__(self, given: Mapping[str, Any] | None = None) -> None:

@@ -58,6 +58,7 @@ class Robotiq(LoadCell):
     example = "fingertwin log --driver robotiq-ft300 --port COM3 --protocol levels --out DIR"
     source = "frame and start register as in public driver code; CRC-16/MODBUS checked on golden bytes"
     checksum = True
+    held_back = 1
 
     @property
     def rate_hz(self) -> float:

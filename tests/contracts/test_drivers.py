@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from daq import drivers, standins
 from daq.drivers.base import Decoder, LoadCell, Samples
 from daq.errors import DriverError
+from daq.sample_clock import SampleClock
 from daq.standins.base import StandIn
 from tests.contracts.mutations import KINDS, Damaged, damage_datagrams, damage_stream, held_bytes
 
@@ -196,6 +197,36 @@ def check_mutated(name: str, seed: int) -> None:
 def test_damage_costs_little_and_invents_nothing(name: str) -> None:
     for seed in range(MUTATIONS):
         check_mutated(name, seed)
+
+
+@pytest.mark.parametrize("name", PAIRED)
+def test_a_device_that_begins_anew_is_seen_at_once_and_its_times_are_right(name: str) -> None:
+    cell = cell_of(name)
+    interval_s, count, away_s = 1.0 / (cell.rate_hz or 1000.0), 200, 1.0
+    device, decoder = standins.stand_in(name)(), cell.decoder()
+    clock = SampleClock(cell.rate_hz, held_back=cell.held_back)
+    number, wrench = np.arange(count), np.random.default_rng(3).uniform(-5.0, 5.0, (2 * count, 6))
+    # Its count and its clock were not at their beginning before; afterwards they are, and it was away for a second.
+    on_s = np.arange(float(count)) * interval_s
+    records = device.encode(wrench[:count], 5000 + number, on_s + 5000 * interval_s)
+    records += standins.stand_in(name)().encode(wrench[count:], number, on_s)
+    sent_s = np.concatenate([on_s, on_s + on_s[-1] + interval_s + away_s])
+    told: list[float] = []
+    of: list[int] = []
+    breaks: list[int] = []
+    for record, arrival_s in zip(records, sent_s, strict=True):
+        got = decoder.feed(record)
+        times = clock.times(got, arrival_s, len(record))
+        of += [int(np.argmin(np.abs(wrench - row).sum(axis=1))) for row in got.wrench]
+        breaks += [of[len(told) + place] for place, _ in clock.breaks]
+        told += times.tolist()
+    # Some wait for the next record or are refused beside the break.
+    assert len(told) >= 2 * count - 3
+    assert (np.diff(told) > 0.0).all()
+    # A record that waits for the next one is told that much later, always.
+    error_s = np.array(told) - sent_s[of]
+    assert np.abs(error_s - np.median(error_s[: count - 10])).max() <= 1.1 * interval_s
+    assert breaks == [min(i for i in of if i >= count)]
 
 
 class Wire:

@@ -123,8 +123,11 @@ def test_every_byte_arrives_once_as_read_and_as_decoded() -> None:
     assert numbered(records)[:, 0] == pytest.approx(np.arange(200) % 128 / 10.0)
     times = np.concatenate([c.t_s for c in chunks])
     assert (np.diff(times) > 0.0).all()
-    # The device's count wraps at 128: a driver that does not carry it on is told of as a step back, not as a loss.
-    assert kinds(records) == ["started", "ended"]
+    # The device's count wraps at 128: of a driver that does not carry it on it is told that it began anew.
+    assert kinds(records) == ["started", "gap", "ended"]
+    [gap] = [e for r in records for e in r.events if e.kind == "gap"]
+    assert gap.value["restarted"]
+    assert gap.at_s == pytest.approx(times[128])
     assert (cell.started, cell.stopped) == (1, 1)
 
 

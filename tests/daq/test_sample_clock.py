@@ -57,15 +57,93 @@ def test_a_gap_that_the_device_counts_leaves_the_time_right() -> None:
     assert after[0] == pytest.approx(0.6, abs=0.002)
 
 
-def test_a_gap_that_nobody_counts_is_found_and_said() -> None:
-    clock, jumps = SampleClock(RATE), []
+def test_a_gap_that_nobody_counts_is_found_and_said_where_it_is() -> None:
+    clock = SampleClock(RATE)
     for k in range(600):
         lost = 0.5 if k >= 200 else 0.0
         times = clock.times(taken(16), 0.016 * (k + 1) + lost)
+        # Each is right at once, the first one after the gap too.
+        assert times == pytest.approx(0.016 * k + lost + np.arange(1, 17) / RATE, abs=0.002)
+        assert [place for place, _ in clock.breaks] == ([0] if k == 200 else [])
+        if k == 200:
+            assert clock.breaks[0][1] == pytest.approx(0.5, abs=0.002)
+    assert clock.restarted == []
+
+
+def test_a_gap_behind_a_read_that_may_not_be_all_is_found_later() -> None:
+    clock, jumps = SampleClock(RATE), []
+    for k in range(600):
+        clock.times(taken(16), 0.016 * (k + 1) + (0.5 if k >= 200 else 0.0), read_bytes=4095)
+        assert clock.breaks == []
         jumps.append(clock.jumped_s)
     assert sum(j > 0.0 for j in jumps) == 1
     assert max(jumps) == pytest.approx(0.5, abs=0.02)
-    assert times[-1] == pytest.approx(0.016 * 600 + 0.5, abs=0.01)
+
+
+@pytest.mark.parametrize("split", [0, 5, 15])
+@pytest.mark.parametrize("began_s", [3.0, 3000.0])
+def test_a_device_clock_that_begins_anew_is_seen_with_the_first_reading(split: int, began_s: float) -> None:
+    clock = SampleClock(None)
+    for k in range(100):
+        clock.times(taken(16, clock=began_s + 0.016 * k), 0.016 * (k + 1))
+    # It is away for a second; a read may hold what came before and after.
+    device_s = np.concatenate([began_s + 1.6 + np.arange(split) / RATE, np.arange(16 - split) / RATE])
+    times = clock.times(samples(np.zeros((16, 6)), device_s=device_s), 2.616)
+    assert clock.restarted == [split]
+    [(place, lost_s)] = clock.breaks
+    assert place == split
+    assert lost_s == pytest.approx(times[split] - (times[split - 1] if split else 1.599), abs=0.002)
+    assert times[split:] == pytest.approx(2.616 - np.arange(15 - split, -1, -1) / RATE, abs=1e-6)
+    assert times[:split] == pytest.approx(1.6 + np.arange(1, split + 1) / RATE, abs=0.002)
+    after = clock.times(taken(16, clock=(16 - split) / RATE), 2.632)
+    assert clock.breaks == []
+    assert after == pytest.approx(2.616 + np.arange(1, 17) / RATE, abs=0.002)
+
+
+def test_a_clock_that_jumps_ahead_of_the_bytes_that_tell_it_began_anew() -> None:
+    # As one of 32 bits of microseconds does, after more than half an hour: its step back looks like one ahead.
+    clock = SampleClock(None)
+    for k in range(100):
+        clock.times(taken(16, clock=0.016 * k), 0.016 * (k + 1))
+    times = clock.times(taken(16, clock=1294.0), 2.616)
+    assert clock.restarted == [0]
+    assert times[-1] == pytest.approx(2.616)
+
+
+@pytest.mark.parametrize("rate", [RATE, None])
+def test_a_counter_that_begins_anew_is_seen_with_the_first_reading(rate: float | None) -> None:
+    clock = SampleClock(rate)
+    for k in range(100):
+        clock.times(taken(16, 16 * k, counted=True), 0.016 * (k + 1))
+    times = clock.times(taken(16, 0, counted=True), 2.616)
+    assert clock.restarted == [0]
+    assert clock.breaks[0][1] == pytest.approx(1.0, abs=0.005)
+    assert times == pytest.approx(2.616 - np.arange(15, -1, -1) / RATE, abs=1e-4)
+
+
+def test_a_datagram_that_was_overtaken_is_no_beginning() -> None:
+    clock = SampleClock(RATE)
+    for k in (*range(50), 52, 51, *range(53, 90)):
+        times = clock.times(taken(1, k, counted=True, clock=k / RATE), 0.001 * (k + 1))
+        assert (clock.restarted, clock.breaks) == ([], [])
+    assert times[-1] == pytest.approx(0.09, abs=0.003)
+
+
+def test_where_arrivals_alone_tell_the_time_a_silence_is_a_gap() -> None:
+    clock = SampleClock(None)
+    for k in range(100):
+        clock.times(taken(2), 0.02 * (k + 1))
+    times = clock.times(taken(2), 5.0)
+    [(place, lost_s)] = clock.breaks
+    assert place == 0
+    assert lost_s == pytest.approx(2.98, abs=0.001)
+    assert times == pytest.approx([4.99, 5.0])
+    # Nor is one that is slower from now on a gap each time.
+    found = [bool(clock.times(taken(1), 6.0 + k) is not None and clock.breaks) for k in range(30)]
+    assert sum(found) <= 2
+    # And what waited to be read while the host was held up is none.
+    assert clock.times(taken(3), 38.0) == pytest.approx([36.0, 37.0, 38.0], abs=0.05)
+    assert clock.breaks == []
 
 
 def test_a_stalled_host_is_no_gap() -> None:
