@@ -124,10 +124,12 @@ def test_every_byte_arrives_once_as_read_and_as_decoded() -> None:
     times = np.concatenate([c.t_s for c in chunks])
     assert (np.diff(times) > 0.0).all()
     # The device's count wraps at 128: of a driver that does not carry it on it is told that it began anew.
-    assert kinds(records) == ["started", "gap", "ended"]
-    [gap] = [e for r in records for e in r.events if e.kind == "gap"]
-    assert gap.value["restarted"]
-    assert gap.at_s == pytest.approx(times[128])
+    assert [kind for kind in kinds(records) if kind != "gap"] == ["started", "ended"]
+    gaps = [e for r in records for e in r.events if e.kind == "gap"]
+    assert not any(gap.value["counted"] for gap in gaps)
+    # A machine that is busy is slower than the rate that was stated, which is a gap too.
+    [anew] = [gap for gap in gaps if gap.value["restarted"]]
+    assert anew.at_s == pytest.approx(times[128])
     assert (cell.started, cell.stopped) == (1, 1)
 
 
