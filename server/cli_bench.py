@@ -278,3 +278,38 @@ def plot_recording(
     from server.commands.plot import plot_recording as run
 
     run(recording, out, json)
+
+
+@app.command("new", rich_help_panel=BENCH)
+def new_session(
+    recordings: Annotated[
+        list[Path], typer.Argument(metavar="RECORDING…", help="Name recordings in the order in which they were made.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Write the session there.")],
+    notes: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Read the notebook: lines such as 'FDP 950, hook, tip', or CSV; - for stdin."
+        ),
+    ] = None,
+    setup: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Read specimen, finger and mounts from this (bench-setup/1).")
+    ] = None,
+    like: Annotated[
+        Path | None, typer.Option(metavar="SESSION", help="Take rig, postures and mapping of this earlier session.")
+    ] = None,
+    mapping: Annotated[
+        Path | None, typer.Option("--map", metavar="FILE", help="Say which channel is which (lab-file-map/1).")
+    ] = None,
+    posture: Annotated[
+        list[str] | None,
+        typer.Option(metavar="'NAME: ANGLES'", help="Give a posture, 'hook: MCP 0 PIP 65 DIP 50' [deg]; repeatable."),
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Take all proposals and ask nothing.")] = False,
+    json: Json = None,
+) -> None:
+    """Make a session of a lab's recordings and notebook: plateaus, tares and load cases are proposed."""
+    from server.commands.new import NewOptions
+    from server.commands.new import new_session as run
+
+    run(NewOptions(tuple(recordings), out, notes, setup, like, mapping, tuple(posture or ()), yes), json)

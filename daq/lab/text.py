@@ -53,7 +53,8 @@ class TableChannels(LabChannels):
             channels.append(Channel(name, TIMESTAMP if dated else unit, fault=fault))
         self.channels = tuple(channels)
         if table.above:
-            self.notes += (f"{table.above} lines above the names of the columns are not read",)
+            lines = "1 line above the names of the columns is" if table.above == 1 else f"{table.above} lines above are"
+            self.notes += (f"{lines} not read",)
 
     def _rows_to_blocks(self, rows: Iterator[tuple[int, Sequence[Any]]], names: Sequence[str]) -> Iterator[Floats]:
         """Yield the numbers (n, k) of some columns; times as seconds since the first."""

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from daq.audit import note
 from daq.errors import InputError
 from daq.export import sha256_of
 from server.console import answer, progress, say, table
+
+if TYPE_CHECKING:
+    from daq.lab.files import LabFileMap
 
 
 def import_recording(
@@ -45,20 +48,16 @@ def import_recording(
 
 def _proposed(recording: Path, mapping: Path, calibration: str | None, json: str | None) -> bool:
     """Write a proposal; return whether somebody at the terminal confirmed it."""
-    from daq.lab.files import Increment, write_mapping
+    from daq.lab.files import write_mapping
     from daq.lab.proposals import propose_mapping
 
     proposal = propose_mapping(recording, calibration)
     write_mapping(mapping, proposal)
-    time = proposal.time
-    said = f"every {time.increment_s} s" if isinstance(time, Increment) else f"{time.channel} [{time.unit or '?'}]"
-    channels = {name: f"{taken.channel} [{taken.unit or '?'}]" for name, taken in proposal.channels.items()}
+    said, channels = _words(proposal)
     body: dict[str, Any] = {"recording": str(recording), "mapping": str(mapping), "confirmed": False, "time": said}
     if answer("import", {**body, "channels": channels, "doubts": list(proposal.doubts)}, json):
         return False
-    table(f"Proposed for {recording.name}", ["is", "channel"], [["t", said], *channels.items()])
-    for doubt in proposal.doubts:
-        say(f"  not sure: {doubt}")
+    show_proposal(recording.name, proposal)
     if sys.stdin.isatty() and sys.stdout.isatty():
         from rich.prompt import Confirm
 
@@ -67,3 +66,20 @@ def _proposed(recording: Path, mapping: Path, calibration: str | None, json: str
             return True
     say(f"Written to {mapping}: look at it, set confirmed: true, and run the same command again.")
     return False
+
+
+def _words(proposal: LabFileMap) -> tuple[str, dict[str, str]]:
+    """Where time comes from, and each axis' channel with its unit."""
+    from daq.lab.files import Increment
+
+    time = proposal.time
+    said = f"every {time.increment_s} s" if isinstance(time, Increment) else f"{time.channel} [{time.unit or '?'}]"
+    return said, {name: f"{taken.channel} [{taken.unit or '?'}]" for name, taken in proposal.channels.items()}
+
+
+def show_proposal(name: str, proposal: LabFileMap) -> None:
+    """Print which channel of a recording is proposed for what, and what is in doubt."""
+    said, channels = _words(proposal)
+    table(f"Proposed for {name}", ["is", "channel"], [["t", said], *channels.items()])
+    for doubt in proposal.doubts:
+        say(f"  not sure: {doubt}")

@@ -1,0 +1,180 @@
+"""A session made of a lab's recordings and notebook: readings one after the other, and load cases from plateaus."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import InputError, ReadingsError
+from daq.lab.files import LabFileMap, open_recording
+from daq.lab.layout import Layout
+from daq.lab.levels import Level
+from daq.lab.notebook import Note
+from daq.readings import ReadingBlock, open_readings
+
+Floats = NDArray[np.float64]
+
+# Between the last reading of a file and the first one of the next [s].
+APART_S = 10.0
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What a plateau is taken for: load, tare or skip; of a load what hung; and how sure that is (0 to 1)."""
+
+    kind: str
+    note: Note | None
+    sure: float
+
+
+def is_readings_file(path: Path) -> bool:
+    """Whether a file is a readings file as sessions have it, which needs no mapping."""
+    try:
+        open_readings(path)
+    except ReadingsError:
+        return False
+    return True
+
+
+def joined(recordings: Sequence[Path], mapping: LabFileMap | None) -> tuple[list[ReadingBlock], list[str]]:
+    """Read recordings one after the other, each beginning some seconds after the end of the one before.
+
+    Args:
+        recordings: in the order in which they were made.
+        mapping: of those that are no readings files.
+
+    Returns:
+        Blocks, and notes for the reader.
+
+    Raises:
+        InputError: one cannot be read.
+    """
+    out: list[ReadingBlock] = []
+    notes: list[str] = []
+    end_s = -APART_S
+    for path in recordings:
+        shift_s: float | None = None
+        source: Iterator[ReadingBlock]
+        if mapping is None or is_readings_file(path):
+            source = open_readings(path).blocks()
+        else:
+            recording = open_recording(path, mapping)
+            source = recording.blocks()
+            notes += recording.conversions
+        for block in source:
+            if shift_s is None:
+                shift_s = end_s + APART_S - float(block.t_s[0])
+            status = block.status
+            out.append(ReadingBlock(block.t_s + shift_s, block.wrench, status))
+        if mapping is not None and not is_readings_file(path):
+            notes += recording.notes
+        end_s = float(out[-1].t_s[-1])
+    if any(b.status is None for b in out):
+        out = [ReadingBlock(b.t_s, b.wrench) for b in out]
+    if len(recordings) > 1:
+        notes.append(f"{len(recordings)} recordings stand one after the other, {APART_S:g} s apart")
+    return out, list(dict.fromkeys(notes))
+
+
+def chosen(layout: Layout, notes: Sequence[Note]) -> list[Choice]:
+    """What every plateau is taken for, from a layout."""
+    out = []
+    for laid in layout.plateaus:
+        note = None if laid.note is None or laid.kind != "load" else notes[laid.note]
+        out.append(Choice(laid.kind, note, laid.sure))
+    return out
+
+
+def cases_of(levels: Sequence[Level], choices: Sequence[Choice]) -> list[dict[str, Any]]:
+    """Load cases of a session, as plain data.
+
+    Raises:
+        InputError: a load before any tare of its posture and place.
+    """
+    out: list[dict[str, Any]] = []
+    tare: Level | None = None
+    tared: tuple[str, str] | None = None
+    last: dict[object, str] = {}
+    for i, (level, choice) in enumerate(zip(levels, choices, strict=True)):
+        if choice.kind == "tare":
+            tare, tared = level, None
+        note = choice.note
+        if choice.kind != "load" or note is None:
+            continue
+        if tare is None or tared not in (None, note.block):
+            raise InputError(
+                f"the load at {level.window_s[0]:g} s ({note.posture}, {note.location}) has no tare before it",
+                "a plateau without load in each posture, before its loads",
+                "Say which one it is: its number and 'tare'",
+            )
+        tared = note.block
+        case: dict[str, Any] = {
+            "id": f"c{len(out) + 1:03d}",
+            "role": note.role,
+            "posture": note.posture,
+            "location": note.location,
+            "masses_g": dict(note.masses_g),
+            "unloaded_s": list(tare.window_s),
+            "loaded_s": list(level.window_s),
+        }
+        if after := _tare_after(i, levels, choices):
+            case["unloaded_after_s"] = list(after.window_s)
+        key = (note.masses_g, note.block, note.role)
+        if note.repeats and key in last:
+            case["repeat_of"] = last[key]
+        last.setdefault(key, case["id"])
+        out.append(case)
+    if not out:
+        raise InputError("no plateau is a load", "one at least", "Give the notebook: --notes FILE")
+    return out
+
+
+def _tare_after(i: int, levels: Sequence[Level], choices: Sequence[Choice]) -> Level | None:
+    """The tare right behind a load, where the same block goes on after it: then nothing else was changed before."""
+    own = choices[i].note
+    following = next((c for c in choices[i + 1 :] if c.kind == "load"), None)
+    if own is None or i + 1 >= len(levels) or choices[i + 1].kind != "tare":
+        return None
+    same = following is not None and following.note is not None and following.note.block == own.block
+    return levels[i + 1] if same else None
+
+
+def posture_of(text: str) -> tuple[str, dict[str, float]]:
+    """Read `hook: MCP 0 PIP 65 DIP 50`, with or without = signs.
+
+    Raises:
+        InputError: it is no name with angles.
+    """
+    name, _, rest = text.partition(":")
+    angles = dict(re.findall(r"([A-Za-z]\w*)\s*[= ]\s*([+-]?\d+(?:\.\d+)?)", rest))
+    left = re.sub(r"[A-Za-z]\w*\s*[= ]\s*[+-]?\d+(?:\.\d+)?|[,;\s]", "", rest)
+    if not name.strip() or not angles or left:
+        raise InputError(f"posture {text!r}", "a name and angles in degrees, such as 'hook: MCP 0 PIP 65 DIP 50'")
+    return name.strip(), {k: float(v) for k, v in angles.items()}
+
+
+def still_missing(document: Mapping[str, Any]) -> list[str]:
+    """What a diagnosis of a session would lack, one line each."""
+    cases = document["cases"]
+    mounts = (document.get("load_cell") or {}).get("mounts") or {}
+    out = []
+    if not any(c["role"] == "validation" for c in cases):
+        out.append("no case is kept from the fit: write 'validation' behind some lines of the notebook")
+    if len({c["posture"] for c in cases}) < 2:
+        out.append("one posture only: effects that differ by posture cannot be told apart")
+    for place in ("tip", "bone"):
+        if all(c["location"] != place for c in cases):
+            out.append(f"nothing was read at the {place}")
+        elif not (mounts.get(place) or {}).keys() & {"rotation", "rotation_deg"}:
+            out.append(f"the mount at the {place} states no rotation: the cell's axes are taken for the finger's")
+    if not document.get("checks"):
+        out.append("no known weight was hung on the cell: its axes and scale are believed")
+    if len({c["unloaded_s"][0] for c in cases}) < len({(c["posture"], c["location"]) for c in cases}):
+        out.append("some tares serve several postures")
+    return out

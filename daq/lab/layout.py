@@ -1,0 +1,278 @@
+"""Lay a notebook onto the plateaus of a recording, in order: with tares, repeats, and what was forgotten or never read.
+
+Of all ways to lay it, that of least cost is taken. A load costs what its force lies off the force per mass that the
+same load has elsewhere; a tare, what it lies off the tare before; to leave out a plateau or a line costs more than one
+load that fits badly, and less than many. The second-best way that says something else of a plateau tells how sure
+the first is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.lab.levels import Level
+from daq.lab.notebook import Note
+from daq.plateaus import TOLERANCE
+
+Floats = NDArray[np.float64]
+
+_LEFT_OUT, _NOT_FOUND, _EXTRA_REPEAT = 3.0, 3.5, 2.5
+# Force per mass before other loads tell it [N/g]; and its spread, as a share, where they do.
+_FIRST_N_PER_G, _SPREAD = 2e-3, 0.12
+_MOST_OFF, _MOST_TARE = 1.5, 6.0
+# What a load costs that changes nothing, where its mass should.
+_UNCHANGED = 2.9
+# What a load costs that follows another one, where tares stand between them.
+_SKIPPED_TARE = 1.0
+# How sure a plateau is at most, where another one beside it has no line.
+_DOUBTFUL = 0.5
+# So many ways are followed; of the best of them also those that leave lines out.
+_KEPT, _LEAVING_OUT = 60, 15
+# Levels are the same within so many tolerances; a tare is looked for between loads from there on.
+_SAME = 1.0
+
+
+@dataclass(frozen=True)
+class Laid:
+    """What a plateau is taken for.
+
+    Attributes:
+        level: index of the plateau.
+        kind: load, tare or skip.
+        note: index of the line, None of a tare that no line names and of what is left out.
+        tare: index of the plateau that is the load's tare, None for others.
+        repeat: it is one more of the line before, which names fewer.
+        sure: from 0 to 1.
+    """
+
+    level: int
+    kind: str
+    note: int | None
+    tare: int | None
+    repeat: bool
+    sure: float
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What every plateau is taken for, in order, and the indices of lines that were found on none."""
+
+    plateaus: tuple[Laid, ...]
+    not_found: tuple[int, ...]
+
+
+class _Choice(NamedTuple):
+    """What one plateau is taken for."""
+
+    kind: str
+    line: int
+    tare: int
+    repeat: bool
+
+
+class _Past(NamedTuple):
+    """Choices so far, the last one first."""
+
+    choice: _Choice
+    before: _Past | None
+
+
+@dataclass(frozen=True)
+class _State:
+    """A way to lay the first plateaus: the next line, the tare that holds, for which block, the cost, and the past."""
+
+    line: int
+    tare: int
+    block: tuple[str, str]
+    cost: float
+    past: _Past | None
+
+
+@dataclass(frozen=True)
+class _Known:
+    """Force per mass of a load, its spread as a share, and whether its direction is known too."""
+
+    per_g: Floats
+    spread: float
+    directed: bool
+
+
+def lay(levels: Sequence[Level], notes: Sequence[Note]) -> Layout:
+    """Lay notes onto plateaus."""
+    means = np.array([level.plateau.mean for level in levels])
+    # Some unload after every load, others once for a posture: the habit that fits better is taken.
+    ways = min((_settled(means, notes, between) for between in (False, True)), key=lambda found: found[0][0])
+    best_cost, best = ways[0]
+    plateaus = []
+    for i, choice in enumerate(best):
+        other = min((cost for cost, way in ways[1:] if way[i][:2] != choice[:2]), default=math.inf)
+        line = choice.line if choice.line >= 0 else None
+        tare = choice.tare if choice.kind == "load" else None
+        sure = round(1.0 - math.exp(-max(other - best_cost, 0.0)), 2)
+        plateaus.append(Laid(i, choice.kind, line, tare, choice.repeat, sure))
+    found = {laid.note for laid in plateaus}
+    lost = tuple(i for i in range(len(notes)) if i not in found)
+    return Layout(tuple(_doubted(plateaus, notes, lost)), lost)
+
+
+def _doubted(plateaus: Sequence[Laid], notes: Sequence[Note], lost: Sequence[int]) -> list[Laid]:
+    """Where plateaus and lines of a block are not as many, its forces alone tell which is too many: none is sure."""
+    stretch = 0
+    at: list[int] = []
+    before: tuple[str, str] | None = None
+    for laid in plateaus:
+        if laid.kind == "load" and laid.note is not None and notes[laid.note].block != before:
+            stretch, before = stretch + 1, notes[laid.note].block
+        at.append(stretch)
+    later = [next((at[k] for k in range(i, len(at)) if plateaus[k].kind == "load"), stretch) for i in range(len(at))]
+    doubtful = set[int]()
+    for i, laid in enumerate(plateaus):
+        useless = laid.kind == "tare" and i + 1 < len(plateaus) and plateaus[i + 1].kind == "tare"
+        if (laid.kind == "skip" and laid.note is None) or laid.repeat or useless:
+            doubtful |= {at[i], later[i], later[i] + 1}
+    lines = {laid.note: at[i] for i, laid in enumerate(plateaus) if laid.note is not None}
+    for line in lost:
+        doubtful |= {lines[near] for near in (line - 1, line + 1) if near in lines}
+    return [
+        replace(laid, sure=min(laid.sure, _DOUBTFUL)) if at[i] in doubtful else laid for i, laid in enumerate(plateaus)
+    ]
+
+
+def _settled(means: Floats, notes: Sequence[Note], between: bool) -> list[tuple[float, list[_Choice]]]:
+    """The cheapest ways, when loads are known by those that were laid before."""
+    known: dict[object, _Known] = {}
+    ways: list[tuple[float, list[_Choice]]] = []
+    for _ in range(3):
+        ways = _ways(means, notes, known, between)
+        known = _learned(means, notes, ways[0][1])
+    return ways
+
+
+def _ways(
+    means: Floats, notes: Sequence[Note], known: Mapping[object, _Known], between: bool
+) -> list[tuple[float, list[_Choice]]]:
+    """The cheapest ways, best first; `between` says whether tares stand between the loads of a block."""
+    distance = (np.abs(means[:, None] - means[None]) / TOLERANCE).max(axis=2)
+
+    @cache
+    def off(level: int, tare: int, line: int) -> float:
+        return _off_load((means[level] - means[tare])[:3], float(distance[level, tare]), notes[line], known)
+
+    states = [_State(0, -1, ("", ""), 0.0, None)]
+    for level in range(len(means)):
+        after: dict[tuple[int, int], list[_State]] = {}
+        for state in _with_lines_left_out(states, len(notes)):
+            for choice, cost, block in _choices(level, state, distance, notes, off, between):
+                line = state.line + (choice.line == state.line)
+                new = _State(line, choice.tare, block, state.cost + cost, _Past(choice, state.past))
+                after.setdefault((line, choice.tare), []).append(new)
+        # Of ways that go on alike, two: the second tells how sure the first is.
+        kept = [s for group in after.values() for s in sorted(group, key=lambda s: s.cost)[:2]]
+        states = sorted(kept, key=lambda s: s.cost)[:_KEPT]
+    ways = [(s.cost + _NOT_FOUND * (len(notes) - s.line), _unrolled(s.past)) for s in states]
+    return sorted(ways, key=lambda way: way[0])
+
+
+def _with_lines_left_out(states: Sequence[_State], count: int) -> list[_State]:
+    out = list(states)
+    for state in states[:_LEAVING_OUT]:
+        out += [
+            replace(state, line=state.line + more, cost=state.cost + _NOT_FOUND * more)
+            for more in (1, 2)
+            if state.line + more <= count
+        ]
+    return out
+
+
+def _unrolled(past: _Past | None) -> list[_Choice]:
+    out: list[_Choice] = []
+    while past is not None:
+        out.append(past.choice)
+        past = past.before
+    return out[::-1]
+
+
+def _choices(
+    level: int,
+    state: _State,
+    distance: Floats,
+    notes: Sequence[Note],
+    off_load: Callable[[int, int, int], float],
+    between: bool,
+) -> Iterator[tuple[_Choice, float, tuple[str, str]]]:
+    """What a plateau may be, what that costs, and the block whose tare holds from then on."""
+    line, tare, block = state.line, state.tare, state.block
+    note = notes[line] if line < len(notes) else None
+    yield _Choice("skip", -1, tare, False), _LEFT_OUT, block
+    if note is not None and note.kind != "load":
+        held = level if note.kind == "tare" else tare
+        yield _Choice(note.kind, line, held, False), 0.0, ("", "") if note.kind == "tare" else block
+    ahead = next((n for n in notes[line:] if n.kind == "load"), None)
+    wanted = block if ahead is None else ahead.block
+    # Of a new block nothing is known of the tare; of the same one it lies where it lay.
+    off = float(distance[level, tare]) if tare >= 0 and wanted == block else 0.0
+    last = state.past.choice.kind if state.past is not None else ""
+    # A tare that no load follows, or against the habit, is a plateau left out.
+    unusual = last == "tare" or (not between and tare >= 0 and wanted == block and ahead is not None)
+    cost = min(max(off - _SAME, 0.0), _MOST_TARE) + (1.5 * _LEFT_OUT if unusual else 0.05)
+    # A block begins with its tare rather than with something left out.
+    cost += 1.0 if last == "skip" and wanted != block else 0.0
+    yield _Choice("tare", -1, level, False), cost, wanted
+    skipped = _SKIPPED_TARE if between and last == "load" else 0.0
+    if tare < 0:
+        return
+    if note is not None and note.kind == "load" and block in (note.block, ("", "")):
+        yield _Choice("load", line, tare, False), off_load(level, tare, line) + skipped, note.block
+    before = next((i for i in range(line - 1, -1, -1) if notes[i].kind == "load"), None)
+    if before is not None and block == notes[before].block:
+        yield _Choice("load", before, tare, True), off_load(level, tare, before) + _EXTRA_REPEAT + skipped, block
+
+
+def _off_load(force: Floats, distance: float, note: Note, known: Mapping[object, _Known]) -> float:
+    """What it costs to take a change of force (3,) [N] for a line's load; `distance` in tolerances."""
+    mass = sum(m for _, m in note.masses_g)
+    if mass <= 0.0:
+        return min(distance, _MOST_OFF)
+    size = float(np.linalg.norm(force))
+    found = known.get(_key(note)) or known.get(note.location) or _Known(np.array([_FIRST_N_PER_G, 0, 0]), 0.8, False)
+    if distance <= _SAME / 2.0 or size == 0.0:
+        wanted = mass * float(np.linalg.norm(found.per_g)) / float(TOLERANCE[0])
+        return _UNCHANGED if wanted > 3.0 * _SAME else _MOST_OFF
+    if found.directed:
+        off = float(np.linalg.norm(force / mass - found.per_g)) / (found.spread * float(np.linalg.norm(found.per_g)))
+    else:
+        off = abs(math.log(size / (mass * float(np.linalg.norm(found.per_g))))) / found.spread
+    return min(0.5 * off**2, _MOST_OFF)
+
+
+def _key(note: Note) -> object:
+    return (tuple(name for name, _ in note.masses_g), note.posture, note.location)
+
+
+def _learned(means: Floats, notes: Sequence[Note], way: Sequence[_Choice]) -> dict[object, _Known]:
+    """Force per mass of every load that was found twice, and of each location on the whole."""
+    per_g: dict[object, list[Floats]] = {}
+    for level, choice in enumerate(way):
+        if choice.kind == "load":
+            note = notes[choice.line]
+            mass = sum(m for _, m in note.masses_g)
+            if mass > 0.0:
+                found = (means[level] - means[choice.tare])[:3] / mass
+                per_g.setdefault(_key(note), []).append(found)
+                per_g.setdefault(note.location, []).append(found)
+    out: dict[object, _Known] = {}
+    for key, values in per_g.items():
+        if isinstance(key, str):
+            sizes = np.linalg.norm(values, axis=1)
+            spread = max(float(np.std(np.log(np.maximum(sizes, 1e-9)))), _SPREAD)
+            out[key] = _Known(np.array([float(np.median(sizes)), 0.0, 0.0]), spread, False)
+        elif len(values) > 1:
+            out[key] = _Known(np.median(values, axis=0), _SPREAD, True)
+    return out

@@ -1,0 +1,108 @@
+"""`fingertwin new`: from a lab's recording and notebook to a session that `check` accepts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from daq.checks import check
+from daq.readings import open_readings
+from daq.sessions import plain_document, read_session
+from tests.fingermodel.test_exchange_cli import answered, refused
+
+SOURCE = "DEV-02"
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first 16 cases of a recorded session as a lab has them: a CSV of its own, a notebook, and the rig."""
+    folder = tmp_path_factory.mktemp("lab")
+    session = read_session(SOURCE)
+    assert session.readings_path is not None
+    cases = session.cases[:16]
+    assert cases[-1].loaded_s is not None
+    lines = ["Rig 3;2026", "Zeit [ms];Kraft x [N];Kraft y [N];Kraft z [N];Moment x [N-m];Moment y [N-m];Moment z [N-m]"]
+    for block in open_readings(session.readings_path).blocks():
+        for t, row in zip(block.t_s, block.wrench, strict=True):
+            if t < cases[-1].loaded_s[1] + 0.3:
+                cells = [f"{1000 * t:.1f}", *(f"{x:.6f}" for x in row[:3]), *(f"{x / 1000:.9f}" for x in row[3:])]
+                lines.append(";".join(cells).replace(".", ","))
+    (folder / "rig.csv").write_text("\n".join(lines) + "\n", encoding="cp1252")
+    notes = []
+    for i, case in enumerate(cases):
+        hung = " + ".join(f"{k} {v:g}" for k, v in case.masses_g.items() if v)
+        notes.append(
+            f"{hung}, {case.posture}, {case.location}" + (", validation" if i % 5 == 4 else ", identification")
+        )
+    (folder / "notes.txt").write_text("\n".join(notes), encoding="utf-8")
+    document = plain_document(session)
+    setup = {k: document[k] for k in ("specimen", "finger", "tension_factor", "load_cell")}
+    (folder / "setup.yaml").write_text(yaml.safe_dump({"format": "bench-setup/1"} | setup), encoding="utf-8")
+    return folder
+
+
+POSTURE = "minor_flexion: MCP 40 PIP 55 DIP 35 abduction 0"
+
+
+def test_a_session_comes_of_a_recording_and_a_notebook(lab: Path, tmp_path: Path) -> None:
+    given = ["--notes", lab / "notes.txt", "--yes"]
+    first = tmp_path / "first"
+    rig = ["--setup", lab / "setup.yaml", "--posture", POSTURE]
+    body = answered("new", lab / "rig.csv", "--out", first, *given, *rig)
+    assert (body["cases"], body["plateaus"], body["unsure"], body["sound"]) == (16, 17, 0, True)
+    assert any("no known weight" in line for line in body["missing"])
+    assert not any("kept from the fit" in line for line in body["missing"])
+    assert any("cell's own axes" in line for line in body["notes"])
+    session, source = read_session(first), read_session(SOURCE)
+    assert check(first).ok
+    for made, case in zip(session.cases, source.cases, strict=False):
+        assert {k: v for k, v in made.masses_g.items() if v} == {k: v for k, v in case.masses_g.items() if v}
+        assert (made.posture, made.location) == (case.posture, case.location)
+        for name in ("unloaded_s", "loaded_s"):
+            window, right = getattr(made, name), getattr(case, name)
+            assert max(window[0], right[0]) < min(window[1], right[1])
+    assert session.readings_path is not None
+    assert source.readings_path is not None
+    read, right_block = (next(open_readings(s.readings_path).blocks()) for s in (session, source))  # type: ignore[arg-type]
+    count = min(len(read), len(right_block))
+    np.testing.assert_allclose(read.wrench[:count], right_block.wrench[:count], rtol=0, atol=2e-6)
+    # The next run of the same rig needs no setup, no mapping and no angles.
+    again = answered("new", lab / "rig.csv", "--out", tmp_path / "second", *given, "--like", first)
+    assert again["cases"] == 16
+    assert read_session(tmp_path / "second").specimen == session.specimen
+    assert "has a session already" in refused("new", lab / "rig.csv", "--out", first, *given, *rig)
+
+
+@pytest.mark.parametrize(
+    ("without", "said"),
+    [
+        ("--setup", "specimen, finger, tension_factor not known; expected what no recording tells"),
+        ("--posture", "the angles of minor_flexion are not known; expected --posture"),
+        ("--notes", "no notebook; expected --notes FILE"),
+        ("--yes", "which channel is which was not confirmed; expected --map FILE, or --yes"),
+    ],
+)
+def test_what_cannot_be_known_is_asked_for_and_never_assumed(
+    without: str, said: str, lab: Path, tmp_path: Path
+) -> None:
+    given = {"--notes": lab / "notes.txt", "--setup": lab / "setup.yaml", "--posture": POSTURE, "--yes": None}
+    left = [x for k, v in given.items() if k != without for x in ([k] if v is None else [k, v])]
+    assert said in refused("new", lab / "rig.csv", "--out", tmp_path / "s", *left)
+    assert not (tmp_path / "s").exists()
+
+
+def test_faults_of_notebook_and_recording_are_one_line(lab: Path, tmp_path: Path) -> None:
+    rest = ["--setup", lab / "setup.yaml", "--posture", POSTURE, "--yes", "--out", tmp_path / "s"]
+    wrong = tmp_path / "notes.txt"
+    wrong.write_text("FDX 950, minor_flexion, tip", encoding="utf-8")
+    assert "line 1 of the notebook names 'FDX'" in refused("new", lab / "rig.csv", "--notes", wrong, *rest)
+    plain = tmp_path / "plain.csv"
+    plain.write_text((lab / "rig.csv").read_text("cp1252").replace(" [N]", ""), encoding="utf-8")
+    assert "gives Kraft x no unit" in refused("new", plain, "--notes", lab / "notes.txt", *rest)
+    short = tmp_path / "short.csv"
+    short.write_text("\n".join((lab / "rig.csv").read_text("cp1252").splitlines()[:12]) + "\n", encoding="utf-8")
+    assert "holds still nowhere" in refused("new", short, "--notes", lab / "notes.txt", *rest)
+    assert not (tmp_path / "s").exists()
