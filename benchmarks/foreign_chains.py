@@ -30,7 +30,7 @@ from tests.fingermodel.foreign_chains import (
     postures_drawn,
 )
 
-POSTURES = 300
+POSTURES = {"MuJoCo": 300, "OpenSim": 60}
 
 
 def held(kind: str, seed: int, folder: Path) -> list[tuple[float, float]]:
@@ -40,7 +40,7 @@ def held(kind: str, seed: int, folder: Path) -> list[tuple[float, float]]:
     path.write_text((mjcf_chain if kind == "MuJoCo" else osim_chain)(rng), encoding="utf-8")
     imported = (read_mjcf if kind == "MuJoCo" else read_osim)(path, "benchmark")
     assert imported.check is not None
-    postures = postures_drawn(rng, POSTURES)
+    postures = postures_drawn(rng, POSTURES[kind])
     theirs = arms_in_mujoco(path.read_text("utf-8"), postures) if kind == "MuJoCo" else arms_in_opensim(path, postures)
     slips = [s.slip for s in imported.finger.topology.segments]
     ours = formula_arms(imported.finger, postures)[:, :, [slips.index(name) for name in TENDONS]]
@@ -68,7 +68,10 @@ def main() -> None:
         counts = f"{np.sum(~off & ~told)} | {np.sum(told)} | {np.sum(off & ~told)}"
         lines.append(f"| {kind} | {options.chains} | {len(pairs)} | {counts} | {ratio:.2f} |")
         print(lines[-1], f"{time.perf_counter() - begun:.0f} s")
-    lines += ["", f"Found and said over {POSTURES} random postures each, not the same."]
+    lines += [
+        "",
+        f"Found over {POSTURES['MuJoCo']} and {POSTURES['OpenSim']} random postures, other than those of the import.",
+    ]
     publish(options.out, lines)
 
 

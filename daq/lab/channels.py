@@ -141,6 +141,8 @@ def open_channels(path: str | Path) -> LabChannels:
         from daq.lab.tables import ExcelChannels
 
         return ExcelChannels(file)
+    if start.startswith(b"SQLite format 3"):
+        raise ReadingsError(f"{file.name} is a journal", "a recording", "Export it: fingertwin journal export")
     from daq.lab.text import TextChannels
 
     return TextChannels(file)

@@ -43,7 +43,7 @@ def propose_mapping(path: str | Path, calibration: str | None = None) -> LabFile
         said = ", ".join(f"{c.name} [{c.unit or '?'}]" for c in source.channels[:24])
         raise ReadingsError(
             f"the channels of {source.path.name} ({said}) do not tell which is which",
-            f"names such as {' '.join(AXES)}, six in volts, or six alone",
+            f"names such as {' '.join(AXES)}, six in volts, or three units of force and three of torque",
             f"Write {source.path.name}.map.yaml by hand (docs/how-to/read-a-lab-file.md)",
         )
     if GAUGES[0] in channels:

@@ -262,10 +262,13 @@ def finger_document_of(described: Described, where: str, source: str) -> Importe
     if not described.about:
         document["muscles"] = list(dict.fromkeys(s["slip"] for s in document["segments"]))
     cylinders = sum(isinstance(shape, Cylinder) for piece in pieces for shape in piece.on)
-    read = (
-        f"{len(described.links)} bodies, {sum(len(b.hinges) for b in joints)} hinges, {len(pieces)} stretches of "
-        f"tendon between bones, {cylinders} wraps on cylinders, the load point"
-    )
+    counts = {
+        "bodies": len(described.links),
+        "hinges": sum(len(b.hinges) for b in joints),
+        "stretches of tendon between bones": len(pieces),
+        "wraps on cylinders": cylinders,
+    }
+    read = f"{', '.join(f'{what} {count}' for what, count in counts.items())}, and the load point"
     return Imported(document, finger_from_dict(document, where), tuple(notes), read, bool(described.about))
 
 

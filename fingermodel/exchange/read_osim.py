@@ -35,6 +35,16 @@ from fingermodel.fingers import Finger
 
 WANTED = "an OpenSim model (.osim)"
 OLDEST = 40000
+# What of these elements is read, or changes no moment arm.
+_READ = {
+    "WrapCylinder": "active xyz_body_rotation translation quadrant radius Appearance color display_preference",
+    "PathWrap": "wrap_object method range",
+    "GeometryPath": "PathPointSet PathWrapSet Appearance default_color",
+    "PathPoint": "socket_parent_frame location",
+    "TransformAxis": "coordinates axis function Constant LinearFunction MultiplierFunction SimmSpline "
+    "NaturalCubicSpline PiecewiseLinearFunction",
+    "PhysicalOffsetFrame": "socket_parent translation orientation FrameGeometry attached_geometry WrapObjectSet",
+}
 _NUMBER = re.compile(r"\d+\.?\d*(?:e[-+]?\d+)?")
 _SAME_NUMBER = 1e-9
 
@@ -84,6 +94,8 @@ def read_osim(path: Path, source: str, load_point_mm: Floats | None = None) -> I
             "were taken from their scaled markers"
         )
         imported = replace(imported, notes=(*imported.notes, note))
+    if unread := _unread(model):
+        imported = replace(imported, read=f"{imported.read}; not read: {', '.join(unread)}")
     if about:  # its paths were held against the formulas that they came from
         return imported
     unmeasured = "it is not installed"
@@ -94,6 +106,18 @@ def read_osim(path: Path, source: str, load_point_mm: Floats | None = None) -> I
             unmeasured = "it could not open this file"
     note = f"moment arms were not held against OpenSim's: {unmeasured}"
     return replace(imported, notes=(*imported.notes, note))
+
+
+def _unread(model: ET.Element) -> list[str]:
+    """What may change a moment arm and is not read."""
+    found = {
+        f"{part.tag} of {element.tag}"
+        for element in model.iter()
+        if element.tag in _READ
+        for part in element
+        if part.tag not in _READ[element.tag].split()
+    }
+    return sorted(found | {part.tag for part in model.findall("./components/*")})
 
 
 def _check_formulas(finger: Finger, formulas: dict[str, list[str]], ours: bool, scaled: bool, where: str) -> None:
@@ -237,10 +261,12 @@ class _File:
         stuck = {
             label
             for label, coordinate in zip(names, coordinates, strict=False)
-            if (coordinate.findtext("locked") or "").strip() == "true"
+            if "true" in [(coordinate.findtext(tag) or "").strip() for tag in ("locked", "prescribed")]
         }
         if stuck:
-            raise ModelError(f"{self.where}: {sorted(stuck)[0]} is locked", "joints that turn", "Weld it, or unlock it")
+            raise ModelError(
+                f"{self.where}: {sorted(stuck)[0]} is locked or prescribed", "joints that turn", "Weld it, or unlock it"
+            )
         return found
 
     def _axis(self, element: ET.Element, joint: str) -> Iterator[tuple[str, Floats]]:

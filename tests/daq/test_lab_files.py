@@ -431,3 +431,78 @@ def test_other_and_torn_files_are_refused(tmp_path: Path, content: bytes) -> Non
     with pytest.raises(InputError, match=r"a\.dat") as fault:
         list(open_recording(path, mapped()).blocks())
     assert "\n" not in str(fault.value)
+
+
+# What a file says by itself, and would be read wrongly without a look
+
+
+def test_a_scale_that_is_not_known_is_refused_by_its_name(tmp_path: Path) -> None:
+    """npTDMS would give raw counts, saying nothing."""
+    reciprocal = {"NI_Number_Of_Scales": 1, "NI_Scaling_Status": "unscaled", "NI_Scale[0]_Scale_Type": "Reciprocal"}
+    path = resolved(tmp_path / "a.tdms", wf_increment=0.1, **reciprocal)
+    for read in (propose_mapping, lambda p: open_recording(p, mapped())):
+        with pytest.raises(ReadingsError, match="ATI/Fx has a scale of type Reciprocal"):
+            read(path)
+    linear = reciprocal | {"NI_Scale[0]_Scale_Type": "Linear", "NI_Scale[0]_Linear_Slope": 2.0}
+    linear |= {"NI_Scale[0]_Linear_Y_Intercept": 0.0, "NI_Scale[0]_Linear_Input_Source": 0xFFFFFFFF}
+    path = resolved(tmp_path / "b.tdms", wf_increment=0.1, **linear)
+    np.testing.assert_array_equal(together(list(open_recording(path, mapped()).blocks()))[1], 2.0 * WRENCH)
+
+
+def test_channels_that_start_apart_are_no_readings(tmp_path: Path) -> None:
+    nptdms: Any = import_module("nptdms")
+    path = tmp_path / "a.tdms"
+    starts = [np.datetime64("2024-05-01T12:00:00", "us")] * 5 + [np.datetime64("2024-05-01T12:00:00.05", "us")]
+    objects = [
+        nptdms.ChannelObject("ATI", a, WRENCH[:, i], properties={"wf_increment": 0.1, "wf_start_time": starts[i]})
+        for i, a in enumerate(AXES)
+    ]
+    clock = nptdms.ChannelObject("ATI", "Time", [0.0, 0.1, 0.2], properties={"unit_string": "s"})
+    with nptdms.TdmsWriter(str(path)) as writer:
+        writer.write_segment([*objects, clock])
+    for time in (Increment(increment_s="file"), Taken(channel="ATI/Time", unit="s")):
+        with pytest.raises(ReadingsError, match=r"ATI/Tz from 0\.05 s every 0\.1 s\); expected the same in all"):
+            open_recording(path, mapped(time))
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_channels_with_times_of_their_own_have_to_agree(stated: bool, tmp_path: Path) -> None:
+    steps = [0.01] * 3 + [0.02] * 3
+    rows = ["\t".join(f"{i * dt:.6f}\t{i * dt:.6f}" for dt in steps) for i in range(4)]
+    path = lvm(tmp_path / "a.lvm", rows, "Fx", x_columns="Multi", unit="N")
+    lines = path.read_text("utf-8").splitlines()
+    head = "\t".join(f"X_Value\t{a}" for a in AXES) + "\tComment"
+    values = ["N"] * 3 + ["Nmm"] * 3
+    tags = {"Y_Unit_Label": values, "Delta_X": [f"{dt:.6f}" if stated else "" for dt in steps], "X0": ["0.0"] * 6}
+    out = []
+    for line in lines:
+        tag = line.split("\t")[0]
+        out.append(
+            head
+            if line.startswith("X_Value")
+            else "\t".join([tag, *(f"{v}\t" for v in tags[tag])])
+            if tag in tags
+            else line
+        )
+    path.write_text("\n".join(out) + "\n", "utf-8")
+    proposed = propose_mapping(path).model_copy(update={"confirmed": True})
+    said = "the channels differ in start or increment" if stated else r"the channels differ in time \(0\.0"
+    with pytest.raises(ReadingsError, match=said):
+        list(open_recording(path, proposed).blocks())
+
+
+def test_text_is_no_time_and_words_are_units(tmp_path: Path) -> None:
+    columns: dict[str, Any] = {"ATI/Time": ["10:00:00.0", "10:00:00.1", "10:00:00.2"]}
+    columns |= {
+        f"ATI/{n}": WRENCH[:, i]
+        for i, n in enumerate(("Kraft X", "Kraft Y", "Kraft Z", "Moment X", "Moment Y", "Moment Z"))
+    }
+    units = {name: "Pounds" if "Kraft" in name else "InchPounds" for name in columns if name != "ATI/Time"}
+    path = tdms(tmp_path / "a.tdms", columns, units, wf_increment=0.1)
+    proposed = propose_mapping(path)
+    assert proposed.time == Increment(increment_s="file")
+    _, wrench = together(list(open_recording(path, proposed.model_copy(update={"confirmed": True})).blocks()))
+    np.testing.assert_allclose(wrench[0], WRENCH[0] * ([4.4482216152605] * 3 + [112.984829027616] * 3), rtol=1e-12)
+    units = dict.fromkeys(units, "Pnds")
+    doubts = propose_mapping(tdms(tmp_path / "b.tdms", columns, units, wf_increment=0.1)).doubts
+    assert any("'Pnds' is no unit of force; write one of N" in d for d in doubts)

@@ -199,6 +199,13 @@ def test_what_cannot_be_read_is_one_line_that_says_what_to_do(name: str, tmp_pat
     assert "\n" not in str(caught.value)
 
 
+def test_a_journal_is_known_for_one(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite3"
+    path.write_bytes(b"SQLite format 3\x00" + bytes(90))
+    with pytest.raises(InputError, match="fingertwin journal export"):
+        read(path)
+
+
 def test_an_excel_sheet(tmp_path: Path) -> None:
     path = tmp_path / "r.xlsx"
     path.write_bytes(_workbook(plain("preamble")))

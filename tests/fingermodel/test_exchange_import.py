@@ -273,7 +273,7 @@ REFUSED: list[tuple[str, Edit, str]] = [
     (
         FOREIGN_OSIM,
         swapped('<Coordinate name="pip_bend" />', '<Coordinate name="pip_bend"><locked>true</locked></Coordinate>'),
-        "pip_bend is locked",
+        "pip_bend is locked or prescribed",
     ),
     (FOREIGN_OSIM, swapped("0.04 0.003 0.002", "40 3 2"), "from the first joint to the load point"),
     (FOREIGN_OSIM, tip_on_pp, "load_point lies on pp"),

@@ -129,6 +129,19 @@ def test_what_the_scale_tool_leaves_of_a_joint_is_read(function: str, tmp_path: 
     assert_allclose(formula_arms(scaled, q), formula_arms(plain, q), rtol=0, atol=1e-12)
 
 
+def test_what_is_not_read_is_said(tmp_path: Path) -> None:
+    read = imported(OSIM, tmp_path, "osim").read
+    assert "hinges 3" in read
+    assert read.endswith("not read: length of WrapCylinder")
+
+
+def test_without_opensim_nothing_is_said_to_be_held_against_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fingermodel.exchange.read_osim.installed", lambda: False)
+    found = imported(OSIM, tmp_path, "osim")
+    assert found.check is None
+    assert found.notes[-1] == "moment arms were not held against OpenSim's: it is not installed"
+
+
 def test_a_multiplier_that_moves_a_joint_is_refused(tmp_path: Path) -> None:
     moved = STILL.replace(">0<", ">0.2<")
     text = OSIM.replace(STILL, f"<MultiplierFunction><function>{moved}</function><scale>2</scale></MultiplierFunction>")

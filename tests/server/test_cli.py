@@ -478,7 +478,7 @@ def test_what_compare_refuses_is_not_usable_to_check(tmp_path: Path, edit: Edit)
         (lambda t: t[: t.index("\n") + 1], "no readings"),
         (lambda t: "", "header"),
         (lambda t: t.replace("Fx_N", "Fx", 1), "Fx"),
-        (lambda t: t.replace("Fx_N", "Fx_stone", 1), "stone"),
+        (lambda t: t.replace("Fx_N", "Fx_pebble", 1), "pebble"),
     ],
 )
 def test_readings_that_cannot_be_used(tmp_path: Path, edit: Callable[[str], str], said: str) -> None:
