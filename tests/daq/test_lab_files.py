@@ -438,7 +438,11 @@ def test_other_and_torn_files_are_refused(tmp_path: Path, content: bytes) -> Non
 
 def test_a_scale_that_is_not_known_is_refused_by_its_name(tmp_path: Path) -> None:
     """npTDMS would give raw counts, saying nothing."""
-    reciprocal = {"NI_Number_Of_Scales": 1, "NI_Scaling_Status": "unscaled", "NI_Scale[0]_Scale_Type": "Reciprocal"}
+    reciprocal: dict[str, Any] = {
+        "NI_Number_Of_Scales": 1,
+        "NI_Scaling_Status": "unscaled",
+        "NI_Scale[0]_Scale_Type": "Reciprocal",
+    }
     path = resolved(tmp_path / "a.tdms", wf_increment=0.1, **reciprocal)
     for read in (propose_mapping, lambda p: open_recording(p, mapped())):
         with pytest.raises(ReadingsError, match="ATI/Fx has a scale of type Reciprocal"):
