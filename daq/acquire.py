@@ -276,6 +276,7 @@ class Acquisition:
         if not self._understood:
             # Before the first record were answers and the rest of another one: no damage.
             self._understood, gathered.rejected, gathered.skipped = True, 0, 0
+        self._said_undecoded_s = -SAID_AGAIN_S
         if self.cell.clock == "recording" and decoded.device_s is not None:
             times = decoded.device_s + self._from_s
         else:

@@ -48,6 +48,11 @@ _WARNINGS: Mapping[str, tuple[str, str, frozenset[str]]] = {
         "Go on: the force is measured all the same.",
         _CHANGES_LOAD,
     ),
+    "displaced": (
+        "The log's file was taken away",
+        "All goes into another one: leave its folder alone.",
+        frozenset({"ended"}),
+    ),
     "disk": ("The bench's disk is nearly full", "Make room on it, or logging stops.", frozenset({"ended"})),
 }
 _UNKNOWN: tuple[str, str, frozenset[str]] = ("The bench warns", "Look before the weight comes off.", _CHANGES_LOAD)
@@ -84,7 +89,7 @@ class StreamHealth:
             self.overloads, self.overloaded = self.overloads + 1, True
         elif event.kind == "overload_ended":
             self.overloaded = False
-        elif event.kind == "damaged":
+        elif event.kind in ("damaged", "undecoded"):
             self.damaged += int(value.get("rejected", 0)) or 1
         elif event.kind in ("started", "reconnected", "stale", "disconnected", "ended"):
             self._turn(event)

@@ -233,6 +233,23 @@ def test_bytes_that_never_make_a_sample_are_said_and_kept(monkeypatch: pytest.Mo
     assert said.value["looks"].startswith("binary such as ")
 
 
+def test_each_time_that_bytes_are_not_understood_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Picky(Counting):
+        class _Decoder(CountingDecoder):
+            def feed(self, data: bytes) -> Samples:
+                return super().feed(data) if data != b"?" else samples(np.zeros((0, 6)), skipped=1)
+
+        def decoder(self) -> CountingDecoder:
+            return self._Decoder()
+
+    monkeypatch.setattr("daq.acquire.UNDECODED_S", 0.02)
+    run = Acquisition(Picky(), lambda: Portions([*[b"?"] * 60, bytes([1]), bytes([2]), *[b"?"] * 60]), chunk_s=0.005)
+    run.start()
+    records = list(run.records())
+    assert kinds(records).count("undecoded") == 2
+    assert len(numbered(records)) == 2
+
+
 def test_a_fault_of_ours_ends_the_stream_and_is_raised() -> None:
     class Faulty(Counting):
         class _Decoder(CountingDecoder):
