@@ -1,6 +1,6 @@
 """Every address of the service's OpenAPI document asked by schemathesis, on SQLite or PostgreSQL.
 
-    python -m benchmarks.openapi_fuzz [--cases 10000] [--database sqlite|postgresql] [--seed 0] [--out FILE]
+    python -m benchmarks.openapi_fuzz [--cases 20000] [--database sqlite|postgresql] [--seed 0] [--out FILE]
 
 A service runs as a process of its own on loopback, with sessions, readings, a revision and jobs in it. Asked are the
 documented examples, the edges of every schema, random cases right and wrong, and chains of requests by their links.
@@ -57,7 +57,7 @@ def report(tally: Tally, log: str, database: str, command: str, seconds: float) 
         "",
         "| figure | value | aim |",
         "|---|---|---|",
-        f"| cases | {total} | 10000 |",
+        f"| cases | {total} | 20000 |",
         f"| addresses and methods | {len(tally.cases)} | all |",
         f"| answers of 500 and above | {failed} | 0 |",
         f"| failures in the service's log | {faults} | 0 |",
@@ -107,7 +107,7 @@ def merged(out: Path, section: Iterable[str], database: str) -> str:
 def main() -> None:
     """Run and write."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", type=int, default=10_000)
+    parser.add_argument("--cases", type=int, default=20_000)
     parser.add_argument("--database", choices=list(TITLE), default="sqlite")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=HERE / "openapi_fuzz.md")

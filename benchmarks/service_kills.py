@@ -1,6 +1,6 @@
 """Kill the service with -9 again and again while two benches send and refits run, and look at what is left.
 
-    python -m benchmarks.service_kills [--kills 100] [--database sqlite|postgresql] [--seed 0] [--out FILE]
+    python -m benchmarks.service_kills [--kills 200] [--database sqlite|postgresql] [--seed 0] [--out FILE]
 
 Two journals of known chunks and events are sent by two uplinks; refits are asked for one after the other; a live client
 connects again after the last message that it heard. One in nine kills falls into a start, one in twelve shortly after
@@ -36,24 +36,28 @@ so that the times to ready are not those of a quiet one.
 def main() -> None:
     """Run and write."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--kills", type=int, help="by default 200, and 100 with PostgreSQL")
     parser.add_argument("--database", choices=("sqlite", "postgresql"), default="sqlite")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=HERE / "service_kills.md")
+    parser.add_argument("--out", type=Path, help="by default service_kills.md, or service_kills_postgresql.md")
     given = parser.parse_args()
+    postgres = given.database == "postgresql"
+    aim = 100 if postgres else 200
+    kills = given.kills or aim
+    out = given.out or HERE / f"service_kills{'_postgresql' if postgres else ''}.md"
     use_all_cores()
     os.environ["FINGERTWIN_LOG_LEVEL"] = "warning"
     url = None
-    if given.database == "postgresql":
+    if postgres:
         url = os.environ["FINGERTWIN_DATABASE_URL"] = postgres_url()
     where, began = surroundings(), time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
-        tally = Killed(Path(folder), url, given.seed).run(given.kills)
+        tally = Killed(Path(folder), url, given.seed).run(kills)
     told = tally.acknowledged
     kinds = ", ".join(f"{name} {n}" for name, n in sorted(tally.kills.items()))
     states = ", ".join(f"{name} {n}" for name, n in sorted(tally.jobs.items()))
     rows = [
-        ("services killed with -9", f"{tally.kills.total()} ({kinds})", "100"),
+        ("services killed with -9", f"{tally.kills.total()} ({kinds})", f"{aim}"),
         ("chunks, events, jobs acknowledged", f"{told['chunks']}, {told['events']}, {told['jobs']}", ""),
         ("jobs at the end", states, ""),
         ("messages that the live client heard", f"{tally.heard}", "each that was kept, once, in order"),
@@ -64,9 +68,7 @@ def main() -> None:
         ),
         ("rules that were broken", f"{len(tally.wrong)}", "0"),
     ]
-    command = (
-        f"python -m benchmarks.service_kills --kills {given.kills} --database {given.database} --seed {given.seed}"
-    )
+    command = f"python -m benchmarks.service_kills --kills {kills} --database {given.database} --seed {given.seed}"
     lines = [
         "# Killing the service while benches send and refits run",
         "",
@@ -82,7 +84,7 @@ def main() -> None:
         *(f"- {line}" for line in tally.wrong[:50]),
     ]
     text = "\n".join(lines).rstrip() + "\n"
-    given.out.write_text(text, encoding="utf-8")
+    out.write_text(text, encoding="utf-8")
     print(text)
 
 

@@ -7,6 +7,7 @@ import errno
 import logging
 import signal
 import socket
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from types import FrameType
@@ -33,6 +34,8 @@ _LOG = logging.getLogger("fingertwin.serve")
 FINISH_S = 10
 # How often the server looks after itself: ten times a second, as uvicorn does, costs as much as a live client.
 LOOK_S = 1.0
+# How long a thread may go on while others wait for the interpreter [s].
+SWITCH_S = 5e-4
 # Of one message of a live client's, which says only what it wants to see.
 _MOST_MESSAGE = 64 << 10
 
@@ -50,6 +53,8 @@ def serve(settings: Settings, make: Callable[[Settings], ASGIApp], ready: Callab
     """
     settings = settings.model_copy(update={"data": made(settings.data)})
     logs.configure(settings)
+    # A bench's chunk needs the interpreter some twenty times: busy readers would keep it from it for 5 ms each time.
+    sys.setswitchinterval(SWITCH_S)
     with held(made(folder_of(settings))), closing(Database(settings.url)) as database, alone(database):
         upgrade(database)
         if not settings.loopback and not any(t.state() == "valid" for t in listed(database)):

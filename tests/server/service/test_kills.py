@@ -8,11 +8,18 @@ from pathlib import Path
 import pytest
 
 from tests.server.service.killing import Killed
+from tests.server.service.postgres import postgres_url
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for the workers of a killed service in /proc")
-def test_a_killed_service_has_lost_nothing_and_holds_nothing_by_halves(tmp_path: Path) -> None:
-    tally = Killed(tmp_path, seed=3).run(3, longest_s=1.5, refits=False)
+@pytest.mark.parametrize("kind", ["sqlite", pytest.param("postgresql", marks=pytest.mark.full)])
+def test_a_killed_service_has_lost_nothing_and_holds_nothing_by_halves(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url = postgres_url() if kind == "postgresql" else None
+    if url is not None:
+        monkeypatch.setenv("FINGERTWIN_DATABASE_URL", url)
+    tally = Killed(tmp_path, url, seed=3).run(3, longest_s=1.5, refits=False)
     assert tally.wrong == []
     assert tally.kills.total() == 3
     assert tally.acknowledged["chunks"] > 0
