@@ -273,7 +273,8 @@ def finger_document_of(described: Described, where: str, source: str) -> Importe
 
 
 def _chain(described: Described, where: str) -> tuple[list[_Bone], dict[str, _Placed]]:
-    base = _Bone(described.base)
+    # The engines keep their own name of what does not move to themselves.
+    base = _Bone("base" if all(link.body != "base" for link in described.links) else f"{described.base}_base")
     bones = [base]
     placed = {described.base: _Placed(base, np.eye(3), np.zeros(3))}
     attached = {end.body for piece in described.pieces for end in piece.ends}
