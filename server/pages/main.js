@@ -45,7 +45,7 @@ function navigation({ session, view }) {
     link("#/together", "Together", !session && view === "together"),
     link("#/fingers", "Fingers", !session && view === "fingers"),
     link("#/studies", "Studies", !session && view === "studies"),
-    link("#/audit", "Changes", !session && view === "audit"),
+    session ? null : link("#/audit", "Changes", view === "audit"),
     link("#/help", "Help", !session && view === "help"));
 }
 

@@ -155,7 +155,7 @@ PATHS = [
     *(
         pytest.param(path, marks=pytest.mark.full)
         for path in (
-            "help", f"sessions/{SESSION}/effect?name=worn_pulley.FDP", f"sessions/{EMPTY}/compare",
+            "help", "audit", f"sessions/{SESSION}/effect?name=worn_pulley.FDP", f"sessions/{EMPTY}/compare",
             f"sessions/{EMPTY}/find", f"sessions/{EMPTY}/fall",
         )
     ),

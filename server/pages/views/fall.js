@@ -114,10 +114,12 @@ export async function view(main, { session, asked }) {
       try {
         const [before, after] = await Promise.all([modelOf(select.value), r.id].map((model) => get(`${path}/comparison`, { model }, away.signal)));
         const plane = after.judged_in === "sagittal" ? "sagittal" : "space";
+        const between = select.value === r.parent ? alone(r)[0] : null;
         const change = (k) => after.summary[k][plane].rmse_N - (before.summary[k]?.[plane].rmse_N ?? NaN);
         fill(errors, table([
           { title: "cases", cell: (k) => words(k).replace("/", " at the ") }, { title: "", cell: (k) => (k.startsWith("validation") ? "never fitted" : "fitted") },
           { title: `RMSE with ${select.value} [N]`, n: true, cell: (k) => number(before.summary[k]?.[plane].rmse_N) },
+          ...(between ? [{ title: "refitted alone [N]", n: true, cell: (k) => number(between.history[0].rmse_N[k]) }] : []),
           { title: `with ${r.id} [N]`, n: true, cell: (k) => number(after.summary[k][plane].rmse_N) },
           { title: "change [N]", n: true, cell: (k) => el("span", { class: change(k) > 0 ? "bad" : "good" }, `${change(k) > 0 ? "+" : ""}${number(change(k))}`) },
         ], Object.keys(after.summary), { caption: plane === "sagittal" ? "In the sagittal plane, in which this finger is judged" : "In space" }));
