@@ -30,44 +30,36 @@ class Noise:
     """Covariance of n readings, whose size grows with n and not with its square.
 
     Attributes:
-        own: (n, 6, 6) of each case alone [N, N mm].
+        blocks: (n, 6, 6) of each case [N, N mm], shared tares included.
         shared: tares of several cases.
     """
 
-    own: Floats
+    blocks: Floats
     shared: tuple[SharedTare, ...] = ()
-
-    @property
-    def blocks(self) -> Floats:
-        """(n, 6, 6) of each case, shared tares included."""
-        out = self.own.copy()
-        for tare in self.shared:
-            out[tare.cases] += tare.columns @ np.swapaxes(tare.columns, 1, 2)
-        return out
 
     @property
     def dense(self) -> Floats:
         """(6 n, 6 n) of all readings, one case after another."""
-        n = len(self.own)
+        n = len(self.blocks)
         out = np.zeros((n, 6, n, 6))
-        out[np.arange(n), :, np.arange(n), :] = self.own
         axes = np.arange(6)
         for tare in self.shared:
             out[np.ix_(tare.cases, axes, tare.cases, axes)] += np.einsum("iak,jbk->iajb", tare.columns, tare.columns)
+        out[np.arange(n), :, np.arange(n), :] = self.blocks
         return out.reshape(6 * n, 6 * n)
 
     @property
     def tares(self) -> Floats:
         """(6 n, 6 tares) columns whose sum of squares is what the shared tares contribute."""
-        out = np.zeros((len(self.own), 6, len(self.shared), 6))
+        out = np.zeros((len(self.blocks), 6, len(self.shared), 6))
         for k, tare in enumerate(self.shared):
             out[tare.cases, :, k, :] = tare.columns
-        return out.reshape(6 * len(self.own), 6 * len(self.shared))
+        return out.reshape(6 * len(self.blocks), 6 * len(self.shared))
 
     def turned(self, turn: Floats) -> Noise:
         """Return the covariance of the readings after each was multiplied by a matrix (n, 6, 6)."""
         shared = tuple(SharedTare(t.cases, turn[t.cases] @ t.columns) for t in self.shared)
-        return Noise(turn @ self.own @ np.swapaxes(turn, 1, 2), shared)
+        return Noise(turn @ self.blocks @ np.swapaxes(turn, 1, 2), shared)
 
 
 def noise_of(measured: MeasuredSession, spread: Floats) -> Noise:
@@ -78,19 +70,19 @@ def noise_of(measured: MeasuredSession, spread: Floats) -> Noise:
         spread: (6, 6) of cases that state no uncertainty.
     """
     cases, count = measured.cases, len(measured.cases)
-    own = np.zeros((count + len(measured.checks), 6, 6))
+    blocks = np.zeros((count + len(measured.checks), 6, 6))
     for i, m in enumerate(cases):
-        own[i] = m.covariance if m.noise_stated else m.covariance + spread
+        blocks[i] = m.covariance if m.noise_stated else m.covariance + spread
     for i, check in enumerate(measured.checks):
-        own[count + i] = check.covariance
+        blocks[count + i] = check.covariance
     shared = []
     for tare, weights in zip(measured.tares, measured.tare_weights.T, strict=True):
         of = np.flatnonzero(weights)
+        # The same to the last digit whether or not another case shares it: a force is not told anew for that.
+        blocks[of] += weights[of, None, None] ** 2 * tare.covariance
         if len(of) > 1:
             shared.append(SharedTare(of, weights[of, None, None] * _root(tare)))
-        else:
-            own[of] += weights[of, None, None] ** 2 * tare.covariance
-    return Noise(own, tuple(shared))
+    return Noise(blocks, tuple(shared))
 
 
 def _root(tare: Tare) -> Floats:

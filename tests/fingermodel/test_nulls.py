@@ -73,7 +73,7 @@ def only(observations: Observations, keep: Sequence[int]) -> Observations:
         masses_g=tuple(observations.masses_g[i] for i in keep),
         inputs=LoadCaseInput(*(jnp.asarray(np.asarray(x)[list(keep)]) for x in observations.inputs)),
         wrench=observations.wrench[list(keep)],
-        noise=Noise(observations.noise.own[list(keep)], tuple(shared)),
+        noise=Noise(observations.noise.blocks[list(keep)], tuple(shared)),
     )
 
 
@@ -273,7 +273,7 @@ def test_published_sessions_rest_nothing_on_an_assumed_noise(session: str) -> No
 
 
 def test_no_noise_at_all_still_has_an_answer(bench: Bench) -> None:
-    quiet = replace(bench.observations, noise=Noise(np.zeros_like(bench.observations.noise.own)))
+    quiet = replace(bench.observations, noise=Noise(np.zeros_like(bench.observations.noise.blocks)))
     assert not violated(nulls(bench.model, exact(bench.model, quiet)))
 
 

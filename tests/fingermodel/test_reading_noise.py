@@ -29,7 +29,10 @@ def test_readings_that_are_turned_have_the_covariance_turned() -> None:
     rng = np.random.default_rng(0)
     half, turn = rng.normal(size=(4, 6, 6)), rng.normal(size=(4, 6, 6))
     shared = (SharedTare(np.array([0, 2, 3]), rng.normal(size=(3, 6, 6))), SharedTare(np.array([1, 2]), half[:2]))
-    noise = Noise(half @ np.swapaxes(half, 1, 2), shared)
+    blocks = half @ np.swapaxes(half, 1, 2)
+    for tare in shared:
+        blocks[tare.cases] += tare.columns @ np.swapaxes(tare.columns, 1, 2)
+    noise = Noise(blocks, shared)
     whole = np.zeros((24, 24))
     for k, one in enumerate(turn):
         whole[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = one
