@@ -7,7 +7,7 @@ session. Each error is an effect like any other, acting at its stage.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, final
 
 import jax.numpy as jnp
@@ -56,6 +56,10 @@ class Budget:
     fraction_sd: float = 0.15
     mount_offset_sd_mm: float = 2.0
     reading_sd_N: float = 0.08
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as `budget_of` reads it."""
+        return asdict(self) | {"tendon_point_sd_mm": dict(self.tendon_point_sd_mm)}
 
 
 CERTIFICATE = Budget()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fingermodel.fingers import Plane
 from fingermodel.model import Model
 from fingermodel.observations import Observations
 
@@ -42,6 +43,10 @@ class CaseComparison:
         """Loaded tendons, such as `FDP` or `FDP+FDS`."""
         return muscles_of(self.masses_g)
 
+    def z_in(self, plane: Plane) -> float | None:
+        """Mahalanobis norm of the force residual in a plane; None without any uncertainty."""
+        return self.z_sagittal if plane == "sagittal" else self.z
+
     def as_dict(self) -> dict[str, Any]:
         """Return the contract's case object."""
         return {
@@ -57,6 +62,7 @@ class CaseComparison:
             "measured_Nmm": None if self.measured_Nmm is None else self.measured_Nmm.tolist(),
             "predicted_Nmm": None if self.predicted_Nmm is None else self.predicted_Nmm.tolist(),
             "z": self.z,
+            "z_sagittal": self.z_sagittal,
         }
 
 

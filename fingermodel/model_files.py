@@ -93,6 +93,13 @@ class LoadedModel:
     added: tuple[str, ...] = ()
     history: tuple[dict[str, Any], ...] = ()
 
+    @property
+    def fitted(self) -> str:
+        """After which fit residuals of this model are, in words."""
+        if self.name == self.model.finger.id:
+            return f"{self.name} as its file has it, before any refit"
+        return f"{self.name}, {'not refitted' if self.notes else 'fitted'} to these readings"
+
 
 def revision_document(
     model: Model,
@@ -134,7 +141,7 @@ def revision_document(
         "added": list(step.added),
         "removed": list(step.removed),
         "evidence": step.evidence,
-        "budget": {k: (dict(v) if k == "tendon_point_sd_mm" else v) for k, v in asdict(model.budget).items()},
+        "budget": model.budget.as_dict(),
         "layout": {
             "settings": [list(s) for s in model.layout.settings],
             "mountings": [list(m) for m in model.layout.mountings],

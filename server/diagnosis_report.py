@@ -19,26 +19,13 @@ if TYPE_CHECKING:
 
 History = Sequence[Mapping[str, Any]]
 
-# Sentences fill the cells of these tables; and the verdict is what the page is for.
-STYLE = """
-#verdict > h2 { margin-top: 20px; }
-#verdict > p:first-of-type { font-size: 25px; line-height: 1.32; font-weight: 600; max-width: 34em;
-  margin: 10px 0 14px; }
-#verdict > p:nth-of-type(2) { font-size: 17px; }
-nav { font-size: 14px; border-bottom: 1px solid #eee; padding-bottom: 10px; }
-nav ol { columns: 3; font-size: 14px; }
-td { white-space: normal; overflow-wrap: break-word; }
-td.n, td:first-child { white-space: nowrap; }
-th { max-width: 9em; }
-#tests-that-need-no-model td:nth-child(2) { white-space: nowrap; }
-#which-explanation td:nth-child(2) { min-width: 9em; }
-"""
-
-SHARED_STYLE = "td { white-space: normal; overflow-wrap: break-word; } th { max-width: 9em; }"
-
 
 def draw_diagnosis(
-    answer: dict[str, Any], folder: Path, history: list[dict[str, Any]] | None = None, static: bool = True
+    answer: dict[str, Any],
+    folder: Path,
+    history: list[dict[str, Any]] | None = None,
+    static: bool = True,
+    finger: go.Figure | None = None,
 ) -> Path:
     """Draw a diagnosis and return its page.
 
@@ -48,15 +35,24 @@ def draw_diagnosis(
         folder: for `diagnose.html`, PNG and SVG; made where it is absent.
         history: of the model's revisions, oldest first: `added`, `removed`, `log_evidence_gain`, `rmse_N`.
         static: whether to write PNG and SVG too.
+        finger: with the effect, for the first page.
     """
     from server.figures.diagnosis_words import title
     from server.figures.report import report_html
+    from server.figures.report_front import closing_sections
 
-    figures: dict[str, go.Figure] = {}
-    sections = diagnosis_sections(answer, history, figures)
-    model = str(answer.get("model") or "")
-    text = report_html(sections, title(answer), f"Model: {model}" if model else "")
-    return _written(folder / "diagnose.html", text, STYLE, figures if static else {})
+    figures: dict[str, go.Figure] = {} if finger is None else {"finger": finger}
+    sections = [*diagnosis_sections(answer, history, figures), *closing_sections(answer.get("origin") or {})]
+    text = report_html(sections, title(answer), subtitle(answer))
+    return _written(folder / "diagnose.html", text, figures if static else {})
+
+
+def subtitle(answer: Mapping[str, Any]) -> str:
+    """Return the line below a report's title: model, specimen, date and version, as far as they are known."""
+    origin = answer.get("origin") or {}
+    told = {"Model": answer.get("model"), "Specimen": origin.get("specimen"), "Made": origin.get("made")}
+    by = f", by {origin['software']}" if origin.get("software") else ""
+    return ". ".join(f"{k}: {v}" for k, v in told.items() if v) + by
 
 
 def diagnosis_figures(answer: dict[str, Any], history: list[dict[str, Any]] | None = None) -> dict[str, go.Figure]:
@@ -69,9 +65,13 @@ def diagnosis_figures(answer: dict[str, Any], history: list[dict[str, Any]] | No
 def diagnosis_sections(
     answer: Mapping[str, Any], history: History | None, figures: dict[str, go.Figure]
 ) -> list[Section]:
-    """Return the page's parts, and put its figures into `figures`."""
+    """Return the page's parts, the first page unfolded, and put its figures into `figures`.
+
+    `figures` may hold a drawing of the `finger` with the effect already, which then stands on the first page.
+    """
     from server.figures import diagnosis_tables as tables
     from server.figures import diagnosis_words as said
+    from server.figures.diagnosis_answer import words
     from server.figures.diagnosis_confounding import confounding_figure
     from server.figures.diagnosis_held_out import held_out_figure
     from server.figures.diagnosis_map import residual_map
@@ -81,6 +81,7 @@ def diagnosis_sections(
     from server.figures.diagnosis_size import size_figure
     from server.figures.diagnosis_torque import torque_figure
     from server.figures.report import Picture, Section
+    from server.figures.report_front import finger_section, folded, to_do_section
     from server.figures.shared_law import own_curve_figure
     from server.figures.style import NothingToDrawError
 
@@ -95,8 +96,15 @@ def diagnosis_sections(
         return found or [otherwise if not key or key in answer else "Not worked out for this answer."]
 
     cases = said.counts(answer)
-    return [
+    finger = figures.get("finger")
+    caption = "The load case that it changes most. Solid: measured, dashed: predicted with it, dotted: without it."
+    first = [
         Section("Verdict", said.verdict_sentences(answer)),
+        to_do_section(answer),
+        Section("Error before and after", or_else(tables.error_table(answer), "No error before or after is stated.")),
+        *finger_section(answer, None if finger is None else Picture(finger, caption)),
+    ]
+    details = [
         Section(
             "Suspect load cases and the rig",
             [
@@ -127,6 +135,7 @@ def diagnosis_sections(
                     "The colours mean the same in every report: pale within noise, darkest from twenty standard "
                     "uncertainties on.",
                 ),
+                *tables.bent_table(answer),
                 *tables.where_table(answer),
                 *said.torque_sentences(answer),
                 picture(
@@ -170,12 +179,14 @@ def diagnosis_sections(
         ),
         Section(
             "Tests that need no model",
-            or_else(tables.nulls_table(answer), "None: the session's load cases allow no such test.", "nulls"),
+            [
+                *words(answer.get("nulls_beside")),
+                *or_else(tables.nulls_table(answer), "None: the session's load cases allow no such test.", "nulls"),
+            ],
         ),
         Section(
-            "Error before and after",
+            "The fall of the error",
             [
-                *or_else(tables.error_table(answer), "No error before or after is stated."),
                 picture(
                     "revisions",
                     lambda: revisions_figure(answer, history),
@@ -212,8 +223,9 @@ def diagnosis_sections(
                 "next_cases",
             ),
         ),
-        Section("How this was found", [*said.METHOD, *_duration(answer)]),
+        Section("How this was found", [*said.misfit_sentences(answer), *said.METHOD, *_duration(answer)]),
     ]
+    return [*first, *folded(details)]
 
 
 def _duration(answer: Mapping[str, Any]) -> list[str]:
@@ -238,15 +250,15 @@ def draw_shared(answer: dict[str, Any], folder: Path, static: bool = True) -> Pa
     figures: dict[str, go.Figure] = {}
     sections = shared_sections(answer, figures)
     text = report_html(sections, f"What {len(answer['sessions'])} sessions share")
-    return _written(folder / "shared.html", text, SHARED_STYLE, figures if static else {})
+    return _written(folder / "shared.html", text, figures if static else {})
 
 
-def _written(page: Path, text: str, style: str, figures: dict[str, go.Figure]) -> Path:
-    """Write a page in a style of its own, and figures beside it as PNG and SVG."""
+def _written(page: Path, text: str, figures: dict[str, go.Figure]) -> Path:
+    """Write a page, and figures beside it as PNG and SVG."""
     from server.figures.static import write_static
 
     with replacing(page) as temporary:
-        temporary.write_text(text.replace("</style>", f"{style}</style>", 1), encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8")
     if figures:
         write_static(page.parent, figures)
     return page

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from server.workflow import Bench, compare_bench, open_bench
+from server.workflow import Bench, compare_bench, open_bench, origin_of, readings_digest
 
 if TYPE_CHECKING:
     import numpy as np
@@ -51,6 +51,7 @@ def draw_comparison(
         theta=bench.theta if theta is None else theta,
         model_name=model_name or bench.loaded.name,
         notes=comparison_notes(bench),
+        origin=origin_of(bench, readings_digest(bench.measured)),
         static=static,
     )
     return next(f for f in files if f.suffix == ".html")

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import hashlib
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -123,6 +126,24 @@ def compare_bench(bench: Bench) -> Comparison:
     return compare(bench.model, bench.observations, bench.theta)
 
 
+def taken_out(bench: Bench, effects: Sequence[str]) -> Bench:
+    """Return the bench with effects, candidates or parameters at their null; what was fitted beside them stays."""
+    table, theta = bench.model.parameters, bench.theta.copy()
+    for name, i in table.index.items():
+        if any(name == effect or name.startswith(f"{effect}.") for effect in effects):
+            theta[i] = table.initial[i]
+    return replace(bench, loaded=replace(bench.loaded, theta=theta))
+
+
+def at_fit(bench: Bench, values: Mapping[str, float]) -> Bench:
+    """Return the bench at a fit of a search, of which an answer tells what it moved; what the model lacks is left."""
+    table, theta = bench.model.parameters, bench.model.initial
+    for name, value in values.items():
+        if name in table.index:
+            theta[table.index[name]] = value
+    return replace(bench, loaded=replace(bench.loaded, theta=theta))
+
+
 def refit_bench(
     bench: Bench,
     method: str = "map",
@@ -162,6 +183,23 @@ def readings_digest(measured: MeasuredSession) -> str | None:
     return digest.hexdigest()
 
 
+def origin_of(bench: Bench, readings_sha256: str | None) -> dict[str, str | None]:
+    """Return what a report says of where its numbers come from: when, by what, of which readings and which model."""
+    finger, table = bench.model.finger, bench.model.parameters
+    moved = {name: float(bench.theta[i]) for name, i in table.index.items() if bench.theta[i] != table.initial[i]}
+    content = json.dumps({"finger": finger.document, "parameters": moved}, sort_keys=True, default=str)
+    return {
+        "session": bench.measured.session.id,
+        "specimen": bench.measured.session.specimen.id,
+        "finger": finger.id,
+        "model": bench.loaded.name,
+        "made": dt.datetime.now(dt.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "software": f"fingertwin {version('fingertwin')}",
+        "readings_sha256": readings_sha256,
+        "model_sha256": hashlib.sha256(content.encode()).hexdigest(),
+    }
+
+
 def save_revision(
     bench: Bench,
     fit: Fit,
@@ -198,13 +236,13 @@ def describe_revision(
     from fingermodel.model_files import Step, revision_document
 
     free = [p.name for p in fit.parameters if p.kind == "effect"]
-    step = replace(step or Step(), effects=_held(bench, free), history=bench.loaded.history)
+    step = replace(step or Step(), effects=held_by(bench, free), history=bench.loaded.history)
     session = bench.measured.session.id
     return revision_document(bench.model, fit, bench.loaded.parent, session, before, after, readings_sha256, step=step)
 
 
-def _held(bench: Bench, parameters: Sequence[str]) -> tuple[dict[str, Any], ...]:
-    """The effects whose parameters are free, as a revision keeps them."""
+def held_by(bench: Bench, parameters: Sequence[str]) -> tuple[dict[str, Any], ...]:
+    """Return the effects whose parameters are free, as a revision keeps them."""
     from fingermodel.effects.catalogue import EFFECTS
     from fingermodel.effects.user import effect_document
 

@@ -102,6 +102,10 @@ class Diagnosis:
         """Measured and predicted forces of a fit, suspects left out."""
         return self.comparisons[fit.explanation].without([self.session.observations.ids[c] for c in self.suspects])
 
+    def theta_of(self, fit: Optimum) -> Floats:
+        """Parameters (p,) with which an explanation's fit is compared: of no effect those with the budget as stated."""
+        return fit.theta if fit.explanation.size else self.stated.theta
+
     def validation_rmse(self, fit: Optimum) -> float | None:
         """RMSE [N] of the validation cases, in the plane that the finger is judged in, suspects left out."""
         return validation_rmse(self.session.model, self.comparison(fit))

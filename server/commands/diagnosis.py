@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 from fingermodel.parameters import with_unit
 from server.commands.twin import provenance, say_first
 from server.console import answer, progress, say, table
-from server.workflow import Bench, bench_of, open_bench
+from server.workflow import Bench, at_fit, bench_of, open_bench, origin_of, readings_digest
 
 if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
     from fingermodel.diagnosis.diagnose import Diagnosis
     from fingermodel.diagnosis.next_cases.frozen import Confirmation
 
@@ -43,13 +45,29 @@ def diagnose_session(
     if figures:
         from server.diagnosis_report import draw_diagnosis
 
-        page = draw_diagnosis(body, figures, list(bench.loaded.history) or None)
+        body["origin"] = origin_of(bench, readings_digest(bench.measured))
+        page = draw_diagnosis(body, figures, list(bench.loaded.history) or None, finger=drawn_effect(bench, body))
         body["figures"] = str(page)
     if answer("diagnose", body, json):
         return
     print_diagnosis(body)
     if page:
         say(f"Report: {page}")
+
+
+def drawn_effect(bench: Bench, body: Mapping[str, Any]) -> go.Figure | None:
+    """Draw the finger with what the verdict would add, in the case that it changes most; None where that is nothing."""
+    from server.figures.effect_on_finger import effect_on_finger
+    from server.figures.style import NothingToDrawError
+
+    added = body["where_after"]["added"]
+    row = next((r for r in body["ranking"] if added and r["candidates"] == added), None)
+    if row is None:
+        return None
+    try:
+        return effect_on_finger(at_fit(bench, row["fit"]), added)
+    except NothingToDrawError:
+        return None
 
 
 def bare_verdict(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -91,10 +109,12 @@ def diagnosis_answer(bench: Bench, diagnosis: Diagnosis, frozen: Sequence[Mappin
         frozen: documents of predictions that were made before the cases were measured.
     """
     from fingermodel.diagnosis.answer.answer import answer as body_of
+    from fingermodel.diagnosis.answer.answer import nulls_beside
     from fingermodel.diagnosis.next_cases.next_cases import plan_next
 
     body = body_of(diagnosis)
     body["nulls"] = [n.as_dict() for n in diagnosis.nulls]
+    body["nulls_beside"] = nulls_beside(diagnosis, bench.loaded.added)
     plan = plan_next(diagnosis)
     body["next_cases"] = [c.as_dict() for c in plan.cases]
     body["next_sentence"] = plan.text
@@ -138,6 +158,8 @@ def print_diagnosis(body: dict[str, Any]) -> None:
     _print_fall(body)
     _print_explanations(body)
     _print_where(body["where"])
+    if body["nulls_beside"]:
+        say(body["nulls_beside"])
     for null in body["nulls"]:
         if null["verdict"] != "not_tested":
             say(f"{'ok  ' if null['verdict'] == 'holds' else 'FAIL'} {null['text']}")
@@ -222,10 +244,10 @@ def _print_where(where: dict[str, Any]) -> None:
         worst = sorted(where[key].items(), key=lambda item: -(item[1]["z_rms"] or 0.0))[:3]
         rows += [[label, name, e["cases"], e["rmse_N"], e["z_rms"]] for name, e in worst]
     table(
-        "Where the model without it fails",
+        "Where the model fails, after a refit with nothing added",
         ["by", "", "cases", "RMSE [N]", "z"],
         rows,
-        "z: residual in standard uncertainties of the readings",
+        "z: norm of the residual in standard uncertainties, root mean square over cases",
     )
 
 

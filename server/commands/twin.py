@@ -95,6 +95,7 @@ def provenance(bench: Bench) -> dict[str, Any]:
     return {
         "session": measured.session.id,
         "model": bench.loaded.name,
+        "residuals_after": bench.loaded.fitted,
         "tension_factor": measured.tension_factor,
         "tension_factor_source": measured.tension_factor_source,
         "budget": bench.model.budget.name,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from server.figures.arrows import Spread
 from server.figures.bone import bone_figure
 from server.figures.comparison_words import case_table, error_tables, sentences
 from server.figures.report import Picture, Section, write_report
+from server.figures.report_front import closing_sections, folded
 from server.figures.scatter import scatter_figure
 from server.figures.static import write_static
 from server.figures.style import NothingToDrawError
@@ -79,6 +80,7 @@ def comparison_report(
     theta: Floats | None = None,
     model_name: str = "Model",
     notes: Sequence[str] = (),
+    origin: Mapping[str, object] | None = None,
     static: bool = True,
 ) -> list[Path]:
     """Write `compare.html`, and every figure as PNG and SVG.
@@ -95,6 +97,7 @@ def comparison_report(
         theta: fitted parameters of `comparison`.
         model_name: for titles.
         notes: further sentences for the beginning.
+        origin: what the report rests on (see `workflow.origin_of`).
         static: whether to write PNG and SVG.
 
     Returns:
@@ -103,7 +106,8 @@ def comparison_report(
     sections, figures = comparison_sections(
         model, observations, comparison, before, before_name, spread, theta=theta, model_name=model_name, notes=notes
     )
-    report = write_report(folder / "compare.html", sections, report_title(session), f"Model: {model_name}")
+    closing = closing_sections(origin or {})
+    report = write_report(folder / "compare.html", [*sections, *closing], report_title(session), f"Model: {model_name}")
     return [report, *(write_static(folder, figures) if static else [])]
 
 
@@ -132,7 +136,11 @@ def comparison_sections(
     sections = [
         Section(
             "Summary",
-            [*sentences(model, comparison, before, before_name, model_name), *notes, *error_tables(comparison, before)],
+            [
+                *sentences(model, comparison, before, before_name, model_name),
+                *notes,
+                *error_tables(comparison, before, model.finger.judged_in),
+            ],
         )
     ]
     for plan in plans:
@@ -141,7 +149,11 @@ def comparison_sections(
             sections[-1] = Section(plan.heading, [*sections[-1].parts, part])
         else:
             sections.append(Section(plan.heading, [part]))
-    return [*sections, Section("Load cases", [case_table(comparison)])], figures
+    sections = [
+        sections[0],
+        *folded([*sections[1:], Section("Load cases", [case_table(comparison, model.finger.judged_in)])]),
+    ]
+    return sections, figures
 
 
 def _drawn(plans: Sequence[Plan]) -> tuple[dict[str, go.Figure], dict[str, str]]:
@@ -164,17 +176,25 @@ def comparison_plans(
     *,
     theta: Floats | None = None,
     model_name: str = "Model",
+    cases: Collection[str] | None = None,
 ) -> list[Plan]:
-    """Return every figure of a comparison to come, with the arguments of `comparison_figures`."""
+    """Return every figure of a comparison to come, with the arguments of `comparison_figures`.
+
+    `cases` are those that are drawn on the finger, by default those of validation.
+    """
     plane = model.finger.judged_in
     both = [(before_name, before)] if before is not None else []
     both = [*both, (model_name, comparison)]
 
     def vectors() -> go.Figure:
-        return vector_figure(model, observations, comparison, theta=theta, spread=spread, model_name=model_name)
+        return vector_figure(
+            model, observations, comparison, theta=theta, cases=cases, spread=spread, model_name=model_name
+        )
 
     def bone() -> go.Figure:
-        return bone_figure(model, observations, comparison, theta=theta, spread=spread, model_name=model_name)
+        return bone_figure(
+            model, observations, comparison, theta=theta, cases=cases, spread=spread, model_name=model_name
+        )
 
     held = "The same cases under both models. " if before is not None else ""
     hinge = model.finger.topology.joints[0].name

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.compare import CaseComparison, Comparison, ErrorSummary
+from fingermodel.fingers import Plane
 from fingermodel.model import Model
 from server.figures.report import Table
-from server.figures.style import fixed, in_order, load_text, number
+from server.figures.style import PLANE_NAMES, fixed, in_order, load_text, number, other_plane
 
 Floats = NDArray[np.float64]
 
@@ -50,8 +51,9 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def error_tables(comparison: Comparison, before: Comparison | None) -> list[Table]:
-    """Tabulate the errors by role and place, and by loaded tendon."""
+def error_tables(comparison: Comparison, before: Comparison | None, plane: Plane) -> list[Table]:
+    """Tabulate the errors in a plane by role and place, and by loaded tendon."""
+    other = other_plane(plane)
     header = [
         "cases",
         "n",
@@ -60,7 +62,7 @@ def error_tables(comparison: Comparison, before: Comparison | None) -> list[Tabl
         "magnitude [N]",
         "magnitude [%]",
         "direction [°]",
-        "RMSE in space [N]",
+        f"RMSE {PLANE_NAMES[other]} [N]",
     ]
     tables = []
     roles = list(dict.fromkeys((c.role, c.location) for c in comparison.cases))
@@ -71,48 +73,49 @@ def error_tables(comparison: Comparison, before: Comparison | None) -> list[Tabl
             names = in_order(c.muscles for c in comparison.select(location=key).cases)
             chosen = [(m, {"location": key, "muscles": m}) for m in names]
         rows = [
-            _error_row(label, comparison.select(**pick), before.select(**pick) if before else None)
+            _error_row(label, comparison.select(**pick), before.select(**pick) if before else None, plane)
             for label, pick in chosen
         ]
         if rows:
             note = "; before → after" if before else ""
-            caption = f"Errors by {words}, in the sagittal plane unless said otherwise{note}."
+            caption = f"Errors by {words}, {PLANE_NAMES[plane]} unless said otherwise{note}."
             tables.append(Table(header, rows, caption))
     return tables
 
 
-def _error_row(label: str, after: Comparison, before: Comparison | None) -> list[str]:
-    def both(read: Callable[[ErrorSummary], float | None], plane: str, digits: int) -> str:
+def _error_row(label: str, after: Comparison, before: Comparison | None, judged: Plane) -> list[str]:
+    def both(read: Callable[[ErrorSummary], float | None], digits: int, plane: str = judged) -> str:
         now = number(read(after.errors(plane)), digits)
         return now if before is None else f"{number(read(before.errors(plane)), digits)} → {now}"
 
     return [
         label,
         str(len(after.cases)),
-        both(lambda e: e.rmse_N, "sagittal", 3),
-        both(lambda e: e.rmse_rel_pct, "sagittal", 1),
-        both(lambda e: e.magnitude_error_N, "sagittal", 3),
-        both(lambda e: e.magnitude_error_pct, "sagittal", 1),
-        both(lambda e: e.direction_error_deg, "sagittal", 1),
-        both(lambda e: e.rmse_N, "space", 3),
+        both(lambda e: e.rmse_N, 3),
+        both(lambda e: e.rmse_rel_pct, 1),
+        both(lambda e: e.magnitude_error_N, 3),
+        both(lambda e: e.magnitude_error_pct, 1),
+        both(lambda e: e.direction_error_deg, 1),
+        both(lambda e: e.rmse_N, 3, other_plane(judged)),
     ]
 
 
-def case_table(comparison: Comparison) -> Table:
+def case_table(comparison: Comparison, plane: Plane) -> Table:
     """Tabulate every case: load, forces, residual and z."""
     largest = max((float(np.abs(c.measured_N).max()) for c in comparison.cases), default=1.0)
     digits = 3 if largest >= 0.1 else 6
-    header = ["case", "role", "at", "load", "measured [N]", "predicted [N]", "predicted − measured [N]", "z"]
-    rows = [_case_row(c, digits) for c in comparison.cases]
-    return Table(header, rows, "Forces as (Fx, Fy, Fz); z is the residual's norm in standard uncertainties.")
+    header = ["case", "role", "at", "load", "measured [N]", "predicted [N]", "measured − predicted [N]", "z"]
+    rows = [_case_row(c, digits, plane) for c in comparison.cases]
+    caption = f"Forces as (Fx, Fy, Fz); z is the residual's norm {PLANE_NAMES[plane]} in standard uncertainties."
+    return Table(header, rows, caption)
 
 
-def _case_row(case: CaseComparison, digits: int) -> list[str]:
+def _case_row(case: CaseComparison, digits: int, plane: Plane) -> list[str]:
     def force(v: Floats) -> str:
         return f"({', '.join(fixed(float(x), digits) for x in v)})"
 
-    forces = (case.measured_N, case.predicted_N, case.predicted_N - case.measured_N)
+    forces = (case.measured_N, case.predicted_N, case.measured_N - case.predicted_N)
     # Many ids begin with the posture already.
     name = case.id if case.posture in case.id else f"{case.id} {case.posture}"
     named = [name, case.role, case.location, load_text(case.masses_g)]
-    return [*named, *(force(f) for f in forces), number(case.z, 1)]
+    return [*named, *(force(f) for f in forces), number(case.z_in(plane), 1)]

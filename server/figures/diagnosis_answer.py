@@ -70,6 +70,12 @@ def shortened(text: str, most: int) -> str:
     return whole if len(whole) <= most else f"{whole[: most - 1].rstrip()}…"
 
 
+def after_which_fit(answer: Answer) -> str:
+    """Say after which fit the residuals under `where` are: `after a refit with nothing added`."""
+    added = [effect_name(n) for n in words(part(answer, "where").get("added"))]
+    return f"after a refit with {' + '.join(added) or 'nothing'} added"
+
+
 def muscles_of(row: Answer) -> str:
     """Return the loaded tendons as `FDP+FDS`."""
     return "+".join(words(row.get("muscles"))) or "none"

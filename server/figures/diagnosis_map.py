@@ -8,11 +8,15 @@ from typing import Any, NamedTuple
 
 import plotly.graph_objects as go
 
+from fingermodel.compare import PLANES
+from fingermodel.fingers import Plane
 from server.figures.diagnosis_answer import (
     Answer,
+    after_which_fit,
     in_tendon_order,
     locations_in_order,
     muscles_of,
+    plane_of,
     rows,
     shortened,
     value,
@@ -50,7 +54,7 @@ class Cell(NamedTuple):
 
 
 def residual_map(answer: Answer) -> go.Figure:
-    """Draw the root mean square z of every tendon and posture; what was not tested stays empty.
+    """Draw the root mean square z of every tendon and posture after a fit; what was not tested stays empty.
 
     Args:
         answer: of a diagnosis.
@@ -109,8 +113,8 @@ def residual_map(answer: Answer) -> go.Figure:
     return figure(
         data,
         layout,
-        title="Where the model fails, before any effect is added",
-        subtitle=_subtitle(cells),
+        title=f"Where the model fails, {plain(after_which_fit(answer))}",
+        subtitle=_subtitle(cells, plane_of(answer)),
         height=_ROW * len(muscles) + _TOP + bottom,
         margin={"l": left, "r": max(WIDTH - left - plot, _RIGHT), "t": _TOP, "b": bottom},
     )
@@ -187,11 +191,12 @@ def _hover(location: str, muscles: str, posture: str, cell: Cell | None) -> str:
     return f"{what}<br>z {number(cell.z_rms, 1)}, RMSE {number(cell.rmse_N, 3)} N"
 
 
-def _subtitle(cells: dict[tuple[str, str, str], Cell]) -> str:
+def _subtitle(cells: dict[tuple[str, str, str], Cell], plane: Plane) -> str:
     (location, muscles, posture), worst = max(cells.items(), key=lambda item: item[1].z_rms or 0.0)
     case = f"{plain(shortened(muscles, _LONGEST))}, {_name(posture).lower()}, {plain(shortened(location, _LONGEST))}"
     found = f"Worst: {case}, z = {number(worst.z_rms, 1)}"
-    what = "Residual in standard uncertainties z, root mean square over cases (1: noise alone)."
+    noise = number(math.sqrt(PLANES[plane]), 1)
+    what = f"Norm of the residual in standard uncertainties, z, root mean square over cases (noise alone: {noise})."
     return f"{what}<br>{found}. Empty: not tested."
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from fingermodel.parameters import with_unit
 from server.figures.diagnosis_answer import (
     Answer,
+    after_which_fit,
     change_text,
     effect_name,
     explanation_name,
@@ -14,6 +16,7 @@ from server.figures.diagnosis_answer import (
     locations_in_order,
     named_rows,
     part,
+    plane_of,
     probability_text,
     ranked,
     rows,
@@ -27,7 +30,7 @@ from server.figures.diagnosis_held_out import held_out
 from server.figures.diagnosis_ranking import shown_rows
 from server.figures.diagnosis_revisions import steps_of
 from server.figures.report import Table
-from server.figures.style import fixed, load_text, number
+from server.figures.style import PLANE_NAMES, fixed, load_text, number, other_plane
 
 _GROUPS = {
     "by_location": "mount",
@@ -98,8 +101,41 @@ def where_table(answer: Answer) -> list[Table]:
             ]
             for k, v in found
         ]
-    caption = "Before any effect is added, the worst first; z = 1 is noise alone."
+    caption = (
+        f"{after_which_fit(answer).capitalize()}, the worst first. z: norm of the residual in standard uncertainties, "
+        "root mean square over cases; of one component that component alone."
+    )
     return [Table(["cases", "n", "RMSE [N]", "z"], out, caption)] if out else []
+
+
+def bent_table(answer: Answer) -> list[Table]:
+    """Tabulate the rig's errors that a fit takes to be far beyond what is stated, and what would settle each."""
+    fits = [part(answer, key) for key in ("where", "where_after")]
+    fits = fits[:1] if words(fits[0].get("added")) == words(fits[1].get("added")) else fits
+    found = [{str(row.get("name")): row for row in rows(fit, "bent")} for fit in fits]
+    lines = []
+    for name in dict.fromkeys(n for rows_ in found for n in rows_):
+        one = next(rows_[name] for rows_ in found if name in rows_)
+        unit = str(one.get("unit") or "")
+        said = [_bent(rows_.get(name, {}), unit) for rows_ in found]
+        lines.append(
+            [name, with_unit(number(value(one.get("stated_sd")), 3), unit), *said, str(one.get("remedy") or "")]
+        )
+    fit_names = [after_which_fit({"where": fit}) for fit in fits]
+    header = ["error of the rig", "stated sd", *fit_names, "what would settle it"]
+    caption = (
+        "Errors of the rig that a refit takes to be more than two stated standard deviations, the most bent first."
+    )
+    return [Table(header, lines, caption)] if lines else []
+
+
+def _bent(row: Answer, unit: str) -> str:
+    widths = value(row.get("widths"))
+    return (
+        "within 2 sd"
+        if widths is None
+        else f"{with_unit(number(value(row.get('value')), 3), unit)} ({fixed(abs(widths), 0)} sd)"
+    )
 
 
 def torque_table(answer: Answer) -> list[Table]:
@@ -193,7 +229,8 @@ def error_table(answer: Answer) -> list[Table]:
     """Tabulate the errors before and after by role and mount, as a comparison does."""
     before, after = part(answer, "before"), part(answer, "after")
     keys = [str(k) for k in dict.fromkeys([*before, *after])]
-    places = locations_in_order(k.partition("/")[2] for k in keys)
+    places, plane = locations_in_order(k.partition("/")[2] for k in keys), plane_of(answer)
+    other = other_plane(plane)
     keys.sort(key=lambda k: (k.partition("/")[0], places.index(k.partition("/")[2])))
 
     def both(key: str, plane: str, name: str, digits: int) -> str:
@@ -203,16 +240,16 @@ def error_table(answer: Answer) -> list[Table]:
         [
             key.replace("/", ", "),
             number(value(part(before, key, "space").get("cases", part(after, key, "space").get("cases"))), 0),
-            both(key, "sagittal", "rmse_N", 3),
-            both(key, "sagittal", "rmse_rel_pct", 1),
-            both(key, "sagittal", "magnitude_error_N", 3),
-            both(key, "sagittal", "direction_error_deg", 1),
-            both(key, "space", "rmse_N", 3),
+            both(key, plane, "rmse_N", 3),
+            both(key, plane, "rmse_rel_pct", 1),
+            both(key, plane, "magnitude_error_N", 3),
+            both(key, plane, "direction_error_deg", 1),
+            both(key, other, "rmse_N", 3),
         ]
         for key in keys
     ]
-    header = ["cases", "n", "RMSE [N]", "RMSE [%]", "magnitude [N]", "direction [°]", "RMSE in space [N]"]
-    caption = "Errors before → after, in the sagittal plane unless said otherwise. Validation cases are never fitted."
+    header = ["cases", "n", "RMSE [N]", "RMSE [%]", "magnitude [N]", "direction [°]", f"RMSE {PLANE_NAMES[other]} [N]"]
+    caption = f"Errors before → after, {PLANE_NAMES[plane]} unless said otherwise. Validation cases are never fitted."
     caption += " Suspect cases are left out." if rows(answer, "suspects") else ""
     return [Table(header, lines, caption)] if lines else []
 

@@ -8,7 +8,16 @@ from typing import Any, NamedTuple
 
 import plotly.graph_objects as go
 
-from server.figures.diagnosis_answer import Answer, in_tendon_order, muscles_of, part, rows, shortened, value
+from server.figures.diagnosis_answer import (
+    Answer,
+    after_which_fit,
+    in_tendon_order,
+    muscles_of,
+    part,
+    rows,
+    shortened,
+    value,
+)
 from server.figures.style import (
     INK,
     MUTED,
@@ -116,7 +125,7 @@ def torque_figure(answer: Answer) -> go.Figure:
     return figure(
         data,
         layout,
-        title="Joint torque that is missing in the model",
+        title=f"Joint torque that is missing, {plain(after_which_fit(answer))}",
         subtitle=_subtitle(groups, total),
         height=height,
         margin={"l": left, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},

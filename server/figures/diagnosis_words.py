@@ -49,7 +49,12 @@ def verdict_sentences(answer: Answer) -> list[str]:
     out = [_sentence(answer), _status(answer)]
     if of := words(answer.get("probability_of")):
         out.append(f"Probability of what: {of[0]}.")
-    out += [*_first_suspects(answer), *words(answer.get("reasons"))]
+    return [*out, *_first_suspects(answer), *words(answer.get("reasons")), *words(answer.get("notes"))]
+
+
+def misfit_sentences(answer: Answer) -> list[str]:
+    """Say how far the model without any effect is from the readings, and how many explanations were searched."""
+    out = []
     chi = part(answer, "chi_square")
     if (found := value(chi.get("value"))) is not None:
         said = f"χ² of the model without any effect: {number(found, 1)}"
@@ -62,7 +67,7 @@ def verdict_sentences(answer: Answer) -> list[str]:
         if (after := value(chi.get("after"))) is not None:
             said += f"; {number(after, 1)} with the best explanation"
         out.append(said + ".")
-    return [*out, *_search(answer), *words(answer.get("notes"))]
+    return [*out, *_search(answer)]
 
 
 def _equals(p: object) -> str:

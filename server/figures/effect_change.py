@@ -81,13 +81,20 @@ def effect_figure(
         raise NothingToDrawError("There is no load case whose change could be drawn.")
     if max(sizes) < _NOTHING_N:
         raise NothingToDrawError("The effect changes no force of these load cases.")
-    largest = int(np.argmax(sizes))
+    # Of changes that are alike the first one, as wherever else the case that is changed most is named.
+    largest = min(range(len(sizes)), key=lambda k: (-round(sizes[k], 3), pairs[k][0].id))
     said = f"{number(sizes[largest], 3)} N in {plain(pairs[largest][0].id)}"
     least = sorted(sizes, reverse=True)[:MOST_CASES][-1]
     drawn = [p for p, size in zip(pairs, sizes, strict=True) if size >= least][:MOST_CASES]
     height = count * _PANEL + (count - 1) * _GAP
     data: list[Any] = []
-    layout: dict[str, Any] = {"annotations": [], "shapes": [], "bargap": 0.15, "showlegend": True}
+    layout: dict[str, Any] = {
+        "annotations": [],
+        "shapes": [],
+        "bargap": 0.15,
+        "showlegend": True,
+        "meta": {"case": pairs[largest][0].id},
+    }
     for index in range(count):
         upper = 1.0 - index * (_PANEL + _GAP) / height
         data += _panel(drawn, index, layout, domain(upper - _PANEL / height, upper), last=index == count - 1)

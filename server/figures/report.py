@@ -11,6 +11,7 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 
 import plotly.graph_objects as go
@@ -27,6 +28,19 @@ OPTIONS = {
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; font-src data:"
 )
+
+
+# All is drawn, and then folded; whoever prints, or follows a link into a fold, has it open.
+_DRAW = """
+const folds = (open) => document.querySelectorAll('details').forEach((d) => { d.open = open; });
+const drawn = figures.map((f, i) => Plotly.newPlot('plot' + i, f.data, f.layout, options));
+Promise.all(drawn).then(() => folds(false));
+addEventListener('beforeprint', () => folds(true));
+addEventListener('hashchange', () => {
+  const fold = document.querySelector(location.hash + ' details');
+  if (fold) fold.open = true;
+});
+"""
 
 
 @dataclass(frozen=True)
@@ -47,11 +61,22 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Steps:
+    """A numbered list of what is to be done."""
+
+    items: Sequence[str]
+
+
+Part = str | Table | Picture | Steps
+
+
+@dataclass(frozen=True)
 class Section:
-    """A heading with what follows it, in order: sentences, tables, figures."""
+    """A heading with what follows it, in order: sentences, lists, tables, figures; a click opens what is folded."""
 
     heading: str
-    parts: Sequence[str | Table | Picture]
+    parts: Sequence[Part]
+    folded: bool = False
 
 
 def write_report(path: Path, sections: Sequence[Section], title: str, subtitle: str = "") -> Path:
@@ -74,21 +99,10 @@ def write_report(path: Path, sections: Sequence[Section], title: str, subtitle: 
 
 def report_html(sections: Sequence[Section], title: str, subtitle: str = "") -> str:
     """Return the page of `write_report`."""
+    body, figures = report_body(sections)
     names = _anchors([s.heading for s in sections])
-    figures: list[go.Figure] = []
-    body: list[str] = []
-    for section, name in zip(sections, names, strict=True):
-        body.append(f'<section id="{name}"><h2>{_text(section.heading)}</h2>')
-        for part in section.parts:
-            if isinstance(part, Table):
-                body.append(_table(part))
-            elif isinstance(part, Picture):
-                body.append(_picture(part, len(figures)))
-                figures.append(part.figure)
-            else:
-                body.append(f"<p>{_text(part)}</p>")
-        body.append("</section>")
     contents = "".join(f'<li><a href="#{n}">{_text(s.heading)}</a></li>' for n, s in zip(names, sections, strict=True))
+    style = files("server.pages").joinpath("report.css").read_text(encoding="utf-8")
     return "\n".join(
         [
             "<!DOCTYPE html>",
@@ -96,16 +110,45 @@ def report_html(sections: Sequence[Section], title: str, subtitle: str = "") -> 
             f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             f"<title>{_text(title)}</title>",
-            f"<style>{_STYLE}</style></head><body>",
-            f"<header><h1>{_text(title)}</h1>{f'<p>{_text(subtitle)}</p>' if subtitle else ''}</header>",
-            f'<nav aria-label="Contents"><ol>{contents}</ol></nav>' if len(sections) > 1 else "",
+            f'<style>\n{style}</style></head><body class="report">',
+            report_header(title, subtitle),
             "<main>",
-            *body,
+            body,
             "</main>",
+            f'<nav aria-label="Contents"><ol>{contents}</ol></nav>' if len(sections) > 1 else "",
             *_scripts(figures),
             "</body></html>\n",
         ]
     )
+
+
+def report_header(title: str, subtitle: str, *, alone: bool = True) -> str:
+    """Return the head of a report as HTML; within a page that has a heading of its own its title is a paragraph."""
+    named = f"<h1>{_text(title)}</h1>" if alone else f'<p class="title">{_text(title)}</p>'
+    return f"<header>{named}{f'<p>{_text(subtitle)}</p>' if subtitle else ''}</header>"
+
+
+def report_body(sections: Sequence[Section]) -> tuple[str, list[go.Figure]]:
+    """Return the sections as HTML, with a place `plot0`, `plot1`, … for each of the figures."""
+    figures: list[go.Figure] = []
+    body: list[str] = []
+    for section, name in zip(sections, _anchors([s.heading for s in sections]), strict=True):
+        heading = f"<h2>{_text(section.heading)}</h2>"
+        # Open as long as no script has drawn what stands in it: a figure has no size where it is not shown.
+        fold = ("<details open><summary>", "</summary>", "</details>") if section.folded else ("", "", "")
+        body.append(f'<section id="{name}">{fold[0]}{heading}{fold[1]}')
+        for part in section.parts:
+            if isinstance(part, Table):
+                body.append(_table(part))
+            elif isinstance(part, Picture):
+                body.append(_picture(part, len(figures)))
+                figures.append(part.figure)
+            elif isinstance(part, Steps):
+                body.append(f"<ol>{''.join(f'<li>{_text(item)}</li>' for item in part.items)}</ol>")
+            else:
+                body.append(f"<p>{_text(part)}</p>")
+        body.append(f"{fold[2]}</section>")
+    return "\n".join(body), figures
 
 
 def _text(text: object) -> str:
@@ -141,7 +184,9 @@ def _picture(picture: Picture, index: int) -> str:
     layout = picture.figure.layout
     size = f"width:{int(layout.width or 700)}px;height:{int(layout.height or 450)}px"
     caption = f"<figcaption>{_text(picture.caption)}</figcaption>" if picture.caption else ""
-    return f'<figure><div class="wide"><div class="plot" id="plot{index}" style="{size}"></div></div>{caption}</figure>'
+    named = _text(html.unescape(re.sub(r"<[^>]*>", " ", str(layout.title.text or "Figure"))))
+    plot = f'<div class="plot" id="plot{index}" role="img" aria-label="{named}" style="{size}"></div>'
+    return f'<figure><div class="wide">{plot}</div>{caption}</figure>'
 
 
 def _scripts(figures: Sequence[go.Figure]) -> list[str]:
@@ -157,40 +202,5 @@ def _scripts(figures: Sequence[go.Figure]) -> list[str]:
         "<noscript><p>The figures need a browser with scripts switched on; the tables do not.</p></noscript>",
         f"<script>const figures = {data};",
         f"const options = {json.dumps(OPTIONS)};",
-        "figures.forEach((f, i) => Plotly.newPlot('plot' + i, f.data, f.layout, options));</script>",
+        f"{_DRAW}</script>",
     ]
-
-
-_STYLE = """
-:root { color-scheme: light; }
-body { margin: 0 auto; padding: 32px 24px 64px; max-width: 976px; background: #fff; color: #222;
-  font: 16px/1.5 Helvetica, Arial, "Liberation Sans", "DejaVu Sans", sans-serif; }
-header { border-bottom: 1px solid #ccc; margin-bottom: 16px; }
-h1 { font-size: 26px; font-weight: 600; line-height: 1.25; margin: 0 0 4px; overflow-wrap: anywhere; }
-header p { color: #555; margin: 0 0 14px; overflow-wrap: anywhere; }
-h2 { font-size: 19px; font-weight: 600; margin: 40px 0 8px; }
-p { max-width: 44em; margin: 8px 0; }
-nav ol { margin: 0; padding-left: 1.4em; columns: 2; font-size: 15px; }
-a { color: #1f5a8a; }
-figure { margin: 16px 0 24px; break-inside: avoid; }
-figcaption { color: #555; font-size: 14px; max-width: 50em; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-size: 14px; margin: 12px 0 20px; font-variant-numeric: tabular-nums; }
-caption { text-align: left; color: #555; padding-bottom: 6px; }
-th, td { padding: 3px 14px 3px 0; text-align: left; vertical-align: top; border-bottom: 1px solid #eee; }
-th { font-weight: 600; border-bottom: 1px solid #999; vertical-align: bottom; }
-th.n, td.n { text-align: right; }
-td { white-space: nowrap; }
-@media print {
-  @page { size: A4; margin: 14mm; }
-  body { padding: 0; max-width: none; font-size: 11pt; }
-  nav { display: none; }
-  .wide { overflow: visible; }
-  .plot { zoom: 0.7; }
-  table { font-size: 7.5pt; }
-  h2 { break-after: avoid; }
-  tr, figure { break-inside: avoid; }
-  thead { display: table-header-group; }
-  .modebar { display: none; }
-}
-"""

@@ -15,6 +15,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from fingermodel.compare import CaseComparison, ErrorSummary
+from fingermodel.fingers import Plane
 
 WIDTH = 960
 FONT = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
@@ -115,6 +116,11 @@ def number(value: float | None, digits: int = 2) -> str:
 def fixed(value: float, digits: int) -> str:
     """Write a number with so many decimals and a proper minus sign."""
     return f"{value:z.{digits}f}".replace("-", "\N{MINUS SIGN}")
+
+
+def other_plane(plane: Plane) -> Plane:
+    """Return that of sagittal and space which is not the given one."""
+    return "space" if plane == "sagittal" else "sagittal"
 
 
 def rmse_text(errors: ErrorSummary) -> str:

@@ -18,22 +18,52 @@ export function fill(node, ...children) {
   return node;
 }
 
+/** By which column each table was sorted last: it is drawn anew, and stays so. */
+const sorted = new Map();
+
+/** What a cell sorts by: its number where it begins with one, else its text. */
+function sortKey(cell) {
+  const text = cell.textContent.trim().replaceAll("−", "-").replace(/^[<>] /, "");
+  const number = parseFloat(text);
+  return Number.isNaN(number) ? text.toLowerCase() : number;
+}
+
+/** Sort a table's rows by a column, up or down. */
+function sortRows(body, column, down) {
+  const rows = [...body.rows].map((row) => [sortKey(row.cells[column]), row]);
+  const order = ([a], [b]) => (typeof a === typeof b ? (a < b ? -1 : a > b ? 1 : 0) : typeof a === "number" ? -1 : 1);
+  rows.sort((a, b) => (down ? order(b, a) : order(a, b)));
+  body.append(...rows.map(([, row]) => row));
+}
+
 /**
- * A table: `columns` are {title, n (right-aligned), wrap (sentences), cell(row)}.
+ * A table: `columns` are {title, n (right-aligned), wrap (sentences), cell(row)}. A click on a heading sorts by it.
  *
  * With `pick`, a click anywhere in a row picks it; for the keyboard its first cell is a button.
  */
 export function table(columns, rows, { caption, pick, picked, key } = {}) {
-  const head = el("tr", {}, columns.map((c) => (c.title ? el("th", { scope: "col", class: c.n ? "n" : "" }, c.title) : el("td", { class: "head" }))));
+  const name = `${location.hash.split("?")[0]} ${columns.map((c) => c.title).join()}`;
+  const sortable = rows.length > 2;
+  const sort = (column, down) => {
+    sortRows(lines, column, down);
+    for (const [i, cell] of [...head.cells].entries()) if (i === column) cell.setAttribute("aria-sort", down ? "descending" : "ascending"); else cell.removeAttribute("aria-sort");
+  };
+  const heading = (c, i) => (sortable ? el("button", { class: "sort", onclick: () => {
+    const down = head.cells[i].getAttribute("aria-sort") === "ascending";
+    sorted.set(name, [i, down]);
+    sort(i, down);
+  } }, c.title) : c.title);
+  const head = el("tr", {}, columns.map((c, i) => (c.title ? el("th", { scope: "col", class: c.n ? "n" : "" }, heading(c, i)) : el("td", { class: "head" }))));
   const body = rows.map((row) => {
-    const name = key ? key(row) : null;
-    const line = el("tr", pick ? { class: "pickable", "aria-current": name === picked ? "true" : null } : {},
+    const line = el("tr", pick ? { class: "pickable", "aria-current": (key ? key(row) : null) === picked ? "true" : null } : {},
       columns.map((c, i) => el("td", { class: c.n ? "n" : c.wrap ? "wrap" : "" }, pick && !i ? el("button", { class: "pick" }, c.cell(row)) : c.cell(row) ?? "–")));
     if (pick) line.addEventListener("click", () => pick(row));
     return line;
   });
+  const lines = el("tbody", {}, body);
+  if (sortable && sorted.has(name)) sort(...sorted.get(name));
   return el("div", { class: "scroll", tabIndex: 0, role: "region", "aria-label": caption || columns[0].title || "Table" }, el("table", {}, caption ? el("caption", {}, caption) : null,
-    el("thead", {}, head), el("tbody", {}, body)));
+    el("thead", {}, head), lines));
 }
 
 export function problem(error) {

@@ -30,6 +30,11 @@ export function percent(value) {
   return `${Math.round(100 * value)} %`;
 }
 
+/** z of a load case in the plane in which its finger is judged. */
+export const zOf = (c, body) => (body?.judged_in === "sagittal" ? c.z_sagittal : c.z) ?? null;
+/** A refit of a search (JOB/nothing, JOB/EFFECT) in a few words. */
+export const refitName = (id) => `refitted with ${id.split("/")[1].replaceAll("+", " + ")} added (search ${id.slice(0, 6)})`;
+
 export const vector = (v) => (v ? v.map((x) => number(x, 2)).join("  ") : "–");
 export const norm = (v) => (v ? Math.hypot(...v) : null);
 export const masses = (m) => Object.entries(m || {}).map(([k, g]) => `${k} ${compactMass(g)}`).join(" + ") || "no weight";

@@ -24,8 +24,10 @@ const CONFIG = {
   modeBarButtonsToRemove: ["sendDataToCloud", "editInChartStudio", "lasso2d", "select2d"],
 };
 
-// Figures with words beside their bars, which would meet if they were any narrower [px]: smaller ones are scaled down.
-const LEAST = { ranking: 900, held_out: 900, sensitivity: 900, size: 800, missing_torque: 880, confounding: 760 };
+// Figures with words beside their bars, which would meet if they were any narrower [px]: smaller ones are scaled down, as far as they can still be read.
+const LEAST = { ranking: 900, held_out: 900, sensitivity: 900, size: 1000, missing_torque: 880, confounding: 760, residual_map: 860 };
+
+const READABLE = 0.8;
 
 // What is shown now, to be drawn anew where the page turns dark or light.
 const shown = new Map();
@@ -40,18 +42,17 @@ dark.addEventListener("change", () => {
 /**
  * Ask for a figure and show it.
  *
- * `path` is its address below /figures, or a function that gets it for a theme (light or dark). `picked` is called with the ids of the load cases that a point stands for; `width` fixes the width in px; `still`
- * draws without tools; `colours` is light or dark where it is not to be the page's.
+ * `path` is its address below /figures, or a function that gets it for a theme (light or dark). `picked` is called with the ids of the load cases that a point stands for.
  */
-export async function figure(place, path, query = {}, { picked, signal, width, still, colours } = {}) {
+export async function figure(place, path, query = {}, { picked, signal } = {}) {
   const turn = (turns.get(place) || 0) + 1;
   turns.set(place, turn);
   const late = () => signal?.aborted || turns.get(place) !== turn;
   if (place.firstChild) place.setAttribute("aria-busy", "true");
   else fill(place, quiet("Drawing …"));
-  const again = () => figure(place, path, query, { picked, signal, width, still, colours });
+  const again = () => figure(place, path, query, { picked, signal });
   try {
-    const now = colours || theme();
+    const now = theme();
     const drawn = typeof path === "string" ? await get(`/figures/${path}`, { ...query, theme: now }, signal) : await path(now);
     if (late()) return null;
     if (!drawn.figure) {
@@ -61,38 +62,36 @@ export async function figure(place, path, query = {}, { picked, signal, width, s
     const lib = await plotly();
     if (late()) return null;
     // Its tools can be reached by keyboard, so it is a group; its words stand for the drawing.
-    const plot = el("div", { class: "plot", role: still ? "img" : "group", "aria-label": drawn.text });
+    const plot = el("div", { class: "plot", role: "group", "aria-label": drawn.text });
     const box = el("figure", {}, plot, drawn.caption ? el("figcaption", {}, drawn.caption) : null,
-      still ? null : el("details", {}, el("summary", {}, "In words"), el("p", {}, drawn.text)));
+      el("details", {}, el("summary", {}, "In words"), el("p", {}, drawn.text)));
     for (const old of place.querySelectorAll(".js-plotly-plot")) { shown.delete(old); lib.purge(old); }
     fill(place, box);
-    const wide = () => width || Math.round(place.clientWidth);
+    const wide = () => Math.round(place.clientWidth);
     const least = LEAST[drawn.name] || 0;
     const layout = () => {
       width_px = wide();
       const out = sized(drawn.figure, Math.max(width_px, least));
-      const scale = Math.min(1, width_px / least || 1);
+      const scale = Math.min(1, Math.max(READABLE, width_px / least || 1));
       plot.style.transform = scale < 1 ? `scale(${scale})` : "";
       plot.style.height = `${out.height * scale}px`;
       return out;
     };
     let width_px = 0;
     const data = picked ? clickable(drawn) : drawn.figure.data;
-    await lib.newPlot(plot, data, layout(), { ...CONFIG, staticPlot: Boolean(still) });
+    await lib.newPlot(plot, data, layout(), CONFIG);
     for (const svg of plot.querySelectorAll("svg.main-svg")) svg.setAttribute("aria-hidden", "true");
     shown.set(plot, again);
-    if (!width) {
-      let waiting = 0;
-      const watch = new ResizeObserver(() => {
-        if (!plot.isConnected) return watch.disconnect();
-        clearTimeout(waiting);
-        waiting = setTimeout(() => {
-          if (!plot.isConnected || !wide() || Math.abs(wide() - width_px) < 4) return;
-          lib.react(plot, data, layout(), CONFIG);
-        }, 120);
-      });
-      watch.observe(place);
-    }
+    let waiting = 0;
+    const watch = new ResizeObserver(() => {
+      if (!plot.isConnected) return watch.disconnect();
+      clearTimeout(waiting);
+      waiting = setTimeout(() => {
+        if (!plot.isConnected || !wide() || Math.abs(wide() - width_px) < 4) return;
+        lib.react(plot, data, layout(), CONFIG);
+      }, 120);
+    });
+    watch.observe(place);
     if (picked) {
       plot.classList.add("pickable");
       plot.on("plotly_click", (event) => {
@@ -107,6 +106,13 @@ export async function figure(place, path, query = {}, { picked, signal, width, s
   } finally {
     if (turns.get(place) === turn) place.removeAttribute("aria-busy");
   }
+}
+
+/** Draw a figure as it is, without tools. */
+export async function plotted(place, figure) {
+  const lib = await plotly();
+  await lib.newPlot(place, figure.data, figure.layout, { ...CONFIG, staticPlot: true });
+  for (const svg of place.querySelectorAll("svg.main-svg")) svg.setAttribute("aria-hidden", "true");
 }
 
 /** What has no label can be picked all the same. */

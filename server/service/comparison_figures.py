@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
-from server.service.figure_before import with_before
+from server.figures.before import with_before
 from server.workflow import Bench
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ class Only:
 
     Attributes:
         plane: the sagittal one or space; None for that in which the finger is judged.
-        role: identification or validation.
+        role: identification, validation or all; None for both, on the finger those of validation alone.
         location: tip or bone.
         posture: its name.
         muscles: that are loaded, such as `FDP+FDS`.
@@ -38,7 +38,13 @@ class Only:
 
     def of(self, comparison: Comparison) -> Comparison:
         """Return those cases of a comparison."""
-        return comparison.select(self.role, self.location, self.muscles, self.posture)
+        role = None if self.role == "all" else self.role
+        return comparison.select(role, self.location, self.muscles, self.posture)
+
+    @property
+    def everything(self) -> bool:
+        """Whether no case is left out and no plane is asked for."""
+        return replace(self, role=None if self.role == "all" else self.role) == Only()
 
 
 def drawn_comparison(
@@ -75,18 +81,18 @@ def drawn_comparison(
         spread,
         theta=bench.theta,
         model_name=bench.loaded.name,
+        cases=[c.id for c in shown.cases] if only.role == "all" else None,
     )
     plan = next(p for p in plans if p.name == name)
+    caption = f"{plan.caption} Model: {bench.loaded.fitted}."
     if name in ("vectors", "bone"):
         figure = plan.draw()
         if before is None or held is None:
-            return figure, plan.caption
-        return _beside(name, figure, before, only, shown), plan.caption
-    if only == Only():
-        return plan.draw(), plan.caption
-    return _of_some(name, bench, shown, only, None if before is None or held is None else (before[0], held)), (
-        plan.caption
-    )
+            return figure, caption
+        return _beside(name, figure, before, only, shown), caption
+    if only.everything:
+        return plan.draw(), caption
+    return _of_some(name, bench, shown, only, None if before is None or held is None else (before[0], held)), caption
 
 
 def _beside(
@@ -97,10 +103,18 @@ def _beside(
 
     called, bench, comparison = before
     earlier = comparison_plans(
-        bench.model, bench.observations, only.of(comparison), theta=bench.theta, model_name=called
+        bench.model,
+        bench.observations,
+        only.of(comparison),
+        theta=bench.theta,
+        model_name=called,
+        cases=[c.id for c in shown.cases] if only.role == "all" else None,
     )
     return with_before(
-        figure, next(p for p in earlier if p.name == name).draw(), {c.id: c for c in shown.cases}, called
+        figure,
+        next(p for p in earlier if p.name == name).draw(),
+        {c.id: c for c in shown.cases},
+        f"predicted before: {called}",
     )
 
 

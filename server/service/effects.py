@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import insert, select
@@ -81,29 +82,34 @@ class OwnEffects:
             ProblemError: 404 there is none.
         """
         from fingermodel.effects.catalogue import EFFECTS
+        from fingermodel.effects.user import load_effect, shipped_effects
 
         if name in EFFECTS:
             return effect_row(EFFECTS[name]) | {"own": False}
         for effect in self.named([name] if "." not in name else []):
             return self._shown(effect)
+        if name in shipped_effects():
+            return effect_row(load_effect(Path(name))) | {"own": False}
         raise not_found("effect", name, "/api/v1/effects")
 
     def named(self, names: Sequence[str]) -> tuple[Effect, ...]:
-        """Return users' effects by name; names of the catalogue are passed over.
+        """Return users' effects by name; names of the catalogue and of what comes beyond it are passed over.
 
         Raises:
             ProblemError: 404 there is none.
         """
         from fingermodel.effects.catalogue import EFFECTS
-        from fingermodel.effects.user import effect_from_dict
+        from fingermodel.effects.user import effect_from_dict, shipped_effects
 
-        out = []
+        out, beyond = [], shipped_effects()
         with self._database.reading() as connection:
             for name in dict.fromkeys(n.split(".")[0] for n in names):
                 if name in EFFECTS:
                     continue
                 query = select(own_effects.c.document).where(own_effects.c.name == name)
                 document = connection.execute(query).scalar()
+                if document is None and name in beyond:
+                    continue
                 if document is None:
                     raise not_found("effect", name, "/api/v1/effects")
                 out.append(effect_from_dict(document, name))

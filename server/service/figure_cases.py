@@ -104,6 +104,7 @@ def _of_group(
         found = [
             c.id for c in known
             if c.muscles == torque[1] and posture_name(c.posture) == plain(torque[2]) and c.role == "identification"
+            and c.location == "tip"
         ]  # fmt: skip
         return found or None
     name = text.partition(": ")[0]

@@ -59,7 +59,7 @@ def spread_of(parts: Services, members: Sequence[Measured], comparison: Comparis
     return spread_between(comparison, [compare_bench(parts.twins.bench(m)) for m in members])
 
 
-def settings_of(bench: Bench, name: str) -> tuple[str, list[Setting]]:
+def settings_of(bench: Bench, name: str, found: Mapping[str, float]) -> tuple[str, list[Setting]]:
     """Return the title of an effect, and the values that its parameters are given for a picture of what it changes.
 
     A parameter that the model has fitted keeps its value; others take the upper end of their plausible range, or
@@ -68,6 +68,7 @@ def settings_of(bench: Bench, name: str) -> tuple[str, list[Setting]]:
     Args:
         bench: whose model holds the effect.
         name: of the effect (all its candidates at once), of a candidate or of a parameter.
+        found: values that a search has found, by parameter.
 
     Raises:
         ProblemError: 404 the effect has no such candidate and no such parameter.
@@ -84,7 +85,7 @@ def settings_of(bench: Bench, name: str) -> tuple[str, list[Setting]]:
         index = model.parameters.index[parameter]
         declared = model.parameters.parameters[index]
         if parameter in bench.loaded.added:
-            value, why = float(bench.theta[index]), "as fitted"
+            value, why = found.get(parameter, float(bench.theta[index])), "as fitted"
         elif declared.plausible is not None:
             value, why = declared.plausible[1], "upper end of the plausible range"
         else:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from server.service.answers import dumps
 from server.service.blinding import blinded, require_closed, seen
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import plotly.graph_objects as go
 
 Drawing = tuple["go.Figure | None", str]
+SearchFit = Literal["before", "after"]
 
 COMPARISON = ("scatter", "scatter_validation", "vectors", "bone", "errors", "z")
 DIAGNOSIS = (
@@ -140,7 +141,7 @@ class Figures:
             from server.figures.style import NothingToDrawError
 
             bench = parts.twins.bench(measured, named, own)
-            title, settings = effect_settings(bench, effect)
+            title, settings = effect_settings(bench, effect, parts.twins.found(named, measured))
             table, without = bench.model.parameters, bench.theta.copy()
             within = without.copy()
             for setting in settings:
@@ -153,12 +154,23 @@ class Figures:
                 drawn = effect_figure(title, before, after, settings, plane=bench.model.finger.judged_in)
             except NothingToDrawError as nothing:
                 return shown(effect, None, _nothing(nothing), about)
-            caption = "An effect whose bars follow the circles would take up what the model misses."
+            caption = (
+                f"Model: {bench.loaded.fitted}. The circles are what it misses with the effect taken out; bars that "
+                "follow them take it up."
+            )
             return shown(effect, drawn, caption, about, _told(measured))
 
         return self._kept(("effect", effect, measured.key, named), theme, draw)
 
-    def finger(self, session: str, posture: str | None, case: str | None, model: str | None, theme: Theme) -> Drawn:
+    def finger(
+        self,
+        session: str,
+        posture: str | None,
+        case: str | None,
+        model: str | None,
+        without: str | None,
+        theme: Theme,
+    ) -> Drawn:
         """Draw the finger in a posture, or with the weights and forces of a load case.
 
         Args:
@@ -166,6 +178,7 @@ class Figures:
             posture: of the session; by default that of the case.
             case: taken or planned; None for the finger alone.
             model: whose finger and prediction are drawn.
+            without: effect of the model without which its case is predicted beside.
             theme: of the page.
 
         Raises:
@@ -177,19 +190,26 @@ class Figures:
 
         def draw() -> dict[str, Any]:
             figure, about = draw_finger(self.parts, measured, posture, case, named)
+            if without is not None and case is not None and case not in blinded(measured):
+                from server.figures.effect_on_finger import effect_on_finger
+                from server.figures.style import NothingToDrawError
+
+                with suppress(NothingToDrawError):
+                    figure = effect_on_finger(self.parts.twins.bench(measured, named), [without], case)
             caption = "Joint centres and tendon points are the model's; outlines, clamp and pulleys are schematic."
             head = {"session": session, "session_version": measured.record.version, "blinded": _hidden(measured)}
             return shown("finger", figure, caption, head | about, _told(measured))
 
-        return self._kept(("finger", measured.key, posture, case, named), theme, draw)
+        return self._kept(("finger", measured.key, posture, case, named, without), theme, draw)
 
-    def diagnosis(self, name: str, job: str, session: str | None, theme: Theme) -> Drawn:
+    def diagnosis(self, name: str, job: str, session: str | None, fit: SearchFit, theme: Theme) -> Drawn:
         """Draw a figure of a diagnosis that is done.
 
         Args:
             name: of the figure, one of DIAGNOSIS.
             job: of the kinds diagnose or pooled.
             session: of a pooled diagnosis.
+            fit: after which residuals are drawn: the refit with nothing added, or with what the verdict would add.
             theme: of the page.
 
         Raises:
@@ -199,11 +219,15 @@ class Figures:
         session, answer, history = diagnosed(self.parts, job, session)
 
         def draw() -> dict[str, Any]:
-            figure, caption = _diagnosis_drawings(answer, history)[name]
+            after = answer.get("where_after")
+            seen = answer if fit == "before" or after is None else answer | {"where": after}
+            figure, caption = _diagnosis_drawings(seen, history)[name]
             about = {"session": session, "model": answer.get("model"), "job": job}
-            return shown(name, figure, caption, about, _told(self.parts.measuring.of(session)))
+            taken = {c["id"] for c in answer.get("cases", ())}
+            known = [c for c in _told(self.parts.measuring.of(session)) if c.id in taken]
+            return shown(name, figure, caption, about, known)
 
-        return self._kept(("diagnosis", name, job, session), theme, draw)
+        return self._kept(("diagnosis", name, job, session, fit), theme, draw)
 
     def shared(self, name: str, job: str, theme: Theme) -> Drawn:
         """Draw what several sessions share beyond the catalogue.

@@ -17,6 +17,7 @@ from typing import Any
 
 from daq.checks import check
 from daq.export import sha256_of
+from daq.locations import data_dir
 from daq.protocols import protocol_names
 from daq.readings import ReadingBlock, ReadingSource, open_readings
 from daq.session_models import Session
@@ -57,27 +58,43 @@ def import_folder(parts: Services, files: Sequence[tuple[str, str]], name: str |
         folder = Path(temporary) / "the folder"
         folder.mkdir()
         _write(folder, files)
-        session = _read(parts, folder)
-        document = whole_document(session, name)
-        known = str(document["id"])
-        if session.readings_path is None:
-            _require_sound(session)
-            return known, parts.sessions.create(known, document)
-        _require_unpacked(session.readings_path)
-        source = open_readings(session.readings_path)
-        # Before anything is kept: every row can be used.
-        for _ in _limited(source):
-            pass
+        return _keep(parts, _read(parts, folder), name)
+
+
+def import_example(parts: Services, name: str) -> tuple[str, bool]:
+    """Keep a session that comes with the software; the answer and the rest as of `import_folder`.
+
+    Raises:
+        ProblemError: 404 there is none of the name; 409 another session has the id.
+    """
+    known = sorted(p.name for p in (data_dir() / "sessions").iterdir() if p.is_dir())
+    if name not in known:
+        raise ProblemError(404, f"there is no example {shortened(name)}", f"one of {', '.join(known)}")
+    return _keep(parts, read_session(data_dir() / "sessions" / name), None)
+
+
+def _keep(parts: Services, session: Session, name: str | None) -> tuple[str, bool]:
+    """Keep a session with all of its readings, or nothing of it."""
+    document = whole_document(session, name)
+    known = str(document["id"])
+    if session.readings_path is None:
         _require_sound(session)
-        new = parts.sessions.create(known, document, arriving=True)
-        try:
-            _store(parts, known, session, source, hidden=new)
-            if new:
-                parts.sessions.arrive(known)
-        except BaseException:
-            if new:
-                parts.sessions.forget_arrivals(known)
-            raise
+        return known, parts.sessions.create(known, document)
+    _require_unpacked(session.readings_path)
+    source = open_readings(session.readings_path)
+    # Before anything is kept: every row can be used.
+    for _ in _limited(source):
+        pass
+    _require_sound(session)
+    new = parts.sessions.create(known, document, arriving=True)
+    try:
+        _store(parts, known, session, source, hidden=new)
+        if new:
+            parts.sessions.arrive(known)
+    except BaseException:
+        if new:
+            parts.sessions.forget_arrivals(known)
+        raise
     return known, new
 
 

@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
+
+import orjson
 
 from daq.checks import check
 from daq.errors import InputError
 from daq.findings import finding
 from server.service.blinding import require_closed, seen
+from server.service.comparison_figures import Only, drawn_comparison
 from server.service.figure_parts import resolved, spread_members, spread_of
 from server.service.figures import diagnosed
 from server.service.measuring import Measured
 from server.service.problems import ProblemError
 from server.service.services import Services
 from server.service.session_folders import session_folder
-from server.workflow import compare_bench
+from server.workflow import Bench, compare_bench, origin_of
 
 if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
     from daq.findings import Finding
+    from fingermodel.compare import Comparison
+    from server.figures.arrows import Spread
     from server.figures.report import Section
 
 
@@ -53,8 +61,17 @@ def _model_findings(parts: Services, measured: Measured, folder: str) -> Sequenc
     return model_findings(folder)
 
 
-def report_page(parts: Services, session: str, model: str | None, job: str | None) -> str:
-    """Return the page of a comparison as `fingertwin compare --figures` makes it, with a diagnosis after it.
+@dataclass(frozen=True)
+class Report:
+    """The report of a session, to be written as a page or shown in one."""
+
+    title: str
+    subtitle: str
+    sections: list[Section]
+
+
+def report_of(parts: Services, session: str, model: str | None, job: str | None) -> Report:
+    """Return the report of a session: what a search found on the first page, then the comparison and all details.
 
     While a bench is running, validation cases are left out.
 
@@ -68,40 +85,103 @@ def report_page(parts: Services, session: str, model: str | None, job: str | Non
         InputError: the session or the model cannot be used.
         ProblemError: there is no such session, model or job; 409 the session is still running, or the job.
     """
-    from server.diagnosis_report import STYLE
+    from server.diagnosis_report import diagnosis_sections, subtitle
     from server.drawing import comparison_notes
     from server.figures.comparison import comparison_sections, report_title
-    from server.figures.report import report_html
+    from server.figures.report_front import closing_sections, folded
 
     measured = parts.measuring.of(session)
-    after: list[Section] = []
+    found: list[Section] = []
+    answer: dict[str, Any] = {}
+    history: Sequence[Mapping[str, Any]] | None = None
     if job is not None:
         require_closed(measured)
-        answer, after = _diagnosis(parts, session, job)
+        _, answer, history = diagnosed(parts, job, session)
         model = str(answer.get("model")) if model is None else model
     named = resolved(parts, measured, model)
     bench = parts.twins.bench(measured, named)
+    history = list(bench.loaded.history) or history
     comparison = seen(measured, compare_bench(bench))
+    spread = spread_of(parts, spread_members(parts, measured), comparison)
+    if job is not None:
+        figures: dict[str, go.Figure] = {}
+        if (finger := _finger(parts, measured, job, answer)) is not None:
+            figures["finger"] = finger
+        found = diagnosis_sections(answer, history, figures)
     notes = comparison_notes(bench)
     if len(comparison.cases) < len(bench.measured.cases):
         notes.append("Validation cases are left out until the session is closed.")
-    sections, _ = comparison_sections(
+    compared, _ = comparison_sections(
         bench.model,
         bench.observations,
         comparison,
         None,
         bench.loaded.name,
-        spread_of(parts, spread_members(parts, measured), comparison),
+        spread,
         theta=bench.theta,
         model_name=bench.loaded.name,
         notes=notes,
     )
-    page = report_html([*sections, *after], report_title(bench.measured.session.id), f"Model: {bench.loaded.name}")
-    return page.replace("</style>", f"{STYLE}</style>", 1) if after else page
+    if measured.record.closed:
+        compared[1:1] = folded(_beside(parts, measured, bench, comparison, spread))
+    readings = parts.twins.provenance(measured, bench, digest=True)["readings"]
+    origin = origin_of(bench, None if readings is None else readings["sha256_of_chunks"])
+    closing = closing_sections(origin)
+    if job is None:
+        return Report(report_title(session), f"Model: {bench.loaded.name}", [*compared, *closing])
+    below = subtitle(answer | {"origin": origin})
+    return Report(f"Report of {session}", below, [*found, *folded(compared), *closing])
 
 
-def _diagnosis(parts: Services, session: str, job: str) -> tuple[dict[str, Any], list[Section]]:
-    from server.diagnosis_report import diagnosis_sections
+def report_page(parts: Services, session: str, model: str | None, job: str | None) -> str:
+    """Return the report as a page that stands alone; arguments and errors as of `report_of`."""
+    from server.figures.report import report_html
 
-    _, answer, history = diagnosed(parts, job, session)
-    return answer, diagnosis_sections(answer, history, {})
+    report = report_of(parts, session, model, job)
+    return report_html(report.sections, report.title, report.subtitle)
+
+
+def report_sheet(parts: Services, session: str, model: str | None, job: str | None) -> dict[str, Any]:
+    """Return the report for the pages, its figures apart; arguments and errors as of `report_of`."""
+    from server.figures.report import report_body, report_header
+
+    report = report_of(parts, session, model, job)
+    body, figures = report_body(report.sections)
+    return {
+        "schema": "fingertwin/report/1",
+        "session": session,
+        "html": report_header(report.title, report.subtitle, alone=False) + body,
+        "figures": [{"data": f["data"], "layout": f["layout"]} for f in (orjson.loads(g.to_json()) for g in figures)],
+    }
+
+
+def _finger(parts: Services, measured: Measured, job: str, answer: Mapping[str, Any]) -> go.Figure | None:
+    """The finger with what the verdict would add; None where that is nothing, or the answer has no fit of it."""
+    from server.figures.effect_on_finger import effect_on_finger
+    from server.figures.style import NothingToDrawError
+
+    added = (answer.get("where_after") or {}).get("added")
+    if not added:
+        return None
+    with suppress(NothingToDrawError, ProblemError):
+        return effect_on_finger(parts.twins.bench(measured, f"{job}/{'+'.join(added)}"), added)
+    return None
+
+
+def _beside(
+    parts: Services, measured: Measured, bench: Bench, comparison: Comparison, spread: Mapping[str, Spread] | None
+) -> list[Section]:
+    """The predictions of a revision on the finger beside those of what it was made from."""
+    from server.figures.report import Picture, Section
+    from server.figures.style import NothingToDrawError
+
+    if not bench.loaded.history:
+        return []
+    with suppress(NothingToDrawError, ProblemError):
+        parent = str(parts.revisions.read(bench.loaded.name)["parent"])
+        known = parent in parts.sessions.fingers or parent in [h["id"] for h in bench.loaded.history[1:]]
+        other = parts.twins.bench(measured, parent if known else None)
+        before = (other.loaded.name, other, compare_bench(other))
+        figure, caption = drawn_comparison("vectors", bench, comparison, Only(), before, spread)
+        return [Section("Before and after, on the finger", [Picture(figure, caption)])]
+    return []

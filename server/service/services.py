@@ -117,7 +117,8 @@ def build(settings: Settings) -> Services:
     windows = Windows(database)
     measuring = Measuring(sessions, windows)
     revisions = Revisions(database, messages)
-    twins = Twins(database, measuring, revisions, fingers)
+    effects = OwnEffects(database)
+    twins = Twins(database, measuring, revisions, effects, fingers)
     watch = Watch(database, messages, measuring, twins)
     live = LiveHub(messages, live_predictor(fingers), windows.one)
 
@@ -126,7 +127,6 @@ def build(settings: Settings) -> Services:
         watch.on_readings(session)
 
     ingest = Ingest(database, messages, on_chunk)
-    effects = OwnEffects(database)
     kinds = task_kinds(settings, database, measuring, twins, revisions, effects)
     workers = Supervisor(settings.worker_count, "server.service.jobs.tasks.warm" if settings.warm_workers else None)
     jobs = JobService(database, messages, workers, kinds, settings.job_timeout_s)

@@ -14,12 +14,14 @@ from sqlalchemy import select
 
 from server.service.answers import dumps
 from server.service.database import Database
+from server.service.effects import OwnEffects
 from server.service.measuring import Measured, Measuring
 from server.service.predicting import Predictor
 from server.service.problems import ProblemError, shortened
 from server.service.records import FINGER_DOCUMENT
 from server.service.revisions import Revisions
 from server.service.schema import chunks, streams
+from server.service.search_fits import asked, fit_revision
 from server.workflow import Bench, bench_of, compare_bench
 
 if TYPE_CHECKING:
@@ -53,11 +55,21 @@ class Twins:
         database: that holds the readings.
         measuring: gives measured forces.
         revisions: that may be asked for as models.
+        effects: of the users, which a search may have fitted.
         fingers: names of the fingers that come with the software.
     """
 
-    def __init__(self, database: Database, measuring: Measuring, revisions: Revisions, fingers: frozenset[str]) -> None:
-        self._database, self._measuring, self._revisions, self._fingers = database, measuring, revisions, fingers
+    def __init__(
+        self,
+        database: Database,
+        measuring: Measuring,
+        revisions: Revisions,
+        effects: OwnEffects,
+        fingers: frozenset[str],
+    ) -> None:
+        self._database, self._measuring, self._revisions = database, measuring, revisions
+        self._effects, self._fingers = effects, fingers
+        self._fits: OrderedDict[Hashable, Revision] = OrderedDict()
         self._benches: OrderedDict[Hashable, Bench] = OrderedDict()
         self._compared: OrderedDict[Hashable, Compared] = OrderedDict()
         self._predictors: OrderedDict[str, Predictor] = OrderedDict()
@@ -67,7 +79,8 @@ class Twins:
         """Return the model that a request names.
 
         Args:
-            name: of a revision or of a finger that comes with the software, IN_FORCE, or None for the session's own.
+            name: of a revision, of a search's refit or of a finger that comes with the software, IN_FORCE, or None for
+                the session's own.
             measured: the session.
 
         Raises:
@@ -79,6 +92,8 @@ class Twins:
             return None if measured is None else self._own_finger(measured)
         if name in self._fingers:
             return name
+        if measured is not None and "/" in name:
+            return self._search_fit(name, measured)
         try:
             return self._revisions.loaded(name)
         except ProblemError as error:
@@ -87,6 +102,35 @@ class Twins:
             raise ProblemError(
                 422, f"model {shortened(name)!r}", "a revision's id, or a finger of GET /api/v1/fingers", "List them"
             ) from None
+
+    def found(self, name: str | None, measured: Measured) -> dict[str, float]:
+        """Return the values that a search gives with an explanation, by parameter; none for any other model."""
+        if name is None or "/" not in name:
+            return {}
+        _, row = asked(self._database, name, measured.record.id)
+        return {p["name"]: p["value"] for p in row["parameters"]}
+
+    def _search_fit(self, name: str, measured: Measured) -> Revision:
+        key = (measured.key, name)
+        with self._lock:
+            known = self._fits.get(key)
+        if known is not None:
+            return known
+        answer, found = asked(self._database, name, measured.record.id)
+        searched = str(answer.get("model"))
+        if searched not in self._fingers:
+            try:
+                self._revisions.loaded(searched)
+            except ProblemError:
+                searched = ""  # the finger that the session brings
+        names = {c.split(".")[0] for c in found["candidates"]}
+        bench = self.bench(measured, searched or None, [e for e in self._effects.all() if e.name in names])
+        made = fit_revision(bench, name, found)
+        with self._lock:
+            self._fits[key] = made
+            while len(self._fits) > _MOST_BENCHES:
+                self._fits.popitem(last=False)
+        return made
 
     def bench(self, measured: Measured, model: str | None = None, effects: Sequence[Effect] | None = None) -> Bench:
         """Hold a session against a model.

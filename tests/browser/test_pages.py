@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from tests.browser.one_value import Shown
 from tests.browser.pages import Watched, click_point, require_browser, served, violations, watched
 
 require_browser()
@@ -36,6 +37,7 @@ def test_a_missing_effect_is_found_and_what_was_ruled_out_is_said(seen: Watched)
     seen.page.get_by_text("Nothing was searched for yet.").wait_for()
     seen.page.get_by_role("button", name="Find the missing effect").click()
     seen.page.get_by_role("progressbar", name="Fitting every effect").wait_for()
+    assert "Nothing was searched for yet." not in seen.text()
     seen.page.get_by_role("heading", name="The verdict").wait_for(timeout=240_000)
     assert "Found: the hanger was not weighed" in seen.text()
     ruled_out = seen.page.locator("section", has=seen.page.get_by_role("heading", name="Tested and ruled out"))
@@ -48,7 +50,7 @@ def test_a_missing_effect_is_found_and_what_was_ruled_out_is_said(seen: Watched)
         seen.drawn()
     click_point(seen.page, 0, [0, 0])
     seen.page.get_by_role("heading", name=f"{SESSION}: predicted against measured").wait_for()
-    seen.page.get_by_text(re.compile("cases of that point|c001: ")).first.wait_for()
+    seen.page.get_by_text(re.compile("cases of that point or cell|c001: ")).first.wait_for()
 
 
 def test_next_cases_go_onto_the_checklist_for_everybody(seen: Watched, browser: Any) -> None:
@@ -108,6 +110,18 @@ def test_steps_go_back_and_forth_by_keys_and_by_buttons(seen: Watched) -> None:
         seen.drawn()
 
 
+def test_a_number_that_is_shown_twice_has_one_value(seen: Watched) -> None:
+    client = f"fetch('/api/v1/sessions/{SESSION}/%s').then((r) => r.json())"
+    seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
+    (job,) = [j["id"] for j in seen.page.evaluate(client % "diagnoses")["jobs"] if j["state"] == "done"]
+    (revision,) = [r["id"] for r in seen.page.evaluate(client % "revisions")["revisions"]]
+    shown = Shown(seen, SESSION)
+    shown.walk(job, revision, "hanger_mass", "hanger_mass.m0", "c008")
+    assert shown.differing() == []
+    alone = [key for key, found in shown.numbers.items() if len(found) < 2]
+    assert alone == [], "what is shown once only is no comparison"
+
+
 def test_the_report_has_every_section_and_figure_on_paper(seen: Watched, tmp_path: Path) -> None:
     import pypdfium2
 
@@ -118,9 +132,12 @@ def test_the_report_has_every_section_and_figure_on_paper(seen: Watched, tmp_pat
     button.click()
     assert seen.page.evaluate("window.printed") == 1
     headings = seen.page.locator(".sheet h2").all_inner_texts()
-    assert {"Verdict", "The fall of the error", "Before and after, on the finger", "Load cases"} <= set(headings)
-    figures = seen.page.locator(".sheet-figure .js-plotly-plot")
-    assert figures.count() == 14
+    assert {"Verdict", "What to do", "The finger with hanger mass", "The fall of the error", "Load cases"} <= set(
+        headings
+    )
+    figures = seen.page.locator(".sheet .js-plotly-plot")
+    assert figures.count() == 16
+    assert seen.page.locator(".sheet details[open]").count() == 0, "details are folded on the screen"
     titles = seen.page.evaluate(
         "[...document.querySelectorAll('.sheet .js-plotly-plot')].map((p) => p.layout.title.text.split('<br>')[0])"
     )
@@ -140,7 +157,7 @@ def test_the_report_has_every_section_and_figure_on_paper(seen: Watched, tmp_pat
         assert (picture[:, -12:] > 250).all()
         assert (picture[:, :12] > 250).all()
         assert (picture < 200).any()
-    assert [c["id"] for c in cases(seen)] == re.findall(r"\bc\d{3}(?= (?:ident|valid))", text)
+    assert [c["id"] for c in cases(seen)] == re.findall(r"\bc\d{3}(?= [a-z_]+ (?:ident|valid))", text)
 
 
 def cases(seen: Watched) -> list[dict[str, Any]]:

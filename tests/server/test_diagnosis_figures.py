@@ -33,7 +33,9 @@ from server.figures.diagnosis_ranking import MOST_ROWS, ranking_figure
 from server.figures.diagnosis_revisions import revisions_figure, steps_of
 from server.figures.diagnosis_sensitivity import assumptions, sensitivity_figure
 from server.figures.diagnosis_size import curves, size_figure
+from server.figures.diagnosis_tables import bent_table
 from server.figures.diagnosis_torque import torque_figure
+from server.figures.report_front import to_do
 from server.figures.static import render
 from server.figures.style import NothingToDrawError
 
@@ -45,16 +47,19 @@ NAMES = {
 }  # fmt: skip
 HEADINGS = (
     "Verdict",
+    "What to do",
+    "Error before and after",
     "Suspect load cases and the rig",
     "Sensitivity analysis",
     "Where the model fails",
     "Which explanation",
     "What cannot be told apart",
     "Tests that need no model",
-    "Error before and after",
+    "The fall of the error",
     "Hints at a formula",
     "Load cases to run next",
     "How this was found",
+    "Glossary",
 )
 HOSTILE = "</script><script>alert('x')</script> <b>& $x_1$"
 POSTURES = ("hyperextension", "minor_flexion", "hook", "major_flexion")
@@ -631,6 +636,50 @@ def test_what_is_absent_is_said_to_be(tmp_path: Path) -> None:
         in pooled.paragraphs
     )
     assert "Not worked out for this answer." in page({}, tmp_path).paragraphs
+
+
+def bent(name: str, widths: float) -> Answer:
+    return {"name": name, "value": 0.02 * widths, "unit": "N", "stated_sd": 0.02, "widths": widths}
+
+
+def test_what_to_do_follows_from_the_verdict_the_suspects_and_the_rig() -> None:
+    steps = to_do(found() | {"session": "S1"})
+    assert steps[0].startswith("Look at load case c056: it reads like this: FDS hung, not FDP.")
+    assert steps[1].startswith("Weigh the hangers (the readings say hanger_mass.all = 41.3 ± 2.6 g)")
+    assert steps[2] == "Put it into the model: fingertwin add hanger_mass S1."
+    assert "to confirm it" in steps[3]
+    sound = nothing_missing() | {"suspects": [], "session_faults": []}
+    assert to_do(sound) == ["Nothing: no measurement and no change of the model is asked for."]
+    far = {
+        "where_after": {
+            "added": [],
+            "bent": [bent("zero.bone.z", 19.4), bent("zero.bone.x", -4.2), bent("zero.tip.x", 2.1)],
+        }
+    }
+    assert to_do(sound | far) == [
+        "Tare the bone mount again: the refit takes zero.bone.z to be 19 stated standard deviations off."
+    ]
+
+
+def test_errors_of_the_rig_stand_after_both_fits_where_the_model_fails() -> None:
+    whole = {
+        "where": {"added": [], "bent": [bent("zero.bone.z", 19.4), bent("zero.tip.x", -2.6)]},
+        "where_after": {"added": ["hanger_mass"], "bent": [bent("zero.bone.z", 3.1)]},
+    }
+    (table,) = bent_table(whole)
+    assert list(table.header)[2:4] == ["after a refit with nothing added", "after a refit with hanger mass added"]
+    assert [list(row)[2:4] for row in table.rows] == [
+        ["0.388 N (19 sd)", "0.062 N (3 sd)"], ["\N{MINUS SIGN}0.052 N (3 sd)", "within 2 sd"],
+    ]  # fmt: skip
+    assert bent_table({}) == []
+
+
+def test_residuals_say_after_which_fit_they_are() -> None:
+    cell = {"muscles": "FDP", "posture": "hook", "location": "tip", "cases": 1, "rmse_N": 0.1, "z_rms": 3.0}
+    for added, said in (([], "nothing added"), (["hanger_mass"], "hanger mass added")):
+        part = {"where": {"added": added, "cells": [cell], "joint_torque_Nmm": {"PIP": {"rms": 2.0, "sd": 0.5}}}}
+        assert residual_map(part).layout.title.text == f"Where the model fails, after a refit with {said}"
+        assert torque_figure(part).layout.title.text == f"Joint torque that is missing, after a refit with {said}"
 
 
 @pytest.mark.parametrize("confirmed", [True, False, "revision r4"])

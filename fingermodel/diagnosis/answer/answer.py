@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from fingermodel.diagnosis.answer.effect_size import effect_size
-from fingermodel.diagnosis.answer.where import where
+from fingermodel.diagnosis.answer.where import bent, where
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.marginals import Entry, Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
@@ -22,8 +22,8 @@ from fingermodel.parameters import with_unit
 
 Floats = NDArray[np.float64]
 
-# Explanations and parameters that are shown from this probability, and from this many prior widths on.
-_SHOWN, _BENT = 1e-4, 2.0
+# Effects are shown from this probability on.
+_SHOWN = 1e-4
 # Of what is known beyond the catalogue.
 _OFFERED = 0.05
 # Slips of a suspect that are shown at most, and from which probability.
@@ -43,6 +43,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
     alone = d.stated.freed(d.stated.node)[0].misfit
     added = best.freed(stated_node(best))[0].misfit if best.explanation.size else alone
     budget, noise, scatter = posterior.budget, posterior.noise, posterior.scatter
+    after_where = where(d.session.problem, d.theta_of(best)) | {"added": list(best.explanation.names)}
     return {
         "verdict": verdict.kind,
         "effects": list(verdict.effects),
@@ -55,7 +56,8 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "robustness": d.sensitivity.as_dict(),
         "ranking": ranking(d),
         "inclusion": {name: p for name, p in posterior.inclusion.items() if p >= _SHOWN},
-        "where": where(d.session.problem, d.stated.theta),
+        "where": where(d.session.problem, d.stated.theta) | {"added": []},
+        "where_after": after_where,
         "hints": [h.as_dict() for h in d.hints],
         "curve": curve_answer(d.curves),
         "ready_made": ready_made(d),
@@ -67,7 +69,11 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             "stated_pct": 100.0 * d.session.stated_scatter,
         },
         "beyond": {"probability": posterior.p_beyond, "amplitude_N": posterior.beyond_newton},
-        "budget_multiple": {"value": budget[0], "sd": budget[1], "carried_by": carried_by(best)},
+        "budget_multiple": {
+            "value": budget[0],
+            "sd": budget[1],
+            "carried_by": [row["name"] for row in after_where["bent"]],
+        },
         "anatomy_multiple": {"value": posterior.anatomy[0], "sd": posterior.anatomy[1]},
         "noise_multiple": {"value": noise[0], "sd": noise[1], "assumed": d.session.observations.noise_assumed},
         "predictive_check": predictive(d),
@@ -127,7 +133,7 @@ def remarks(d: Diagnosis) -> list[str]:
         out.append(f"The cases repeat to {100 * scatter:.1f} % of their tensions{than}.")
     multiple = posterior.budget[0]
     if multiple > 1.5:
-        carried = ", ".join(carried_by(d.best)[:3])
+        carried = ", ".join(row["name"] for row in bent(d.session.problem, d.theta_of(d.best))[:3])
         out.append(
             f"The readings want a budget {multiple:.1f} times as large as stated"
             + (f"; it is bent most in {carried}." if carried else ".")
@@ -146,6 +152,29 @@ def remarks(d: Diagnosis) -> list[str]:
     elif noise > 1.5:
         out.append(f"The readings scatter {noise:.1f} times as much as their stated noise.")
     return out
+
+
+def nulls_beside(d: Diagnosis, held: Sequence[str]) -> str:
+    """Say how tests that fail go together with the verdict; empty where none fails.
+
+    Args:
+        d: the diagnosis.
+        held: parameters of effects that the model holds already.
+    """
+    if all(n.verdict != "violated" for n in d.nulls):
+        return ""
+    first = "These tests hold readings against readings, and know of no effect."
+    kind, names = d.verdict.kind, " and ".join(dict.fromkeys(n.split(".")[0] for n in held))
+    if kind == "found":
+        return f"{first} What fails shows that something acts; {' and '.join(d.verdict.names)} explains it."
+    if kind != "nothing_missing":
+        return f"{first} What fails shows that something acts, not what."
+    if names:
+        return f"{first} What fails is the work of {names}, which the model holds: with it nothing is left to explain."
+    return (
+        f"{first} They allow for noise and budget alone; with scatter of the tensions and something smooth the model "
+        "explains the same readings, so what fails is no finding by itself."
+    )
 
 
 def suspects(d: Diagnosis) -> list[dict[str, Any]]:
@@ -179,15 +208,6 @@ def reads_like(explained: Explained, ids: Sequence[str]) -> list[dict[str, Any]]
         for slip, probability, chi_square in explained.slips[:_SLIPS]
         if probability >= _SLIP
     ]
-
-
-def carried_by(fit: Optimum) -> list[str]:
-    """Budget parameters that are bent by more than two of their stated widths, the most bent first."""
-    table = fit.session.model.parameters
-    bent = [
-        (abs(float(fit.x[i])), table.names[i]) for i in np.flatnonzero(table.of_kind("budget")) if abs(fit.x[i]) > _BENT
-    ]
-    return [name for _, name in sorted(bent, reverse=True)]
 
 
 def predictive(d: Diagnosis) -> dict[str, Any]:
@@ -283,6 +303,7 @@ def _row(d: Diagnosis, fit: Optimum, probability: float) -> dict[str, Any]:
     size = sum(v**2 for v in fit.sizes_newton.values()) ** 0.5
     alike = dict.fromkeys(a for n in explanation.names for a in d.confounding.alike(n))
     errors = fit.hyper.values(fit.best).forms
+    table, theta = d.session.model.parameters, d.theta_of(fit)
     return {
         "effects": list(explanation.effects),
         "candidates": list(explanation.names),
@@ -299,6 +320,8 @@ def _row(d: Diagnosis, fit: Optimum, probability: float) -> dict[str, Any]:
         "detectability": _detectability(d, explanation),
         "form_error": float(errors.max(initial=0.0)),
         "misfit": fit.freed(fit.best)[0].misfit,
+        # What the fit moved, so that any residual after it can be computed again.
+        "fit": {table.names[i]: float(f"{theta[i]:.9g}") for i in np.flatnonzero(theta != table.initial)},
     }
 
 

@@ -2,88 +2,102 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.compare import muscles_of
+from fingermodel.compare import PLANES, compare, muscles_of, summarise
+from fingermodel.diagnosis.verdict.instruments import rig_remedy
 from fingermodel.fingers import COMPONENTS
 from fingermodel.model import tips_of
 from fingermodel.problems import Problem
 
 Floats = NDArray[np.float64]
 
+# Parameters of the budget that are told, from so many of their stated widths on.
+BENT = 2.0
+
 
 def where(problem: Problem, theta: Floats) -> dict[str, Any]:
-    """Group the identification cases' residuals of a fitted model.
+    """Group the identification cases' residuals after a fit, each as a comparison of that fit has it.
 
     Args:
         problem: whose readings count.
-        theta: (parameters,) of the model.
+        theta: (parameters,) of the fit.
 
     Returns:
-        `by_muscle`, `by_posture`, `by_location`, `by_load_level`, `by_component`, `cells` (muscle × posture × mount),
-        `joint_torque_Nmm` and `joint_torque_cases`, each with RMSE [N] and RMS of the residual in standard
-        uncertainties of the reading.
+        `by_muscle`, `by_posture`, `by_location`, `by_load_level`, `cells` (muscle × posture × mount), each with RMSE
+        [N] of the force components and the root mean square of its cases' z, in the plane that the finger is judged
+        in; `by_component`, with z of the component alone; `joint_torque_Nmm` and `joint_torque_cases`; and `bent`.
     """
-    observations = problem.observations
-    reading = np.asarray(problem.model.predict(observations.inputs, theta).reading)
-    residual = np.nan_to_num(observations.wrench) - reading
-    variance = np.diagonal(observations.case_covariance, axis1=1, axis2=2)
-    fitted = np.zeros(residual.shape, dtype=bool)
-    fitted[problem.rows // 6, problem.rows % 6] = True
+    observations, plane = problem.observations, problem.model.finger.judged_in
+    compared = {c.id: c for c in compare(problem.model, observations, theta).cases}
     used = [i for i in np.unique(problem.rows // 6) if observations.roles[i] == "identification"]
 
-    def summary(cases: Iterable[int], components: Iterable[int] = (0, 1, 2, 5)) -> dict[str, Any]:
-        rows = list(cases)
-        chosen = np.zeros(residual.shape, dtype=bool)
-        chosen[np.ix_(rows, list(components))] = True
-        chosen &= fitted
-        forces = chosen & (np.arange(6) < 3)
-        z2 = residual[chosen] ** 2 / np.maximum(variance[chosen], 1e-18)
-        return {
-            "cases": len(rows),
-            "rmse_N": float(np.sqrt(np.mean(residual[forces] ** 2))) if forces.any() else None,
-            "z_rms": float(np.sqrt(np.mean(z2))) if len(z2) else None,
-        }
+    def summary(cases: Sequence[int]) -> dict[str, Any]:
+        rows = [compared[observations.ids[i]] for i in cases]
+        z2 = [z**2 for c in rows if (z := c.z_in(plane)) is not None]
+        rmse = summarise(rows, PLANES[plane]).rmse_N
+        return {"cases": len(rows), "rmse_N": rmse, "z_rms": float(np.sqrt(np.mean(z2))) if z2 else None}
 
-    def grouped(key: Callable[[int], str]) -> dict[str, Any]:
-        keys = dict.fromkeys(key(i) for i in used)
-        return {k: summary([i for i in used if key(i) == k]) for k in keys}
+    def grouped(key: Callable[[int], Any]) -> dict[Any, Any]:
+        return {k: summary([i for i in used if key(i) == k]) for k in dict.fromkeys(key(i) for i in used)}
 
     masses = observations.masses_g
     levels = _levels(problem, used)
-    keys = dict.fromkeys((muscles_of(masses[i]), observations.postures[i], observations.locations[i]) for i in used)
-    cells = []
-    for muscles, posture, location in keys:
-        members = [
-            i
-            for i in used
-            if (muscles_of(masses[i]), observations.postures[i], observations.locations[i])
-            == (muscles, posture, location)
-        ]
-        cells.append({"muscles": muscles, "posture": posture, "location": location} | summary(members))
-    per_component = {}
-    for c in sorted(set(problem.rows % 6)):
-        rows = [i for i in used if fitted[i, c]]
-        values = residual[rows, c]
-        size = float(np.sqrt(np.mean(values**2))) if rows else None
-        z = float(np.sqrt(np.mean(values**2 / np.maximum(variance[rows, c], 1e-18)))) if rows else None
-        key = "rmse_N" if c < 3 else "rmse_Nmm"
-        per_component[COMPONENTS[c]] = {"cases": len(rows), key: size, "z_rms": z}
+    cells = grouped(lambda i: (muscles_of(masses[i]), observations.postures[i], observations.locations[i]))
+    residual = np.nan_to_num(observations.wrench) - np.asarray(
+        problem.model.predict(observations.inputs, theta).reading
+    )
     torque, by_case = missing_torque(problem, residual, used)
     return {
         "by_muscle": grouped(lambda i: muscles_of(masses[i])),
         "by_posture": grouped(lambda i: observations.postures[i]),
         "by_location": grouped(lambda i: observations.locations[i]),
         "by_load_level": grouped(lambda i: levels[i]),
-        "by_component": per_component,
-        "cells": cells,
+        "by_component": _by_component(problem, residual, used),
+        "cells": [{"muscles": m, "posture": p, "location": at} | found for (m, p, at), found in cells.items()],
         "joint_torque_Nmm": torque,
         "joint_torque_cases": by_case,
+        "bent": bent(problem, theta),
     }
+
+
+def bent(problem: Problem, theta: Floats) -> list[dict[str, Any]]:
+    """Errors of the rig that a fit takes to be more than two of their stated widths, the most bent first.
+
+    Args:
+        problem: with the budget as it is stated.
+        theta: (parameters,) of the fit.
+
+    Returns:
+        of each its `name`, `value` with `unit`, its `stated_sd`, the `widths` that it lies from its null, and as
+        `remedy` what measurement would settle it.
+    """
+    table = problem.model.parameters
+    found = []
+    for i in np.flatnonzero(table.of_kind("budget") & (table.sd > 0.0)):
+        widths = float((theta[i] - table.initial[i]) / table.sd[i])
+        if abs(widths) > BENT:
+            row = {"name": table.names[i], "value": float(theta[i]), "unit": table.parameters[i].unit}
+            row |= {"stated_sd": float(table.sd[i]), "widths": widths, "remedy": rig_remedy(table.names[i])}
+            found.append(row)
+    return sorted(found, key=lambda row: -abs(row["widths"]))
+
+
+def _by_component(problem: Problem, residual: Floats, used: Sequence[int]) -> dict[str, Any]:
+    variance = np.diagonal(problem.observations.case_covariance, axis1=1, axis2=2)
+    out = {}
+    for c in sorted(set(problem.rows % 6)):
+        rows = [i for i in used if i * 6 + c in set(problem.rows)]
+        values = residual[rows, c]
+        size = float(np.sqrt(np.mean(values**2))) if rows else None
+        z = float(np.sqrt(np.mean(values**2 / np.maximum(variance[rows, c], 1e-18)))) if rows else None
+        key = "rmse_N" if c < 3 else "rmse_Nmm"
+        out[COMPONENTS[c]] = {"cases": len(rows), key: size, "z_rms": z}
+    return out
 
 
 def _levels(problem: Problem, used: list[int]) -> dict[int, str]:

@@ -17,3 +17,27 @@ INSTRUMENTS = {
     "clamp_compliance": "measure the joint angles with the weight on",
     "joint_friction": "read the bone's clamp as well",
 }
+
+# The same for errors of the rig, by the group of the budget's parameter; {} is the place in its name.
+_RIG = {
+    "zero": "tare the {} mount again",
+    "mounting_rotation": "hang a known weight on the cell at the {} in three directions",
+    "mount_offset": "measure where the cell's origin lies at the {}",
+    "cell_gain": "hang a known weight on the cell along {}",
+    "posture_angle": "measure the joint angles of {} again",
+    "tension_factor": "pull a known weight through the pulley of {}",
+}
+
+
+def rig_remedy(name: str) -> str:
+    """What measurement would settle an error of the rig, such as `zero.bone.z`."""
+    group, place = (*name.split("."), "")[:2]
+    if name == "tension_factor.common":
+        return "pull a known weight through every pulley"
+    return _RIG.get(group, "measure it again").format(place.replace("#", ", setting ").replace("_", " "))
+
+
+def remedy(candidate: str) -> str | None:
+    """What measurement besides a load case would show an effect or one of its candidates; None where none is known."""
+    effect, _, place = candidate.partition(".")
+    return rig_remedy(f"zero.{place}") if effect == "zero_offset" and place else INSTRUMENTS.get(effect)

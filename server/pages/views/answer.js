@@ -13,12 +13,17 @@ export function answer(job, { session, model, add, amend, keep, planned, signal 
   const plane = body.judged_in === "sagittal" ? "sagittal" : "space";
   const best = (body.ranking.find((r) => r.candidates.length) || { candidates: [] }).candidates;
   // Of several that cannot be told apart, the one that the verdict names first.
-  const names = body.verdict === "found" ? body.candidates : best;
+  const names = body.verdict === "found" ? body.candidates : body.verdict === "nothing_missing" ? [] : best;
   const drawn = el("div", { class: "drawn" });
   const base = `#/sessions/${encodeURIComponent(session)}`;
-  const draw = () => figure(drawn, `diagnosis/${which.value}`, { job: job.id }, { signal, picked: (cases) => {
-    location.hash = `${base}/compare?${new URLSearchParams(cases.length > 1 ? { cases: cases.join(",") } : { case: cases[0] })}`;
+  const draw = () => figure(drawn, `diagnosis/${which.value}`, { job: job.id, fit: after.value }, { signal, picked: (cases) => {
+    const fit = after.value === "after" ? added.join("+") : "nothing";
+    const model = body.ranking.some((r) => r.fit) ? { model: `${job.id}/${fit}` } : {};
+    location.hash = `${base}/compare?${new URLSearchParams({ ...model, ...(cases.length > 1 ? { cases: cases.join(",") } : { case: cases[0] }) })}`;
   } });
+  const added = body.where_after?.added || [];
+  const after = el("select", { id: "after", onchange: draw }, el("option", { value: "before" }, "with nothing added"),
+    added.length ? el("option", { value: "after" }, `with ${added.join(" + ")} added`) : null);
   const which = el("select", { id: "figure", onchange: draw }, FIGURES.map(([n, t]) => el("option", { value: n }, t)));
   const link = (r) => `${base}/effect?${new URLSearchParams({ name: r.candidates.join(","), job: job.id, ...(model() ? { model: model() } : {}) })}`;
   const sure = body.verdict === "found" || body.verdict === "one_of";
@@ -39,12 +44,13 @@ export function answer(job, { session, model, add, amend, keep, planned, signal 
     panel("Error before and after", table([
       { title: "cases", cell: ([k]) => words(k).replace("/", " at the ") }, { title: "", cell: ([k]) => (k.startsWith("validation") ? "not fitted" : "fitted") },
       { title: "RMSE before [N]", n: true, cell: ([, e]) => number(e[plane].rmse_N) }, { title: "after [N]", n: true, cell: ([k]) => number(body.after[k]?.[plane].rmse_N) },
-    ], Object.entries(body.before), { caption: (best.length ? `Refitted both times: without, and with ${best.join(" + ")}` : "With nothing added, refitted") + (body.suspects.length ? `. Not counted: ${body.suspects.map((s) => s.case).join(", ")}` : "") })),
-    panel(null, el("div", { class: "row no-print" }, el("div", {}, el("label", { htmlFor: "figure" }, "Figure"), which), quiet("A click on a cell or a point leads to its load cases.")), drawn),
+    ], Object.entries(body.before), { caption: (added.length ? `Refitted both times: with nothing added, and with ${added.join(" + ")}` : "Refitted with nothing added, which is what the verdict leaves") + (body.suspects.length ? `. Not counted: ${body.suspects.map((s) => s.case).join(", ")}` : "") })),
+    panel(null, el("div", { class: "row no-print" }, el("div", {}, el("label", { htmlFor: "figure" }, "Figure"), which),
+      el("div", {}, el("label", { htmlFor: "after" }, "Residuals after a refit"), after)), quiet("A click on a cell or a point leads to its load cases, after the same refit."), drawn, bent(body)),
     panel("Explanations", ranking(body, link), included(body)),
     panel("The rig, as the readings have it", rig(body)),
     panel("Tested and ruled out", ruledOut(body, link)),
-    panel("Tests that need no tendon points", body.nulls.filter((n) => n.verdict !== "not_tested").map((n) =>
+    panel("Tests that need no tendon points", body.nulls_beside ? el("p", {}, body.nulls_beside) : null, body.nulls.filter((n) => n.verdict !== "not_tested").map((n) =>
       el("p", {}, el("strong", { class: n.verdict === "holds" ? "good" : "bad" }, n.verdict === "holds" ? "holds: " : "fails: "), n.text)),
     body.nulls.every((n) => n.verdict === "not_tested") ? quiet("This session's load cases allow none.") : null),
     body.ready_made?.length ? panel("Known to happen in rigs, outside the catalogue", body.ready_made.map((k) => el("p", {}, k.text, `; probability ${percent(k.probability)}. `,
@@ -69,12 +75,12 @@ function ranking(body, link) {
   const rows = body.ranking.filter((r) => r.log_evidence_gain !== null && (r.probability >= 0.01 || !r.effects.length)).slice(0, 12);
   return table([
     { title: "what is missing", cell: (r) => (r.candidates.length ? el("a", { href: link(r) }, name(r)) : name(r)) },
-    { title: "probability", n: true, cell: (r) => el("span", {}, el("span", { class: "bar", style: `width:${Math.round(60 * r.probability)}px`, "aria-hidden": "true" }), " ", percent(r.probability)) },
+    { title: "alone", n: true, cell: (r) => el("span", {}, el("span", { class: "bar", style: `width:${Math.round(60 * r.probability)}px`, "aria-hidden": "true" }), " ", percent(r.probability)) },
     { title: "ln evidence", n: true, cell: (r) => number(r.log_evidence_gain, 1) },
     { title: "validation RMSE [N]", n: true, cell: (r) => number(r.validation_rmse_N.after) },
     { title: "value", wrap: true, cell: (r) => values(r) },
     { title: "cannot be told from", wrap: true, cell: (r) => r.indistinguishable_from?.join(", ") || "" },
-  ], rows, { caption: `${body.candidates_searched} explanations searched, fitted or by the linearised model. A name leads to what the effect is.` });
+  ], rows, { caption: `${body.candidates_searched} explanations searched, fitted or by the linearised model. Alone: probability that this acts and nothing beside it. A name leads to what the effect is.` });
 }
 
 // What is known of the rig by name is amended; a load that is only estimated, or a wrong window, is left out.
@@ -94,6 +100,18 @@ function suspects(body, base, amend) {
       { title: "verdict without it", wrap: true, cell: without },
     ], body.suspects, { caption: "They count for nothing in the verdict. An amendment keeps the entry and can be undone; search again after it." }) : null,
   ];
+}
+
+/** Errors of the rig that the refits take to be far beyond what is stated. */
+function bent(body) {
+  const fits = [body.where, body.where_after].filter((w) => w?.bent).filter((w, i, all) => !i || w.added.join() !== all[0].added.join());
+  const found = [...new Map(fits.flatMap((w) => w.bent).map((b) => [b.name, b])).values()];
+  const at = (w, name) => { const b = w.bent.find((x) => x.name === name); return b ? `${withUnit(number(b.value, 3), b.unit)} (${Math.abs(b.widths).toFixed(0)} sd)` : "within 2 sd"; };
+  return found.length ? table([
+    { title: "error of the rig", cell: (b) => b.name }, { title: "stated sd", cell: (b) => withUnit(number(b.stated_sd, 3), b.unit) },
+    ...fits.map((w) => ({ title: `with ${w.added.join(" + ") || "nothing"} added`, cell: (b) => at(w, b.name) })),
+    { title: "what would settle it", wrap: true, cell: (b) => b.remedy },
+  ], found, { caption: "Errors of the rig that a refit takes to be more than two stated standard deviations, the most bent first" }) : null;
 }
 
 function included(body) {

@@ -184,6 +184,11 @@ class BenchPage {
     return [0, 1, 2].map((i) => mean[i] - (tare ? tare[i] : 0));
   }
 
+  /** Whether readings of a recording come in now, which no bench has begun. */
+  arriving() {
+    return !this.state.begun && this.silentS() < 3 && this.rate.hz(performance.now()) > 0;
+  }
+
   silentS() {
     return this.heardAt === null ? 0 : (performance.now() - this.heardAt) / 1000;
   }
@@ -199,6 +204,8 @@ class BenchPage {
     if (!state) return;
     this.grid.show(this.steps, this.cases, state.now, this.picked, state.begun);
     this.finger.show(...this.posture());
+    const aside = this.picked && this.picked !== state.now && state.begun && !state.closed;
+    this.finger.heading.textContent = aside ? `The finger in ${this.picked}, which is picked and does not hang now` : "The finger";
     this.traces.some(state.has_readings, state.begun || !state.steps.length ? "No readings have come yet." : "This session has averaged forces and no readings.");
     this.keys.run(state.begun && !state.closed && state.stream?.state !== "ended");
     if (state.phase !== "loaded") this.traces.window = null;
@@ -240,7 +247,7 @@ class BenchPage {
 
   big(always) {
     const bench = this.state;
-    const given = nowOf({ bench, prompt: this.prompt?.todo, reason: this.prompt?.reason, cases: this.cases, estimate: this.hangs(), raw: this.raw(false), hasTare: Boolean(bench.tare?.mean) });
+    const given = nowOf({ bench, prompt: this.prompt?.todo, reason: this.prompt?.reason, cases: this.cases, picked: this.picked, arriving: this.arriving(), estimate: this.hangs(), raw: this.raw(false), hasTare: Boolean(bench.tare?.mean) });
     this.now.show(given, performance.now(), always);
   }
 
@@ -262,7 +269,7 @@ class BenchPage {
     const hz = this.rate.hz(performance.now());
     const stream = state.stream;
     const running = state.begun && !state.closed && stream?.state !== "ended";
-    this.chip("mode", !state.begun ? (state.steps.length ? "recorded" : "not begun") : state.closed ? "closed: predictions are shown" : "running: validation is blind");
+    this.chip("mode", !state.begun ? (this.arriving() ? "replaying" : state.steps.length ? "recorded" : "not begun") : state.closed ? "closed: predictions are shown" : "running: validation is blind");
     this.chip("rate", running ? (!hz ? "no readings now" : `${Math.round(hz)} readings/s`) : "", running && !hz ? "warn" : "");
     this.chip("gaps", stream ? `${stream.gaps} gaps${stream.lost_samples ? `, ${stream.lost_samples} lost` : ""}` : "", stream?.gaps ? "warn" : "");
     const age = state.tare && !Number.isNaN(this.ring.lastS) ? Math.max(this.ring.lastS - state.tare.window_s[1], 0) : null;

@@ -7,8 +7,8 @@ import { css, niceStep, onAxis } from "./canvas.js";
 // A force that is smaller is noise [N].
 const LEAST_N = 0.03;
 const STYLES = {
-  now: { name: "now", colour: "--measured", width: 5, dash: [], head: "full" },
-  measured: { name: "measured", colour: "--good", width: 3, dash: [2, 4], head: "full" },
+  now: { name: "now", colour: "--ink", width: 5, dash: [], head: "full" },
+  measured: { name: "measured", colour: "--measured", width: 3, dash: [2, 4], head: "full" },
   predicted: { name: "predicted", colour: "--predicted", width: 3, dash: [10, 6], head: "open" },
 };
 const KINDS = Object.keys(STYLES);
@@ -33,9 +33,10 @@ export class FingerView {
     this.note = el("p", { class: "quiet" });
     this.above = el("figure", { class: "above" }, this.views.above.canvas, el("figcaption", {}, "From above: the force out of the plane"));
     this.figures = el("div", { class: "finger-views" }, el("figure", {}, this.views.side.canvas, el("figcaption", {}, "From the radial side. The bones' shape is schematic.")), this.above);
+    this.heading = el("h2", { id: "finger-title" }, "The finger");
     this.state = el("div", {}, quiet("It is drawn as soon as a posture is known."));
     this.body = el("div", { hidden: true }, this.title, this.figures, this.legend, this.note);
-    this.node = el("section", { class: "panel finger", "aria-labelledby": "finger-title" }, el("h2", { id: "finger-title" }, "The finger"), this.state, this.body);
+    this.node = el("section", { class: "panel finger", "aria-labelledby": "finger-title" }, this.heading, this.state, this.body);
     this.observer = new ResizeObserver((entries) => {
       for (const { target, contentRect } of entries) {
         const view = Object.values(this.views).find((v) => v.canvas === target);

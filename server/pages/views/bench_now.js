@@ -47,11 +47,11 @@ function set(node, text) {
 }
 
 /** What is now, from how the bench stands, from what hangs, and from the readings of this moment. */
-export function nowOf({ bench, prompt, reason, cases, estimate, raw, hasTare }) {
+export function nowOf({ bench, prompt, reason, cases, picked, arriving, estimate, raw, hasTare }) {
   const step = bench.steps.find((s) => s.id === bench.now);
-  const last = cases.findLast((c) => c.state === "measured");
+  const last = cases.find((c) => c.id === picked && c.state === "measured") ?? cases.findLast((c) => c.state === "measured");
   const ended = bench.begun && (bench.closed || bench.stream?.state === "ended");
-  const out = { step: stepText(bench, step), todo: capital(prompt ?? todoOf(bench, step, ended)), state: "", kind: "", force: null, prediction: "" };
+  const out = { step: stepText(bench, step), todo: capital(prompt ?? todoOf(bench, step, ended, arriving)), state: "", kind: "", force: null, prediction: "" };
   if (estimate) {
     out.kind = `${estimate.case} now`;
     out.axes = true;
@@ -79,7 +79,7 @@ export function nowOf({ bench, prompt, reason, cases, estimate, raw, hasTare }) 
     return out;
   }
   if (last) {
-    out.kind = `last: ${last.id}, ${masses(last.masses_g)}`;
+    out.kind = `${last.id === picked ? "picked" : "last"}: ${last.id}, ${masses(last.masses_g)}`;
     out.axes = true;
     out.force = last.measured_N;
     out.sd = last.measured_sd_N;
@@ -100,7 +100,8 @@ function stepText(bench, step) {
   return `${masses(step.masses_g)} · ${words(step.posture)} · ${step.location}`;
 }
 
-function todoOf(bench, step, ended) {
+function todoOf(bench, step, ended, arriving) {
+  if (!bench.begun && arriving) return "a recording is being replayed: its readings are coming in";
   if (!bench.begun) return bench.steps.length ? "recorded: no bench is running" : "waiting for the bench to begin";
   if (bench.closed) return "the session is closed: go on to Compare";
   if (ended) return "the log has ended; go on with --resume at the bench";

@@ -1,7 +1,7 @@
 // One load case: its force and prediction, the finger with it, its windows, left out and taken in again.
 import { at, get, post, put } from "../api.js";
 import { el, empty, fill, note, problem, quiet } from "../dom.js";
-import { masses, norm, number, vector, words } from "../format.js";
+import { compact, masses, norm, number, vector, words, zOf } from "../format.js";
 import { figure } from "../plot.js";
 import { windows } from "./windows.js";
 
@@ -15,9 +15,9 @@ export function oneCase({ session, path, model, changed, signal }) {
 
   async function read(id) {
     const [found, compared] = await Promise.all([get(`${path}/cases/${encodeURIComponent(id)}`, {}, signal),
-      model() ? get(`${path}/comparison`, { model: model() }, signal).catch(() => null) : null]);
+      get(`${path}/comparison`, { model: model() }, signal).catch((error) => { if (error.name === "AbortError") throw error; return null; })]);
     const other = compared?.cases.find((c) => c.id === id);
-    return other ? { ...found, predicted_N: other.predicted_N, residual_N: other.residual_N, z: other.z } : found;
+    return other ? { ...found, ...other, shown_z: zOf(other, compared), of: compared.residuals_after } : found;
   }
 
   async function show(id) {
@@ -42,9 +42,9 @@ export function oneCase({ session, path, model, changed, signal }) {
       (c.amended || []).map((a) => el("p", {}, `Amended (entered: ${masses(c.entered)}): ${a.why}`)),
       c.why ? el("p", { class: "warn" }, `${words(c.state)}: ${c.why}`) : null,
       el("p", {}, el("span", { class: "big" }, `${number(norm(c.measured_N), 2)} N`), " measured; ",
-        c.blinded ? "the prediction is hidden until the bench closes the session" : c.predicted_N ? `${number(norm(c.predicted_N), 2)} N predicted by ${model() || "the session's own model"}` : "no prediction"),
+        c.blinded ? "the prediction is hidden until the bench closes the session" : c.predicted_N ? `${number(norm(c.predicted_N), 2)} N predicted` : "no prediction"),
       note(`measured ${vector(c.measured_N)} N`, c.measured_sd_N ? ` ± ${vector(c.measured_sd_N)} N` : "",
-        c.residual_N ? `; measured − predicted ${vector(c.residual_N)} N` : "", c.z === null || c.z === undefined ? "" : `; z ${number(c.z, 1)}`),
+        c.residual_N ? `; measured − predicted ${vector(c.residual_N)} N` : "", c.shown_z === null || c.shown_z === undefined ? "" : `; z ${compact(c.shown_z)}`, c.of ? `. Model: ${c.of}` : ""),
       el("div", { class: "columns" }, finger, traces),
       c.state === "excluded" ? el("button", { onclick: () => changed(post(`${where}/include`), `${c.id} is taken in again.`) }, "Take it in again") : exclusion(c.id, where));
     figure(finger, "finger", { session, case: c.id, model: model() }, { signal });

@@ -1,7 +1,7 @@
 // Predicted against measured: figures, filters, table; from any point to its cases, their readings and windows.
 import { at, get } from "../api.js";
 import { el, empty, fill, panel, problem, quiet, table } from "../dom.js";
-import { compact, masses, norm, number, vector, words } from "../format.js";
+import { compact, masses, norm, number, vector, words, zOf } from "../format.js";
 import { figure } from "../plot.js";
 import { before } from "./answer.js";
 import { oneCase } from "./case.js";
@@ -88,7 +88,7 @@ export async function view(main, { session, asked }) {
       const names = Object.entries(body[state]);
       if (names.length) told.push(`${names.length} ${state}: ${names.slice(0, 3).map(([i, why]) => `${i} (${why})`).join("; ")}${names.length > 3 ? " …" : ""}`);
     }
-    fill(head, before(body), quiet(`Model ${body.model}; friction factor c = ${number(body.tension_factor, 3)}, ${body.tension_factor_source}; axes x proximal, y dorsal, z radial.`),
+    fill(head, before(body), quiet(`Model: ${body.residuals_after}; friction factor c = ${number(body.tension_factor, 3)}, ${body.tension_factor_source}; axes x proximal, y dorsal, z radial.`),
       told.map((t) => el("p", { class: "warn" }, t)), body.notes.map(quiet));
     const shown = value(plane) || (body.judged_in === "sagittal" ? "sagittal" : "space");
     const found = Object.entries(body[value(by)]);
@@ -107,21 +107,23 @@ export async function view(main, { session, asked }) {
     fill(filters, FILTERS.map(([name, title, of]) => {
       const values = [...new Set(cases.map(of))].filter(Boolean).sort();
       return choice(`only-${name}`, title, [["", "all"], ...values.map((v) => [v, words(v)])], (e) => { only[name] = e.target.value; list(); draw(); }, only[name]);
-    }), these ? el("p", { class: "chip" }, `the ${these.length} cases of that point `, el("button", { class: "small", onclick: () => { these = null; choices(); list(); } }, "Show all")) : null);
+    }), these ? el("p", { class: "chip" }, `the ${these.length} load cases of that point or cell `, el("button", { class: "small", onclick: () => { these = null; choices(); list(); } }, "Show all")) : null);
   }
 
   function list() {
     const compared = new Map((body?.cases || []).map((c) => [c.id, c]));
     const shown = cases.filter((c) => FILTERS.every(([name, , of]) => !only[name] || of(c) === only[name]) && (!these || these.includes(c.id)))
-      .map((c) => ({ ...c, residual_N: null, z: null, ...compared.get(c.id) }));
+      .map((c) => ({ ...c, residual_N: null, z: null, z_sagittal: null, ...compared.get(c.id) }));
+    const found = shown.map((c) => zOf(c, body)).filter((z) => z !== null);
+    const rms = found.length ? `, root mean square ${number(Math.sqrt(found.reduce((s, z) => s + z * z, 0) / found.length), 1)}` : "";
     fill(rows, table([
       { title: "case", cell: (c) => c.id }, { title: "role", cell: (c) => c.role }, { title: "posture", cell: (c) => words(c.posture) },
       { title: "at", cell: (c) => c.location }, { title: "hung", cell: (c) => masses(c.masses_g) },
       { title: "measured [N]", n: true, cell: (c) => vector(c.measured_N) },
       { title: "predicted [N]", n: true, cell: (c) => (c.blinded ? "hidden" : vector(compared.has(c.id) ? c.predicted_N : null)) },
-      { title: "|residual| [N]", n: true, cell: (c) => number(norm(c.residual_N)) }, { title: "z", n: true, cell: (c) => compact(c.z) },
+      { title: "|residual| [N]", n: true, cell: (c) => number(norm(c.residual_N)) }, { title: "z", n: true, cell: (c) => compact(zOf(c, body)) },
       { title: "state", cell: (c) => el("span", { class: { failed: "bad", excluded: "warn", waiting: "warn" }[c.state] || "", title: c.why || null }, c.state) },
-    ], shown, { caption: `${shown.length} of ${cases.length} load cases; z: residual in standard uncertainties of the reading`, pick: (c) => show(c.id, true), picked, key: (c) => c.id }));
+    ], shown, { caption: `${shown.length} of ${cases.length} load cases. z: norm of the residual in standard uncertainties${rms}. ${body ? `Model: ${body.residuals_after}.` : ""}`, pick: (c) => show(c.id, true), picked, key: (c) => c.id }));
   }
 
   function show(id, lead) {
@@ -137,7 +139,7 @@ export async function view(main, { session, asked }) {
 
   function draw() {
     if (!body) return;
-    const query = { session, model, plane: value(plane), ...only };
+    const query = { session, model, plane: value(plane), ...only, role: only.role || "all" };
     figure(drawn, `comparison/${value(which)}`, query, { signal: away.signal, picked: (found) => {
       these = found.length > 1 ? found : null;
       choices();
@@ -150,7 +152,17 @@ export async function view(main, { session, asked }) {
   await load();
   return {
     leave: () => away.abort(),
-    asked: (query) => { if (query.case) show(query.case, true); },
+    asked: async (query) => {
+      these = query.cases ? query.cases.split(",") : null;
+      if ((query.model || null) !== model) {
+        model = query.model || null;
+        await chosen.choose(model);
+        picked = query.case || null;
+        await load();
+      } else list();
+      choices();
+      if (query.case) show(query.case, true);
+    },
     hear: (m) => {
       if (m.kind === "revision") chosen.refresh();
       if (m.session === session && (m.kind === "session" || m.kind === "case")) later();

@@ -17,6 +17,9 @@ export async function view(main, { session, asked }) {
     asked.job ? get(at("jobs", asked.job), {}, away.signal).catch(() => null) : null]);
   if (!names.length) throw new Error("No effect is named. Pick one among the explanations.");
   const row = job?.result?.ranking.find((r) => r.candidates.join(",") === names.join(","));
+  // Residuals are drawn after the search's own refit: with this effect where it was fitted, else with nothing added.
+  const refit = row?.fit ? names.join("+") : job?.result?.ranking.some((r) => r.fit) ? "nothing" : null;
+  const drawn = refit ? `${job.id}/${refit}` : model;
 
   async function add() {
     const done = await awaited(work, post(`${path}/revisions`, { add: names, model }), `Adding ${names.join(" and ")}, refitting`, away.signal, add);
@@ -26,7 +29,7 @@ export async function view(main, { session, asked }) {
   fill(main, el("h1", {}, names.join(" + ")),
     el("div", { class: "row no-print" }, el("a", { class: "button", href: `${base}/find` }, "Back to what was found"), el("button", { class: "main", onclick: add }, "Add and refit")), work,
     row ? panel("In these data", el("p", {}, row.log_evidence_gain === null ? "It was fitted by itself, and explains less than others." :
-      `Probability ${percent(row.probability)}; ln evidence ${number(row.log_evidence_gain, 1)} against nothing missing; it changes the forces by ${number(row.size_N, 2)} N (root mean square).`),
+      `Probability that it acts by its known law, whatever else does: ${names.map((n) => percent(job.result.inclusion[n] ?? 0)).join(", ")}; that it acts alone: ${percent(row.probability)}. ln evidence ${number(row.log_evidence_gain, 1)} against nothing missing; it changes the forces by ${number(row.size_N)} N (root mean square).`),
     row.parameters?.length ? el("p", {}, row.parameters.map((p) => withUnit(`${p.name} = ${within(p.value, p.sd)}`, p.unit)).join("; "), ".") : null,
     row.indistinguishable_from?.length ? el("p", { class: "warn" }, `In this session it cannot be told from ${row.indistinguishable_from.join(", ")}.`) : null) : null,
     effects.map((e, i) => one(e, names[i])));
@@ -42,25 +45,15 @@ export async function view(main, { session, asked }) {
       ], e.parameters.filter((p) => p.name === name || p.name.startsWith(`${name}.`) || name === e.name || !e.parameters.some((q) => q.name.startsWith(name)))),
       el("h3", {}, "What it would change in this session"), change, most, finger);
     queueMicrotask(async () => {
-      const open = (cases) => { location.hash = `${base}/compare?case=${encodeURIComponent(cases[0])}`; };
-      const plot = await figure(change, `effect/${encodeURIComponent(name)}`, { session, model }, { signal: away.signal, picked: open });
-      const found = plot && largest(plot.data);
+      const open = (cases) => { location.hash = `${base}/compare?${new URLSearchParams({ case: cases[0], ...(drawn ? { model: drawn } : {}) })}`; };
+      const plot = await figure(change, `effect/${encodeURIComponent(name)}`, { session, model: drawn }, { signal: away.signal, picked: open });
+      const found = plot?.layout.meta?.case;
       if (!found) return;
-      most.textContent = `It changes case ${found} most, which is drawn here with its weights and its measured and predicted force.`;
-      figure(finger, "finger", { session, case: found, model }, { signal: away.signal, picked: open });
+      most.textContent = `It changes case ${found} most. That is drawn here with its weights and its measured force, and with what is predicted with and without the effect.`;
+      figure(finger, "finger", { session, case: found, model: drawn, without: name }, { signal: away.signal, picked: open });
     });
     return out;
   }
 
   return { leave: () => away.abort() };
-}
-
-/** The case whose force changes most: its bars of all components together. */
-function largest(traces) {
-  const size = new Map();
-  for (const t of traces) {
-    if (t.meta?.kind !== "change") continue;
-    t.meta.cases.forEach((c, i) => size.set(c, (size.get(c) || 0) + t.y[i] ** 2));
-  }
-  return [...size].sort((a, b) => b[1] - a[1])[0]?.[0];
 }

@@ -25,6 +25,7 @@ export async function view(main, { session, asked }) {
 
   async function run(job, title, again) {
     start.disabled = true;
+    if (!shown) fill(found);
     const done = await awaited(work, job, title, away.signal, again);
     start.disabled = false;
     return done;
@@ -79,7 +80,7 @@ export async function view(main, { session, asked }) {
       const last = jobs.find((j) => j.state === "done");
       const failed = jobs[0]?.state === "failed" ? jobs[0] : null;
       if (last && last.id !== shown?.id) show(await get(at("jobs", last.id), {}, away.signal));
-      else if (!last) fill(found, empty(el("p", {}, "Nothing was searched for yet."), el("p", {}, "The search fits every effect of the catalogue, and several together, to the fitted load cases; the validation cases are a predictive check. It takes some seconds, the first time on a machine up to a minute.")));
+      else if (!last && !running && !start.disabled) fill(found, empty(el("p", {}, "Nothing was searched for yet."), el("p", {}, "The search fits every effect of the catalogue, and several together, to the fitted load cases; the validation cases are a predictive check. It takes some seconds, the first time on a machine up to a minute.")));
       if (running && !start.disabled) run(Promise.resolve(running), "Fitting every effect", diagnose).then((done) => done && show(done));
       else if (failed && !running) fill(work, problem(failed.problem), el("button", { onclick: diagnose }, "Try again"));
     } catch (error) {

@@ -1,11 +1,13 @@
 // Sessions and specimens: list, search, import a folder, open, export.
-import { get } from "../api.js";
-import { el, empty, fill, panel, problem, quiet, table } from "../dom.js";
+import { get, post } from "../api.js";
+import { el, empty, fill, notice, panel, problem, quiet, table } from "../dom.js";
 import { when } from "../format.js";
 import { importing } from "./importing.js";
 
 const FORMATS = [["csv", "cases, CSV"], ["columns", "what the CSV's columns are"], ["parquet", "cases, Parquet"], ["hdf5", "cases and readings, HDF5"], ["mat", "cases and readings, MATLAB"],
   ["c3d", "the six channels, C3D"], ["folder", "the session's folder"], ["supplement", "supplement for a paper"]];
+
+const EXAMPLE = "DEV-02";
 
 export async function view(main) {
   const away = new AbortController();
@@ -38,6 +40,17 @@ export async function view(main) {
     }
   }
 
+  async function example(event) {
+    event.target.disabled = true;
+    try {
+      await post(`/imports/examples/${EXAMPLE}`);
+      if (!away.signal.aborted) location.hash = href(EXAMPLE, "compare");
+    } catch (error) {
+      event.target.disabled = false;
+      notice(error);
+    }
+  }
+
   const href = (id, page) => `#/sessions/${encodeURIComponent(id)}/${page}`;
 
   function draw() {
@@ -45,8 +58,8 @@ export async function view(main) {
     const text = found.value.trim().toLowerCase();
     const shown = rows.filter((r) => `${r.id} ${r.specimen ?? ""}`.toLowerCase().includes(text));
     if (!rows.length) {
-      fill(list, empty(el("p", {}, el("strong", {}, "No session yet.")), el("p", {}, "Try a recorded one: "),
-        el("p", {}, el("code", {}, `fingertwin replay DEV-02 --to ${location.origin}`)), el("p", {}, "or choose a session's folder below.")));
+      fill(list, empty(el("p", {}, el("strong", {}, "No session yet.")), el("p", {}, el("button", { class: "main", onclick: example }, "Load an example")),
+        el("p", {}, `${EXAMPLE} comes with the software: a recorded session with a hidden effect. Or choose a session's folder below.`)));
     } else {
       fill(list, shown.length ? table([
         { title: "session", cell: (r) => el("a", { href: href(r.id, r.source === "bench" && !r.closed_utc ? "bench" : "compare") }, r.id) },

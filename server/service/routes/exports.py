@@ -11,8 +11,9 @@ from pydantic import Field
 from server.service.answers import JsonAnswer
 from server.service.downloads import FileAnswer, attachment, download
 from server.service.exporting import REVISION_FORMATS, SESSION_FORMATS, revision_export, session_export
-from server.service.reports import checked, report_page
+from server.service.reports import checked, report_page, report_sheet
 from server.service.schemas.common import ModelName, SessionId, Shown, documented
+from server.service.schemas.figures import PlotlyFigure
 from server.service.services import of
 from server.service.strict import StrictRoute
 from server.service.workers import run
@@ -52,6 +53,15 @@ class FindingShown(Shown):
     code: str
     where: str
     text: str
+
+
+class ReportSheet(Shown):
+    """A report to be shown in a page."""
+
+    schema_: str = Field(alias="schema", examples=["fingertwin/report/1"])
+    session: str
+    html: str = Field(description="Of its sections; every text that came from outside is escaped.")
+    figures: list[PlotlyFigure]
 
 
 class Checked(Shown):
@@ -128,3 +138,9 @@ async def report(session: SessionId, request: Request, model: ModelName = None, 
     page = await run("apart", lambda: report_page(of(request), session, model, job))
     headers = {"Content-Disposition": attachment(f"{session}-report.html"), "Content-Security-Policy": REPORT_POLICY}
     return Response(page, 200, headers, "text/html")
+
+
+@router.get("/sessions/{session}/report/sheet", responses=documented(ReportSheet))
+async def sheet(session: SessionId, request: Request, model: ModelName = None, job: Job = None) -> JsonAnswer:
+    """Return the same report to be shown in a page: its text as HTML, and the figures for its places plot0 and on."""
+    return JsonAnswer(await run("apart", lambda: report_sheet(of(request), session, model, job)))

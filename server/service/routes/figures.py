@@ -11,7 +11,7 @@ from daq.uplink.wire import API
 from server.service.answers import JsonAnswer
 from server.service.comparison_figures import Only, Plane
 from server.service.figure_answer import Theme
-from server.service.figures import COMPARISON, DIAGNOSIS, REVISIONS, SHARED, Drawn, Figures
+from server.service.figures import COMPARISON, DIAGNOSIS, REVISIONS, SHARED, Drawn, Figures, SearchFit
 from server.service.schemas.common import ModelName, documented
 from server.service.schemas.figures import EXAMPLE, FigureList, FigureShown
 from server.service.services import of
@@ -32,7 +32,12 @@ InPlane = Annotated[
     Plane | None,
     Query(description="Force components: sagittal (x, y) or space; by default as the finger is judged."),
 ]
-OfRole = Annotated[Literal["identification", "validation"] | None, Query(description="Load cases of this role only.")]
+OfRole = Annotated[
+    Literal["identification", "validation", "all"] | None,
+    Query(
+        description="Load cases of this role only; all: of both, on the finger too, which by default has validation."
+    ),
+]
 AtMount = Annotated[Literal["tip", "bone"] | None, Query(description="Load cases with the cell at this place only.")]
 InPosture = Annotated[str | None, Query(max_length=200, description="Load cases in this posture only.")]
 WithMuscles = Annotated[
@@ -47,6 +52,16 @@ InCase = Annotated[
 ]
 OfJob = Annotated[str, Query(max_length=200, description="Id of a diagnosis that is done.")]
 OfSession = Annotated[str | None, Query(max_length=100, description="Which session of a pooled diagnosis.")]
+AfterFit = Annotated[
+    SearchFit,
+    Query(
+        description="Residuals after a refit with nothing added (before), or with what the verdict would add (after)."
+    ),
+]
+WithoutEffect = Annotated[
+    str | None,
+    Query(max_length=200, description="An effect of the model: the case is drawn with its prediction without it, too."),
+]
 OfRevision = Annotated[str | None, Query(max_length=200, description="Id of a revision.")]
 OfSpecimen = Annotated[str | None, Query(max_length=200, description="Or a specimen, whose revision is in force.")]
 OnPage = Annotated[Theme, Query(description="Colours for a light or a dark page.")]
@@ -60,7 +75,7 @@ _SESSION = ("session", True, "Id of the session.")
 _THEME = ("theme", False, "light (default) or dark.")
 _ONLY = (
     ("plane", False, "sagittal or space; by default as the finger is judged."),
-    ("role", False, "identification or validation; by default both."),
+    ("role", False, "identification, validation or all; by default both, on the finger validation alone."),
     ("location", False, "tip or bone."),
     ("posture", False, "Of this posture only."),
     ("muscles", False, "With these tendons loaded only, such as FDP+FDS."),
@@ -72,7 +87,12 @@ _KINDS: dict[str, tuple[str, tuple[tuple[str, bool, str], ...]]] = {
     ),
     "diagnosis": (
         "A job of kind diagnose or pooled that is done.",
-        (("job", True, "Id of the job."), ("session", False, "Which session of a pooled diagnosis."), _THEME),
+        (
+            ("job", True, "Id of the job."),
+            ("session", False, "Which session of a pooled diagnosis."),
+            ("fit", False, "before (default) or after: residuals with nothing added, or with what the verdict adds."),
+            _THEME,
+        ),
     ),
     "shared": ("A job of kind pooled that is done.", (("job", True, "Id of the job."), _THEME)),
     "revisions": (
@@ -90,6 +110,7 @@ _KINDS: dict[str, tuple[str, tuple[tuple[str, bool, str], ...]]] = {
             ("posture", False, "Its name; by default that of the case."),
             ("case", False, "A load case, taken or planned."),
             _MODEL,
+            ("without", False, "An effect of the model: its case is drawn with its prediction without it, too."),
             _THEME,
         ),
     ),
@@ -172,11 +193,12 @@ def diagnosis(
     job: OfJob,
     request: Request,
     session: OfSession = None,
+    fit: AfterFit = "before",
     theme: OnPage = "light",
     matched: Matched = None,
 ) -> Response:
     """Draw a figure of a diagnosis that is done."""
-    return _answer(figures_of(request).diagnosis(name, job, session, theme), matched)
+    return _answer(figures_of(request).diagnosis(name, job, session, fit, theme), matched)
 
 
 @router.get("/shared/{name}", responses=_DRAWN)
@@ -217,6 +239,7 @@ def finger(
     posture: Posture = None,
     case: InCase = None,
     model: ModelName = None,
+    without: WithoutEffect = None,
     theme: OnPage = "light",
     matched: Matched = None,
 ) -> Response:
@@ -225,7 +248,7 @@ def finger(
     `layout.meta` tells the scale [mm/N], and where forces begin at tip and bone, for a live vector to be added. The
     prediction of a validation case is hidden until its session is closed.
     """
-    return _answer(figures_of(request).finger(session, posture, case, model, theme), matched)
+    return _answer(figures_of(request).finger(session, posture, case, model, without, theme), matched)
 
 
 @router.get("/effect/{effect}", responses=_DRAWN)

@@ -10,7 +10,7 @@ from sqlalchemy import select
 from daq.amendments import amendment, case_of, exchanged
 from daq.errors import InputError
 from server.service.answers import JsonAnswer
-from server.service.importing import import_folder
+from server.service.importing import import_example, import_folder
 from server.service.planned import planned_steps
 from server.service.problems import ProblemError
 from server.service.records import steps_of, undone_edits
@@ -44,6 +44,7 @@ kept = APIRouter(route_class=StrictRoute, prefix="/sessions", tags=["sessions"])
 imports = APIRouter(route_class=StrictRoute, prefix="/imports", tags=["sessions"])
 
 EditNumber = Annotated[int, Path(ge=1, le=1 << 53, description="Number of the edit.")]
+ExampleName = Annotated[str, Path(max_length=100, description="Name of the shipped session.", examples=["DEV-02"])]
 ProposedId = Annotated[str, Path(max_length=100, description="Id of the proposed load case.", examples=["next-1"])]
 
 
@@ -150,6 +151,17 @@ async def import_session(body: Folder, request: Request) -> JsonAnswer:
     name, new = await run("apart", import_folder, parts, files, body.id)
     answer = await run("readers", _shown, parts, name) | {"already_there": not new}
     return JsonAnswer(answer, 201 if new else 200, {"Location": f"/api/v1/sessions/{name}"})
+
+
+@imports.post(
+    "/examples/{name}", status_code=201, responses=documented(SessionShown, status=201) | {200: {"model": SessionShown}}
+)
+async def import_shipped(name: ExampleName, request: Request) -> JsonAnswer:
+    """Take in a session that comes with the software, with its readings; once more is a success (200)."""
+    parts = of(request)
+    made, new = await run("apart", import_example, parts, name)
+    answer = await run("readers", _shown, parts, made) | {"already_there": not new}
+    return JsonAnswer(answer, 201 if new else 200, {"Location": f"/api/v1/sessions/{made}"})
 
 
 @kept.get("/{session}/cases/{case}", responses=documented(CaseShown))

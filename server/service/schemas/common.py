@@ -19,7 +19,7 @@ ModelName = Annotated[
     Query(
         max_length=200,
         description="A revision's id, a finger's name, or `in_force` for the revision that stands for the specimen; "
-        "by default the session's own finger.",
+        "`JOB/nothing` or `JOB/EFFECT` for the refit of a search; by default the session's own finger.",
         examples=["an1979_middle"],
     ),
 ]

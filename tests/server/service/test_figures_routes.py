@@ -23,7 +23,7 @@ from server.service.blinding import HIDDEN
 from server.service.database import now_utc
 from server.service.figures import COMPARISON, DIAGNOSIS
 from server.service.schema import jobs
-from server.workflow import compare_bench, open_bench
+from server.workflow import at_fit, compare_bench, open_bench
 from tests.daq.bench_plays import PROTOCOL, case, tared, whole
 from tests.server.service.recorded import upload
 from tests.server.service.running import ServiceReceiver
@@ -333,6 +333,29 @@ def test_a_users_own_effect_is_drawn_too(service: ServiceReceiver) -> None:
     moved = {c for bar in bars for c, y in zip(bar["meta"]["cases"], bar["y"], strict=True) if abs(y) > 1e-9}
     assert loaded
     assert loaded <= moved
+
+
+def test_a_refit_of_a_search_is_a_model_whose_residuals_every_answer_shares(service: ServiceReceiver) -> None:
+    moved = {"zero.bone.x": 0.1, "cell_gain.Fy": 0.05}
+    row = {"candidates": [], "parameters": [], "fit": moved}
+    kept_job(service, "fits", result=missing_effect() | {"model": "an1979_middle", "ranking": [row]})
+    expected = compare_bench(at_fit(open_bench(RECORDED), moved)).cases
+    asked = {"model": "fits/nothing"}
+    body = service.client().get(f"/api/v1/sessions/{RECORDED}/comparison", params=asked).json()
+    found = [c["predicted_N"] for c in body["cases"]]
+    np.testing.assert_allclose(found, [c.predicted_N for c in expected], atol=1e-9)
+    assert "with nothing added (search fits), fitted to these readings" in body["residuals_after"]
+    figure = shown(service, "/comparison/z", session=RECORDED, **asked)
+    assert body["residuals_after"] in figure["caption"]
+    refused = service.client().get(f"{AT}/comparison/z", params={"session": RECORDED, "model": "fits/worn_pulley"})
+    assert (refused.status_code, "JOB/EFFECT" in refused.json()["detail"]) == (422, True)
+
+
+def test_on_the_finger_all_roles_means_all(service: ServiceReceiver) -> None:
+    for role, roles in (("all", "identification and validation"), (None, "validation")):
+        asked = {} if role is None else {"role": role}
+        body = shown(service, "/comparison/vectors", session=RECORDED, **asked)
+        assert f"; {roles} cases" in body["figure"]["layout"]["title"]["subtitle"]["text"]
 
 
 def test_while_a_bench_runs_no_figure_says_anything_of_its_validation_cases(played: Played) -> None:

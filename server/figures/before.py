@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 _LINE = {"color": "#8a8a8a", "width": 1.6, "dash": "2px,2px"}
 
 
-def with_before(figure: go.Figure, earlier: go.Figure, cases: dict[str, CaseComparison], name: str) -> go.Figure:
+def with_before(figure: go.Figure, earlier: go.Figure, cases: dict[str, CaseComparison], label: str) -> go.Figure:
     """Return a figure of vectors with those that an earlier model predicted beside them.
 
     Args:
         figure: of the later model.
         earlier: the same figure of the earlier one.
         cases: of the comparison by id, for their labels.
-        name: of the earlier model.
+        label: of the earlier ones, such as `predicted before: an1979_middle`.
     """
     import plotly.graph_objects as go
 
@@ -52,12 +52,12 @@ def with_before(figure: go.Figure, earlier: go.Figure, cases: dict[str, CaseComp
             for part in drawn:
                 part.meta = {"kind": f"before_{part.meta['kind']}", "case": meta["case"]}
                 if part.text:
-                    part.text = str(part.text).replace("<br>predicted", f"<br>predicted before, by {plain(name)},")
+                    part.text = str(part.text).replace("<br>predicted", f"<br>{plain(label)},")
             under += drawn
         over.append(trace)
     keys = [t for t in over if t.x is not None and list(t.x) == [None]]
     rest = [t for t in over if not any(t is k for k in keys)]
-    shown = key(f"predicted before: {plain(name)}", line=_LINE)
+    shown = key(plain(label), line=_LINE)
     return go.Figure(data=[*rest, *under, *keys[:2], shown, *keys[2:]], layout=figure.layout)
 
 

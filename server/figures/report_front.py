@@ -1,0 +1,97 @@
+"""First and last page of a report: what to do, the finger with the effect, what it rests on, what words mean."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from fingermodel.diagnosis.verdict.instruments import remedy, rig_remedy
+from server.figures.diagnosis_answer import Answer, effect_name, named_rows, part, rows, value, with_sd, words
+from server.figures.report import Picture, Section, Steps, Table
+from server.figures.style import fixed
+
+# Widths from which an error of the rig is worth a measurement of its own.
+_FAR = 4.0
+GLOSSARY = (
+    ("identification case", "a load case that a refit may use"),
+    ("validation case", "a load case that no refit ever uses; its error is the test"),
+    ("residual", "measured less predicted force"),
+    ("RMSE", "root mean square of the residual's force components [N]; in % of the mean measured force (Eqs 6 and 7)"),
+    (
+        "z",
+        "norm of a residual in standard uncertainties of the reading; noise alone gives 1.4 in the plane, 1.7 in space",
+    ),
+    ("refit", "the model's parameters, chosen so that it explains the identification cases best"),
+    ("effect", "a physical law that the model lacks, such as an unweighed hanger"),
+    ("budget", "the errors that every rig has, with their stated standard deviations (sd)"),
+    ("friction factor c", "tension in the tendon, as a part of the hung weight"),
+    ("probability", "of a statement, given these readings, the model and its priors"),
+    ("log evidence gain", "natural logarithm of how much more probable the readings are than with nothing added"),
+    ("detectability d", "typical size of an effect against noise and budget; below 2 it cannot be seen"),
+    ("suspect", "a load case that is more probably bad than not; it counts for nothing in the verdict"),
+)
+
+
+def to_do(answer: Answer) -> list[str]:
+    """Say what is to be done, in order, from the verdict, the suspects and the rig's errors."""
+    verdict, session = str(answer.get("verdict")), str(answer.get("session") or "SESSION")
+    out = [f"Put the session right first: {f.get('words')}." for f in rows(answer, "session_faults") if _likely(f)]
+    for suspect in rows(answer, "suspects"):
+        like = next((str(r.get("words")) for r in rows(suspect, "reads_like") if r.get("words")), "")
+        look = f"it reads like this: {like}. Amend it" if like else "nothing known explains it. Read its notes"
+        out.append(f"Look at load case {suspect.get('case') or '?'}: {look}, or leave it out, and search again.")
+    names = words(answer.get("candidates")) or words(answer.get("effects"))
+    told = dict.fromkeys(found for n in names if (found := remedy(n)) is not None)
+    if verdict in ("found", "one_of"):
+        said = f" (the readings say {_values(answer)})" if verdict == "found" else ""
+        out += [f"{what[0].upper()}{what[1:]}{said}." for what in told]
+    if verdict == "found":
+        out.append(f"Put it into the model: fingertwin add {' '.join(names)} {session}.")
+    for row in rows(answer, "where_after" if "where_after" in answer else "where", "bent"):
+        widths, what = abs(value(row.get("widths")) or 0.0), rig_remedy(str(row.get("name")))
+        if widths >= _FAR and what not in told:
+            told[what] = None
+            far = f"the refit takes {row.get('name')} to be {fixed(widths, 0)} stated standard deviations off"
+            out.append(f"{what[0].upper()}{what[1:]}: {far}.")
+    cases = rows(answer, "next_cases")
+    if cases and verdict != "nothing_missing":
+        why = "to confirm it" if verdict == "found" else "to tell the explanations apart"
+        if said := str(cases[0].get("text") or "").rstrip("."):
+            out.append(f"Measure this load case next, {why}: {said}.")
+    return out or ["Nothing: no measurement and no change of the model is asked for."]
+
+
+def _likely(row: Answer) -> bool:
+    return (value(row.get("probability")) or 0.0) >= 0.5
+
+
+def _values(answer: Answer) -> str:
+    told = []
+    for row in named_rows(answer):
+        for parameter in rows(row, "parameters")[:3]:
+            found, sd = with_sd(parameter.get("value"), parameter.get("sd"))
+            unit = str(parameter.get("unit") or "1")
+            told.append(f"{parameter.get('name')} = {found} ± {sd}{'' if unit == '1' else f' {unit}'}")
+    return ", ".join(told)
+
+
+def to_do_section(answer: Answer) -> Section:
+    """Return what is to be done as a part of the first page."""
+    return Section("What to do", [Steps(to_do(answer))])
+
+
+def finger_section(answer: Answer, finger: Picture | None) -> list[Section]:
+    """Return the finger with the effect as a part of the first page, where there is one."""
+    added = " and ".join(effect_name(n) for n in words(part(answer, "where_after").get("added")))
+    return [] if finger is None else [Section(f"The finger with {added}", [finger])]
+
+
+def closing_sections(origin: Mapping[str, object]) -> list[Section]:
+    """Return what a report rests on, as far as it is known, and what its words mean."""
+    lines = [[key.replace("_", " "), str(text)] for key, text in origin.items() if text is not None]
+    rests = [Section("What this rests on", [Table(["", ""], lines)], folded=True)] if lines else []
+    return [*rests, Section("Glossary", [Table(["word", "what it means here"], GLOSSARY)], folded=True)]
+
+
+def folded(sections: Iterable[Section]) -> list[Section]:
+    """Return sections that a click opens."""
+    return [Section(s.heading, s.parts, folded=True) for s in sections]
