@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 
+from fingermodel.parameters import with_unit
 from server.figures.diagnosis_answer import Answer, part, rows, value, vector, words
 from server.figures.report import Picture, Section, Table
 from server.figures.style import (
@@ -19,6 +21,7 @@ from server.figures.style import (
     figure,
     fixed,
     legend,
+    load_text,
     number,
     plain,
     rgba,
@@ -26,7 +29,9 @@ from server.figures.style import (
 
 _MOST, _ACROSS, _PANEL, _GAP, _HEAD = 6, 3, 170, 48, 30  # panels, in a row; [px] height, beside, above
 _TOP, _BOTTOM, _LEFT, _RIGHT = 106, 72, 66, 20  # [px]
-_COLOR, _PALE = "#00629b", "#8a8f98"
+_COLOR, _PALE, _LAW = "#00629b", "#8a8f98", "#b84f00"
+# So that law and curve are seen at every tendon and joint of a finger.
+_MOST_WITH_LAW = 18
 _WHAT = {"arms": "error of a moment arm [mm]", "tension": "error of a tension [1]", "force": "error of a force [N]"}
 
 
@@ -76,8 +81,42 @@ def own_curve_figure(answer: Answer) -> go.Figure:
     )
 
 
+def law_figure(answer: Answer) -> go.Figure:
+    """Draw the best law over the shared curve with its band, for every tendon and joint.
+
+    Args:
+        answer: of a diagnosis of several sessions.
+
+    Raises:
+        NothingToDrawError: nothing could be shared, or no law helps a session that it is not learned from.
+    """
+    curve, laws = leading(answer), rows(answer, "shared", "laws")
+    found = rows(curve, "parts")
+    drawn = laws[0].get("curve") if laws else None
+    if not isinstance(drawn, list) or len(drawn) != len(found):
+        raise NothingToDrawError("No law helps a session that it is not learned from.")
+    with_law: list[Answer] = [{**p, "own": {}, "law": law} for p, law in zip(found, drawn, strict=True)]
+    if len(with_law) > _MOST_WITH_LAW:
+        with_law = _evident(with_law)[:_MOST_WITH_LAW]
+    law = laws[0]
+    size = with_unit(f"{number(value(law.get('value')), 3)} ± {number(value(law.get('sd')), 2)}", str(law.get("unit")))
+    return _curve(
+        {**curve, "parts": with_law},
+        "shared by all",
+        f"Law against curve: {plain(law.get('formula'))}",
+        f"k = {plain(size)}. The law as these readings would show it, smoothed as the curve is; band: two standard "
+        "deviations of the curve.",
+    )
+
+
+def _evident(found: Sequence[Answer]) -> list[Answer]:
+    return sorted(found, key=lambda p: -(value(p.get("log_evidence_lost")) or 0.0))
+
+
 def _curve(curve: Answer, name: str, title: str, subtitle: str) -> go.Figure:
-    parts = sorted(rows(curve, "parts"), key=lambda p: -(value(p.get("log_evidence_lost")) or 0.0))[:_MOST]
+    parts = rows(curve, "parts")
+    if not any("law" in p for p in parts):
+        parts = _evident(parts)[:_MOST]
     postures = [{r: a for r, a in p.items() if r != "abduction"} for p in rows(curve, "postures_deg")]
     names = ["/".join(fixed(value(a) or 0.0, 0) for a in p.values()) for p in postures]
     order = sorted(range(len(postures)), key=lambda i: [value(a) or 0.0 for a in postures[i].values()])
@@ -167,6 +206,21 @@ def _curve(curve: Answer, name: str, title: str, subtitle: str) -> go.Figure:
                 **place,
             )
         )
+        if law := vector(found.get("law")):
+            data.append(
+                go.Scatter(
+                    x=x,
+                    y=[law[i] for i in order],
+                    mode="lines+markers",
+                    line={"color": _LAW, "width": 2.5, "dash": "6px,4px"},
+                    marker={"size": 7, "color": _LAW, "symbol": "diamond-open"},
+                    name="the law",
+                    showlegend=k == 0,
+                    legendgroup="law",
+                    hovertemplate="law: %{y:.2f}<extra></extra>",
+                    **place,
+                )
+            )
     layout["showlegend"], layout["legend"] = True, legend(6, plot)
     return figure(
         data,
@@ -222,42 +276,58 @@ def chance_figure(answer: Answer) -> go.Figure:
     )
 
 
-def laws_table(answer: Answer) -> list[Table]:
-    """Tabulate the laws that the curve resembles: value, agreement, and the session that each was not learned from."""
-    sessions = words(answer.get("sessions"))
-    lines = []
+def laws_tables(answer: Answer) -> list[Table]:
+    """Tabulate the laws that the curve resembles, and what each adds to the session that it was not learned from."""
+    laws, left_out = [], []
     for law in rows(answer, "shared", "laws"):
-        gains, unseen = part(law, "left_out_gain"), part(law, "unseen_rmse_N")
-        errors = []
-        for session in sessions:
-            found = part(unseen, session)
-            said = [f"{place} {_fall(part(found, place))}" for place in found]
-            errors.append(f"{fixed(value(gains.get(session)) or 0.0, 1)} nat; " + ", ".join(said))
-        lines.append(
-            [
-                str(law.get("formula")),
-                f"{number(value(law.get('value')), 3)} ± {number(value(law.get('sd')), 2)} {law.get('unit')}",
-                number(value(law.get("agreement")), 2),
-                *errors,
-                ", ".join(words(law.get("rivals"))[:4]),
-            ]
-        )
-    header = ["law", "value of all", "agreement", *(f"left out: {s}" for s in sessions), "not to be parted from"]
-    caption = (
-        "Each law is learned from the other sessions: ln density that it adds to the one left out, and RMSE [N] of its "
-        "validation forces, before → after. Agreement: mean squared distance of the sessions' own values from the "
-        "common one, 1 is chance."
-    )
-    return [Table(header, lines, caption)] if lines else []
+        size = f"{number(value(law.get('value')), 3)} ± {number(value(law.get('sd')), 2)}"
+        named, rivals = str(law.get("formula")), "; ".join(words(law.get("rivals"))[:4])
+        laws.append([named, with_unit(size, str(law.get("unit"))), number(value(law.get("agreement")), 2), rivals])
+        gains = part(law, "left_out_gain")
+        for session in words(answer.get("sessions")):
+            errors = part(law, "unseen_rmse_N", session)
+            falls = [_fall(part(errors, place)) for place in ("tip", "bone")]
+            left_out.append([named, session, fixed(value(gains.get(session)) or 0.0, 1), *falls])
+            named = ""
+    if not laws:
+        return []
+    return [
+        Table(
+            ["law", "value of all", "agreement", "not to be parted from"],
+            laws,
+            "One coefficient k for all sessions. Agreement: mean squared distance of the sessions' own values from the "
+            "common one, 1 is chance.",
+        ),
+        Table(
+            ["law", "left out", "gain [nat]", "tip [N]", "bone [N]"],
+            left_out,
+            "Each law learned from the other sessions: ln density that it adds to the one left out, and RMSE of its "
+            "validation forces, before → after.",
+        ),
+    ]
 
 
-def _deciding(shared: Answer) -> list[str]:
-    """What could be read to part the laws."""
+def _deciding(shared: Answer) -> list[str | Table]:
+    """What could be read to part the laws, as a table of what to hang."""
     found = part(shared, "would_decide")
-    lines = [str(r.get("text")) for r in rows(found, "readings")]
+    lines = [
+        [
+            str(r.get("posture") or "–").replace("_", " "),
+            str(r.get("location") or "–"),
+            load_text({str(k): m for k, v in part(r, "masses_g").items() if (m := value(v)) is not None}),
+            str(r.get("reading") or "–"),
+            number(value(r.get("information_nat")), 2),
+        ]
+        for r in rows(found, "readings")
+    ]
     if not lines:
         return ["No load case that this rig has shown parts these laws."]
-    return [f"On a specimen like {found.get('on')}, by expected information:", *lines]
+    caption = (
+        f"On a specimen like {found.get('on')}, best first. Information: what a reading should tell of the law; "
+        "0.69 nat (ln 2) decide between two that are equally probable."
+    )
+    between = [f"Held against each other: {'; '.join(names)}."] if (names := words(found.get("between"))) else []
+    return [*between, Table(["posture", "at", "hang", "read", "information [nat]"], lines, caption)]
 
 
 def _fall(errors: Answer) -> str:
@@ -290,7 +360,11 @@ def shared_sections(answer: Answer, figures: dict[str, go.Figure]) -> list[Secti
             ],
         ),
         Section(
-            "Which law it resembles", [*laws_table(answer)] or ["None helps a session that it is not learned from."]
+            "Which law it resembles",
+            [
+                *(laws_tables(answer) or ("None helps a session that it is not learned from.",)),
+                picture("shared_law", law_figure, "Where the two part, the law is not all of the curve."),
+            ],
         ),
         Section("What would decide", _deciding(shared)),
         Section("Each by itself", [f"{name}: {part(each, name).get('sentence')}" for name in each]),

@@ -44,7 +44,7 @@ DIAGNOSIS = (
     "own_curve",
 )
 REVISIONS = ("waterfall",)
-SHARED = ("shared_curve", "shared_chance")
+SHARED = ("shared_curve", "shared_chance", "shared_law")
 _MOST = 512
 _NONE = "No figure: "
 
@@ -251,17 +251,18 @@ class Figures:
             require_closed(self.parts.measuring.of(session))
 
         def draw() -> dict[str, Any]:
-            from server.figures.shared_law import chance_figure, curve_figure
+            from server.figures.shared_law import chance_figure, curve_figure, law_figure
             from server.figures.style import NothingToDrawError
 
             about = {"job": job}
             try:
-                figure = (curve_figure if name == "shared_curve" else chance_figure)(answer)
+                figure = (curve_figure, chance_figure, law_figure)[SHARED.index(name)](answer)
             except NothingToDrawError as nothing:
                 return shown(name, None, _nothing(nothing), about)
             captions = (
                 "Beside each session's anatomy, budget, noise and scatter.",
                 "Chance gains as much in any order.",
+                "Where the two part, the law is not all of the curve.",
             )
             return shown(name, figure, captions[SHARED.index(name)], about)
 

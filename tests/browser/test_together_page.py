@@ -35,11 +35,14 @@ def test_three_specimens_are_diagnosed_together(seen: Watched, tmp_path: Path) -
         seen.page.get_by_role("checkbox", name=f"Take {name}").check()
     start.click()
     seen.page.get_by_role("heading", name="What they miss alike, beyond the catalogue").wait_for(timeout=240_000)
-    seen.page.locator(".js-plotly-plot").nth(1).wait_for()
+    seen.page.locator(".js-plotly-plot").nth(2).wait_for()
     text = seen.text()
     assert "Beyond the catalogue they share" in text
     assert "torque[PIP] += k * t_FDS * q_MCP" in text
-    assert "left out: synek2019_H03" in text
+    assert "Held against each other: torque[PIP] += k * t_FDS * q_MCP" in text
+    for heading, columns in (("What would decide", "information [nat]"), ("Which law it resembles", "left out")):
+        told = seen.page.locator("section", has=seen.page.get_by_role("heading", name=heading))
+        assert columns in told.inner_text()
     seen.page.screenshot(path=tmp_path / "together.png", full_page=True)
     seen.page.get_by_role("link", name=SPECIMENS[1]).click()
     seen.page.get_by_role("heading", name=f"{SPECIMENS[1]}: find the missing effect").wait_for()

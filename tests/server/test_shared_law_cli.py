@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
 from fingermodel.effects.user import load_effect
+from server.figures.shared_law import law_figure
 from tests.server.test_cli import run
 
 SPECIMENS = ("synek2019_B01", "synek2019_H01", "synek2019_H02", "synek2019_H03")
@@ -44,10 +46,24 @@ def test_its_law_lowers_the_tip_error_of_specimens_that_it_was_not_learned_from(
     assert law["agreement"] < 2.0
 
 
+def test_its_law_is_drawn_as_these_readings_would_show_it(told: tuple[Path, dict[str, Any]]) -> None:
+    curve, law = told[1]["shared"]["curves"][0], told[1]["shared"]["laws"][0]
+    shown = {(p["muscle"], p["joint"]): np.array(y) for p, y in zip(curve["parts"], law["curve"], strict=True)}
+    sizes = {part: float(np.linalg.norm(y)) for part, y in shown.items()}
+    assert max(sizes, key=lambda part: sizes[part]) == ("FDS", "PIP")
+    said = law["value"] * np.sin(np.deg2rad([p["MCP"] for p in curve["postures_deg"]]))
+    assert np.corrcoef(shown["FDS", "PIP"], said)[0, 1] > 0.9
+    assert sizes["FDS", "PIP"] < np.linalg.norm(said), "smoothing takes some of it"
+    figure = law_figure(told[1])
+    assert law["formula"] in figure.layout.title.text
+    assert sum(t.name == "the law" for t in figure.data) == len(curve["parts"])
+
+
 def test_it_says_what_would_decide(told: tuple[Path, dict[str, Any]]) -> None:
     found = told[1]["shared"]["would_decide"]
     assert found["on"] in SPECIMENS
     assert found["readings"]
+    assert found["between"][0] == told[1]["shared"]["laws"][0]["formula"]
     gains = [r["information_nat"] for r in found["readings"]]
     assert gains == sorted(gains, reverse=True)
     assert all("FDS" in r["masses_g"] for r in found["readings"][:2])

@@ -99,8 +99,8 @@ def diagnose_pooled(
     shared = shared_finding(names, [_known(d) for d in diagnoses], permutations, lambda done: tell(0.7 + 0.3 * done))
     if shared is not None and shared.laws:
         k = int(np.argmax(shared.curve.left_out_gain))
-        told = deciding(diagnoses[k], _known(diagnoses[k]), shared.laws)
-        shared = replace(shared, deciding=told, decided_on=names[k])
+        told, between = deciding(diagnoses[k], _known(diagnoses[k]), shared.laws)
+        shared = replace(shared, deciding=told, decided_between=between, decided_on=names[k])
     seconds = time.perf_counter() - began
     return Pooled(names, tuple(diagnoses), ranking, p_apart, p_nothing, p_other, verdict, shared, seconds)
 

@@ -26,7 +26,7 @@ from fingermodel.stages import LoadCaseInput
 Floats = NDArray[np.float64]
 
 # What is read: forces alone; Mz as well; forces where radiographs give the joint angles.
-READINGS = ("forces", "forces and Mz at the tip", "forces, joint angles by radiograph")
+READINGS = ("forces", "forces and Mz at the tip", "forces, and joint angles by radiograph")
 _MZ = 5
 _LAWS, _SHOWN = 6, 5
 # Readings drawn by each law: the order of the best is to be right.
@@ -58,13 +58,18 @@ class Deciding:
         }
 
 
-def deciding(diagnosis: Diagnosis, fit: Optimum, laws: Sequence[SharedLaw]) -> tuple[Deciding, ...]:
+def deciding(
+    diagnosis: Diagnosis, fit: Optimum, laws: Sequence[SharedLaw]
+) -> tuple[tuple[Deciding, ...], tuple[str, ...]]:
     """Rank what could be read on a specimen like this one by what it would tell of the laws.
 
     Args:
         diagnosis: of the session.
         fit: what is known to act in it.
         laws: that are live, with their rivals; formulas alone are held against each other.
+
+    Returns:
+        The readings, best first, and the formulas that they would part.
     """
     texts = [law.name for law in laws if law.formula is not None]
     texts += [rival for law in laws for rival in law.rivals]
@@ -74,7 +79,7 @@ def deciding(diagnosis: Diagnosis, fit: Optimum, laws: Sequence[SharedLaw]) -> t
     slopes = {text: change for (_, _, text, _), _, change in _planned(fit, cases, inputs) if text in texts}
     leading = [law for law in laws if law.name in slopes][:_LAWS]
     if not leading:
-        return ()
+        return (), ()
     first = leading[0]
     names = list(dict.fromkeys([first.name, *(r for r in first.rivals if r in slopes), *(w.name for w in leading)]))[
         :_LAWS
@@ -82,7 +87,7 @@ def deciding(diagnosis: Diagnosis, fit: Optimum, laws: Sequence[SharedLaw]) -> t
     prior = np.array([np.exp(live[n].left_out_gain.sum() if n in live else first.left_out_gain.sum()) for n in names])
     prior /= prior.sum()
     changes = [_change(slopes[n], live.get(n), slopes[first.name], first) for n in names]
-    return _ranked(diagnosis, fit, cases, inputs, changes, prior)
+    return _ranked(diagnosis, fit, cases, inputs, changes, prior), tuple(names)
 
 
 def _planned(fit: Optimum, cases: Sequence[PlannedReading], inputs: LoadCaseInput) -> Any:

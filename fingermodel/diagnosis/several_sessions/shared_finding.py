@@ -28,8 +28,10 @@ class SharedFinding:
         curves: of each stage, the most evident first.
         observed: what sharing gains at most over not sharing, in ln evidence.
         shuffled: (shuffles,) the same with tendons and signs of the sessions shuffled.
-        laws: that the leading curve resembles, best first.
+        laws: that the leading curve resembles, best first, and
+        law_curves: (laws, parts, postures) each as the leading curve would show it.
         deciding: readings that would part them, best first, on a specimen like `decided_on`.
+        decided_between: formulas of those laws.
         decided_on: session that it helps most when left out.
     """
 
@@ -38,7 +40,9 @@ class SharedFinding:
     observed: float
     shuffled: Floats
     laws: tuple[SharedLaw, ...]
+    law_curves: Floats
     deciding: tuple[Deciding, ...] = ()
+    decided_between: tuple[str, ...] = ()
     decided_on: str = ""
 
     @property
@@ -97,8 +101,15 @@ class SharedFinding:
             "lacking": list(self.lacking),
             "carried_by": curve.carriers(),
             "curves": [self._curve(c) for c in self.curves],
-            "laws": [self._law(law) for law in self.laws],
-            "would_decide": {"on": self.decided_on, "readings": [d.as_dict() for d in self.deciding]},
+            "laws": [
+                self._law(law) | {"curve": curve.tolist()}
+                for law, curve in zip(self.laws, self.law_curves, strict=True)
+            ],
+            "would_decide": {
+                "on": self.decided_on,
+                "between": list(self.decided_between),
+                "readings": [d.as_dict() for d in self.deciding],
+            },
         }
 
     def _curve(self, curve: SharedCurve) -> dict[str, Any]:
@@ -169,9 +180,11 @@ def shared_finding(
     told = tell or (lambda _: None)
     curves = Curves(fits)
     searches = [StageSearch(fits, curves, stage) for stage in STAGES]
-    found = sorted([s.run() for s in searches], key=lambda c: -c.log_evidence)
+    pairs = sorted([(s.run(), s) for s in searches], key=lambda pair: -pair[0].log_evidence)
+    found, (leading, search) = [curve for curve, _ in pairs], pairs[0]
     told(0.2)
     observed, shuffled = permuted(searches, permutations, lambda done: told(0.2 + 0.6 * done))
-    laws = shared_laws(fits, found[0].nodes)
+    laws = shared_laws(fits, leading.nodes)
+    as_curves = np.array([search.shown_by(leading, law.changes) for law in laws]).reshape(-1, *leading.mean.shape)
     told(1.0)
-    return SharedFinding(tuple(sessions), tuple(found), observed, shuffled, laws)
+    return SharedFinding(tuple(sessions), tuple(found), observed, shuffled, laws, as_curves)

@@ -141,6 +141,25 @@ class StageSearch:
         found = described(self.curves, self.columns[0], said, size, over_own)
         return SharedCurve(**vars(found), left_out_gain=left_out, own=own, nodes=self.paths[size])
 
+    def shown_by(self, found: SharedCurve, changes: Sequence[Floats]) -> Floats:
+        """What the curve would be if the sessions' readings were changed by a law and by nothing else.
+
+        A law and the curve are alike only as far as the readings see both; so the law is smoothed as the curve is.
+
+        Args:
+            found: the curve, with its size and the sessions' nodes.
+            changes: (cases, 6) of each session's readings by the law.
+
+        Returns:
+            (parts, postures), in the stage's unit.
+        """
+        said = []
+        for fit, curve, node, change in zip(self.fits, self.columns, found.nodes, changes, strict=True):
+            law = change.reshape(-1)[fit.session.rows[fit.session.fitted]]
+            both, _ = fit.information(np.column_stack([curve.columns, law]), node)
+            said.append(Said(0.0, both[:-1, :-1], both[:-1, -1]))
+        return values_of(self.curves, said, found.size)[0]
+
     def best_value(self, turned: Sequence[tuple[Ints, Floats]]) -> float:
         """What sharing gains at most over not sharing, after each session's weights have been turned."""
         options = [list(dict.fromkeys(path[k] for path in self.paths.values())) for k in range(len(self.fits))]

@@ -42,6 +42,7 @@ class SharedLaw:
         unseen: by session: RMSE [N] of the validation forces by mount, before and with the value of the others.
         rivals: other laws that these load cases cannot part from it.
         formula: with which it can be added; None for an effect, which has its name.
+        changes: (cases, 6) of each session's readings by its value.
     """
 
     name: str
@@ -55,6 +56,7 @@ class SharedLaw:
     unseen: tuple[dict[str, tuple[float, float]], ...]
     rivals: tuple[str, ...]
     formula: Hint | None
+    changes: tuple[Floats, ...]
 
     @property
     def agreement(self) -> float:
@@ -187,4 +189,5 @@ def _law(
         unseen,
         rivals,
         formula,
+        tuple(float(value) / offer.scale * change for change in offer.changes),
     )

@@ -39,7 +39,7 @@ export async function view(main, { asked }) {
         await load();
         await show();
       };
-      const again = el("button", { class: study.rows.length ? "" : "primary", onclick: compute }, study.rows.length ? "Compute again" : "Compute it");
+      const again = el("button", { class: study.rows.length ? "" : "main", onclick: compute }, study.rows.length ? "Compute again" : "Compute it");
       fill(one, panel(study.citation, quiet(`${study.about[0].toUpperCase()}${study.about.slice(1)}.`), el("div", { class: "row" }, again), place,
         study.rows.length ? null : empty(el("p", {}, "It was not computed on this service yet. That takes from a second to a minute."))), parts(study));
       for (const place of one.querySelectorAll("[data-figure]")) figure(place, `study/${study.name}/${place.dataset.figure}`, {}, { signal: away.signal });

@@ -1,7 +1,7 @@
 // Several sessions together: what they share, also a law that is in no catalogue.
 import { get, post } from "../api.js";
 import { el, empty, fill, panel, problem, quiet, table } from "../dom.js";
-import { number, percent, withUnit } from "../format.js";
+import { masses, number, percent, withUnit, words } from "../format.js";
 import { figure } from "../plot.js";
 import { awaited } from "./work.js";
 
@@ -13,7 +13,7 @@ export async function view(main) {
   const place = el("div", { "aria-live": "polite" });
   const answer = el("div");
   const chosen = new Set();
-  const start = el("button", { class: "primary", disabled: true, onclick: () => diagnose() }, "Diagnose together");
+  const start = el("button", { class: "main", disabled: true, onclick: () => diagnose() }, "Diagnose together");
   fill(main, el("h1", {}, "Several sessions together"),
     quiet("Sessions of specimens that were loaded in the same way: which effect all have, and what they miss alike that no effect describes."),
     panel("Sessions", list, el("div", { class: "row" }, start), place), answer);
@@ -41,9 +41,7 @@ export async function view(main) {
     const body = job.result;
     fill(answer, ...told(body));
     if (body.shared) {
-      for (const name of ["shared_curve", "shared_chance"]) {
-        figure(answer.querySelector(`[data-figure=${name}]`), `shared/${name}`, { job: job.id }, { signal: away.signal });
-      }
+      for (const drawn of answer.querySelectorAll("[data-figure]")) figure(drawn, `shared/${drawn.dataset.figure}`, { job: job.id }, { signal: away.signal });
     }
   }
 
@@ -62,9 +60,8 @@ function told(body) {
     shared ? panel("What they miss alike, beyond the catalogue", el("p", { class: "verdict" }, shared.sentence),
       shared.lacking.length ? el("p", {}, `It does not help ${shared.lacking.join(", ")}.`) : null,
       el("div", { "data-figure": "shared_curve" }), el("div", { "data-figure": "shared_chance" })) : null,
-    shared && shared.laws.length ? panel("Which law it resembles", laws(body.sessions, shared.laws)) : null,
-    shared && shared.would_decide.readings.length ? panel("What would decide", el("p", {}, `On a specimen like ${shared.would_decide.on}, by expected information:`),
-      el("ul", {}, shared.would_decide.readings.map((r) => el("li", {}, r.text)))) : null,
+    shared && shared.laws.length ? panel("Which law it resembles", laws(body.sessions, shared.laws), el("div", { "data-figure": "shared_law" })) : null,
+    shared && shared.laws.length ? panel("What would decide", ...deciding(shared.would_decide)) : null,
     panel("Each by itself", table([
       { title: "session", cell: ([name]) => el("a", { href: of(name) }, name) }, { title: "", wrap: true, cell: ([, one]) => one.sentence },
     ], Object.entries(body.each))),
@@ -73,13 +70,24 @@ function told(body) {
 
 function laws(sessions, found) {
   const fall = (e) => (e ? `${number(e.before, 3)} → ${number(e.after, 3)}` : "–");
-  const left = (name) => ({ title: `left out: ${name}`, wrap: true, cell: (law) => {
-    const errors = law.unseen_rmse_N[name] || {};
-    return `${number(law.left_out_gain[name], 1)} nat${Object.entries(errors).map(([at, e]) => `; ${at} ${fall(e)}`).join("")}`;
-  } });
-  return table([
-    { title: "law", wrap: true, cell: (law) => law.formula + (law.rivals.length ? ` (${law.rivals.length} more alike)` : "") },
+  const left = found.flatMap((law) => sessions.map((name) => ({ law, name, errors: law.unseen_rmse_N[name] || {} })));
+  return [table([
+    { title: "law", wrap: true, cell: (law) => law.formula },
     { title: "value of all", cell: (law) => withUnit(`${number(law.value, 3)} ± ${number(law.sd, 2)}`, law.unit) },
-    ...sessions.map(left),
-  ], found, { caption: "Each learned from the other sessions: ln density that it adds to the one left out, and RMSE [N] of its validation forces. Alike: laws that these load cases cannot part from it" });
+    { title: "agreement", n: true, cell: (law) => number(law.agreement, 2) },
+    { title: "not to be parted from", wrap: true, cell: (law) => law.rivals.slice(0, 4).join("; ") },
+  ], found, { caption: "One coefficient k for all sessions. Agreement: mean squared distance of the sessions' own values from the common one, 1 is chance" }),
+  table([
+    { title: "law", wrap: true, cell: (r) => r.law.formula }, { title: "left out", cell: (r) => r.name },
+    { title: "gain [nat]", n: true, cell: (r) => number(r.law.left_out_gain[r.name], 1) },
+    { title: "tip [N]", n: true, cell: (r) => fall(r.errors.tip) }, { title: "bone [N]", n: true, cell: (r) => fall(r.errors.bone) },
+  ], left, { caption: "Each law learned from the other sessions: ln density that it adds to the one left out, and RMSE of its validation forces, before → after" })];
+}
+
+function deciding(found) {
+  if (!found.readings.length) return [quiet("No load case that this rig has shown parts these laws.")];
+  return [found.between?.length ? el("p", {}, `Held against each other: ${found.between.join("; ")}.`) : null, table([
+    { title: "posture", cell: (r) => words(r.posture) }, { title: "at", cell: (r) => r.location }, { title: "hang", cell: (r) => masses(r.masses_g) },
+    { title: "read", wrap: true, cell: (r) => r.reading }, { title: "information [nat]", n: true, cell: (r) => number(r.information_nat, 2) },
+  ], found.readings, { caption: `On a specimen like ${found.on}, best first. Information: what a reading is expected to tell of the law; 0.69 nat (ln 2) decide between two that are equally probable` })];
 }

@@ -138,6 +138,7 @@ _TITLES = {
     "own_curve": "What no effect explains, as a smooth error by tendon and joint",
     "shared_curve": "What several sessions share beyond the catalogue, by tendon and joint",
     "shared_chance": "Whether chance would do as well",
+    "shared_law": "The best law against the shared curve, by tendon and joint",
     "waterfall": "The fall of the error, step by step",
 }
 
