@@ -115,6 +115,9 @@ class Shown:
         steps[f"with {revision} [N]"] = "revision"
         self.errors("The step", steps, "fall, the step")
         for row in self.rows("All steps"):
+            # The refit alone, which is no revision, is of another fit than those of the search.
+            if not row["first"]:
+                continue
             model = "revision" if row["first"] == revision else "own"
             for title, text in row.items():
                 role, _, place = title.removesuffix(" [N]").partition(", ")

@@ -167,7 +167,7 @@ def test_what_an_earlier_model_predicted_is_drawn_beside(service: ServiceReceive
     for case_id, head in before.items():
         tip = np.array([head["x"][0] - starts[case_id][0], head["y"][0] - starts[case_id][1]])
         assert tip == pytest.approx(scale * np.array(there[case_id]), abs=1e-6)
-        assert "predicted before, by an1979_middle" in head["text"]
+        assert "predicted before: an1979_middle" in head["text"]
 
 
 def test_cells_and_bars_of_a_diagnosis_lead_to_cases_of_the_session(service: ServiceReceiver) -> None:
@@ -247,8 +247,10 @@ def test_a_diagnosis_is_drawn_as_by_the_command_line(service: ServiceReceiver) -
     answer = missing_effect()
     kept_job(service, "p1", kind="pooled", session=None, result={"each": {RECORDED: answer}})
     expected = diagnosis_figures(answer)
-    assert set(expected) == set(DIAGNOSIS)
-    for name in DIAGNOSIS:
+    # Where an effect explains the readings, no smooth curve is left.
+    assert set(expected) == set(DIAGNOSIS) - {"own_curve"}
+    assert shown(service, "/diagnosis/own_curve", job="d1")["figure"] is None
+    for name in expected:
         body = shown(service, f"/diagnosis/{name}", job="d1")
         assert body["figure"] == drawn(expected[name])
         assert body["caption"]
