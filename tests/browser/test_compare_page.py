@@ -95,7 +95,7 @@ def test_a_bar_leads_to_all_of_its_cases(seen: Watched) -> None:
     seen.open(f"sessions/{SESSION}/compare", TITLE)
     figure(seen, "errors")
     click_point(seen.page, 0, 0, aside=6)
-    seen.page.get_by_text(re.compile(r"the \d+ cases of that point")).wait_for()
+    seen.page.get_by_text(re.compile(r"the \d+ load cases of that point")).wait_for()
     rows = seen.page.locator("section", has=seen.page.get_by_role("heading", name="Load cases")).get_by_role("row")
     hung = rows.locator("td:nth-child(5)").all_inner_texts()
     assert len(hung) > 3
@@ -124,6 +124,22 @@ def test_filters_and_the_plane_hold_for_figure_and_table(seen: Watched) -> None:
     # Nothing is left by these: the figure says so instead of being empty.
     seen.page.get_by_label("Role").select_option("validation")
     seen.page.get_by_text("No figure: no identification case").wait_for()
+
+
+def test_a_table_is_sorted_by_a_click_on_a_heading_and_stays_so(seen: Watched) -> None:
+    seen.open(f"sessions/{SESSION}/compare", TITLE)
+    table = seen.page.locator("section", has=seen.page.get_by_role("heading", name="Load cases", exact=True))
+    table.get_by_role("button", name="c001", exact=True).wait_for()
+    for expected in ("ascending", "descending"):
+        table.get_by_role("button", name="z", exact=True).click()
+        assert table.get_by_role("columnheader", name="z", exact=True).get_attribute("aria-sort") == expected
+        z = [float(text) for text in table.locator("tbody td:nth-child(9)").all_inner_texts()]
+        assert z == sorted(z, reverse=expected == "descending")
+        assert len(z) == 96
+    # A case that is opened draws the table anew.
+    table.get_by_role("button", name="c008", exact=True).click()
+    seen.page.get_by_role("heading", name="c008: FDP 950 g, minor flexion, tip").wait_for()
+    assert [float(text) for text in table.locator("tbody td:nth-child(9)").all_inner_texts()] == z
 
 
 def test_a_window_is_moved_by_typing_and_by_dragging_and_back(seen: Watched) -> None:
@@ -323,5 +339,7 @@ def test_with_the_service_away_the_list_says_so_and_comes_back(browser: Any, tmp
     with served(folder, int(address.rsplit(":", 1)[1])):
         seen.page.goto(f"{address}/#/")
         seen.page.get_by_text("No session yet.").wait_for()
+        seen.page.get_by_role("button", name="Load an example").click()
+        seen.page.get_by_role("heading", name=TITLE).wait_for()
     assert seen.elsewhere == []
     seen.page.close()

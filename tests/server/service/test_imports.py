@@ -92,6 +92,15 @@ def test_a_folder_without_readings_and_one_under_another_name(service: ServiceRe
     assert send(service, folder_of(RECORDED), id="other").json()["cases"] == {"measured": 96}
 
 
+def test_a_shipped_example_is_taken_in_by_its_name_alone(service: ServiceReceiver) -> None:
+    first, again = (service.client().post(f"{AT}/examples/synek2019_H02") for _ in range(2))
+    assert (first.status_code, again.status_code) == (201, 200)
+    cases = service.client().get("/api/v1/sessions/synek2019_H02/comparison").json()["cases"]
+    assert len(cases) == len(compare_bench(open_bench("synek2019_H02")).cases)
+    refused = service.client().post(f"{AT}/examples/nothing")
+    assert (refused.status_code, "DEV-02" in refused.json()["detail"]) == (404, True)
+
+
 def test_readings_need_not_be_packed_nor_named_so(service: ServiceReceiver) -> None:
     files = folder_of(RECORDED)
     plain = files | {"readings.csv.gz": gzip.decompress(files["readings.csv.gz"])}
