@@ -173,7 +173,8 @@ def _table(table: Table) -> str:
         for row in table.rows
     )
     caption = f"<caption>{_text(table.caption)}</caption>" if table.caption else ""
-    return f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
+    inner = f"{caption}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody>"
+    return f'<div class="wide" tabindex="0"><table>{inner}</table></div>'
 
 
 def _is_number(text: str) -> bool:
@@ -186,7 +187,7 @@ def _picture(picture: Picture, index: int) -> str:
     caption = f"<figcaption>{_text(picture.caption)}</figcaption>" if picture.caption else ""
     named = _text(html.unescape(re.sub(r"<[^>]*>", " ", str(layout.title.text or "Figure"))))
     plot = f'<div class="plot" id="plot{index}" role="img" aria-label="{named}" style="{size}"></div>'
-    return f'<figure><div class="wide">{plot}</div>{caption}</figure>'
+    return f'<figure><div class="wide" tabindex="0">{plot}</div>{caption}</figure>'
 
 
 def _scripts(figures: Sequence[go.Figure]) -> list[str]:

@@ -116,7 +116,7 @@ class Shown:
         self.errors("The step", steps, "fall, the step")
         for row in self.rows("All steps"):
             # The refit alone, which is no revision, is of another fit than those of the search.
-            if not row["first"]:
+            if row["first"] == "refit alone":
                 continue
             model = "revision" if row["first"] == revision else "own"
             for title, text in row.items():

@@ -50,7 +50,7 @@ export async function view(main, { session, asked }) {
     figure(waterfall, "revisions/waterfall", { revision: rows[Math.max(i, 1)].id }, { signal: away.signal });
     const places = Object.keys(rows.at(-1).history.at(-1)?.rmse_N || {});
     fill(chain, table([
-      { title: "revision", cell: (r) => r.id }, { title: "change", cell: changeOf },
+      { title: "revision", cell: (r) => r.id || "refit alone" }, { title: "change", cell: changeOf },
       { title: "made", cell: (r) => (r.start ? "" : when(r.created_utc)) }, { title: "ln evidence", n: true, cell: (r) => number(r.evidence?.log_evidence_gain, 1) },
       ...places.map((p) => ({ title: `${words(p).replace("/", ", ")} [N]`, n: true, cell: (r) => number(r.history.at(-1)?.rmse_N?.[p]) })),
       { title: "", cell: (r) => (r.in_force ? "in force" : "") },
