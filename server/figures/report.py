@@ -167,7 +167,9 @@ def _table(table: Table) -> str:
     columns = len(table.header)
     figures = [all(_is_number(row[k]) for row in table.rows) and bool(table.rows) for k in range(columns)]
     kinds = [' class="n"' if f else "" for f in figures]
-    head = "".join(f'<th scope="col"{k}>{_text(h)}</th>' for h, k in zip(table.header, kinds, strict=True))
+    head = "".join(
+        f'<th scope="col"{k}>{_text(h)}</th>' if h else "<td></td>" for h, k in zip(table.header, kinds, strict=True)
+    )
     rows = "".join(
         "<tr>" + "".join(f"<td{k}>{_text(v)}</td>" for v, k in zip(row, kinds, strict=True)) + "</tr>"
         for row in table.rows
