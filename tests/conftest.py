@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 
 import pytest
 
@@ -16,6 +17,9 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 # Most services of tests do no jobs; compiling for them would take the machine from those that do.
 os.environ.setdefault("FINGERTWIN_WARM_WORKERS", "false")
+# Small programs are many: each is compiled once for all workers and subprocesses, too.
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "0")
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -25,3 +29,6 @@ def _compiled_once(tmp_path_factory: pytest.TempPathFactory) -> None:
         folder = tmp_path_factory.getbasetemp()
         shared = folder.parent if os.environ.get("PYTEST_XDIST_WORKER") else folder
         os.environ["JAX_COMPILATION_CACHE_DIR"] = str(shared / "compiled")
+        if "jax" in sys.modules:
+            # It has read its environment already, with the first test that was collected.
+            sys.modules["jax"].config.update("jax_compilation_cache_dir", str(shared / "compiled"))

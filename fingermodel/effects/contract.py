@@ -152,20 +152,20 @@ def _behaviour_faults(
     sampled = states_before(effect.stage, topology, layout)
     null = np.array([p.initial for p in declared])
     off = [np.array([_off_null(p, rng) for p in declared]) for _ in sampled]
-    jax.eval_shape(lambda p, case: _leaves(_acted(effect, p, case, sampled[0][1])), jnp.asarray(null), sampled[0][0])
+    program = _Program(effect, null, *sampled[0])
     for where, values in (("its null values", [null] * len(sampled)), ("values within its range", off)):
-        if not all(_finite(effect, p, case, s, rng) for p, (case, s) in zip(values, sampled, strict=True)):
+        if not all(program.is_finite(p, case, s, rng) for p, (case, s) in zip(values, sampled, strict=True)):
             yield f"effect {effect.name} has a value or slope that is not finite at {where}; expected finite ones"
     for case, state in sampled:
-        if not _same(_leaves(state), _leaves(_acted(effect, jnp.asarray(null), case, state))):
+        if not _same(_leaves(state), program.acted(null, case, state)):
             yield f"effect {effect.name} changes something at its null values; expected nothing, to the last bit"
             break
     for i, parameter in enumerate(declared):
         if parameter.sd > 0.0 and not any(
-            _moves(effect, i, parameter, p, case, s) for p, (case, s) in zip(off, sampled, strict=True)
+            program.moves(i, parameter, p, case, s) for p, (case, s) in zip(off, sampled, strict=True)
         ):
             yield f"parameter {parameter.name} changes nothing at any load case tried; expected it to act"
-    yield from flat_faults(effect, topology, layout)
+    yield from _flat(effect, declared, topology, layout, program)
 
 
 def flat_faults(effect: Effect, topology: Topology, layout: Layout) -> list[str]:
@@ -182,25 +182,31 @@ def flat_faults(effect: Effect, topology: Topology, layout: Layout) -> list[str]
     declared = effect.parameters(topology, layout)
     if not declared:
         return []
-    null = jnp.asarray([p.initial for p in declared])
-    rng, slopes = np.random.default_rng(3), np.zeros(len(declared))
-    for case, state in states_before(effect.stage, topology, layout):
-        # Along one direction of all numbers: what moves any of them moves it.
-        ways = [jnp.asarray(rng.normal(size=leaf.shape)) for leaf in _leaves(state)]
+    program = _Program(
+        effect, np.array([p.initial for p in declared]), *states_before(effect.stage, topology, layout)[0]
+    )
+    return _flat(effect, declared, topology, layout, program)
 
-        def along(p: Array, case: LoadCaseInput = case, state: State = state, ways: list[Array] = ways) -> Array:
-            leaves = _leaves(_acted(effect, p, case, state))
-            return sum((jnp.sum(w * x) for w, x in zip(ways, leaves, strict=True)), jnp.zeros(()))
 
-        slopes = np.maximum(slopes, np.abs(np.asarray(jax.grad(along)(null))))
+def _flat(
+    effect: Effect, declared: tuple[Parameter, ...], topology: Topology, layout: Layout, program: _Program
+) -> list[str]:
+    null, sampled = np.array([p.initial for p in declared]), states_before(effect.stage, topology, layout)
     index = {p.name: i for i, p in enumerate(declared)}
+
+    def acts(name: str) -> bool:
+        return any(program.has_slope(index[name], null, case, state) for case, state in sampled)
+
     return [
         f"effect {effect.name}: at the null values of {', '.join(chosen)} nothing changes to first order; expected one "
         "that acts there at once, such as k in k * (exp(a * q) - 1) with the null of a at 2 and not at 0"
         for alternatives in effect.variants(topology, layout).values()
         for chosen in alternatives
-        if not any(slopes[index[name]] > 0.0 for name in chosen)
+        if not any(acts(name) for name in chosen)
     ]
+
+
+_UNOPTIMISED: dict[str, str | bool] = {"xla_backend_optimization_level": "0"}
 
 
 def _off_null(parameter: Parameter, rng: np.random.Generator) -> float:
@@ -223,29 +229,62 @@ def _same(a: list[Array], b: list[Array]) -> bool:
     return len(a) == len(b) and all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 
-def _finite(effect: Effect, p: Floats, case: LoadCaseInput, state: State, rng: np.random.Generator) -> bool:
-    """Whether value and slope are finite, along a random direction of all parameters and of the state's numbers."""
-    leaves, tree = jax.tree_util.tree_flatten(state._replace(topology=None))  # type: ignore[arg-type]
-    moving = [i for i, leaf in enumerate(leaves) if isinstance(leaf, jax.Array)]
+class _Program:
+    """An effect compiled for the numbers of load cases, values and slopes; run a few times, so not optimised.
 
-    def act(p: Array, numbers: list[Array]) -> list[Array]:
-        filled: list[Any] = list(leaves)
-        for i, number in zip(moving, numbers, strict=True):
-            filled[i] = number
-        whole = jax.tree_util.tree_unflatten(tree, filled)._replace(topology=state.topology)
-        return _leaves(_acted(effect, p, case, whole))
+    Args:
+        effect: of the program.
+        p: (parameters,) any values.
+        case: any, and
+        state: before the effect; all others have numbers in the same places.
+    """
 
-    start = (jnp.asarray(p), [leaves[i] for i in moving])
-    way = jax.tree_util.tree_map(lambda x: jnp.asarray(rng.normal(size=x.shape)), start)
-    value, slope = jax.jvp(act, start, way)
-    return all(bool(np.isfinite(x).all()) for x in (*value, *slope))
+    def __init__(self, effect: Effect, p: Floats, case: LoadCaseInput, state: State) -> None:
+        leaves, self._tree = jax.tree_util.tree_flatten(state._replace(topology=None))  # type: ignore[arg-type]
+        self._moving = [i for i, leaf in enumerate(leaves) if isinstance(leaf, jax.Array)]
 
+        def act(case: LoadCaseInput, p: Array, numbers: list[Array]) -> list[Array]:
+            filled: list[Any] = list(leaves)
+            for i, number in zip(self._moving, numbers, strict=True):
+                filled[i] = number
+            whole = jax.tree_util.tree_unflatten(self._tree, filled)._replace(topology=state.topology)
+            return _leaves(_acted(effect, p, case, whole))
 
-def _moves(effect: Effect, index: int, parameter: Parameter, p: Floats, case: LoadCaseInput, state: State) -> bool:
-    low, high = parameter.plausible or (parameter.lower, parameter.upper)
-    ends = []
-    for end in (low, high):
-        moved = p.copy()
-        moved[index] = end
-        ends.append(_leaves(_acted(effect, jnp.asarray(moved), case, state)))
-    return not _same(*ends)
+        def slope(case: LoadCaseInput, start: tuple[Any, ...], way: tuple[Any, ...]) -> list[Array]:
+            value, change = jax.jvp(lambda *x: act(case, *x), start, way)
+            return [*value, *change]
+
+        start = (jnp.asarray(p), self._numbers(state))
+        self._value = jax.jit(act).lower(case, *start).compile(_UNOPTIMISED)
+        self._slope = jax.jit(slope).lower(case, start, start).compile(_UNOPTIMISED)
+
+    def _numbers(self, state: State) -> list[Array]:
+        leaves = jax.tree_util.tree_leaves(state._replace(topology=None))  # type: ignore[arg-type]
+        return [leaves[i] for i in self._moving]
+
+    def acted(self, p: Floats, case: LoadCaseInput, state: State) -> list[Array]:
+        """Every number of the state after the effect."""
+        out: list[Array] = self._value(case, jnp.asarray(p), self._numbers(state))
+        return out
+
+    def is_finite(self, p: Floats, case: LoadCaseInput, state: State, rng: np.random.Generator) -> bool:
+        """Whether value and slope are, along a random direction of all parameters and of the state's numbers."""
+        start = (jnp.asarray(p), self._numbers(state))
+        way = jax.tree_util.tree_map(lambda x: jnp.asarray(rng.normal(size=x.shape)), start)
+        return all(bool(np.isfinite(x).all()) for x in self._slope(case, start, way))
+
+    def has_slope(self, index: int, p: Floats, case: LoadCaseInput, state: State) -> bool:
+        """Whether one parameter changes anything to first order."""
+        numbers = self._numbers(state)
+        way = (jnp.zeros(len(p)).at[index].set(1.0), [jnp.zeros(n.shape) for n in numbers])
+        changed = self._slope(case, (jnp.asarray(p), numbers), way)
+        return any(np.any(x) for x in changed[len(changed) // 2 :])
+
+    def moves(self, index: int, parameter: Parameter, p: Floats, case: LoadCaseInput, state: State) -> bool:
+        """Whether one parameter changes anything between the ends of its range."""
+        ends = []
+        for end in parameter.plausible or (parameter.lower, parameter.upper):
+            moved = p.copy()
+            moved[index] = end
+            ends.append(self.acted(moved, case, state))
+        return not _same(*ends)
