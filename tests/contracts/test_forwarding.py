@@ -181,7 +181,8 @@ def test_a_journal_that_was_put_back_has_another_epoch_and_overwrites_nothing(be
 
 def test_a_chunk_that_is_damaged_on_the_disk_is_not_sent_and_holds_up_no_other(bench: Bench) -> None:
     stream = fill(bench, 3)
-    bench.journal._connection.execute("UPDATE chunks SET payload = zeroblob(99) WHERE first_seq = 40")
+    with bench.journal.transaction() as connection:
+        connection.execute("UPDATE chunks SET payload = zeroblob(99) WHERE first_seq = 40")
     bench.settle()
     assert bench.outbox("quarantined") == {(stream, 40)}
     assert [c.first_seq for c in bench.at_receiver(stream)] == [0, 80]

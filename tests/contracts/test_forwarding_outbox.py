@@ -25,7 +25,8 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 def test_an_event_that_is_damaged_on_the_disk_holds_up_none_that_comes_after_it_was_sent(bench: Bench) -> None:
     fill(bench, 2)
     bench.settle()
-    bench.journal._connection.execute("UPDATE events SET value = '{}' WHERE id = 1")
+    with bench.journal.transaction() as connection:
+        connection.execute("UPDATE events SET value = '{}' WHERE id = 1")
     bench.journal.event(Event("mark", 2.0, {"i": 2}))
     bench.settle()
     assert [e["value"] for e in bench.receiver.events(bench.session)] == [{"i": 0}, {"i": 1}, {"i": 2}]

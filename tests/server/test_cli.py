@@ -230,7 +230,7 @@ def test_a_session_that_is_not_there(command: str, session: str, said: str) -> N
 
 def test_a_folder_or_file_that_is_no_session(tmp_path: Path) -> None:
     refused("compare", tmp_path, saying="session.yaml")
-    refused("compare", data_dir() / "sessions" / RAW / "readings.csv.gz", saying="not UTF-8")
+    refused("compare", data_dir() / "sessions" / RAW / "readings.csv.gz", saying="no session's description")
     other = tmp_path / "notes.txt"
     other.write_text("just words", encoding="utf-8")
     refused("compare", other, saying="notes.txt")
