@@ -400,6 +400,6 @@ def test_a_recorded_session_and_one_that_is_not_there_have_a_page_too(browser: A
         assert violations(seen.page) == []
         seen.page.goto(f"{url}/#/sessions/nothing/bench")
         seen.page.get_by_role("button", name="Try again").wait_for()
-        assert "there is no session nothing" in seen.text()
+        assert "There is no session nothing" in seen.text()
         seen.page.close()
         assert [c for c in seen.complaints if "404" not in c and "WebSocket" not in c] == []

@@ -59,7 +59,7 @@ def test_a_click_on_any_point_opens_its_case(seen: Watched, name: str) -> None:
     seen.open(f"sessions/{SESSION}/compare", TITLE)
     figure(seen, name)
     found = seen.page.evaluate(
-        f"fetch('/api/v1/figures/comparison/{name}?session={SESSION}').then((r) => r.json()).then((b) => b.cases)"
+        f"fetch('/api/v1/figures/comparison/{name}?session={SESSION}&role=all').then((r) => r.json()).then((b) => b.cases)"
     )
     points = [
         (curve, at, case)
