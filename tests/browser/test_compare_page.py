@@ -58,9 +58,8 @@ def test_from_the_list_of_sessions_to_a_case_and_its_readings(seen: Watched) -> 
 def test_a_click_on_any_point_opens_its_case(seen: Watched, name: str) -> None:
     seen.open(f"sessions/{SESSION}/compare", TITLE)
     figure(seen, name)
-    found = seen.page.evaluate(
-        f"fetch('/api/v1/figures/comparison/{name}?session={SESSION}&role=all').then((r) => r.json()).then((b) => b.cases)"
-    )
+    address = f"/api/v1/figures/comparison/{name}?session={SESSION}&role=all"
+    found = seen.page.evaluate(f"fetch('{address}').then((r) => r.json()).then((b) => b.cases)")
     points = [
         (curve, at, case)
         for curve, cases in enumerate(found)
