@@ -32,7 +32,7 @@ SPECIMENS = ("synek2019_H01", "synek2019_H02", "synek2019_H03", "synek2019_B01")
 COMMANDS = ("check", "friction", "compare", "refit", "reproduce", "export", "simulate", "demo")
 CASE = {
     "id", "role", "posture", "location", "masses_g", "measured_N", "measured_sd_N", "predicted_N", "residual_N",
-    "measured_Nmm", "predicted_Nmm", "z",
+    "measured_Nmm", "predicted_Nmm", "z", "z_sagittal",
 }  # fmt: skip
 ERRORS = {
     "cases", "components", "rmse_N", "rmse_rel_pct", "magnitude_error_N", "magnitude_error_pct",

@@ -14,6 +14,7 @@ import pytest
 
 from daq.blocks import Chunk
 from daq.uplink.live_tail import WINDOW_S
+from server.service.checksums import sealed
 from server.service.live import clients, hub
 from server.service.live.clients import FRAMES_WAITING, TRY_AGAIN
 from server.service.live.connection import MOST_CLIENTS
@@ -52,7 +53,8 @@ def test_a_message_whose_predecessor_was_never_kept_is_told_all_the_same(
         await socket.until(socket.ids)
         # As on a database that gives the number of a transaction that is rolled back to no other.
         with messages.writing() as telling:
-            telling.connection.exec_driver_sql("INSERT INTO messages VALUES (7, 'S', 'event', '', '{}')")
+            row = (7, "S", "event", "", sealed("{}"))
+            telling.connection.exec_driver_sql("INSERT INTO messages VALUES (?, ?, ?, ?, ?)", row)
             telling.told.append(told(7))
         for k in (1, 2):
             served.hub.trace("S", posted(float(k)))
