@@ -660,7 +660,7 @@ def test_without_out_revisions_are_numbered(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.chdir(tmp_path)
     names = [run("refit", H01, "--json", "-").body("refit")["model"] for _ in range(2)]
     assert [Path(n).as_posix() for n in names] == [f"models/{H01}-r1.json", f"models/{H01}-r2.json"]
-    assert sorted(p.name for p in Path("models").iterdir()) == [f"{H01}-r1.json", f"{H01}-r2.json"]
+    assert sorted(p.name for p in Path("models").glob("*.json")) == [f"{H01}-r1.json", f"{H01}-r2.json"]
 
 
 def test_eq_5_as_published(tmp_path: Path) -> None:
