@@ -15,6 +15,8 @@ load_profile()
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     # As of what a shell starts in the background: processes of tests would be deaf to Ctrl-C.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+# How wide a terminal is that nobody has: workers of pytest-xdist are told a width, and everything printed would wrap.
+os.environ.pop("COLUMNS", None)
 # Most services of tests do no jobs; compiling for them would take the machine from those that do.
 os.environ.setdefault("FINGERTWIN_WARM_WORKERS", "false")
 # Small programs are many: each is compiled once for all workers and subprocesses, too.
