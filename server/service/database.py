@@ -97,7 +97,9 @@ def _engine(url: URL) -> Engine:
             ) from error
     # The driver must not begin transactions by itself: a write begins at once, or not at all.
     driver = {"check_same_thread": False, "isolation_level": None}
-    engine = create_engine(url, connect_args=driver, hide_parameters=True, **_POOL)
+    # A database in memory, which is refused later, has one connection for each thread and takes no size.
+    pool = {} if url.database in (None, "", ":memory:") else _POOL
+    engine = create_engine(url, connect_args=driver, hide_parameters=True, **pool)
 
     @event.listens_for(engine, "connect")
     def prepare(connection: Any, _: Any) -> None:
