@@ -102,10 +102,11 @@ def test_the_report_shows_curve_chance_and_laws(told: tuple[Path, dict[str, Any]
         "Beyond the catalogue",
         "What the sessions share",
         "Would chance do as well?",
-        "left out: synek2019_H01",
+        "gain [nat]",
+        "<td>synek2019_H01",
     ):
         assert words in text
-    assert {p.stem for p in page.parent.glob("*.png")} == {"shared_curve", "shared_chance"}
+    assert {p.stem for p in page.parent.glob("*.png")} == {"shared_curve", "shared_chance", "shared_law"}
 
 
 @pytest.mark.parametrize(
