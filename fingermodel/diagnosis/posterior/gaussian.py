@@ -194,6 +194,17 @@ def _log_orthant(mean: Floats, covariance: Floats, draws: int = 512) -> float:
     return float(top + np.log(np.mean(np.exp(log_weight - top))))
 
 
+def gain_of_each(information: Floats, score: Floats) -> Floats:
+    """Log evidence (…) that weights with N(0, 1) priors add, each by itself.
+
+    Args:
+        information: (…) of each weight.
+        score: (…) of each.
+    """
+    out: Floats = 0.5 * score**2 / (1.0 + information) - 0.5 * np.log1p(information)
+    return out
+
+
 def add_one(gram: Floats) -> None:
     """Add 1 to the diagonal of inner products (…, k, k) in place, so that what comes of it is positive definite.
 

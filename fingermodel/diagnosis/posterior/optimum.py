@@ -264,8 +264,7 @@ class Optimum(Linearised):
         moved = plain[:, None] - u * (new.T @ plain / np.sqrt(more))
         out = np.zeros(columns.shape[1])
         for rows, _ in self.noise_roots(node):
-            mine = across[:, rows].transpose(1, 2, 0)
-            inverse = np.linalg.inv((1.0 + 1e-12) * np.eye(rows.shape[1]) - mine @ mine.swapaxes(1, 2))
+            inverse = np.linalg.inv(_blocks(across, rows) + 1e-12 * np.eye(rows.shape[1]))
             before = np.einsum("gi,gij,gj->", plain[rows], inverse, plain[rows])
             cross = np.einsum("gik,gij,gjk->gk", u[rows], inverse, moved[rows])
             kept = np.maximum(1.0 - np.einsum("gik,gij,gjk->gk", u[rows], inverse, u[rows]), 1e-12)
@@ -279,8 +278,7 @@ class Optimum(Linearised):
         a = left - across.T @ (across @ left)
         out = []
         for rows, inverse in self.noise_roots(node):
-            mine = across[:, rows].transpose(1, 2, 0)
-            precision = np.eye(rows.shape[1]) - mine @ mine.swapaxes(1, 2)
+            precision = _blocks(across, rows)
             turned = inverse.swapaxes(1, 2)
             out.append((rows, turned @ precision @ inverse, (turned @ a[rows][..., None])[..., 0]))
         return out
@@ -304,3 +302,15 @@ class Optimum(Linearised):
             for rows, precision, scores in self._precision(node)
             for own, block, score, case in zip(rows, precision, scores, noise.cases[rows[:, 0]].tolist(), strict=True)
         }
+
+
+def _blocks(across: Floats, rows: Ints) -> Floats:
+    """Blocks (g, L, L) of 1 - Vᵀ V by case.
+
+    Args:
+        across: (k, n) V.
+        rows: (g, L) of the cases.
+    """
+    mine = across[:, rows].transpose(1, 2, 0)
+    out: Floats = np.eye(rows.shape[1]) - mine @ mine.swapaxes(1, 2)
+    return out

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fingermodel.diagnosis.posterior.gaussian import gain_of_each
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.linearised import OTHERS
 from fingermodel.diagnosis.posterior.optimum import Optimum
@@ -85,8 +86,8 @@ def shared_laws(fits: Sequence[Optimum], nodes: Sequence[Node]) -> tuple[SharedL
     columns = [_columns(fit, [o.changes[k] for o in offers]) for k, fit in enumerate(fits)]
     asked = [fit.asked(c, node) for fit, c, node in zip(fits, columns, nodes, strict=True)]
     a, s = np.array([x[0] for x in asked]), np.array([x[1] for x in asked])
-    whole = _gain(a.sum(axis=0), s.sum(axis=0))
-    left_out = whole - _gain(a.sum(axis=0) - a, s.sum(axis=0) - s)
+    whole = gain_of_each(a.sum(axis=0), s.sum(axis=0))
+    left_out = whole - gain_of_each(a.sum(axis=0) - a, s.sum(axis=0) - s)
     ranked = np.argsort(-left_out.sum(axis=0))[:_CLOSELY]
     alike = _alike(fits, [c[:, ranked] for c in columns], nodes)
     out: list[SharedLaw] = []
@@ -99,11 +100,6 @@ def shared_laws(fits: Sequence[Optimum], nodes: Sequence[Node]) -> tuple[SharedL
         rivals = tuple(offers[ranked[i]].name for i in group if i != k)
         out.append(_law(fits, nodes, offers[index], (a[:, index], s[:, index]), left_out[:, index], rivals))
     return tuple(out)
-
-
-def _gain(a: Floats, s: Floats) -> Floats:
-    out: Floats = 0.5 * s**2 / (1.0 + a) - 0.5 * np.log1p(a)
-    return out
 
 
 def _columns(fit: Optimum, changes: Sequence[Floats]) -> Floats:
@@ -172,7 +168,7 @@ def _law(
         unseen_errors(fit, node, learned[k] * offer.changes[k])
         for k, (fit, node) in enumerate(zip(fits, nodes, strict=True))
     )
-    evidence = float(_gain(a.sum(keepdims=True), s.sum(keepdims=True))[0])
+    evidence = float(gain_of_each(a.sum(keepdims=True), s.sum(keepdims=True))[0])
     formula = None
     if offer.formula is not None:
         stage, joint, text, unit = offer.formula

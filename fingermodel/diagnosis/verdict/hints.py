@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fingermodel.diagnosis.posterior.gaussian import gain_of_each
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.verdict.predictive import unseen_errors
@@ -93,7 +94,7 @@ def hints(fit: Optimum) -> tuple[Hint, ...]:
     a, s = fit.asked(columns, node)
     spread = float(np.sqrt(max(fit.freed(node)[0].misfit / max(len(rows), 1), 1.0)))
     a, s = a / spread**2, s / spread**2
-    gain, left_out = 0.5 * s**2 / (1.0 + a) - 0.5 * np.log1p(a), fit.left_out_gains(columns, node, spread)
+    gain, left_out = gain_of_each(a, s), fit.left_out_gains(columns, node, spread)
     out: list[Hint] = []
     for i in np.argsort(-np.where(gain >= WORTH, left_out, -np.inf))[:MOST]:
         (stage, joint, formula, unit), scale, _ = terms[i]

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import Hyperparameters
-from fingermodel.diagnosis.posterior.linearised import OWN
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.settings import FORM_NAMED
 from server.workflow import open_bench
+from tests.fingermodel.diagnosis.dense import dense
 
 Floats = NDArray[np.float64]
 
@@ -63,19 +63,6 @@ def test_further_columns_are_informed_beside_all_that_acts(nothing: Optimum, axe
     np.testing.assert_allclose(np.diag(information), single, rtol=1e-6)
     np.testing.assert_allclose(score, own, rtol=1e-6, atol=1e-6 * np.abs(own).max())
     np.testing.assert_allclose(information, information.T, atol=1e-9 * information.max())
-
-
-def dense(fit: Optimum, node: tuple[int, ...]) -> tuple[Floats, Floats]:
-    """Readings (n,) and covariance (n, n) of everything that acts at a node."""
-    values, n = fit.hyper.values(node), len(fit.residual)
-    covariance, y = np.zeros((n, n)), fit.residual.copy()
-    for rows, blocks in fit.session.fitted_noise.covariances(values.scatter, values.noise, ()):
-        covariance[rows[:, :, None], rows[:, None, :]] = blocks
-    for name in [*fit.acting(node), OWN]:
-        columns = fit.block(name, fit.session.fitted, fit.slopes)
-        covariance += fit.width(name, node) ** 2 * columns @ columns.T
-        y += columns @ fit.place(name)
-    return y, covariance
 
 
 @pytest.mark.parametrize("spread", [1.0, 3.0])

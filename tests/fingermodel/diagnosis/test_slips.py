@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.gaussian import add_one, root_of
 from fingermodel.diagnosis.posterior.hyper import Hyperparameters
-from fingermodel.diagnosis.posterior.linearised import OWN
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import Apart
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
@@ -18,6 +17,7 @@ from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.session_model.slips import Slips
 from fingermodel.diagnosis.settings import SLIP_SHARES
 from server.workflow import open_bench
+from tests.fingermodel.diagnosis.dense import dense
 
 
 @pytest.fixture(scope="module")
@@ -30,15 +30,7 @@ def nothing() -> Optimum:
 
 def test_a_case_against_all_others_is_the_dense_gaussian(nothing: Optimum) -> None:
     node, session = nothing.best, nothing.session
-    values = nothing.hyper.values(node)
-    n = len(nothing.residual)
-    covariance, y = np.zeros((n, n)), nothing.residual.copy()
-    for rows, blocks in session.fitted_noise.covariances(values.scatter, values.noise, ()):
-        covariance[rows[:, :, None], rows[:, None, :]] = blocks
-    for name in [*nothing.acting(node), OWN]:
-        columns = nothing.block(name, session.fitted, nothing.slopes)
-        covariance += nothing.width(name, node) ** 2 * columns @ columns.T
-        y += columns @ nothing.place(name)
+    y, covariance = dense(nothing, node)
     case = int(session.fitted_noise.cases[40])
     own = np.flatnonzero(session.fitted_noise.cases == case)
     rest = np.flatnonzero(session.fitted_noise.cases != case)
