@@ -10,10 +10,10 @@ import jax
 import numpy as np
 
 from benchmarks.machine import table
+from fingermodel.identification import _slopes
 from fingermodel.model import predict_batch
 from fingermodel.problems import map_problem
 from fingermodel.programs import Stored
-from fingermodel.refit import _slopes
 from server.workflow import open_bench
 
 TARGET = 8.0

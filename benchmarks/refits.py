@@ -13,8 +13,8 @@ from benchmarks.machine import Timing, repeat, table, wait_until_quiet
 from benchmarks.numpy_finger import NumpyFinger
 from fingermodel.eq5 import independent_muscles, refit_slsqp
 from fingermodel.fingers import Topology
+from fingermodel.identification import refit_map
 from fingermodel.problems import Problem, eq5_problem, objective_at
-from fingermodel.refit import refit_map
 from server.workflow import open_bench
 from tests.fingermodel.mujoco_finger import sharing
 

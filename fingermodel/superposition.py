@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.compare import Comparison
+from fingermodel.comparison import Comparison
 from fingermodel.model import Model, jax_values, tips_of
 from fingermodel.observations import Observations
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from fingermodel.compare import Comparison
+    from fingermodel.comparison import Comparison
     from server.figures.arrows import Spread
 
 

@@ -13,7 +13,7 @@ from server.workflow import Bench, compare_bench
 if TYPE_CHECKING:
     from daq.measured import MeasuredSession
     from daq.session_models import Session
-    from fingermodel.compare import Comparison
+    from fingermodel.comparison import Comparison
     from fingermodel.model_files import Revision
 
 # Endings that each format may have, the first one by default.
@@ -184,7 +184,7 @@ def _commands(models: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Seeds, and what makes every figure and revision again, run beside the supplement's session.yaml."""
     from daq.supplement import model_members
     from fingermodel.diagnosis import settings
-    from fingermodel.refit import SEED
+    from fingermodel.identification import SEED
 
     members = model_members(models)
     chosen = f" --model {members[0]}" if members else ""

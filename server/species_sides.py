@@ -46,7 +46,7 @@ class Load:
     @property
     def tendons(self) -> str:
         """Loaded tendons, such as `FDP+FDS`."""
-        from fingermodel.compare import muscles_of
+        from fingermodel.comparison import muscles_of
 
         return muscles_of(self.masses_g)
 

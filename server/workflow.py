@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from daq.findings import Finding
     from daq.measured import MeasuredSession
-    from fingermodel.compare import Comparison
+    from fingermodel.comparison import Comparison
     from fingermodel.fingers import Finger
     from fingermodel.fit_report import Fit
     from fingermodel.model import Model
@@ -121,7 +121,7 @@ def held_effects(own: Sequence[Effect | str] = ()) -> tuple[Effect, ...]:
 
 def compare_bench(bench: Bench) -> Comparison:
     """Compare the session with its model."""
-    from fingermodel.compare import compare
+    from fingermodel.comparison import compare
 
     return compare(bench.model, bench.observations, bench.theta)
 
@@ -161,8 +161,8 @@ def refit_bench(
         progress: of `map`, called with the fraction that is done.
     """
     from fingermodel.eq5 import refit_slsqp
+    from fingermodel.identification import refit_map
     from fingermodel.problems import eq5_problem, map_problem
-    from fingermodel.refit import refit_map
 
     if method == "slsqp":
         return refit_slsqp(eq5_problem(bench.model, bench.observations))

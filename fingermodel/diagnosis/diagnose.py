@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from fingermodel.compare import Comparison, compare
+from fingermodel.comparison import Comparison, compare
 from fingermodel.diagnosis.model_free.nulls import Null, nulls
 from fingermodel.diagnosis.posterior.curves import SmoothCurve
 from fingermodel.diagnosis.posterior.fitting import Fitter

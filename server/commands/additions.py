@@ -13,7 +13,7 @@ from server.console import answer, progress, say, table
 from server.workflow import Bench, Progress, compare_bench, open_bench, save_revision
 
 if TYPE_CHECKING:
-    from fingermodel.compare import Comparison
+    from fingermodel.comparison import Comparison
     from fingermodel.diagnosis.answer.addition import Addition
     from fingermodel.model_files import Step
     from fingermodel.stages import Effect
@@ -109,7 +109,7 @@ def add_bench(
     bench: Bench, names: Sequence[str], without: Sequence[str], tell: Progress | None = None
 ) -> tuple[Comparison, Addition, Comparison]:
     """Refit with effects added and others taken out; errors before are those of the model as it was given."""
-    from fingermodel.compare import compare
+    from fingermodel.comparison import compare
     from fingermodel.diagnosis.answer.addition import add_effects
 
     held = _held(bench, without)

@@ -15,7 +15,7 @@ from server.drawing import draw_comparison
 from server.workflow import Bench, Progress, compare_bench, open_bench, refit_bench, save_revision
 
 if TYPE_CHECKING:
-    from fingermodel.compare import CaseComparison, Comparison
+    from fingermodel.comparison import CaseComparison, Comparison
     from fingermodel.fit_report import Fit, FittedParameter
 
 # Of the correlations, as many as are printed.
@@ -82,7 +82,7 @@ def refit_compared(
     bench: Bench, method: str = "map", plane: str | None = None, tell: Progress | None = None
 ) -> tuple[Comparison, Fit, Comparison]:
     """Refit a bench's model, with the comparison before and after."""
-    from fingermodel.compare import compare
+    from fingermodel.comparison import compare
 
     before = compare_bench(bench)
     fit = refit_bench(bench, method, plane, progress=tell)

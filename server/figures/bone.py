@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from fingermodel.compare import Comparison
+from fingermodel.comparison import Comparison
 from fingermodel.model import Model
 from fingermodel.observations import Observations
 from server.figures.arrows import Spread, arrow_traces

@@ -25,7 +25,7 @@ def effect_on_finger(bench: Bench, effects: Sequence[str], case: str | None = No
     Raises:
         NothingToDrawError: no such case, or the effects change nothing.
     """
-    from fingermodel.compare import PLANES
+    from fingermodel.comparison import PLANES
     from server.figures.before import with_before
     from server.figures.bench_finger import Hung, finger_figure
 

@@ -10,7 +10,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from fingermodel.compare import CaseComparison, Comparison
+from fingermodel.comparison import CaseComparison, Comparison
 from fingermodel.fingers import Finger, FingerValues
 from fingermodel.observations import Observations
 from server.figures.poses import FingerPose, finger_pose

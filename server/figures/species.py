@@ -11,7 +11,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from fingermodel.compare import CaseComparison
+from fingermodel.comparison import CaseComparison
 from server.figures.arrows import arrow_traces
 from server.figures.panels import Panel, key, panel_axes
 from server.figures.poses import finger_pose, reach_mm

@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from fingermodel.compare import CaseComparison, Comparison
+from fingermodel.comparison import CaseComparison, Comparison
 from fingermodel.model import Model
 from fingermodel.observations import Observations
 from server.figures.arrows import Spread, area_of, arrow_traces, sector_trace

@@ -14,7 +14,7 @@ FINGERS = {"synek2019_initial": "Winslow's rhombus", "synek2019_network": "elast
 
 def against_rhombus(progress: Progress) -> tuple[Sheet, dict[str, Any]]:
     """Refit both fingers to each specimen's single-tendon loads; errors in the sagittal plane, before and after."""
-    from fingermodel.compare import compare
+    from fingermodel.comparison import compare
 
     lines: list[tuple[str | float | None, ...]] = []
     results: dict[str, Any] = {}

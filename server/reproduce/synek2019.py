@@ -14,7 +14,7 @@ from server.workflow import Bench, compare_bench, open_bench, refit_bench
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from fingermodel.compare import Comparison
+    from fingermodel.comparison import Comparison
     from fingermodel.model import Model
     from fingermodel.observations import Observations
 
@@ -332,6 +332,6 @@ def _fit(session: str, name: str) -> SpecimenFit:
 
 
 def _after(bench: Bench, method: str) -> Comparison:
-    from fingermodel.compare import compare
+    from fingermodel.comparison import compare
 
     return compare(bench.model, bench.observations, refit_bench(bench, method).theta)

@@ -8,7 +8,7 @@ from server.service.measuring import Measured
 from server.service.problems import ProblemError
 
 if TYPE_CHECKING:
-    from fingermodel.compare import Comparison
+    from fingermodel.comparison import Comparison
 
 HIDDEN = "The prediction is hidden until the session is closed."
 
@@ -22,7 +22,7 @@ def blinded(measured: Measured) -> frozenset[str]:
 
 def seen(measured: Measured, comparison: Comparison) -> Comparison:
     """Return a comparison without the cases that may not be seen yet."""
-    from fingermodel.compare import Comparison as Cases
+    from fingermodel.comparison import Comparison as Cases
 
     if measured.record.closed:
         return comparison

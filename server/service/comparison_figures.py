@@ -12,7 +12,7 @@ from server.workflow import Bench
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-    from fingermodel.compare import Comparison
+    from fingermodel.comparison import Comparison
     from server.figures.arrows import Spread
 
 Plane = Literal["sagittal", "space"]

@@ -12,7 +12,7 @@ from server.service.twins import IN_FORCE
 from server.workflow import Bench, compare_bench
 
 if TYPE_CHECKING:
-    from fingermodel.compare import Comparison
+    from fingermodel.comparison import Comparison
     from fingermodel.stages import Effect
     from server.figures.arrows import Spread
     from server.figures.effect_change import Setting

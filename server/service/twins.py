@@ -25,7 +25,7 @@ from server.service.search_fits import asked, fit_revision
 from server.workflow import Bench, bench_of, compare_bench
 
 if TYPE_CHECKING:
-    from fingermodel.compare import Comparison
+    from fingermodel.comparison import Comparison
     from fingermodel.fingers import Finger
     from fingermodel.model_files import Revision
     from fingermodel.stages import Effect
@@ -213,7 +213,7 @@ class Twins:
 
     def compared_body(self, measured: Measured, bench: Bench, comparison: Comparison) -> dict[str, Any]:
         """The contract's comparison, blind where it has to be, with what it came from."""
-        from fingermodel.compare import Comparison as Cases
+        from fingermodel.comparison import Comparison as Cases
         from server.commands.twin import provenance
 
         blinded = []

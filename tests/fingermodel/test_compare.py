@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fingermodel.compare import CaseComparison, Comparison, summarise
+from fingermodel.comparison import CaseComparison, Comparison, summarise
 from fingermodel.superposition import superposition
 from server.workflow import compare_bench
 from tests.fingermodel.fingers import PUBLISHED, open_bench

@@ -15,10 +15,10 @@ import pytest
 from fingermodel.effects.catalogue import CATALOGUE
 from fingermodel.effects.user import load_effect
 from fingermodel.finger_files import read_finger
+from fingermodel.identification import solve, whole_slopes
 from fingermodel.model import Model, predict_case
 from fingermodel.problems import map_problem, residual_at
 from fingermodel.programs import stored
-from fingermodel.refit import solve, whole_slopes
 from fingermodel.stages import LoadCaseInput
 from server.workflow import open_bench
 from tests.own_effect import python_file

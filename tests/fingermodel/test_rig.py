@@ -16,9 +16,9 @@ from daq.protocols import plan, read_protocol
 from daq.readings import open_readings
 from daq.simulated import LoadStep, SimulatedCell, readings
 from fingermodel.finger_files import read_finger
+from fingermodel.identification import refit_map
 from fingermodel.observations import observe
 from fingermodel.problems import map_problem
-from fingermodel.refit import refit_map
 from fingermodel.rig import simulate_session
 from tests.fingermodel.fingers import Bench, open_bench
 

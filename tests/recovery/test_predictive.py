@@ -8,7 +8,7 @@ import numpy as np
 
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.verdict.predictive import check, predicted
-from fingermodel.refit import drawn_starts, slopes_of
+from fingermodel.identification import drawn_starts, slopes_of
 from server.commands.diagnosis import run_diagnosis
 from server.workflow import open_bench
 

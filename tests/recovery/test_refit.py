@@ -17,9 +17,9 @@ from fingermodel.eq5 import refit_slsqp
 from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Finger
 from fingermodel.fit_report import Fit
+from fingermodel.identification import refit_map
 from fingermodel.model import Model
 from fingermodel.problems import eq5_problem, map_problem, objective_at
-from fingermodel.refit import refit_map
 from fingermodel.rig import simulate_session
 from fingermodel.stages import Layout
 from server.workflow import Bench, open_bench, refit_bench

@@ -20,7 +20,7 @@ import plotly.graph_objects as go
 import pytest
 from matplotlib.image import imread
 
-from fingermodel.compare import CaseComparison, Comparison, compare
+from fingermodel.comparison import CaseComparison, Comparison, compare
 from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Finger
 from fingermodel.model import Model

@@ -16,10 +16,10 @@ from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidate, C
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.effects.formula_tree import near
 from fingermodel.fit_report import Fit
+from fingermodel.identification import refit_map
 from fingermodel.model import Model
 from fingermodel.observations import Observations
 from fingermodel.problems import map_problem
-from fingermodel.refit import refit_map
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.compare import PLANES, compare, muscles_of, summarise
+from fingermodel.comparison import PLANES, compare, muscles_of, summarise
 from fingermodel.diagnosis.verdict.instruments import rig_remedy
 from fingermodel.fingers import COMPONENTS
 from fingermodel.model import tips_of

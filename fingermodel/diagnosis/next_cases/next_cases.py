@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.compare import muscles_of
+from fingermodel.comparison import muscles_of
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.gaussian import root_of
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import free_mask
 from fingermodel.diagnosis.settings import LIVE, SEED, WORTH_NAT
 from fingermodel.diagnosis.verdict.instruments import INSTRUMENTS
-from fingermodel.refit import slopes_of
+from fingermodel.identification import slopes_of
 from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]

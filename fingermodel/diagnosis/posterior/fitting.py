@@ -13,7 +13,7 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.posterior.whitening import Whitening
 from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, free_mask
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.refit import reading_slopes, solve
+from fingermodel.identification import reading_slopes, solve
 from fingermodel.solver import CONVERGED, STALLED
 
 Floats = NDArray[np.float64]

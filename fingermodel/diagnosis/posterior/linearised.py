@@ -19,7 +19,7 @@ from fingermodel.diagnosis.session_model.candidates import Explanation, free_mas
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Rows, Session, WhitenedSmooth, whitened
 from fingermodel.fit_report import held_at_bound
-from fingermodel.refit import slopes_of
+from fingermodel.identification import slopes_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.compare import muscles_of
+from fingermodel.comparison import muscles_of
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, feasible, information, inputs_of
 from fingermodel.diagnosis.posterior.optimum import Optimum

@@ -30,7 +30,7 @@ from server.service.jobs.population_summary import Result, summarise
 from server.service.jobs.worker import Tell
 
 if TYPE_CHECKING:
-    from fingermodel.compare import Comparison
+    from fingermodel.comparison import Comparison
     from fingermodel.fit_report import Fit
     from fingermodel.observations import Observations
     from server.workflow import Bench
@@ -177,9 +177,9 @@ def fit_part(part: Part) -> Result:
 
 
 def _refitted(bench: Bench, part: Part, estimate: Result) -> tuple[Fit, Comparison]:
-    from fingermodel.compare import compare
+    from fingermodel.comparison import compare
+    from fingermodel.identification import refit_map
     from fingermodel.problems import map_problem
-    from fingermodel.refit import refit_map
 
     observations = drawn(bench, part.seed, part.bench.id, part.replicate)
     problem = map_problem(bench.model, observations, None, estimate["effect_parameters"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fingermodel.compare import compare
+from fingermodel.comparison import compare
 from fingermodel.diagnosis.answer.where import where
 from fingermodel.problems import map_problem
 from server.workflow import open_bench

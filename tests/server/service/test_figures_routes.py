@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from sqlalchemy import insert
 
-from fingermodel.compare import compare
+from fingermodel.comparison import compare
 from server.diagnosis_report import diagnosis_figures
 from server.figures.comparison import comparison_figures
 from server.figures.dark import for_dark, turned
