@@ -14,7 +14,7 @@ from fingermodel.identification import _slopes
 from fingermodel.model import predict_batch
 from fingermodel.problems import map_problem
 from fingermodel.programs import Stored
-from server.workflow import open_bench
+from server.application.workflow import open_bench
 
 TARGET = 8.0
 CALLS = 200

@@ -24,7 +24,7 @@ from fingermodel.diagnosis.diagnose import diagnose
 from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, Member, free_mask
 from fingermodel.identification import refit_map
 from fingermodel.problems import Problem, map_problem, objective_at
-from server.workflow import open_bench, prepare_jax
+from server.application.workflow import open_bench, prepare_jax
 from tests.simulator import draw_session
 from tests.simulator.protocols import Protocol
 

@@ -26,7 +26,7 @@ def carry_on(seed: int, most: int) -> dict[str, Any]:
     """Diagnose a session, and measure what the plan offers until the true name is sure."""
     from fingermodel.diagnosis.diagnose import diagnose
     from fingermodel.diagnosis.next_cases.next_cases import plan_next
-    from server.workflow import open_bench
+    from server.application.workflow import open_bench
     from tests.simulator import draw_session, draw_truth
 
     effects, _ = draw_truth("one", seed)

@@ -64,7 +64,7 @@ def one_session(kind: Kind, seed: int, second: bool = False) -> dict[str, Any]:
     from fingermodel.diagnosis.answer.answer import suspects
     from fingermodel.diagnosis.diagnose import diagnose
     from fingermodel.diagnosis.verdict.verdict import stated_node
-    from server.workflow import open_bench
+    from server.application.workflow import open_bench
 
     with tempfile.TemporaryDirectory() as folder:
         drawn = draw(Path(folder), kind, seed, second)

@@ -15,7 +15,7 @@ from fingermodel.eq5 import independent_muscles, refit_slsqp
 from fingermodel.fingers import Topology
 from fingermodel.identification import refit_map
 from fingermodel.problems import Problem, eq5_problem, objective_at
-from server.workflow import open_bench
+from server.application.workflow import open_bench
 from tests.fingermodel.mujoco_finger import sharing
 
 Floats = NDArray[np.float64]

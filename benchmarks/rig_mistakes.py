@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from benchmarks.machine import commit, publish
 from benchmarks.recovery import KINDS, protocol_of
 from fingermodel.diagnosis.model_free.frames import UNITS_N, rig_mistake
-from server.workflow import Bench, open_bench
+from server.application.workflow import Bench, open_bench
 from tests.simulator import draw_session, draw_truth
 
 Floats = NDArray[np.float64]

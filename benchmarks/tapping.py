@@ -32,8 +32,8 @@ from fingermodel.muscles.hill import at_rest
 from fingermodel.muscles.muscle_files import read_muscles
 from fingermodel.recruitment.minmax import Recruitment, min_max
 from fingermodel.recruitment.moments import arms_and_excursions
+from server.application.workflow import prepare_jax
 from server.movement import work_out
-from server.workflow import prepare_jax
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq.errors import InputError
 from server.activation_result import SMALL_N, ActivationResult, Deficit, MuscleForce
-from server.workflow import prepare_jax
+from server.application.workflow import prepare_jax
 
 if TYPE_CHECKING:
     from fingermodel.isometric.forces import IsometricFinger, Placed

@@ -249,7 +249,7 @@ def import_recording(
     json: Json = None,
 ) -> None:
     """Make a readings file of a lab's recording (asks which channel is which), or a finger file."""
-    from server.exchange import READABLE
+    from server.application.exchange import READABLE
 
     if recording.suffix.lower() in READABLE:
         from server.commands.exchange import import_finger

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from daq.errors import InputError
+from server.application.workflow import Bench
 from server.inverted import Assigned, Inversion, InvertedCase, MuscleSummary
-from server.workflow import Bench
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import InputError
-from server.console import clean
-from server.workflow import prepare_jax
+from daq.plain_json import clean
+from server.application.workflow import prepare_jax
 
 if TYPE_CHECKING:
     from fingermodel.dynamics.motion import Motion

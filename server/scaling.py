@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import InputError, ModelError
-from server.workflow import prepare_jax
+from server.application.workflow import prepare_jax
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from server.workflow import Bench, open_bench
+from server.application.workflow import Bench, open_bench
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger, Plane

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.observations import Observations
-from server.workflow import Bench, open_bench
+from server.application.workflow import Bench, open_bench
 from tests.simulator import draw_session
 
 Floats = NDArray[np.float64]

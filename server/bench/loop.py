@@ -17,9 +17,9 @@ from daq.bench.run import BenchRun
 from daq.errors import InputError
 from daq.journal.rows import Event
 from daq.journal.writer import Journal
+from server.bench.ending import ended_by_signals
 from server.bench.keys import QUIT, KeyInput, Pressed
 from server.bench.meter import StreamMeter
-from server.ending import ended_by_signals
 
 LOOK_S, DRAW_S, SPACE_S = 0.03, 0.2, 2.0
 LITTLE_DISK_BYTES = 1 << 30

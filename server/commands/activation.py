@@ -8,8 +8,8 @@ from pathlib import Path
 from daq.errors import InputError
 from server.activation import activate
 from server.activation_result import ActivationResult, write_table
-from server.console import answer, progress, say, table
-from server.exporting import writing
+from server.application.exporting import writing
+from server.commands.console import answer, progress, say, table
 
 
 def activate_finger(

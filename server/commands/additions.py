@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
+from server.application.workflow import Bench, Progress, compare_bench, open_bench, save_revision
+from server.commands.console import answer, progress, say, table
 from server.commands.twin import fit_body, print_fall, print_fit, provenance, refit_compared, say_first
-from server.console import answer, progress, say, table
-from server.workflow import Bench, Progress, compare_bench, open_bench, save_revision
 
 if TYPE_CHECKING:
     from fingermodel.comparison import Comparison
@@ -82,7 +82,7 @@ def _add_to_session(
     )
     page = None
     if figures:
-        from server.drawing import draw_comparison
+        from server.application.drawing import draw_comparison
 
         page = draw_comparison(
             bench, after, figures, before=before, theta=addition.fit.theta, model_name=" + ".join(addition.names)
@@ -255,7 +255,7 @@ def formula_of(text: str) -> Effect:
 def show_effects(name: str | None, json: str | None) -> None:
     """List the catalogue, or show one effect whole."""
     from fingermodel.effects.catalogue import CATALOGUE, EFFECTS
-    from server.catalogue import effect_row
+    from server.application.catalogue import effect_row
 
     if name is not None and name not in EFFECTS:
         from fingermodel.effects.formula_tree import near

@@ -12,7 +12,7 @@ from daq.errors import InputError, SessionError
 from daq.locations import data_dir
 from daq.session_models import Amendment, Session
 from daq.sessions import find_session, parse_session, read_amendments, read_session, session_data
-from server.console import answer, say
+from server.commands.console import answer, say
 
 # The tendon or weight that `--tendon` and `--mass` give.
 _TENDON, _MASS = "TRUE=ENTERED, such as FDS=FDP", "TENDON=GRAMS, such as FDP=950"

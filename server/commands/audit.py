@@ -10,7 +10,7 @@ from typing import Any
 
 from daq.audit import FILE, Entry, faults, read
 from daq.errors import InputError
-from server.console import answer, say, table
+from server.commands.console import answer, say, table
 
 
 def show_audit(folder: Path | None, given: Mapping[str, Any], json: str | None) -> int:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from daq.errors import InputError
-from server.console import answer, progress, say, table
+from server.commands.console import answer, progress, say, table
 
 if TYPE_CHECKING:
     from daq.findings import Finding

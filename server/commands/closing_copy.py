@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from daq.errors import InputError, JournalError
-from server.console import progress, say
+from server.commands.console import progress, say
 
 
 @dataclass

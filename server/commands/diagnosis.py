@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fingermodel.parameters import with_unit
+from server.application.workflow import Bench, at_fit, bench_of, open_bench, origin_of, readings_digest
+from server.commands.console import answer, progress, say, table
 from server.commands.twin import provenance, say_first
-from server.console import answer, progress, say, table
-from server.workflow import Bench, at_fit, bench_of, open_bench, origin_of, readings_digest
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -43,7 +43,7 @@ def diagnose_session(
             body["without_amendments"] = bare_verdict(run_diagnosis(entered, thorough, tell))
     page = None
     if figures:
-        from server.diagnosis_report import draw_diagnosis
+        from server.application.diagnosis_report import draw_diagnosis
 
         body["origin"] = origin_of(bench, readings_digest(bench.measured))
         page = draw_diagnosis(body, figures, list(bench.loaded.history) or None, finger=drawn_effect(bench, body))

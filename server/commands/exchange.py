@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
-from server.console import answer, say
-from server.exchange import ENDINGS, UNSOURCED, imported_body, read_foreign, revision_notes, written_finger
-from server.exporting import writing
+from server.application.exchange import ENDINGS, UNSOURCED, imported_body, read_foreign, revision_notes, written_finger
+from server.application.exporting import writing
+from server.commands.console import answer, say
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger

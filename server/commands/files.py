@@ -9,10 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
-from server.commands.exchange import export_finger
-from server.console import answer, progress, say
-from server.exchange import ENDINGS as FINGER_FORMATS
-from server.exporting import (
+from server.application.exchange import ENDINGS as FINGER_FORMATS
+from server.application.exporting import (
     ENDINGS,
     OF_MODELS,
     about_bench,
@@ -24,7 +22,9 @@ from server.exporting import (
     write_whole,
     writing,
 )
-from server.workflow import Bench, open_bench
+from server.application.workflow import Bench, open_bench
+from server.commands.console import answer, progress, say
+from server.commands.exchange import export_finger
 
 
 def export_source(source: str, file_format: str, out: Path | None, model: str | None, json: str | None) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from server.application.workflow import open_bench
+from server.commands.console import answer, progress, say, table
 from server.commands.twin import provenance
-from server.console import answer, progress, say, table
 from server.inversion import invert_bench
 from server.inverted import Assigned, Inversion, InvertedCase
-from server.workflow import open_bench
 
 
 def invert_session(session: str, closure: str, model: str | None, figures: Path | None, json: str | None) -> None:

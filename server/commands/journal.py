@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
-from server.console import answer, progress, say
+from server.commands.console import answer, progress, say
 
 if TYPE_CHECKING:
     from daq.journal.check import Report

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from daq.audit import note
 from daq.errors import InputError
 from daq.export import sha256_of
-from server.console import answer, progress, say, table
+from server.commands.console import answer, progress, say, table
 
 if TYPE_CHECKING:
     from daq.lab.files import LabFileMap

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 from daq.errors import DriverError, InputError, JournalError
 from daq.memory import keep_flat
 from daq.private import privately
-from server.console import answer, say, table
-from server.ending import Told, ended_by_signals
+from server.bench.ending import Told, ended_by_signals
+from server.commands.console import answer, say, table
 
 if TYPE_CHECKING:
     from daq.acquire import Acquisition, Record, StreamEvent

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError, SessionError
 from daq.sessions import read_yaml
+from server.commands.console import answer, progress, say
 from server.commands.log import JOURNAL, LogOptions, about_cell, acquiring
-from server.console import answer, progress, say
 
 if TYPE_CHECKING:
     from daq.acquire import Acquisition
@@ -118,8 +118,8 @@ def _follow(
     from daq.bench.run import BenchRun
     from daq.journal.reader import JournalReader
     from daq.journal.rows import Event
+    from server.application.bench_prediction import predictor
     from server.bench.meter import StreamMeter
-    from server.bench.prediction import predictor
     from server.bench.remote import Remote
     from server.commands.forwarding import forwarding
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from server.console import answer, progress, say, table
-from server.exporting import writing
+from server.application.exporting import writing
+from server.commands.console import answer, progress, say, table
 from server.movement import move, write_table
 
 

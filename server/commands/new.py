@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
-from server.console import answer, progress, say, table
+from server.commands.console import answer, progress, say, table
 
 if TYPE_CHECKING:
     from daq.lab.drafts import Choice
@@ -116,7 +116,7 @@ def _write(out: Path, session: Session, blocks: Sequence[ReadingBlock], mapping:
     from daq.lab.files import write_mapping
     from daq.readings import write_readings
     from daq.sessions import write_session
-    from server.exporting import writing
+    from server.application.exporting import writing
 
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)

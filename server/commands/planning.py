@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.audit import note
+from server.application.workflow import Bench, open_bench, readings_digest
+from server.commands.console import answer, progress, say, table
 from server.commands.diagnosis import run_diagnosis
 from server.commands.twin import provenance, say_first
-from server.console import answer, progress, say, table
-from server.workflow import Bench, open_bench, readings_digest
 
 if TYPE_CHECKING:
     from fingermodel.diagnosis.diagnose import Diagnosis

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
-from server.console import answer, progress, say, table
+from server.commands.console import answer, progress, say, table
 
 _ENDINGS = (".html", ".png", ".svg")
 
@@ -18,7 +18,7 @@ def plot_recording(recording: Path, out: Path | None, json: str | None) -> None:
         InputError: it is no recording, or the figure's name has another ending.
     """
     from daq.lab.traces import as_recording, read_traces
-    from server.exporting import writing
+    from server.application.exporting import writing
 
     target = out or Path(f"{recording.name}.html")
     if target.suffix.lower() not in _ENDINGS:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
 from fingermodel.parameters import with_unit
+from server.application.workflow import open_bench
+from server.commands.console import answer, progress, say, table
 from server.commands.diagnosis import diagnosis_body
 from server.commands.twin import say_first
-from server.console import answer, progress, say, table
-from server.workflow import open_bench
 
 if TYPE_CHECKING:
     from fingermodel.diagnosis.several_sessions.several import Pooled
@@ -59,7 +59,7 @@ def diagnose_sessions(
     }
     body = pooled_body(pooled) | {"each": each}
     if figures:
-        from server.diagnosis_report import draw_diagnosis, draw_shared
+        from server.application.diagnosis_report import draw_diagnosis, draw_shared
 
         body["figures"] = [str(draw_shared(body, figures))]
         body["figures"] += [str(draw_diagnosis(own, figures / name)) for name, own in each.items()]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from server.console import answer, progress, say, table
+from server.commands.console import answer, progress, say, table
 from server.reproduce.study import reproduce, study_of
 
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from daq.errors import InputError
-from server.console import answer, say, table
-from server.exporting import writing
+from server.application.exporting import writing
+from server.commands.console import answer, say, table
 from server.scaling import NEUTRAL, Scaled, measures, scale_finger, write_scaled
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from daq.audit import local_user
 from daq.errors import InputError
 from daq.private import privately
-from server.console import answer, progress, say, table
+from server.commands.console import answer, progress, say, table
 
 if TYPE_CHECKING:
     from server.service.database import Database

@@ -13,8 +13,8 @@ from typing import Any
 from daq.errors import InputError
 from daq.locations import data_dir
 from daq.readings import ReadingBlock
+from server.commands.console import answer, say, table
 from server.commands.log import given_settings
-from server.console import answer, say, table
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from server.console import answer, progress, say, table
+from server.commands.console import answer, progress, say, table
 from server.reproduce.report import ours, verdict
 from server.species import SpeciesResult, compare_species
 from server.species_sides import PLANES, Spread, shared

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from daq.amendments import listed
 from daq.errors import InputError
+from server.application.drawing import draw_comparison
+from server.application.workflow import Bench, Progress, compare_bench, open_bench, refit_bench, save_revision
 from server.commands.amend import amended_line
-from server.console import answer, progress, say, shown, table
-from server.drawing import draw_comparison
-from server.workflow import Bench, Progress, compare_bench, open_bench, refit_bench, save_revision
+from server.commands.console import answer, progress, say, shown, table
 
 if TYPE_CHECKING:
     from fingermodel.comparison import CaseComparison, Comparison

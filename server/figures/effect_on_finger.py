@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from server.application.workflow import Bench, compare_bench, taken_out
 from server.figures.style import NothingToDrawError
-from server.workflow import Bench, compare_bench, taken_out
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go

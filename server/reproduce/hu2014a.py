@@ -72,7 +72,7 @@ CARRIED = (
 
 def reproduce(progress: Progress) -> Reproduction:
     """Compute both models at the three loads, with An's index finger and with fitted moment arms."""
-    from server.workflow import prepare_jax
+    from server.application.workflow import prepare_jax
 
     prepare_jax()
     published = published_numbers()

@@ -67,7 +67,7 @@ ASSUMPTIONS = (
 
 def reproduce(progress: Progress) -> Reproduction:
     """Settle the hood in the three postures, and refit it to the published specimens beside Winslow's rhombus."""
-    from server.workflow import prepare_jax
+    from server.application.workflow import prepare_jax
 
     prepare_jax()
     finger = index_with_network()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from server.application.workflow import compare_bench, open_bench, refit_bench
 from server.reproduce.study import Progress, Sheet
-from server.workflow import compare_bench, open_bench, refit_bench
 
 SPECIMENS = ("HMEAN", "H01", "H02", "H03")
 FINGERS = {"synek2019_initial": "Winslow's rhombus", "synek2019_network": "elastic network"}

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from server.application.workflow import Bench, compare_bench, open_bench, refit_bench
 from server.reproduce.rows import Row, not_available, row
 from server.reproduce.study import Plot, Progress, Reproduction, Sheet
-from server.workflow import Bench, compare_bench, open_bench, refit_bench
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -101,7 +101,7 @@ def published_rows() -> list[Row]:
 
 def _plots() -> list[Plot]:
     """The mean human finger under the published model, beside the model before its optimisation."""
-    from server.drawing import spread_of
+    from server.application.drawing import spread_of
     from server.figures.comparison import comparison_plans
 
     bench = open_bench("synek2019_HMEAN", "synek2019_optimised")

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
+from server.application.workflow import Bench
 from server.figures.before import with_before
-from server.workflow import Bench
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go

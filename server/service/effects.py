@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import insert, select
 
-from server.catalogue import effect_row
+from server.application.catalogue import effect_row
 from server.service.audit import record
 from server.service.database import Database, now_utc
 from server.service.problems import ProblemError, not_found, shortened

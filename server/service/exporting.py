@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
-from server.exchange import ENDINGS as FINGER_ENDINGS
-from server.exchange import written_finger
-from server.exporting import (
+from server.application.exchange import ENDINGS as FINGER_ENDINGS
+from server.application.exchange import written_finger
+from server.application.exporting import (
     ENDINGS,
     about_bench,
     about_revision,

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from server.application.workflow import Bench, compare_bench
 from server.service.measuring import Measured
 from server.service.problems import ProblemError, not_found
 from server.service.services import Services
 from server.service.twins import IN_FORCE
-from server.workflow import Bench, compare_bench
 
 if TYPE_CHECKING:
     from fingermodel.comparison import Comparison

@@ -11,6 +11,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
+from server.application.workflow import Bench, compare_bench
 from server.service.answers import dumps
 from server.service.blinding import blinded, require_closed, seen
 from server.service.comparison_figures import Only, drawn_comparison
@@ -23,7 +24,6 @@ from server.service.measuring import Measured
 from server.service.problems import ProblemError, not_found
 from server.service.services import Services
 from server.service.studies import last_of, study_named
-from server.workflow import Bench, compare_bench
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -371,7 +371,7 @@ def diagnosed(
 
 def _diagnosis_drawings(answer: dict[str, Any], history: Any) -> dict[str, Drawing]:
     """Every figure of a diagnosis with its caption; None with a sentence where there is nothing to draw."""
-    from server.diagnosis_report import diagnosis_sections
+    from server.application.diagnosis_report import diagnosis_sections
     from server.figures.report import Picture
 
     sections = diagnosis_sections(answer, history, {})

@@ -56,7 +56,7 @@ def exported(name: str, file_format: str) -> tuple[str, str, tuple[str, ...]]:
     """
     from daq.locations import data_dir
     from fingermodel.finger_files import read_finger
-    from server.exchange import ENDINGS, written_finger
+    from server.application.exchange import ENDINGS, written_finger
 
     if file_format == "finger":
         return f"{name}.yaml", (data_dir() / "fingers" / f"{name}.yaml").read_text(encoding="utf-8"), ()
@@ -90,7 +90,7 @@ def imported(name: str, text: str, load_point_mm: Sequence[float] | None) -> dic
     import numpy as np
 
     from fingermodel.finger_files import finger_text
-    from server.exchange import UNSOURCED, imported_body, read_foreign
+    from server.application.exchange import UNSOURCED, imported_body, read_foreign
 
     with TemporaryDirectory(prefix="fingertwin-", ignore_cleanup_errors=True) as folder:
         file = Path(folder) / name

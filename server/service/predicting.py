@@ -36,7 +36,7 @@ class Predictor:
         from fingermodel.fingers import Finger as PlainFinger
         from fingermodel.model import ANY_LAYOUT, Model, jax_values
         from fingermodel.model_files import load_model
-        from server.workflow import prepare_jax
+        from server.application.workflow import prepare_jax
 
         prepare_jax()
         self.name = model.id

@@ -12,6 +12,7 @@ import orjson
 from daq.checks import check
 from daq.errors import InputError
 from daq.findings import finding
+from server.application.workflow import Bench, compare_bench, origin_of
 from server.service.blinding import require_closed, seen
 from server.service.comparison_figures import Only, drawn_comparison
 from server.service.figure_parts import resolved, spread_members, spread_of
@@ -20,7 +21,6 @@ from server.service.measuring import Measured
 from server.service.problems import ProblemError
 from server.service.services import Services
 from server.service.session_folders import session_folder
-from server.workflow import Bench, compare_bench, origin_of
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -85,8 +85,8 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
         InputError: the session or the model cannot be used.
         ProblemError: there is no such session, model or job; 409 the session is still running, or the job.
     """
-    from server.diagnosis_report import diagnosis_sections, subtitle
-    from server.drawing import comparison_notes
+    from server.application.diagnosis_report import diagnosis_sections, subtitle
+    from server.application.drawing import comparison_notes
     from server.figures.comparison import comparison_sections, report_title
     from server.figures.report_front import closing_sections, folded
 

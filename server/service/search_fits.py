@@ -11,8 +11,8 @@ from server.service.schema import jobs
 
 if TYPE_CHECKING:
     from fingermodel.model_files import Revision
+    from server.application.workflow import Bench
     from server.service.database import Database
-    from server.workflow import Bench
 
 NOTHING = "nothing"
 
@@ -55,7 +55,7 @@ def fit_revision(bench: Bench, name: str, found: dict[str, Any]) -> Revision:
     """
     from fingermodel.finger_files import finger_document
     from fingermodel.model_files import FORMAT, revision_of
-    from server.workflow import at_fit, held_by
+    from server.application.workflow import at_fit, held_by
 
     model, session, index = bench.model, bench.measured.session.id, bench.model.parameters.index
     # A session that was changed since the search may lack a setting or a mounting.

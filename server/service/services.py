@@ -75,7 +75,7 @@ def live_predictor(fingers: frozenset[str]) -> MakePredict:
     """Return what predicts a running bench's cases; a finger's file on the bench's disk is not looked for here."""
 
     def make(setup: BenchSetup) -> Predict:
-        from server.bench.prediction import predictor
+        from server.application.bench_prediction import predictor
 
         if setup.finger not in fingers:
             raise ModelError(f"finger {setup.finger[:100]!r}", f"one of {', '.join(sorted(fingers))}")
@@ -90,7 +90,7 @@ def build(settings: Settings) -> Services:
     Raises:
         InputError: the database cannot be used.
     """
-    from server.workflow import prepare_jax
+    from server.application.workflow import prepare_jax
 
     prepare_jax()
     # Two threads that load the array compiler at once would leave it half made: it is there before anybody asks.

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import select
 
+from server.application.workflow import Bench, bench_of, compare_bench
 from server.service.answers import dumps
 from server.service.database import Database
 from server.service.effects import OwnEffects
@@ -22,7 +23,6 @@ from server.service.records import FINGER_DOCUMENT
 from server.service.revisions import Revisions
 from server.service.schema import chunks, streams
 from server.service.search_fits import asked, fit_revision
-from server.workflow import Bench, bench_of, compare_bench
 
 if TYPE_CHECKING:
     from fingermodel.comparison import Comparison

@@ -12,6 +12,7 @@ from sqlalchemy import select
 from sqlalchemy.exc import SQLAlchemyError
 
 from daq.errors import InputError
+from server.application.workflow import compare_bench
 from server.service.answers import dumps
 from server.service.database import Database
 from server.service.measuring import Measured, Measuring
@@ -19,7 +20,6 @@ from server.service.messages import Message, Messages
 from server.service.problems import ProblemError
 from server.service.schema import messages as kept
 from server.service.twins import Twins
-from server.workflow import compare_bench
 
 _LOG = logging.getLogger(__name__)
 # After so long what failed for want of space or files is looked at again [s].

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from server.diagnosis_report import draw_diagnosis
+from server.application.diagnosis_report import draw_diagnosis
 from tests.browser.test_report import BROWSER, PNG, Page, elements, opened
 from tests.server.test_diagnosis_figures import HEADINGS, HISTORY, NAMES, found, hostile, nothing_missing
 

@@ -17,7 +17,7 @@ from daq.sessions import find_session, read_session
 from daq.uplink.recording import STREAM
 from fingertwin.client import Client, ServiceError, ServiceUnreachableError
 from fingertwin.client import upload as uploading
-from server.workflow import compare_bench, open_bench
+from server.application.workflow import compare_bench, open_bench
 from tests.client.services import URL, InProcess, receiver_in
 from tests.server.service.running import ServiceReceiver
 

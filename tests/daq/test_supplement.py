@@ -20,8 +20,8 @@ from daq.readings import ReadingBlock
 from daq.redaction import Redactor
 from daq.sessions import Session, read_session
 from daq.supplement import versions, write_supplement
+from server.application.workflow import compare_bench, open_bench, refit_bench, save_revision
 from server.commands.files import export_source
-from server.workflow import compare_bench, open_bench, refit_bench, save_revision
 from tests.daq.benches import WRENCH, bench, record, recorded, save
 
 ABOUT = {"software": "fingertwin 9"}

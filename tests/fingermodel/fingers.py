@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.fingers import Finger, FingerValues, Joint, Segment, Topology
-from server.workflow import Bench, open_bench
+from server.application.workflow import Bench, open_bench
 
 Floats = NDArray[np.float64]
 PUBLISHED = ("synek2019_H01", "synek2019_H02", "synek2019_H03", "synek2019_B01", "synek2019_HMEAN")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fingermodel.comparison import CaseComparison, Comparison, summarise
 from fingermodel.superposition import superposition
-from server.workflow import compare_bench
+from server.application.workflow import compare_bench
 from tests.fingermodel.fingers import PUBLISHED, open_bench
 
 

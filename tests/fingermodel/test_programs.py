@@ -20,7 +20,7 @@ from fingermodel.model import Model, predict_case
 from fingermodel.problems import map_problem, residual_at
 from fingermodel.programs import stored
 from fingermodel.stages import LoadCaseInput
-from server.workflow import open_bench
+from server.application.workflow import open_bench
 from tests.own_effect import python_file
 from tests.simulator import draw_session
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fingermodel.reading_noise import Noise, SharedTare
-from server.workflow import Bench, open_bench
+from server.application.workflow import Bench, open_bench
 
 
 @pytest.fixture(scope="module", params=["DEV-01", "synek2019_H01"])

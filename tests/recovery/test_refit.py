@@ -22,7 +22,7 @@ from fingermodel.model import Model
 from fingermodel.problems import eq5_problem, map_problem, objective_at
 from fingermodel.rig import simulate_session
 from fingermodel.stages import Layout
-from server.workflow import Bench, open_bench, refit_bench
+from server.application.workflow import Bench, open_bench, refit_bench
 
 Floats = NDArray[np.float64]
 CELL = SimulatedCell(rate_hz=25.0, noise_sd=(0.03,) * 3 + (0.2,) * 3)

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from fingermodel.diagnosis.answer.answer import parameters_of
+from server.application.workflow import open_bench
 from server.commands.diagnosis import run_diagnosis
-from server.workflow import open_bench
 from tests.second_simulator import Kind, write_session
 
 

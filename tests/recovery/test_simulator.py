@@ -16,7 +16,7 @@ from daq.corrections import measure
 from daq.sessions import read_session
 from fingermodel.finger_files import read_finger
 from fingermodel.model import clamp_forces_batch, jax_values
-from server.workflow import open_bench
+from server.application.workflow import open_bench
 from tests.simulator import CATALOGUE, OUTSIDE, PROTOCOLS, Size, Truth, draw_session, draw_truth
 from tests.simulator.finger import ROTATIONS, finger_forces, read_numbers
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from server import console
+from server.commands import console
 
 WIDTHS = (60, 80, 100, 140)
 

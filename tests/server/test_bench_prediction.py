@@ -12,7 +12,7 @@ from daq.session_models import LoadCase
 from daq.sessions import read_session
 from fingermodel.finger_files import read_finger
 from fingermodel.rig import simulate_session
-from server.bench.prediction import predictor
+from server.application.bench_prediction import predictor
 from tests.daq.bench_plays import PROTOCOL, setup
 
 

@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
-from server import console
+from daq.plain_json import clean
+from server.application.workflow import Bench, compare_bench, open_bench
 from server.cli_options import GROUPS, effects_like, sessions_like
+from server.commands import console
 from server.commands.additions import print_history
 from server.commands.twin import print_comparison
-from server.workflow import Bench, compare_bench, open_bench
 from tests.server.conftest import WIDTHS
 from tests.server.test_cli import run
 
@@ -38,7 +39,7 @@ def test_every_number_of_a_comparison_stands_whole(
     comparison = compare_bench(bench)
     print_comparison(bench, comparison)
     text = capsys.readouterr().out
-    body = console.clean(comparison.as_dict())
+    body = clean(comparison.as_dict())
     told: list[Any] = [body["summary"]]
     told += [[g["sagittal"], g["space"]] for key in ("by_muscle", "by_posture") for g in body[key].values()]
     told += [{k: c[k] for k in ("measured_N", "predicted_N", "residual_N", "z")} for c in body["cases"]]

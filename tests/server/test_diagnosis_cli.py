@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from fingermodel.effects.user import effect_document, load_effect
+from server.application.workflow import open_bench
 from server.commands.additions import print_history
 from server.commands.diagnosis import _print_verdict
 from server.commands.twin import refit_compared
 from server.figures.diagnosis_revisions import steps_of
-from server.workflow import open_bench
 from tests.own_effect import python_file
 from tests.server.test_cli import run
 from tests.server.test_diagnosis_figures import found as missing_effect

@@ -17,7 +17,7 @@ import plotly.graph_objects as go
 import pytest
 from matplotlib.image import imread
 
-from server.diagnosis_report import diagnosis_figures, draw_diagnosis
+from server.application.diagnosis_report import diagnosis_figures, draw_diagnosis
 from server.figures.diagnosis_answer import (
     effect_name,
     explanation_name,
@@ -756,7 +756,8 @@ def test_hostile_names_are_shown_and_do_nothing(tmp_path: Path) -> None:
 
 def test_importing_the_report_loads_no_drawing_library() -> None:
     code = (
-        "import sys, server.diagnosis_report; print([m for m in ('plotly', 'matplotlib', 'jax') if m in sys.modules])"
+        "import sys, server.application.diagnosis_report; "
+        "print([m for m in ('plotly', 'matplotlib', 'jax') if m in sys.modules])"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
     assert out.stdout.strip() == "[]"

@@ -16,8 +16,8 @@ from daq.drivers.recorded import Replay
 from daq.journal.check import check
 from daq.journal.writer import Journal
 from daq.readings import ReadingBlock, write_readings
+from server.bench.ending import ENDING
 from server.commands.log import Logging
-from server.ending import ENDING
 
 
 class Pressed:

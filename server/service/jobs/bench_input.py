@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fingermodel.fingers import Finger
     from fingermodel.model_files import Revision
     from fingermodel.stages import Effect
-    from server.workflow import Bench
+    from server.application.workflow import Bench
 
 __all__ = ["FINGER_DOCUMENT", "BenchInput"]
 
@@ -107,7 +107,7 @@ class BenchInput:
         """
         from daq.checks import warnings_of
         from fingermodel.effects.user import effect_from_dict
-        from server.workflow import bench_of, prepare_jax
+        from server.application.workflow import bench_of, prepare_jax
 
         prepare_jax()
         own = [effect_from_dict(dict(document), "the session's own effect") for document in self.effects]

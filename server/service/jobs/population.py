@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import InputError
-from server.console import clean
+from daq.plain_json import clean
 from server.service.jobs.bench_input import BenchInput
 from server.service.jobs.executors import Executor, ExecutorSettings
 from server.service.jobs.population_summary import Result, summarise
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from fingermodel.comparison import Comparison
     from fingermodel.fit_report import Fit
     from fingermodel.observations import Observations
-    from server.workflow import Bench
+    from server.application.workflow import Bench
 
 Floats = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from server.console import clean
+from daq.plain_json import clean
 
 Result = dict[str, Any]
 # Of a fit whose values hold.

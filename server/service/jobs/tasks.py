@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
-from server.console import clean
+from daq.plain_json import clean
 from server.service.jobs.bench_input import BenchInput
 from server.service.jobs.worker import Tell
 
 if TYPE_CHECKING:
     from fingermodel.diagnosis.diagnose import Diagnosis
-    from server.workflow import Bench
+    from server.application.workflow import Bench
 
 Answer = dict[str, Any]
 
@@ -121,8 +121,8 @@ class ReproduceInput:
 
 def refit(payload: RefitInput, tell: Tell) -> Answer:
     """Refit the model, and return `body` and `revision`."""
+    from server.application.workflow import describe_revision
     from server.commands.twin import fit_body, provenance, refit_compared
-    from server.workflow import describe_revision
 
     tell(0.0, "loading")
     bench = payload.bench.open(catalogue=True)
@@ -137,8 +137,8 @@ def refit(payload: RefitInput, tell: Tell) -> Answer:
 
 def add(payload: AddInput, tell: Tell) -> Answer:
     """Add effects and take others out, refit, and return `body` and `revision`."""
+    from server.application.workflow import describe_revision
     from server.commands.additions import add_bench, addition_body, addition_step, refitted_alone, resolved_effects
-    from server.workflow import describe_revision
 
     tell(0.0, "loading")
     names, own = resolved_effects(payload.effects, files=False)
@@ -226,7 +226,7 @@ def reproduce(payload: ReproduceInput, tell: Tell) -> Answer:
 
 def warm() -> None:
     """Load the array compiler and the compiled models, so that a worker's first job finds them there."""
-    from server.workflow import compare_bench, open_bench, refit_bench
+    from server.application.workflow import compare_bench, open_bench, refit_bench
 
     bench = open_bench(_WARM_SESSION, catalogue=True)
     compare_bench(bench)

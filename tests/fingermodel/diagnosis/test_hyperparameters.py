@@ -8,7 +8,7 @@ import pytest
 from fingermodel.diagnosis import settings
 from fingermodel.diagnosis.posterior.hyper import BUDGET, SCATTER, SMOOTH, Hyperparameters, Node, climbed, explored
 from fingermodel.diagnosis.session_model.session import Session, session_of
-from server.workflow import open_bench
+from server.application.workflow import open_bench
 
 
 @pytest.fixture(scope="module")

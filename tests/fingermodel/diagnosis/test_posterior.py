@@ -13,7 +13,7 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.settings import FORM_NAMED
-from server.workflow import open_bench
+from server.application.workflow import open_bench
 from tests.fingermodel.diagnosis.dense import dense
 
 Floats = NDArray[np.float64]

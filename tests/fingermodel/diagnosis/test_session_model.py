@@ -8,7 +8,7 @@ import pytest
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.session import Session, session_of, whitened
 from fingermodel.diagnosis.settings import BAD_N, P_NOTHING
-from server.workflow import Bench, open_bench
+from server.application.workflow import Bench, open_bench
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.session_model.slips import Slips
 from fingermodel.diagnosis.settings import SLIP_SHARES
-from server.workflow import open_bench
+from server.application.workflow import open_bench
 from tests.fingermodel.diagnosis.dense import dense
 
 

@@ -8,7 +8,7 @@ import pytest
 from fingermodel.comparison import compare
 from fingermodel.diagnosis.answer.where import where
 from fingermodel.problems import map_problem
-from server.workflow import open_bench
+from server.application.workflow import open_bench
 
 
 def test_a_cell_is_the_root_mean_square_of_what_its_cases_have() -> None:

@@ -19,14 +19,14 @@ import pytest
 from daq.bench.run import BenchRun
 from daq.checks import check
 from daq.sessions import read_session
+from server.application.drawing import draw_comparison
+from server.application.workflow import compare_bench, open_bench, refit_bench, save_revision
 from server.commands.bench import model_findings
 from server.commands.files import export_source
-from server.drawing import draw_comparison
 from server.figures.report import Section
 from server.service import exporting
 from server.service.database import now_utc
 from server.service.downloads import FileAnswer, attachment
-from server.workflow import compare_bench, open_bench, refit_bench, save_revision
 from tests.daq.bench_plays import Bench, case, predicted, setup, tared, whole
 from tests.server.service.exported import OF_PREDICTIONS, cells, datasets, exported, from_csv, from_mat, members
 from tests.server.service.recorded import STREAM, upload

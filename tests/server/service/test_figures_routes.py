@@ -14,7 +14,8 @@ import pytest
 from sqlalchemy import insert
 
 from fingermodel.comparison import compare
-from server.diagnosis_report import diagnosis_figures
+from server.application.diagnosis_report import diagnosis_figures
+from server.application.workflow import at_fit, compare_bench, open_bench
 from server.figures.comparison import comparison_figures
 from server.figures.dark import for_dark, turned
 from server.figures.diagnosis_revisions import revisions_figure
@@ -23,7 +24,6 @@ from server.service.blinding import HIDDEN
 from server.service.database import now_utc
 from server.service.figures import COMPARISON, DIAGNOSIS
 from server.service.schema import jobs
-from server.workflow import at_fit, compare_bench, open_bench
 from tests.daq.bench_plays import PROTOCOL, case, tared, whole
 from tests.server.service.recorded import upload
 from tests.server.service.running import ServiceReceiver

@@ -21,6 +21,7 @@ from starlette.types import Message
 
 from daq.columns import HEADERS
 from daq.sessions import find_session, read_yaml
+from server.application.workflow import compare_bench, open_bench
 from server.service import importing
 from server.service.edge import Edge
 from server.service.importing import import_folder
@@ -30,7 +31,6 @@ from server.service.problems import ProblemError
 from server.service.schema import chunks, sessions
 from server.service.strict import StrictRoute
 from server.service.workers import GoneError, require_client
-from server.workflow import compare_bench, open_bench
 from tests.server.service.asks import scope_of
 from tests.server.service.running import ServiceReceiver
 

@@ -11,13 +11,13 @@ import pytest
 
 from daq.errors import InputError
 from fingermodel.problems import map_problem
+from server.application.workflow import open_bench
 from server.service.jobs import population
 from server.service.jobs.bench_input import BenchInput
 from server.service.jobs.executors import DaskExecutor, ExecutorSettings, ProcessExecutor
 from server.service.jobs.population import PopulationInput, drawn, run
 from server.service.jobs.population_summary import summarise
 from server.service.jobs.worker import Said, Tell
-from server.workflow import open_bench
 from tests.server.service.few_effects import few_effects
 from tests.server.service.shipped import bench_input
 

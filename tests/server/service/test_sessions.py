@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from server.workflow import compare_bench, open_bench
+from server.application.workflow import compare_bench, open_bench
 from tests.server.service.recorded import chunks_of, describe, document_of, put, upload
 from tests.server.service.running import ServiceReceiver
 

@@ -17,6 +17,7 @@ from sqlalchemy import insert
 from daq.locations import data_dir
 from fingermodel.finger_files import finger_from_dict, finger_names, read_finger
 from server.activation import activate
+from server.application.workflow import open_bench
 from server.inversion import invert_bench
 from server.movement import move
 from server.reproduce.study import STUDIES
@@ -24,7 +25,6 @@ from server.service.database import now_utc
 from server.service.jobs import tasks
 from server.service.jobs.worker import Tell
 from server.service.schema import jobs
-from server.workflow import open_bench
 from tests.server.service.recorded import upload
 from tests.server.service.running import ServiceReceiver
 

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from daq.errors import InputError
+from daq.plain_json import clean
 from fingermodel.finger_files import read_finger
+from server.application.workflow import compare_bench, open_bench
 from server.commands.additions import add_bench
 from server.commands.diagnosis import diagnosis_answer, run_diagnosis
 from server.commands.twin import fit_body, provenance, refit_compared
-from server.console import clean
 from server.service.jobs import tasks
 from server.service.jobs.bench_input import FINGER_DOCUMENT, BenchInput
 from server.service.jobs.kinds import TaskKind
@@ -24,7 +25,6 @@ from server.service.jobs.service import JobService
 from server.service.jobs.supervisor import Supervisor
 from server.service.jobs.worker import Tell
 from server.service.records import FINGER_DOCUMENT as RECORDED_FINGER
-from server.workflow import compare_bench, open_bench
 from tests.server.service.few_effects import HERE, few_effects
 from tests.server.service.shipped import bench_input
 from tests.server.service.test_jobs import Running

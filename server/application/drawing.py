@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from server.workflow import Bench, compare_bench, open_bench, origin_of, readings_digest
+from server.application.workflow import Bench, compare_bench, open_bench, origin_of, readings_digest
 
 if TYPE_CHECKING:
     import numpy as np

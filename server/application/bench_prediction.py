@@ -95,7 +95,7 @@ def _predicted(setup: BenchSetup, model: str | None) -> Mapping[Key, Floats]:
     from fingermodel.budget import budget_of
     from fingermodel.model_files import load_model
     from fingermodel.observations import layout_of, observe
-    from server.workflow import Bench, compare_bench, prepare_jax
+    from server.application.workflow import Bench, compare_bench, prepare_jax
 
     prepare_jax()
     planned = setup.require_sound()

@@ -17,6 +17,7 @@ from typing import Any
 
 from daq.errors import InputError
 from daq.files import replacing
+from daq.plain_json import clean
 
 # Of tables: before the first column, and between columns.
 _INDENT, _GAP = 2, 2
@@ -50,19 +51,6 @@ def answer(command: str, body: dict[str, Any], json_file: str | None) -> bool:
     except OSError as error:
         raise InputError(f"cannot write {path} ({error.strerror})", "a path that can be written") from error
     return False
-
-
-def clean(value: Any) -> Any:
-    """Return plain JSON: NumPy numbers as numbers, NaN and infinities as null."""
-    if isinstance(value, dict):
-        return {str(k): clean(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [clean(v) for v in value]
-    if hasattr(value, "tolist"):
-        return clean(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def say(text: str = "") -> None:

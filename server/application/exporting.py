@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
-from server.workflow import Bench, compare_bench
+from server.application.workflow import Bench, compare_bench
 
 if TYPE_CHECKING:
     from daq.measured import MeasuredSession
