@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.errors import InputError
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
 from fingermodel.observations import Observations
@@ -39,6 +40,11 @@ class CaseComparison:
     z_sagittal: float | None = None
 
     @property
+    def residual_N(self) -> Floats:  # noqa: N802 - N is the unit
+        """Measured less predicted force (3,) [N]."""
+        return self.measured_N - self.predicted_N
+
+    @property
     def muscles(self) -> str:
         """Loaded tendons, such as `FDP` or `FDP+FDS`."""
         return muscles_of(self.masses_g)
@@ -58,7 +64,7 @@ class CaseComparison:
             "measured_N": self.measured_N.tolist(),
             "measured_sd_N": self.measured_sd_N.tolist(),
             "predicted_N": self.predicted_N.tolist(),
-            "residual_N": (self.measured_N - self.predicted_N).tolist(),
+            "residual_N": self.residual_N.tolist(),
             "measured_Nmm": None if self.measured_Nmm is None else self.measured_Nmm.tolist(),
             "predicted_Nmm": None if self.predicted_Nmm is None else self.predicted_Nmm.tolist(),
             "z": self.z,
@@ -97,10 +103,17 @@ class ErrorSummary:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All load cases of a session under one model."""
+    """All load cases of a session under one model.
+
+    Attributes:
+        cases: measured and predicted, in the session's order.
+        noise_assumed: whether any case states no uncertainty of its own, so that the budget's stands in.
+        judged_in: plane whose forces the finger's axes can predict.
+    """
 
     cases: tuple[CaseComparison, ...]
     noise_assumed: bool
+    judged_in: Plane = "space"
 
     def select(
         self,
@@ -118,15 +131,48 @@ class Comparison:
             and (muscles is None or c.muscles == muscles)
             and (posture is None or c.posture == posture)
         )
-        return Comparison(chosen, self.noise_assumed)
+        return replace(self, cases=chosen)
 
     def without(self, ids: Collection[str]) -> Comparison:
         """Return the cases that are none of these."""
-        return Comparison(tuple(c for c in self.cases if c.id not in ids), self.noise_assumed)
+        return replace(self, cases=tuple(c for c in self.cases if c.id not in ids))
 
     def errors(self, plane: str) -> ErrorSummary:
         """Summarise all cases in the `sagittal` plane or in `space`."""
         return summarise(self.cases, PLANES[plane])
+
+    def rmse_N(self, group: str, plane: Plane | None = None) -> float:  # noqa: N802 - N is the unit
+        """Return the root mean square error [N] of the force components of a group of load cases (Eq 6).
+
+        Args:
+            group: `role/location`, such as `validation/tip`.
+            plane: `sagittal` or `space`; by default the one that the finger is judged in.
+
+        Raises:
+            InputError: there is no such group.
+        """
+        role, _, location = group.partition("/")
+        rmse = self.select(role, location).errors(plane or self.judged_in).rmse_N
+        if rmse is None:
+            groups = dict.fromkeys(f"{c.role}/{c.location}" for c in self.cases)
+            raise InputError(f"no load case of {group}", f"one of {', '.join(groups) or 'none: no case is left'}")
+        return rmse
+
+    def table(self) -> dict[str, list[Any]]:
+        """Return the cases by column, one entry a case; `pandas.DataFrame` takes it as it is.
+
+        Forces [N] stand by component: `measured_x_N`, `measured_sd_x_N`, `predicted_x_N`, `residual_x_N` and so on.
+        """
+        cases = self.cases
+        columns: dict[str, list[Any]] = {
+            key: [getattr(c, key) for c in cases] for key in ("id", "role", "posture", "location", "muscles")
+        }
+        columns["mass_g"] = [sum(c.masses_g.values()) for c in cases]
+        for key in ("measured_N", "measured_sd_N", "predicted_N", "residual_N"):
+            for i, axis in enumerate("xyz"):
+                columns[f"{key.removesuffix('_N')}_{axis}_N"] = [float(getattr(c, key)[i]) for c in cases]
+        columns["z"] = [c.z for c in cases]
+        return columns
 
     def both(self) -> dict[str, Any]:
         """Return the summaries of both planes."""
@@ -217,7 +263,7 @@ def compare(model: Model, observations: Observations, theta: Floats | None = Non
                 z_sagittal=z_sagittal[i],
             )
         )
-    return Comparison(tuple(cases), observations.noise_assumed)
+    return Comparison(tuple(cases), observations.noise_assumed, model.finger.judged_in)
 
 
 def _norms(residuals: Floats, covariances: Floats) -> list[float | None]:

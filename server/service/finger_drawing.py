@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from daq.bench.result import PUBLISHED_TENSION_FACTOR
 from daq.errors import InputError
+from fingermodel.predicting import Predictor
 from server.application.workflow import compare_bench
 from server.service.blinding import HIDDEN
 from server.service.measuring import Measured
-from server.service.predicting import Predictor
 from server.service.problems import ProblemError, not_found
 from server.service.services import Services
 

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import select
 
+from fingermodel.predicting import Predictor
 from server.application.workflow import Bench, bench_of, compare_bench
 from server.service.answers import dumps
 from server.service.database import Database
 from server.service.effects import OwnEffects
 from server.service.measuring import Measured, Measuring
-from server.service.predicting import Predictor
 from server.service.problems import ProblemError, shortened
 from server.service.records import FINGER_DOCUMENT
 from server.service.revisions import Revisions

@@ -7,9 +7,8 @@ from typing import Annotated
 import numpy as np
 from fastapi import APIRouter, Header, Query, Request, Response
 
-from daq.errors import InputError
+from fingermodel.predicting import predict as evaluate
 from server.service.answers import JsonAnswer
-from server.service.predicting import columns
 from server.service.problems import ProblemError
 from server.service.schemas.common import ModelName, SessionId, Shown, documented
 from server.service.schemas.predictions import Asked, Compared, Predicted
@@ -25,21 +24,17 @@ Matched = Annotated[str | None, Header(alias="If-None-Match", max_length=200)]
 def predict(body: Asked, request: Request) -> JsonAnswer:
     """Predict the forces of load cases, many at once or one alone."""
     predictor = of(request).twins.predictor(body.model)
-    topology = predictor.topology
-    given = body.masses_g if body.masses_g is not None else body.tensions_N or {}
-    what = "tendon" if body.masses_g is None else "mass on"
-    degrees, rows = columns(body.postures_deg, topology.rotations, "joint")
-    load, more = columns(given, topology.muscles, what, rows)
-    if (load < 0).any():
-        raise InputError("a mass or tension below zero", "0 or more: tendons only pull")
-    n = max(rows, more)
-    degrees, load = (np.broadcast_to(a, (n, a.shape[1])) for a in (degrees, load))
-    weight = body.gravity_m_s2 * 1e-3 * body.tension_factor
-    tension = load * weight if body.masses_g is not None else load
-    forces = predictor.predict(np.deg2rad(degrees), np.ascontiguousarray(tension), weight)
-    undetermined = np.flatnonzero(np.isnan(forces["tip_force_N"][:, 0]))
-    answer = {k: np.ascontiguousarray(v) for k, v in forces.items()}
-    head = {"schema": "fingertwin/predict/1", "model": predictor.name, "n": n}
+    forces = evaluate(
+        predictor,
+        body.postures_deg,
+        body.masses_g,
+        tensions_N=body.tensions_N,
+        tension_factor=body.tension_factor,
+        gravity_m_s2=body.gravity_m_s2,
+    )
+    undetermined = np.flatnonzero(np.isnan(forces.tip_force_N[:, 0]))
+    answer = {k: np.ascontiguousarray(v) for k, v in vars(forces).items()}
+    head = {"schema": "fingertwin/predict/1", "model": predictor.name, "n": len(forces)}
     return JsonAnswer(head | answer | {"undetermined": undetermined})
 
 

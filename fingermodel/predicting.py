@@ -2,24 +2,124 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from daq.errors import InputError, ModelError
+from fingermodel.compilation import prepare_jax
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger, Topology
     from fingermodel.model_files import Revision
+    from fingermodel.session import Session
+
+__all__ = ["PredictedForces", "Predictor", "predict"]
 
 Floats = NDArray[np.float64]
+Columns = Mapping[str, ArrayLike]
 # Sizes that are compiled; larger batches go in portions of the last.
 SIZES = (1, 16, 128, 1024, 8192)
 # A straight finger turns any torque into as much force as its rounding errors allow.
 _ABSURD = 20.0
 _STRAIGHT = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedForces:
+    """Forces that a finger exerts on what holds it, for n load cases: x proximal, y dorsal, z radial.
+
+    Attributes:
+        tip_force_N: (n, 3) in the distal phalanx's axes; NaN where a straight finger leaves it undetermined.
+        tip_moment_Nmm: (n, 3) about the load point in the mid pulp.
+        bone_force_N: (n, 3) in the metacarpal's axes.
+    """
+
+    tip_force_N: Floats
+    tip_moment_Nmm: Floats
+    bone_force_N: Floats
+
+    def __len__(self) -> int:
+        return len(self.tip_force_N)
+
+
+def predict(
+    model: Predictor | Finger | Revision | Session | str | os.PathLike[str],
+    postures_deg: Columns,
+    masses_g: Columns | None = None,
+    *,
+    tensions_N: Columns | None = None,
+    tension_factor: float = 1.0,
+    gravity_m_s2: float = 9.81,
+) -> PredictedForces:
+    """Predict the forces of load cases: row i of each column is load case i, and one number holds for all.
+
+    Args:
+        model: that predicts: a finger or its name, a revision, a session with its model, or a `Predictor` of one.
+        postures_deg: angle of each joint [deg], flexion positive; one left out is 0.
+        masses_g: weight hung on each tendon [g]; or else
+        tensions_N: the tension in each [N].
+        tension_factor: friction correction c of the weights: tension = c m g (Synek et al. 2019, Eq 1).
+        gravity_m_s2: g.
+
+    Raises:
+        InputError: neither or both of weights and tensions, or one below zero; columns of different lengths.
+        ModelError: a joint or tendon that the finger lacks.
+
+    Example:
+        >>> from fingermodel import predict
+        >>> forces = predict("an1979_middle", {"PIP": 65.0, "DIP": [50.0, 30.0]}, {"FDP": 950.0}, tension_factor=0.835)
+        >>> forces.tip_force_N.round(2)
+        array([[-0.47, -1.44,  0.05],
+               [ 0.03, -1.66,  0.05]])
+    """
+    if (masses_g is None) == (tensions_N is None):
+        found = "no load" if masses_g is None else "masses_g and tensions_N"
+        raise InputError(found, "one of masses_g and tensions_N")
+    predictor = model if isinstance(model, Predictor) else predictor_of(model)
+    topology, weight = predictor.topology, gravity_m_s2 * 1e-3 * tension_factor
+    degrees, rows = columns(_lists(postures_deg), topology.rotations, "joint")
+    what = "tendon" if masses_g is None else "mass on"
+    load, more = columns(_lists(masses_g or tensions_N or {}), topology.muscles, what, rows)
+    if (load < 0).any():
+        raise InputError("a mass or tension below zero", "0 or more: tendons only pull")
+    n = max(rows, more)
+    degrees, load = (np.broadcast_to(a, (n, a.shape[1])) for a in (degrees, load))
+    tension = load if masses_g is None else load * weight
+    return PredictedForces(**predictor.predict(np.deg2rad(degrees), np.ascontiguousarray(tension), weight))
+
+
+def _lists(given: Columns) -> dict[str, Sequence[float]]:
+    """Columns of numbers as lists, a single number as a list of one."""
+    out: dict[str, Sequence[float]] = {}
+    for name, values in given.items():
+        try:
+            column = np.atleast_1d(np.asarray(values, dtype=np.float64))
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{name}: {values!r:.60}", "a number, or one for each load case") from error
+        if column.ndim != 1 or not len(column) or not np.isfinite(column).all():
+            raise InputError(f"{name}: {values!r:.60}", "a finite number, or one for each load case")
+        out[name] = column.tolist()
+    return out
+
+
+def predictor_of(model: Finger | Revision | Session | str | os.PathLike[str]) -> Predictor:
+    """Return what predicts with a model: itself, its file or its name."""
+    from fingermodel.finger_files import read_finger
+    from fingermodel.model_files import read_revision
+    from fingermodel.session import Session
+
+    if isinstance(model, Session):
+        return Predictor.of_session(model)
+    if isinstance(model, str | os.PathLike):
+        path = Path(model)
+        model = read_revision(path) if path.suffix == ".json" else read_finger(model)
+    return Predictor(model)
 
 
 class Predictor:
@@ -36,12 +136,12 @@ class Predictor:
         from fingermodel.fingers import Finger as PlainFinger
         from fingermodel.model import ANY_LAYOUT, Model, jax_values
         from fingermodel.model_files import load_model
-        from server.application.workflow import prepare_jax
 
         prepare_jax()
         self.name = model.id
+        self._theta: Floats | None = None
         if isinstance(model, PlainFinger):
-            self._model, self._theta = Model(model), None
+            self._model = Model(model)
             self._finger, self._plain = model, True
         else:
             loaded = load_model(model, "", model.finger.id, None, ANY_LAYOUT, Model(model.finger).budget)
@@ -49,6 +149,24 @@ class Predictor:
             # Errors of a rig belong to its session; anatomy and effects to the specimen.
             self._finger, self._plain = model.finger, not loaded.added
         self._values = jax_values(self._finger.values)
+
+    @classmethod
+    def of_session(cls, session: Session) -> Predictor:
+        """Of a session's model: its anatomy and effects, without the errors of the session's rig."""
+        from fingermodel.model import ANY_LAYOUT, Model
+
+        source, given = session.model, session.theta
+        fitted = source.finger.replace_values(**source.values_at(given)._asdict())
+        made = cls(fitted)
+        model = Model(source.finger, ANY_LAYOUT, source.budget, source.effects)
+        theta = model.initial
+        for i, parameter in enumerate(model.parameters):
+            if parameter.kind != "budget" and parameter.name in source.parameters.index:
+                theta[i] = given[source.parameters.index[parameter.name]]
+        effects = model.parameters.of_kind("effect")
+        made.name, made._model, made._theta = session.loaded.name, model, theta
+        made._plain = bool((theta[effects] == model.initial[effects]).all())
+        return made
 
     @property
     def topology(self) -> Topology:

@@ -1,0 +1,148 @@
+"""The public API: its examples run, its names are there, and importing it is light."""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import importlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import daq
+import fingermodel
+import fingertwin
+import server
+from fingermodel import InputError, Session, add, compare, predict, read_finger, read_revision, refit, save
+from tests.contracts.test_layers import loaded_by
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = (daq, fingermodel, server, fingertwin)
+
+
+def with_examples() -> list[str]:
+    """Modules of the packages whose docstrings hold examples."""
+    files = [f for p in PACKAGES for f in sorted((ROOT / p.__name__).rglob("*.py")) if ">>> " in f.read_text("utf-8")]
+    return [".".join(f.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__") for f in files]
+
+
+@pytest.mark.parametrize("name", with_examples())
+def test_examples_of_docstrings_give_what_they_say(name: str) -> None:
+    found = doctest.testmod(importlib.import_module(name))
+    assert found.attempted > 0
+    assert found.failed == 0
+
+
+def test_importing_the_model_is_light() -> None:
+    assert loaded_by("fingermodel").isdisjoint({"jax", "numpy", "scipy", "pydantic", "yaml", "pyarrow"})
+
+
+def test_a_type_checker_and_python_find_the_same_public_names() -> None:
+    tree = ast.parse(Path(fingermodel.__file__).read_text("utf-8"))
+    typed = {
+        alias.name
+        for block in tree.body
+        if isinstance(block, ast.If)
+        for imported in block.body
+        if isinstance(imported, ast.ImportFrom)
+        for alias in imported.names
+    }
+    assert typed == set(fingermodel.__all__)
+    assert set(fingermodel.__all__) <= set(dir(fingermodel))
+    for name in fingermodel.__all__:
+        found = getattr(fingermodel, name)
+        assert callable(found) or name == "CATALOGUE"
+
+
+def test_a_name_that_is_not_public_is_refused() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'nothing_of_the_kind'"):
+        _ = fingermodel.nothing_of_the_kind
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_package_says_that_it_is_typed(package: object) -> None:
+    assert (Path(str(getattr(package, "__file__", ""))).parent / "py.typed").is_file()
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    return Session.open("synek2019_HMEAN")
+
+
+def test_a_fit_goes_into_a_file_and_comes_back(session: Session, tmp_path: Path) -> None:
+    fit = refit(session)
+    revision = save(session, fit, tmp_path / "mean.json")
+    again = Session.open("synek2019_HMEAN", tmp_path / "mean.json")
+    assert again.refitted
+    assert not session.refitted
+    assert revision.id == again.loaded.name == read_revision(tmp_path / "mean.json").id
+    expected = compare(session.at(fit)).rmse_N("validation/tip")
+    assert compare(again).rmse_N("validation/tip") == pytest.approx(expected, rel=1e-9)
+    with pytest.raises(InputError, match="exists"):
+        save(session, fit, tmp_path / "mean.json")
+
+
+def test_a_fit_is_the_same_with_the_catalogue_at_its_null(session: Session) -> None:
+    bare = Session.open("synek2019_HMEAN", catalogue=False)
+    assert refit(session).objective == pytest.approx(refit(bare).objective, rel=1e-6)
+
+
+def test_an_addition_is_part_of_the_model_afterwards(session: Session, tmp_path: Path) -> None:
+    addition = add(session, "tip_location")
+    better = session.at(addition)
+    assert set(better.loaded.added) == {p.name for p in addition.fit.parameters if p.kind == "effect"}
+    again = add(better, without=["tip_location"])
+    assert not session.at(again).loaded.added
+    with pytest.raises(InputError, match="no hanger_mass to take out"):
+        add(better, without=["hanger_mass"])
+    revision = save(session, addition, tmp_path / "tip.json")
+    assert revision.document["added"] == list(addition.names)
+    assert revision.document["evidence"] == {"log_evidence_gain": addition.log_evidence_gain}
+
+
+def test_columns_of_a_comparison_are_its_cases(session: Session) -> None:
+    comparison = compare(session)
+    table = comparison.table()
+    assert table["id"] == [c.id for c in comparison.cases]
+    assert {len(column) for column in table.values()} == {len(comparison.cases)}
+    np.testing.assert_allclose(
+        np.array(table["measured_x_N"]) - np.array(table["predicted_x_N"]), table["residual_x_N"], atol=1e-12
+    )
+    with pytest.raises(InputError, match="no load case of validation/toe"):
+        comparison.rmse_N("validation/toe")
+
+
+def test_forces_of_a_finger_are_those_of_its_name_and_double_with_the_load() -> None:
+    finger = read_finger("an1979_middle")
+    posture = {"MCP": 20.0, "PIP": [65.0, 30.0], "DIP": 40.0}
+    by_name, by_value = predict("an1979_middle", posture, {"FDP": 500.0}), predict(finger, posture, {"FDP": 500.0})
+    np.testing.assert_array_equal(by_name.tip_force_N, by_value.tip_force_N)
+    twice = predict(finger, posture, {"FDP": 1000.0})
+    np.testing.assert_allclose(twice.bone_force_N, 2.0 * by_value.bone_force_N, rtol=1e-12)
+    pulled = predict(finger, posture, tensions_N={"FDP": 500.0 * 9.81e-3})
+    np.testing.assert_allclose(pulled.tip_force_N, by_value.tip_force_N, rtol=1e-12)
+    assert len(pulled) == 2
+
+
+def test_a_session_predicts_with_its_fitted_model(session: Session, tmp_path: Path) -> None:
+    fit = refit(session)
+    posture, load = {"PIP": 45.0, "DIP": 10.0}, {"FDP": 500.0}
+    fitted = predict(session.at(fit), posture, load).tip_force_N
+    revision = save(session, fit, tmp_path / "mean.json")
+    np.testing.assert_allclose(fitted, predict(revision, posture, load).tip_force_N, rtol=1e-6)
+    assert not np.allclose(fitted, predict(session, posture, load).tip_force_N, rtol=1e-3)
+    worn, whole = session.at_values({"worn_pulley.FDP": 0.1}), predict(session, posture, load)
+    np.testing.assert_allclose(predict(worn, posture, load).tip_force_N, 0.9 * whole.tip_force_N, rtol=1e-9)
+
+
+def test_a_prediction_refuses_what_it_cannot_use() -> None:
+    posture = {"PIP": 65.0, "DIP": 50.0}
+    with pytest.raises(InputError, match="no load; expected one of masses_g and tensions_N"):
+        predict("an1979_middle", posture)
+    with pytest.raises(InputError, match="below zero"):
+        predict("an1979_middle", posture, {"FDP": -1.0})
+    with pytest.raises(InputError, match="joint 'KNEE'"):
+        predict("an1979_middle", {"KNEE": 1.0}, {"FDP": 1.0})
+    with pytest.raises(InputError, match="FDP: 'heavy'"):
+        predict("an1979_middle", posture, {"FDP": "heavy"})
