@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test test-full check bench lock sbom clean
+.PHONY: help demo test test-full check docs bench lock sbom clean
 help:  ## List the tasks
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
 
@@ -21,6 +21,9 @@ check: $(VENV)/.dev  ## Style, types, layers
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+docs: $(VENV)/.dev  ## Build the documentation as a site in build/docs; warnings and broken links are errors
+	$(BIN)/sphinx-build -q -W --keep-going -b html -c docs -d build/doctrees . build/docs
 
 bench: $(VENV)/.dev  ## Time everything against its rivals (about five minutes)
 	$(BIN)/python -m benchmarks.run

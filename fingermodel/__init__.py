@@ -1,15 +1,7 @@
 """Physics and inference: fingers, forces, comparison, refit, diagnosis. No hardware, no web.
 
-From a notebook or a script:
-
-    >>> from fingermodel import Session, add, compare, diagnose
-    >>> session = Session.open("DEV-02")
-    >>> diagnosis = diagnose(session)
-    >>> print(diagnosis)
-    Found: the hanger was not weighed (hanger_mass); hanger_mass.m0 = 29.2 ± 0.48 g; probability 1.00.
-    >>> better = session.at(add(session, *diagnosis.found))
-    >>> bool(compare(better).rmse_N("validation/tip") < compare(session).rmse_N("validation/tip") / 2)
-    True
+From a notebook or a script: `from fingermodel import Session, compare, refit, diagnose, add, predict, save`. A session
+is opened from its folder (`Session.open`); every step takes values and returns values.
 
 Importing the package is quick: what a name needs is imported when it is first used. `server` and `fingertwin` are built
 on it; it knows neither. Units are in the names: `_N`, `_Nmm`, `_g`, `_deg`. Axes: x proximal, y dorsal, z radial.

@@ -81,8 +81,8 @@ class ErrorSummary:
         components: scalar force components (2 or 3 a case).
         rmse_N: over the components (Eq 6).
         rmse_rel_pct: of the mean measured norm (Eq 7).
-        magnitude_error_N: mean of | |predicted| - |measured| |.
-        magnitude_error_pct: the same relative to each |measured|.
+        magnitude_error_N: mean absolute difference of the norms of predicted and measured force.
+        magnitude_error_pct: the same relative to each measured norm.
         direction_error_deg: mean unsigned angle, where the measured force stands out from its uncertainty.
         direction_cases: how many cases that is.
     """

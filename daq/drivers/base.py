@@ -18,6 +18,7 @@ from daq.errors import DriverError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 # A device may start up when its port is opened, or have been switched on just now.
 BOOT_S = 12.0
 Link = Literal["serial", "udp", "file", "none"]
@@ -71,7 +72,7 @@ class Samples:
 
     wrench: Floats
     status: Integers
-    overload: NDArray[np.bool_]
+    overload: Flags
     sequence: Integers | None = None
     device_s: Floats | None = None
     rejected: int = 0
@@ -271,7 +272,7 @@ class Unwrap:
 def samples(
     wrench: Floats,
     status: Integers | None = None,
-    overload: NDArray[np.bool_] | None = None,
+    overload: Flags | None = None,
     sequence: Integers | None = None,
     device_s: Floats | None = None,
     rejected: int = 0,

@@ -34,6 +34,14 @@ def test_examples_of_docstrings_give_what_they_say(name: str) -> None:
     assert found.failed == 0
 
 
+def test_the_guide_for_notebooks_gives_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    guide = ROOT / "docs/how-to/use-it-in-a-notebook.md"
+    found = doctest.testfile(str(guide), module_relative=False, optionflags=doctest.ELLIPSIS, encoding="utf-8")
+    assert found.attempted > 20
+    assert found.failed == 0
+
+
 def test_importing_the_model_is_light() -> None:
     assert loaded_by("fingermodel").isdisjoint({"jax", "numpy", "scipy", "pydantic", "yaml", "pyarrow"})
 
@@ -115,7 +123,7 @@ def test_columns_of_a_comparison_are_its_cases(session: Session) -> None:
 
 def test_forces_of_a_finger_are_those_of_its_name_and_double_with_the_load() -> None:
     finger = read_finger("an1979_middle")
-    posture = {"MCP": 20.0, "PIP": [65.0, 30.0], "DIP": 40.0}
+    posture: dict[str, float | list[float]] = {"MCP": 20.0, "PIP": [65.0, 30.0], "DIP": 40.0}
     by_name, by_value = predict("an1979_middle", posture, {"FDP": 500.0}), predict(finger, posture, {"FDP": 500.0})
     np.testing.assert_array_equal(by_name.tip_force_N, by_value.tip_force_N)
     twice = predict(finger, posture, {"FDP": 1000.0})
@@ -132,7 +140,7 @@ def test_a_session_predicts_with_its_fitted_model(session: Session, tmp_path: Pa
     revision = save(session, fit, tmp_path / "mean.json")
     np.testing.assert_allclose(fitted, predict(revision, posture, load).tip_force_N, rtol=1e-6)
     assert not np.allclose(fitted, predict(session, posture, load).tip_force_N, rtol=1e-3)
-    worn, whole = session.at_values({"worn_pulley.FDP": 0.1}), predict(session, posture, load)
+    worn, whole = session.at_values({"worn_pulley.FDP": 10.0}), predict(session, posture, load)
     np.testing.assert_allclose(predict(worn, posture, load).tip_force_N, 0.9 * whole.tip_force_N, rtol=1e-9)
 
 

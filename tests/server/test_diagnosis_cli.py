@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from fingermodel.effects.catalogue import CATALOGUE
 from fingermodel.effects.user import effect_document, load_effect
 from server.application.workflow import open_bench
 from server.commands.additions import print_history
@@ -128,7 +129,7 @@ def test_what_was_added_is_held_and_can_be_taken_out(added: tuple[Path, dict[str
 
 def test_the_catalogue_is_shown_whole() -> None:
     body = run("effects", "--json", "-").body("effects")
-    assert len(body["effects"]) == 23
+    assert [effect["name"] for effect in body["effects"]] == [effect.name for effect in CATALOGUE]
     for effect in body["effects"]:
         assert all(effect[key] for key in ("name", "stage", "title", "formula", "source", "tell", "parameters"))
     assert "capstan" in run("effects", "sheath_friction").out.lower() or "exp(" in run("effects", "sheath_friction").out
