@@ -51,8 +51,8 @@ def base_seed(name: str | None) -> int:
 
 def one_session(seed: tuple[int, int], measured: str) -> dict[str, Any]:
     """Draw a session, diagnose it, and keep what was hidden and what was answered."""
+    from server.application.diagnosing import diagnosis_answer, run_diagnosis
     from server.application.workflow import open_bench
-    from server.commands.diagnosis import diagnosis_answer, run_diagnosis
     from tests.random_worlds import write_world
 
     with tempfile.TemporaryDirectory() as folder:

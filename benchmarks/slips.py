@@ -35,8 +35,8 @@ SHOWS = 3.0
 
 def one_session(seed: int, kind: str | None, acts: bool, scatter: float) -> dict[str, Any]:
     """Draw a session with a slip, diagnose it, and keep what was done and what was said."""
+    from server.application.diagnosing import diagnosis_answer, run_diagnosis
     from server.application.workflow import open_bench
-    from server.commands.diagnosis import diagnosis_answer, run_diagnosis
 
     plan, effects = PROTOCOLS["dev"](), draw_truth("one", seed).effects if acts else {}
     done = Done(seed, scatter, kind)

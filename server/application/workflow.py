@@ -8,8 +8,9 @@ import json
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from daq.amendments import listed
 from fingermodel.compilation import prepare_jax
 from fingermodel.revisions import describe_revision, held_by, save_revision
 from fingermodel.session import Progress, Session, held_effects, readings_digest
@@ -34,6 +35,7 @@ __all__ = [
     "open_bench",
     "origin_of",
     "prepare_jax",
+    "provenance",
     "readings_digest",
     "refit_bench",
     "save_revision",
@@ -99,6 +101,23 @@ def refit_bench(
     from fingermodel.api import refit
 
     return refit(bench, method, plane=plane, starts=starts, progress=progress)  # type: ignore[arg-type]
+
+
+def provenance(bench: Bench) -> dict[str, Any]:
+    """Say which session, model and corrections an answer came from."""
+    measured = bench.measured
+    return {
+        "session": measured.session.id,
+        "model": bench.loaded.name,
+        "residuals_after": bench.loaded.fitted,
+        "tension_factor": measured.tension_factor,
+        "tension_factor_source": measured.tension_factor_source,
+        "budget": bench.model.budget.name,
+        "judged_in": bench.model.finger.judged_in,
+        "notes": [*measured.notes, *bench.loaded.notes],
+        "warnings": [f.as_warning() for f in bench.findings],
+        "amendments": listed(measured.session),
+    }
 
 
 def origin_of(bench: Bench, readings_sha256: str | None) -> dict[str, str | None]:

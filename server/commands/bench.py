@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from daq.errors import InputError
+from server.application.checking import check_whole
 from server.commands.console import answer, progress, say, table
 
 if TYPE_CHECKING:
-    from daq.findings import Finding
     from daq.friction_bands import BandMean, FrictionBand
 
 
 def check_session(session: str, json: str | None) -> int:
     """Check a session; return the exit code: 2 where anything makes it unusable."""
-    from daq.checks import check
-    from daq.sessions import find_session
-
-    find_session(session)
     with progress("Reading"):
-        report = check(session)
-    if report.ok:
-        report = replace(report, findings=(*model_findings(session), *report.findings))
+        report = check_whole(session)
     body = report.as_dict()
     code = 0 if report.ok else 2
     if answer("check", {k: v for k, v in body.items() if k != "schema"}, json):
@@ -34,25 +26,6 @@ def check_session(session: str, json: str | None) -> int:
         where = f"{finding.where}: " if finding.where else ""
         say(f"{finding.level:8} {where}{finding.text}")
     return code
-
-
-def model_findings(path: str) -> list[Finding]:
-    """What makes a sound session unusable for its finger: joints, tendons, budget, a straight posture."""
-    from daq.findings import finding
-    from daq.sessions import read_session
-    from fingermodel.budget import budget_of
-    from fingermodel.finger_files import read_finger
-    from fingermodel.model import Model
-    from fingermodel.observations import require_usable
-
-    session = read_session(path)
-    try:
-        finger = read_finger(session.finger, session.folder)
-        require_usable(session, finger)
-        _ = Model(finger, budget=budget_of(session.budget)).parameters
-    except InputError as error:
-        return [finding("error", "not_predictable", "session", error.found, error.expected, error.remedy)]
-    return []
 
 
 def friction_of(sessions: list[str], json: str | None) -> None:

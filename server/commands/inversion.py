@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from server.application.workflow import open_bench
+from server.application.workflow import open_bench, provenance
 from server.commands.console import answer, progress, say, table
-from server.commands.twin import provenance
 from server.inversion import invert_bench
 from server.inverted import Assigned, Inversion, InvertedCase
 

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daq.amendments import listed
 from daq.errors import InputError
 from server.application.drawing import draw_comparison
-from server.application.workflow import Bench, Progress, compare_bench, open_bench, refit_bench, save_revision
+from server.application.refitting import fit_body, refit_compared
+from server.application.workflow import (
+    Bench,
+    compare_bench,
+    open_bench,
+    provenance,
+    save_revision,
+)
 from server.commands.amend import amended_line
 from server.commands.console import answer, progress, say, shown, table
 
@@ -78,59 +83,12 @@ def refit_session(
         say(f"Figures: {page}")
 
 
-def refit_compared(
-    bench: Bench, method: str = "map", plane: str | None = None, tell: Progress | None = None
-) -> tuple[Comparison, Fit, Comparison]:
-    """Refit a bench's model, with the comparison before and after."""
-    from fingermodel.comparison import compare
-
-    before = compare_bench(bench)
-    fit = refit_bench(bench, method, plane, progress=tell)
-    return before, fit, compare(bench.model, bench.observations, fit.theta)
-
-
-def provenance(bench: Bench) -> dict[str, Any]:
-    """Say which session, model and corrections an answer came from."""
-    measured = bench.measured
-    return {
-        "session": measured.session.id,
-        "model": bench.loaded.name,
-        "residuals_after": bench.loaded.fitted,
-        "tension_factor": measured.tension_factor,
-        "tension_factor_source": measured.tension_factor_source,
-        "budget": bench.model.budget.name,
-        "judged_in": bench.model.finger.judged_in,
-        "notes": [*measured.notes, *bench.loaded.notes],
-        "warnings": [f.as_warning() for f in bench.findings],
-        "amendments": listed(measured.session),
-    }
-
-
 def say_first(body: Mapping[str, Any]) -> None:
     """Print what has to be known before a result: warnings of the check, and what was amended."""
     for warning in body["warnings"]:
         say(f"Warning: {warning['place']}: {warning['words']}")
     for row in body["amendments"]:
         say(amended_line(row))
-
-
-def fit_body(fit: Fit, before: Comparison, after: Comparison) -> dict[str, Any]:
-    """Return the contract's refit answer, without the model's path."""
-    return {
-        "method": fit.method,
-        "outcome": fit.outcome,
-        "message": fit.message,
-        "objective": fit.objective,
-        "objective_before": fit.objective_before,
-        "residuals": fit.residuals,
-        "evaluations": fit.evaluations,
-        "seconds": fit.seconds,
-        "before": before.summary(),
-        "after": after.summary(),
-        "parameters": [asdict(p) for p in fit.parameters],
-        "optima": [{"objective": objective, "probability": share} for objective, share in fit.optima],
-        "correlated": [{"a": a, "b": b, "r": r} for a, b, r in fit.correlated],
-    }
 
 
 def print_comparison(bench: Bench, comparison: Comparison) -> None:

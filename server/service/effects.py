@@ -138,7 +138,7 @@ def made(document: Mapping[str, Any]) -> Effect:
         ProblemError: 422 it is Python code, which is not taken over the network.
     """
     from fingermodel.effects.user import effect_from_dict
-    from server.commands.additions import formula_of
+    from server.application.additions import formula_of
 
     if set(document) == {"formula"}:
         text = document["formula"]

@@ -48,7 +48,7 @@ def checked(parts: Services, session: str) -> dict[str, Any]:
 
 
 def _model_findings(parts: Services, measured: Measured, folder: str) -> Sequence[Finding]:
-    from server.commands.bench import model_findings
+    from server.application.checking import model_findings
 
     try:
         # A finger that is a file of the bench is not looked for here.

@@ -214,7 +214,7 @@ class Twins:
     def compared_body(self, measured: Measured, bench: Bench, comparison: Comparison) -> dict[str, Any]:
         """The contract's comparison, blind where it has to be, with what it came from."""
         from fingermodel.comparison import Comparison as Cases
-        from server.commands.twin import provenance
+        from server.application.workflow import provenance
 
         blinded = []
         if not measured.record.closed:

@@ -19,9 +19,9 @@ from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.frozen import freeze, read_frozen, score, write_frozen
 from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, name_of, plan_next
 from fingermodel.diagnosis.several_sessions.several import Pooled, diagnose_pooled
+from server.application.additions import add_bench
+from server.application.diagnosing import run_diagnosis
 from server.application.workflow import Bench, open_bench
-from server.commands.additions import add_bench
-from server.commands.diagnosis import run_diagnosis
 from tests.simulator import Kind, draw_session, draw_truth
 
 TRUTH = Path(__file__).parents[1] / "truth"

@@ -9,8 +9,8 @@ import numpy as np
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.verdict.predictive import check, predicted
 from fingermodel.identification import drawn_starts, slopes_of
+from server.application.diagnosing import run_diagnosis
 from server.application.workflow import open_bench
-from server.commands.diagnosis import run_diagnosis
 
 
 def test_slopes_of_validation_readings_are_those_of_the_prediction() -> None:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
+from server.application.diagnosing import diagnosis_answer, run_diagnosis
 from server.application.workflow import open_bench
-from server.commands.diagnosis import diagnosis_answer, run_diagnosis
 from tests.simulator import draw_session
 
 

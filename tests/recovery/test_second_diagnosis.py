@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from fingermodel.diagnosis.answer.answer import parameters_of
+from server.application.diagnosing import run_diagnosis
 from server.application.workflow import open_bench
-from server.commands.diagnosis import run_diagnosis
 from tests.second_simulator import Kind, write_session
 
 

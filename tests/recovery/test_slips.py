@@ -10,8 +10,8 @@ import pytest
 import yaml
 from pyarrow import parquet
 
+from server.application.diagnosing import diagnosis_answer, run_diagnosis
 from server.application.workflow import open_bench
-from server.commands.diagnosis import diagnosis_answer, run_diagnosis
 from tests.simulator import draw_session
 from tests.simulator.protocols import PROTOCOLS
 from tests.simulator.slips import Done

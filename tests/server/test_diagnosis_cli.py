@@ -10,10 +10,10 @@ import pytest
 
 from fingermodel.effects.catalogue import CATALOGUE
 from fingermodel.effects.user import effect_document, load_effect
+from server.application.refitting import refit_compared
 from server.application.workflow import open_bench
 from server.commands.additions import print_history
 from server.commands.diagnosis import _print_verdict
-from server.commands.twin import refit_compared
 from server.figures.diagnosis_revisions import steps_of
 from tests.own_effect import python_file
 from tests.server.test_cli import run

@@ -166,7 +166,7 @@ def fit_part(part: Part) -> Result:
     bench = _opened(part)
     gain = None
     if part.estimate is None:
-        from server.commands.additions import add_bench
+        from server.application.additions import add_bench
 
         _, addition, after = add_bench(bench, part.effects, ())
         fit, gain, names = addition.fit, addition.log_evidence_gain, addition.names

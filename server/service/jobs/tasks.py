@@ -121,8 +121,8 @@ class ReproduceInput:
 
 def refit(payload: RefitInput, tell: Tell) -> Answer:
     """Refit the model, and return `body` and `revision`."""
-    from server.application.workflow import describe_revision
-    from server.commands.twin import fit_body, provenance, refit_compared
+    from server.application.refitting import fit_body, refit_compared
+    from server.application.workflow import describe_revision, provenance
 
     tell(0.0, "loading")
     bench = payload.bench.open(catalogue=True)
@@ -137,8 +137,8 @@ def refit(payload: RefitInput, tell: Tell) -> Answer:
 
 def add(payload: AddInput, tell: Tell) -> Answer:
     """Add effects and take others out, refit, and return `body` and `revision`."""
+    from server.application.additions import add_bench, addition_body, addition_step, refitted_alone, resolved_effects
     from server.application.workflow import describe_revision
-    from server.commands.additions import add_bench, addition_body, addition_step, refitted_alone, resolved_effects
 
     tell(0.0, "loading")
     names, own = resolved_effects(payload.effects, files=False)
@@ -163,7 +163,7 @@ def add(payload: AddInput, tell: Tell) -> Answer:
 
 def diagnose(payload: DiagnoseInput, tell: Tell) -> Answer:
     """Say where the model fails and what is missing, and return `body`."""
-    from server.commands.diagnosis import bare_verdict, diagnosis_answer, run_diagnosis
+    from server.application.diagnosing import bare_verdict, diagnosis_answer, run_diagnosis
 
     bench, diagnosis = _diagnosed(payload.bench, payload.thorough, tell)
     body = diagnosis_answer(bench, diagnosis, payload.frozen)
@@ -176,8 +176,8 @@ def diagnose(payload: DiagnoseInput, tell: Tell) -> Answer:
 def pooled(payload: PooledInput, tell: Tell) -> Answer:
     """Diagnose sessions by themselves and together, and return `body`."""
     from fingermodel.diagnosis.several_sessions.several import diagnose_pooled
-    from server.commands.diagnosis import diagnosis_answer
-    from server.commands.pooling import pooled_body
+    from server.application.diagnosing import diagnosis_answer
+    from server.application.pooling import pooled_body
 
     tell(0.0, "loading")
     benches = [given.open(catalogue=True) for given in payload.benches]
@@ -194,7 +194,7 @@ def pooled(payload: PooledInput, tell: Tell) -> Answer:
 def next_cases(payload: NextInput, tell: Tell) -> Answer:
     """Rank what could be measured next, and return `body` and `frozen`, None where that was not asked for."""
     from fingermodel.diagnosis.next_cases.next_cases import plan_next
-    from server.commands.planning import frozen_plan, plan_body
+    from server.application.planning import frozen_plan, plan_body
 
     bench, diagnosis = _diagnosed(payload.bench, False, tell)
     plan = plan_next(diagnosis)
@@ -234,7 +234,7 @@ def warm() -> None:
 
 
 def _diagnosed(given: BenchInput, thorough: bool, tell: Tell) -> tuple[Bench, Diagnosis]:
-    from server.commands.diagnosis import run_diagnosis
+    from server.application.diagnosing import run_diagnosis
 
     tell(0.0, "loading")
     bench = given.open(catalogue=True)

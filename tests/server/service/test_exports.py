@@ -19,9 +19,9 @@ import pytest
 from daq.bench.run import BenchRun
 from daq.checks import check
 from daq.sessions import read_session
+from server.application.checking import model_findings
 from server.application.drawing import draw_comparison
 from server.application.workflow import compare_bench, open_bench, refit_bench, save_revision
-from server.commands.bench import model_findings
 from server.commands.files import export_source
 from server.figures.report import Section
 from server.service import exporting

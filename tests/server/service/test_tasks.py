@@ -14,10 +14,10 @@ import pytest
 from daq.errors import InputError
 from daq.plain_json import clean
 from fingermodel.finger_files import read_finger
-from server.application.workflow import compare_bench, open_bench
-from server.commands.additions import add_bench
-from server.commands.diagnosis import diagnosis_answer, run_diagnosis
-from server.commands.twin import fit_body, provenance, refit_compared
+from server.application.additions import add_bench
+from server.application.diagnosing import diagnosis_answer, run_diagnosis
+from server.application.refitting import fit_body, refit_compared
+from server.application.workflow import compare_bench, open_bench, provenance
 from server.service.jobs import tasks
 from server.service.jobs.bench_input import FINGER_DOCUMENT, BenchInput
 from server.service.jobs.kinds import TaskKind

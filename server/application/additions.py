@@ -1,0 +1,139 @@
+"""Effects put into a session's model and taken out of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from daq.errors import InputError
+from fingermodel.comparison import Comparison, compare
+from fingermodel.diagnosis.answer.addition import Addition, add_effects
+from fingermodel.effects.formula import formula_effect
+from fingermodel.effects.user import load_effect, shipped_effects
+from fingermodel.model_files import Step
+from server.application.refitting import fit_body, refit_compared
+from server.application.workflow import Bench, Progress, compare_bench, provenance
+
+if TYPE_CHECKING:
+    from fingermodel.stages import Effect
+
+
+def add_bench(
+    bench: Bench, names: Sequence[str], without: Sequence[str], tell: Progress | None = None
+) -> tuple[Comparison, Addition, Comparison]:
+    """Refit with effects added and others taken out; errors before are those of the model as it was given."""
+    held = _held(bench, without)
+    before = compare_bench(bench)
+    own = bench.loaded.name == bench.model.finger.id
+    start = None if own else bench.theta
+    addition = add_effects(bench.model, bench.observations, names, held=held, start=start, progress=tell)
+    return before, addition, compare(bench.model, bench.observations, addition.fit.theta)
+
+
+def refitted_alone(
+    bench: Bench, names: Sequence[str], without: Sequence[str], tell: Progress | None = None
+) -> Comparison | None:
+    """Compare the model refitted without what is to be added; None where nothing is."""
+    if not names:
+        return None
+    bare = replace(bench, loaded=replace(bench.loaded, added=_held(bench, without)))
+    return refit_compared(bare, tell=tell)[2]
+
+
+def _held(bench: Bench, without: Sequence[str]) -> tuple[str, ...]:
+    """Parameters of effects that the model holds and keeps.
+
+    Raises:
+        InputError: an effect is to be taken out that it does not hold.
+    """
+    unknown = [w for w in without if not any(_matches(p, [w]) for p in bench.loaded.added)]
+    if unknown:
+        has = sorted({p.split(".")[0] for p in bench.loaded.added})
+        raise InputError(
+            f"the model has no {unknown[0]} to take out", f"one of {', '.join(has) or 'none: it has no effect'}"
+        )
+    return tuple(p for p in bench.loaded.added if not _matches(p, without))
+
+
+def addition_step(addition: Addition, without: Sequence[str], alone: Comparison | None) -> Step:
+    """What an addition changed, for its revision."""
+    evidence = {"log_evidence_gain": addition.log_evidence_gain}
+    told = None if alone is None else alone.summary()
+    return Step(added=addition.names, removed=tuple(without), evidence=evidence, alone=told)
+
+
+def addition_body(
+    bench: Bench,
+    addition: Addition,
+    before: Comparison,
+    alone: Comparison | None,
+    after: Comparison,
+    without: Sequence[str],
+) -> dict[str, Any]:
+    """The contract's answer, without the model's path and history."""
+    return (
+        provenance(bench)
+        | fit_body(addition.fit, before, after)
+        | {
+            "refitted_alone": None if alone is None else alone.summary(),
+            "added": list(addition.names),
+            "removed": list(without),
+            "log_evidence_gain": addition.log_evidence_gain,
+        }
+    )
+
+
+def _matches(parameter: str, names: Sequence[str]) -> bool:
+    return any(parameter == n or parameter.startswith(f"{n}.") for n in names)
+
+
+def resolved_effects(given: Sequence[str], *, files: bool = True) -> tuple[list[str], list[Effect]]:
+    """Names of effects, and the user's own among them: from files, shipped ones by name, or a formula in quotes.
+
+    Args:
+        given: as on the command line.
+        files: whether paths are followed; otherwise they are names like any other.
+    """
+    names: list[str] = []
+    own: list[Effect] = []
+    shipped = set(shipped_effects())
+    for text in given:
+        if "=" in text:
+            effect = formula_of(text)
+        elif text in shipped or (files and text.endswith((".yaml", ".yml", ".py"))):
+            effect = load_effect(Path(text))
+        else:
+            names.append(text)
+            continue
+        own.append(effect)
+        names.append(effect.name)
+    return names, own
+
+
+def formula_of(text: str) -> Effect:
+    """Make an effect of a formula with one coefficient k, as a hint prints it; unit and range follow from its place."""
+    left, _, right = text.partition("=")
+    left = left.rstrip("+* ")
+    if left.startswith("torque") and "*=" not in text:
+        unit, reach = ("mm", 4.0) if "t_" in right else ("N mm", 20.0)
+        factors = [f.strip() for f in right.split("*")]
+        if len([f for f in factors if f.startswith("t_")]) == 2:
+            unit, reach = "mm/N", 0.6
+    elif "*=" in text:
+        unit, reach = "1", 0.2
+    elif left.startswith("force") and "F_" not in right:
+        unit, reach = "N", 1.0
+    else:
+        unit, reach = "1", 0.2
+    name = "".join(c if c.isalnum() else "_" for c in left).strip("_").lower()
+    document = {
+        "format": "fingertwin-effect/1",
+        "name": f"own_{name}",
+        "title": f"a term of the user's in {left}",
+        "source": "given as a formula",
+        "formula": text,
+        "parameters": {"k": {"unit": unit, "range": [-reach, reach]}},
+    }
+    return formula_effect(document, f"formula {text!r}")

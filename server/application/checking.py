@@ -1,0 +1,45 @@
+"""Whether a session can be used: its readings, and what its finger asks of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from daq.errors import InputError
+
+if TYPE_CHECKING:
+    from daq.checks import CheckReport
+    from daq.findings import Finding
+
+
+def check_whole(session: str) -> CheckReport:
+    """Check a session and, where its readings are sound, what its finger asks of it.
+
+    Raises:
+        InputError: there is no such session.
+    """
+    from daq.checks import check
+    from daq.sessions import find_session
+
+    find_session(session)
+    report = check(session)
+    return replace(report, findings=(*model_findings(session), *report.findings)) if report.ok else report
+
+
+def model_findings(path: str) -> list[Finding]:
+    """What makes a sound session unusable for its finger: joints, tendons, budget, a straight posture."""
+    from daq.findings import finding
+    from daq.sessions import read_session
+    from fingermodel.budget import budget_of
+    from fingermodel.finger_files import read_finger
+    from fingermodel.model import Model
+    from fingermodel.observations import require_usable
+
+    session = read_session(path)
+    try:
+        finger = read_finger(session.finger, session.folder)
+        require_usable(session, finger)
+        _ = Model(finger, budget=budget_of(session.budget)).parameters
+    except InputError as error:
+        return [finding("error", "not_predictable", "session", error.found, error.expected, error.remedy)]
+    return []
