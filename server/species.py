@@ -14,7 +14,7 @@ from server.species_sides import PLANES, RATIOS, Side, open_side, over, same_ang
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Plane
-    from server.reproduce.rows import Row
+    from fingermodel.studies.published import Row
     from server.species_steps import Step
 
 HUMAN, BONOBO = "synek2019_optimised", "synek2019_bonobo"

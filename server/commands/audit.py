@@ -11,11 +11,12 @@ from typing import Any
 from daq.audit import FILE, Entry, faults, read
 from daq.errors import InputError
 from server.commands.console import answer, say, table
+from server.commands.service import entries_of
 
 
 def show_audit(folder: Path | None, given: Mapping[str, Any], json: str | None) -> int:
     """Print a folder's trail, or the service's; return the exit code: 2 where it is not as it was written."""
-    entries = _of_service(given) if folder is None else _of_folder(folder)
+    entries = entries_of(given) if folder is None else _of_folder(folder)
     wrong = faults(entries)
     body = {"ok": not wrong, "faults": wrong, "entries": [asdict(e) for e in entries]}
     code = 2 if wrong else 0
@@ -41,11 +42,3 @@ def _of_folder(folder: Path) -> list[Entry]:
     if not (where / FILE).is_file():
         raise InputError(f"there is no {FILE} in {where}", "a folder in which fingertwin has changed something")
     return read(where)
-
-
-def _of_service(given: Mapping[str, Any]) -> list[Entry]:
-    from server.commands.service import database_of, settings_of
-    from server.service.audit import entries
-
-    with database_of(settings_of(given)) as database:
-        return list(entries(database))

@@ -14,7 +14,8 @@ def reproduce_study(name: str, figures: Path | None, json: str | None) -> None:
     Raises:
         InputError: there is no such study.
     """
-    from server.reproduce.report import ours, verdict, write_study
+    from fingermodel.studies.published import ours, verdict
+    from server.reproduce.report import write_study
 
     study = study_of(name)
     with progress("Reproducing") as tell:

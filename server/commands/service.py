@@ -16,6 +16,7 @@ from daq.private import privately
 from server.commands.console import answer, progress, say, table
 
 if TYPE_CHECKING:
+    from daq.audit import Entry
     from server.service.database import Database
     from server.service.settings import Settings, What
     from server.service.tokens import Role, Token
@@ -137,6 +138,14 @@ def purge(given: Given, what: What, older_days: float, session: str | None, dry_
     say(f"{found} {'would be' if dry_run else 'are'} removed")
     if not dry_run and not given_back:
         say("Their space is used again; to make the file smaller, end the service and purge once more.")
+
+
+def entries_of(given: Given) -> list[Entry]:
+    """Read the service's trail, oldest entry first."""
+    from server.service.audit import entries
+
+    with database_of(settings_of(given)) as database:
+        return list(entries(database))
 
 
 def settings_of(given: Given) -> Settings:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from fingermodel.studies.published import ours, verdict
 from server.commands.console import answer, progress, say, table
-from server.reproduce.report import ours, verdict
 from server.species import SpeciesResult, compare_species
 from server.species_sides import PLANES, Spread, shared
 

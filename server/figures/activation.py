@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from server.activation_result import PLANES, ActivationResult
+from server.figures.plot import Plot
 from server.figures.report import Picture, Section, Table, write_report
 from server.figures.static import write_static
 from server.figures.style import (
@@ -26,9 +27,6 @@ from server.figures.style import (
     plain,
 )
 
-if TYPE_CHECKING:
-    from server.reproduce.study import Plot
-
 Floats = NDArray[np.float64]
 _LEFT, _RIGHT, _TOP, _GAP = 62, 16, 108, 70  # [px]
 # Okabe and Ito's, and three more; a symbol says the same again.
@@ -41,8 +39,6 @@ _ENDS = {"sagittal": ("proximal", "dorsal", "palmar"), "coronal": ("proximal", "
 
 def activation_plots(result: ActivationResult) -> list[Plot]:
     """The figures of a result: each muscle alone, and the deficits of each."""
-    from server.reproduce.study import Plot
-
     baseline = ", ".join(
         f"{m} {100.0 * a:.0f} %" for m, a in zip(result.muscles, result.activation, strict=True) if a > 0.0
     )

@@ -12,8 +12,10 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from fingermodel.comparison import CaseComparison
+from fingermodel.studies.published import ours, verdict
 from server.figures.arrows import arrow_traces
 from server.figures.panels import Panel, key, panel_axes
+from server.figures.plot import Plot
 from server.figures.poses import finger_pose, reach_mm
 from server.figures.report import Picture, Section, Table, write_report
 from server.figures.scales import scale_bars
@@ -21,8 +23,6 @@ from server.figures.skeleton import finger_traces
 from server.figures.static import write_static
 from server.figures.style import INK, MUTED, SMALL_PX, TEXT_PX, WIDTH, axis, domain, figure, legend, mix, number, plain
 from server.figures.style import posture_name as named
-from server.reproduce.report import ours, verdict
-from server.reproduce.study import Plot
 from server.species import SpeciesResult
 from server.species_sides import Load, Side, Spread, same_angles, shared
 

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from fingermodel.studies.published import Row, not_available, row
 from server.activation import DIRECTIONS, work_out
 from server.activation_result import angle_between
+from server.figures.plot import Plot
 from server.reproduce.barry2018_sheets import Case, alone, arms, deficits, levels, passive, postures, reach
-from server.reproduce.rows import Row, not_available, row
-from server.reproduce.study import Plot, Progress, Reproduction
+from server.reproduce.study import Progress, Reproduction
 
 INDEX, THUMB = "barry2018_index", "barry2018_thumb"
 # 32 N are 62 % of it, where both speak of the same force.

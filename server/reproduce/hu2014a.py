@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from fingermodel.studies.published import Row, not_available, row, row_about, row_within
+from server.figures.plot import Plot
 from server.reproduce.hu2014a_fingers import (
     COLUMNS,
     MODELS,
@@ -25,8 +27,7 @@ from server.reproduce.hu2014a_fingers import (
     with_fitted_terminal_slip,
 )
 from server.reproduce.hu2014a_sheets import forces_sheet, least_sheet, needed_sheet, sister_sheet, terminal_sheet
-from server.reproduce.rows import Row, not_available, row, row_about, row_within
-from server.reproduce.study import Plot, Progress, Reproduction
+from server.reproduce.study import Progress, Reproduction
 
 NORMATIVE, FLEXOR, TERMINAL = "An's index", "flexor fitted", "terminal slip fitted"
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from fingermodel.studies.published import Row, not_available, row
 from server.reproduce.hu2014a import PUSH
 from server.reproduce.hu2014b_network import (
     Held,
@@ -24,7 +25,6 @@ from server.reproduce.hu2014b_network import (
 from server.reproduce.hu2014b_plots import plots
 from server.reproduce.hu2014b_sheets import layouts_sheet, nodes_sheet, pulls_sheet, springs_sheet, stiffness_sheet
 from server.reproduce.hu2014b_specimens import against_rhombus
-from server.reproduce.rows import Row, not_available, row
 from server.reproduce.study import Progress, Reproduction
 
 JOINTS = ("DIP", "PIP", "MCP")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from server.figures.plot import Plot
 from server.reproduce.hu2014a_fingers import published_numbers
 from server.reproduce.hu2014b_network import (
     Floats,
@@ -16,7 +17,6 @@ from server.reproduce.hu2014b_network import (
     mended,
     printed_loads,
 )
-from server.reproduce.study import Plot
 
 # How far from the bones' axes the network is drawn, and how much of the metacarpal [mm]; the paper prints neither.
 _OFF, _METACARPAL = 7.0, 22.0

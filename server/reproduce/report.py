@@ -5,22 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from fingermodel.studies.published import ours, verdict
+from server.figures.plot import Plot
 from server.figures.report import Picture, Section, Table, write_report
 from server.figures.static import write_static
-from server.reproduce.rows import Row
-from server.reproduce.study import Plot, Reproduction, Study
-
-VERDICTS = {True: "agrees", False: "DIFFERS"}
-
-
-def verdict(row: Row) -> str:
-    """A row's verdict in a word, or why there is none."""
-    return row.note.partition(":")[0] if row.agrees is None else VERDICTS[row.agrees]
-
-
-def ours(row: Row) -> str:
-    """Our number of a row with sensible digits."""
-    return "–" if row.ours is None else f"{row.ours:.4g}"
+from server.reproduce.study import Reproduction, Study
 
 
 def write_study(folder: Path, study: Study, done: Reproduction) -> Path:

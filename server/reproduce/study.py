@@ -8,10 +8,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from daq.errors import InputError
-from server.reproduce.rows import Row
+from fingermodel.studies.published import Row
 
 if TYPE_CHECKING:
-    import plotly.graph_objects as go
+    from server.figures.plot import Plot
 
 Progress = Callable[[float], None]
 
@@ -31,23 +31,6 @@ class Sheet:
     columns: tuple[str, ...]
     lines: tuple[tuple[str | float | None, ...], ...]
     notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Plot:
-    """A figure of a study.
-
-    Attributes:
-        name: for files and addresses.
-        heading: above it.
-        figure: drawn.
-        caption: a sentence below it.
-    """
-
-    name: str
-    heading: str
-    figure: go.Figure
-    caption: str = ""
 
 
 @dataclass(frozen=True)

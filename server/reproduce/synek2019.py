@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fingermodel.studies.published import Row, not_available, row
 from server.application.workflow import Bench, compare_bench, open_bench, refit_bench
-from server.reproduce.rows import Row, not_available, row
-from server.reproduce.study import Plot, Progress, Reproduction, Sheet
+from server.figures.plot import Plot
+from server.reproduce.study import Progress, Reproduction, Sheet
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from server.reproduce.rows import Row, not_available, row, row_within
+from fingermodel.studies.published import Row, not_available, row, row_within
 
 if TYPE_CHECKING:
     from server.species import SpeciesResult

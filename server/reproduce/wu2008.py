@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fingermodel.studies.published import Row, not_available, row, row_about, row_within
+from server.figures.plot import Plot
 from server.movement import MovementResult, work_out
-from server.reproduce.rows import Row, not_available, row, row_about, row_within
-from server.reproduce.study import Plot, Progress, Reproduction, Sheet
+from server.reproduce.study import Progress, Reproduction, Sheet
 
 if TYPE_CHECKING:
     from fingermodel.dynamics.inertia import SegmentShape

@@ -12,7 +12,7 @@ from server.service.figure_cases import Told, cases_of
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-    from server.reproduce.study import Plot
+    from server.figures.plot import Plot
 
 Theme = Literal["light", "dark"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from server.reproduce.rows import row, row_about, row_within
+from fingermodel.studies.published import row, row_about, row_within
 from server.reproduce.study import Reproduction, reproduce
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from fingermodel.studies.published import Row
 from server.reproduce.report import write_study
-from server.reproduce.rows import Row
 from server.reproduce.study import Reproduction, reproduce, study_of
 
 FITTED = "terminal slip fitted"

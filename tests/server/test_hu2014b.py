@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 import server.reproduce.hu2014b_specimens as specimens
+from fingermodel.studies.published import Row
 from server.figures.static import write_static
 from server.reproduce.hu2014b_network import mended, printed_tables
-from server.reproduce.rows import Row
 from server.reproduce.study import Reproduction, reproduce
 
 LOADS = ("flexed", "between", "extended")

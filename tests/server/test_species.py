@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fingermodel.studies.published import Row
 from server.figures.species import species_plots
 from server.figures.static import render
-from server.reproduce.rows import Row
 from server.species import SpeciesResult, compare_species
 from tests.server.test_cli import Document, altered, refused, run
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from server.reproduce.rows import Row
+from fingermodel.studies.published import Row
 from server.reproduce.study import Reproduction, Sheet, reproduce
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+VERDICTS = {True: "agrees", False: "DIFFERS"}
+
 
 @dataclass(frozen=True)
 class Row:
@@ -57,3 +59,13 @@ def row_about(quantity: str, published: str, spread: str, ours: float, unit: str
 def not_available(quantity: str, published: str, ours: float | None, unit: str, note: str) -> Row:
     """A number that cannot be recomputed from what was published."""
     return Row(quantity, float(published), ours, unit, None, note, published)
+
+
+def verdict(row: Row) -> str:
+    """A row's verdict in a word, or why there is none."""
+    return row.note.partition(":")[0] if row.agrees is None else VERDICTS[row.agrees]
+
+
+def ours(row: Row) -> str:
+    """Our number of a row with sensible digits."""
+    return "–" if row.ours is None else f"{row.ours:.4g}"
