@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from daq.errors import InputError
+
 if TYPE_CHECKING:
     from fingermodel.exchange.chains import Imported
     from fingermodel.exchange.reading import Floats
@@ -16,6 +18,21 @@ if TYPE_CHECKING:
 ENDINGS = {"osim": (".osim",), "mjcf": (".xml", ".mjcf")}
 READABLE = (".osim", ".xml", ".mjcf")
 UNSOURCED = "The sources and certainty of its numbers are not in that file: fill them in."
+
+
+def named_finger(source: str) -> tuple[Finger, str, tuple[str, ...]]:
+    """The finger, the name of what holds it, and what of that is not the finger's."""
+    from fingermodel.finger_files import read_finger
+    from fingermodel.model_files import read_revision
+
+    path = Path(source)
+    if path.suffix != ".json":
+        finger = read_finger(source)
+        return finger, finger.id, ()
+    if not path.is_file():
+        raise InputError(f"no model file {source}", "a revision written by `fingertwin refit --out`")
+    revision = read_revision(path)
+    return revision.finger, revision.id, revision_notes(revision)
 
 
 def written_finger(finger: Finger, name: str, file_format: str) -> Written:

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from daq.errors import InputError
 from server.application.additions import add_bench, addition_body, addition_step, refitted_alone, resolved_effects
 from server.application.workflow import open_bench, save_revision
 from server.commands.console import answer, progress, say, table
 from server.commands.twin import print_fall, print_fit, say_first
-
-if TYPE_CHECKING:
-    pass
 
 
 def add_to_sessions(

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from daq.amendments import amendment, case_of, exchanged, listed, words, write_amendments
-from daq.audit import note
-from daq.errors import InputError, SessionError
-from daq.locations import data_dir
+from daq.amendments import amendment, exchanged, listed, words
+from daq.errors import InputError
 from daq.session_models import Amendment, Session
-from daq.sessions import find_session, parse_session, read_amendments, read_session, session_data
+from daq.sessions import read_session
+from server.application.amending import amendable, keep_amendments, take_back
 from server.commands.console import answer, say
 
 # The tendon or weight that `--tendon` and `--mass` give.
@@ -40,13 +38,13 @@ def amend_case(
             raise InputError("no load case given", "fingertwin amend SESSION CASE …", "Name the case that was wrong")
         _tell(session, read, [], json)
         return
-    folder = _folder(session)
-    case_of(read, case)
-    beside = [Amendment.model_validate(a) for a in read_amendments(folder)]
+    folder = amendable(session, read, case)
     if undo:
         if changes:
             raise InputError("--undo beside a change", "one of them", "Undo first, then amend")
-        _undo(session, beside, case, folder, json)
+        taken = take_back(folder, case)
+        if not _tell(session, read_session(session), [], json):
+            say(f"Taken back: {case}: {words(taken)}.")
         return
     if not changes:
         raise InputError(
@@ -64,31 +62,7 @@ def amend_case(
         tendons = {entered: true for true, entered in (_pair(t, _TENDON) for t in tendon)}
         masses = {name: _grams(value, _MASS) for name, value in (_pair(m, _MASS) for m in mass)}
         new = [amendment(read, case, why, tendons=tendons, masses_g=masses, posture=posture, exclude=exclude, by=by)]
-    _require_sound(session, new)
-    write_amendments(folder, (*beside, *new))
-    note(folder, "amend", read.id, {"made": [a.model_dump(mode="json", exclude_none=True) for a in new]})
-    _tell(session, read_session(session), new, json)
-
-
-def _require_sound(session: str, new: Sequence[Amendment]) -> None:
-    """Refuse what would make the session unusable, before anything is written."""
-    file = find_session(session)
-    data = session_data(file)
-    listed_too = [a.model_dump(mode="json", exclude_none=True) for a in new]
-    _, faults = parse_session({**data, "amendments": [*data.get("amendments", []), *listed_too]}, file.parent)
-    if faults:
-        raise faults[0]
-
-
-def _undo(session: str, beside: Sequence[Amendment], case: str, folder: Path, json: str | None) -> None:
-    last = next((i for i in reversed(range(len(beside))) if beside[i].case == case), None)
-    if last is None:
-        raise SessionError(f"case {case} has no amendment here", "one that was made with fingertwin amend")
-    write_amendments(folder, (*beside[:last], *beside[last + 1 :]))
-    taken = beside[last].model_dump(mode="json", exclude_none=True)
-    note(folder, "amend undone", folder.name, {"taken_back": taken})
-    if not _tell(session, read_session(session), [], json):
-        say(f"Taken back: {case}: {words(beside[last])}.")
+    _tell(session, keep_amendments(session, folder, new), new, json)
 
 
 def _tell(session: str, read: Session, new: Sequence[Amendment], json: str | None) -> bool:
@@ -116,15 +90,6 @@ def amended_line(row: dict[str, Any]) -> str:
             entered.append(str(value))
     instead = f" (entered: {', '.join(entered)})" if entered else ""
     return f"Amended {row['case']}: {row['words']}{instead}; {row['why']} [{row['at']}]"
-
-
-def _folder(session: str) -> Path:
-    folder = find_session(session).parent
-    if folder.resolve().is_relative_to((data_dir() / "sessions").resolve()):
-        raise SessionError(
-            f"{folder.name} comes with the software and stays as it is", "a session of yours", "Copy its folder first"
-        )
-    return folder
 
 
 def _pair(text: str, expected: str) -> tuple[str, str]:

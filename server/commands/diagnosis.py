@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fingermodel.parameters import with_unit
 from server.application.diagnosing import bare_verdict, diagnosis_body, drawn_effect, run_diagnosis
 from server.application.workflow import bench_of, open_bench, origin_of, readings_digest
 from server.commands.console import answer, progress, say, table
 from server.commands.twin import say_first
-
-if TYPE_CHECKING:
-    pass
-
 
 # Probabilities below this are not printed.
 _TOLD = 0.02

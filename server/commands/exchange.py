@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from daq.errors import InputError
-from server.application.exchange import ENDINGS, UNSOURCED, imported_body, read_foreign, revision_notes, written_finger
+from server.application.exchange import (
+    ENDINGS,
+    UNSOURCED,
+    imported_body,
+    named_finger,
+    read_foreign,
+    written_finger,
+)
 from server.application.exporting import writing
 from server.commands.console import answer, say
-
-if TYPE_CHECKING:
-    from fingermodel.fingers import Finger
 
 
 def export_finger(source: str, file_format: str, out: Path | None, model: str | None, json: str | None) -> None:
@@ -28,7 +32,7 @@ def export_finger(source: str, file_format: str, out: Path | None, model: str | 
             f"a name that ends in {' or '.join(ENDINGS[file_format])}",
             "Let name and format agree",
         )
-    finger, name, notes = _finger(source)
+    finger, name, notes = named_finger(source)
     written = written_finger(finger, name, file_format)
     path = out or Path(f"{name}{ENDINGS[file_format][0]}")
     with writing(path):
@@ -39,21 +43,6 @@ def export_finger(source: str, file_format: str, out: Path | None, model: str | 
         for note in notes:
             say(f"{note}.")
         say(str(path))
-
-
-def _finger(source: str) -> tuple[Finger, str, tuple[str, ...]]:
-    """The finger, the name of what holds it, and what of that is not the finger's."""
-    from fingermodel.finger_files import read_finger
-    from fingermodel.model_files import read_revision
-
-    path = Path(source)
-    if path.suffix != ".json":
-        finger = read_finger(source)
-        return finger, finger.id, ()
-    if not path.is_file():
-        raise InputError(f"no model file {source}", "a revision written by `fingertwin refit --out`")
-    revision = read_revision(path)
-    return revision.finger, revision.id, revision_notes(revision)
 
 
 def _write(path: Path, text: str) -> None:

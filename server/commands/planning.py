@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from server.application.diagnosing import run_diagnosis
 from server.application.planning import freeze_plan, plan_body
 from server.application.workflow import open_bench
 from server.commands.console import answer, progress, say, table
 from server.commands.twin import say_first
-
-if TYPE_CHECKING:
-    pass
 
 
 def next_cases(

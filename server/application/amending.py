@@ -1,0 +1,70 @@
+"""What a load case really was, said beside what was entered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from daq.amendments import case_of, write_amendments
+from daq.audit import note
+from daq.errors import SessionError
+from daq.locations import data_dir
+from daq.session_models import Amendment, Session
+from daq.sessions import find_session, parse_session, read_amendments, read_session, session_data
+
+
+def amendable(session: str, read: Session, case: str) -> Path:
+    """Return the folder of a session whose case can be amended.
+
+    Raises:
+        SessionError: the session comes with the software, or has no such case.
+    """
+    folder = find_session(session).parent
+    if folder.resolve().is_relative_to((data_dir() / "sessions").resolve()):
+        raise SessionError(
+            f"{folder.name} comes with the software and stays as it is", "a session of yours", "Copy its folder first"
+        )
+    case_of(read, case)
+    return folder
+
+
+def keep_amendments(session: str, folder: Path, new: Sequence[Amendment]) -> Session:
+    """Write amendments beside a session and return it as it is with them.
+
+    Raises:
+        InputError: they would make the session unusable; nothing is written.
+    """
+    _require_sound(session, new)
+    write_amendments(folder, (*_beside(folder), *new))
+    read = read_session(session)
+    note(folder, "amend", read.id, {"made": [a.model_dump(mode="json", exclude_none=True) for a in new]})
+    return read
+
+
+def take_back(folder: Path, case: str) -> Amendment:
+    """Remove the last amendment of a case and return it.
+
+    Raises:
+        SessionError: the case has none.
+    """
+    beside = _beside(folder)
+    last = next((i for i in reversed(range(len(beside))) if beside[i].case == case), None)
+    if last is None:
+        raise SessionError(f"case {case} has no amendment here", "one that was made with fingertwin amend")
+    write_amendments(folder, (*beside[:last], *beside[last + 1 :]))
+    note(folder, "amend undone", folder.name, {"taken_back": beside[last].model_dump(mode="json", exclude_none=True)})
+    return beside[last]
+
+
+def _beside(folder: Path) -> list[Amendment]:
+    return [Amendment.model_validate(a) for a in read_amendments(folder)]
+
+
+def _require_sound(session: str, new: Sequence[Amendment]) -> None:
+    """Refuse what would make the session unusable, before anything is written."""
+    file = find_session(session)
+    data = session_data(file)
+    listed_too = [a.model_dump(mode="json", exclude_none=True) for a in new]
+    _, faults = parse_session({**data, "amendments": [*data.get("amendments", []), *listed_too]}, file.parent)
+    if faults:
+        raise faults[0]
