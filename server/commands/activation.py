@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from daq.errors import InputError
-from server.activation import activate
-from server.activation_result import ActivationResult, write_table
+from fingermodel.studies.activation import activate
+from fingermodel.studies.activation_result import ActivationResult
+from server.application.study_tables import write_deficits
 from server.application.exporting import writing
 from server.commands.console import answer, progress, say, table
 
@@ -40,7 +41,7 @@ def activate_finger(
     body = result.as_dict() | {"file": None, "figures": None}
     if out is not None:
         with writing(out):
-            write_table(result, out)
+            write_deficits(result, out)
         body["file"] = str(out)
     if figures is not None:
         from server.figures.activation import activation_report

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from server.application.workflow import open_bench, provenance
 from server.commands.console import answer, progress, say, table
-from server.inversion import invert_bench
-from server.inverted import Assigned, Inversion, InvertedCase
+from fingermodel.studies.inversion import invert_bench
+from fingermodel.studies.inverted import Assigned, Inversion, InvertedCase
 
 
 def invert_session(session: str, closure: str, model: str | None, figures: Path | None, json: str | None) -> None:

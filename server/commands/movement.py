@@ -6,7 +6,8 @@ from pathlib import Path
 
 from server.application.exporting import writing
 from server.commands.console import answer, progress, say, table
-from server.movement import move, write_table
+from fingermodel.studies.movement import move
+from server.application.study_tables import write_time_courses
 
 
 def move_finger(
@@ -22,7 +23,7 @@ def move_finger(
     body = result.as_dict() | {"file": None, "figures": None}
     if out is not None:
         with writing(out):
-            write_table(result, out)
+            write_time_courses(result, out)
         body["file"] = str(out)
     if figures is not None:
         from server.figures.movement import movement_report

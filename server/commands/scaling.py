@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 from collections.abc import Sequence
 from pathlib import Path
 
 from daq.errors import InputError
 from server.application.exporting import writing
 from server.commands.console import answer, say, table
-from server.scaling import NEUTRAL, Scaled, measures, scale_finger, write_scaled
+from fingermodel.studies.scaling import NEUTRAL, Scaled, scale_finger, write_scaled
 
 
 def scale_specimen(
@@ -31,9 +33,9 @@ def scale_specimen(
         raise InputError(f"--out {out} is the finger that is scaled", "another file", "Choose another --out")
     scaled = scale_finger(
         finger,
-        measures(bones, "--bone", "PP=40.1"),
-        measures(moment_arms, "--moment-arm", "FDP@MCP=10.2"),
-        measures(references, "--reference", "DP=19.0"),
+        _measures(bones, "--bone", "PP=40.1"),
+        _measures(moment_arms, "--moment-arm", "FDP@MCP=10.2"),
+        _measures(references, "--reference", "DP=19.0"),
         out.stem,
         postures,
     )
@@ -68,3 +70,24 @@ def _show(scaled: Scaled) -> None:
     )
     for assumption in scaled.assumptions:
         say(assumption)
+
+
+def _measures(entries: Sequence[str], option: str, example: str) -> dict[str, float]:
+    """Lengths in mm by name, from entries such as `PP=40.1`.
+
+    Raises:
+        InputError: an entry of another form, or a name that comes twice.
+    """
+    out: dict[str, float] = {}
+    for entry in entries:
+        name, _, text = (part.strip() for part in entry.partition("="))
+        try:
+            value = float(text.removesuffix("mm"))
+        except ValueError:
+            value = math.nan
+        if not name or not math.isfinite(value):
+            raise InputError(f"{option} {entry}", f"a name and a length in mm, such as {example}")
+        if name in out:
+            raise InputError(f"{option} {name} is given twice", "one length for each")
+        out[name] = value
+    return out

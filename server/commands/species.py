@@ -6,8 +6,8 @@ from pathlib import Path
 
 from fingermodel.studies.published import ours, verdict
 from server.commands.console import answer, progress, say, table
-from server.species import SpeciesResult, compare_species
-from server.species_sides import PLANES, Spread, shared
+from fingermodel.studies.species import SpeciesResult, compare_species
+from fingermodel.studies.species_sides import PLANES, Spread, shared
 
 KINDS = ("predicted", "measured")
 WORDS = {"tension_to_tip": "tension / tip", "bone_to_tip": "bone / tip"}

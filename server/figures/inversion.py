@@ -30,7 +30,7 @@ from server.figures.style import (
     plain,
     posture_name,
 )
-from server.inverted import Assigned, Inversion, InvertedCase
+from fingermodel.studies.inverted import Assigned, Inversion, InvertedCase
 
 JOINT_COLOR = "#5B2A86"
 _PANEL, _GAP, _TOP, _BOTTOM, _BOTTOM_LEVEL, _LEFT, _RIGHT = 150, 44, 122, 78, 36, 64, 16  # [px]

@@ -26,7 +26,7 @@ from server.figures.style import (
     number,
     plain,
 )
-from server.movement import MovementResult
+from fingermodel.studies.movement import MovementResult
 
 Floats = NDArray[np.float64]
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9")

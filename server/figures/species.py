@@ -23,8 +23,8 @@ from server.figures.skeleton import finger_traces
 from server.figures.static import write_static
 from server.figures.style import INK, MUTED, SMALL_PX, TEXT_PX, WIDTH, axis, domain, figure, legend, mix, number, plain
 from server.figures.style import posture_name as named
-from server.species import SpeciesResult
-from server.species_sides import Load, Side, Spread, same_angles, shared
+from fingermodel.studies.species import SpeciesResult
+from fingermodel.studies.species_sides import Load, Side, Spread, same_angles, shared
 
 Floats = NDArray[np.float64]
 COLORS = ("#0072B2", "#D55E00")

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from fingermodel.studies.published import Row, not_available, row
-from server.activation import DIRECTIONS, work_out
-from server.activation_result import angle_between
+from fingermodel.studies.activation import DIRECTIONS, work_out
+from fingermodel.studies.activation_result import angle_between
 from server.figures.plot import Plot
 from server.reproduce.barry2018_sheets import Case, alone, arms, deficits, levels, passive, postures, reach
 from server.reproduce.study import Progress, Reproduction

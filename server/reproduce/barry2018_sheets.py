@@ -11,8 +11,8 @@ import yaml
 from numpy.typing import NDArray
 
 from daq.locations import data_dir
-from server.activation import DIRECTIONS, work_out
-from server.activation_result import ActivationResult, angle_between
+from fingermodel.studies.activation import DIRECTIONS, work_out
+from fingermodel.studies.activation_result import ActivationResult, angle_between
 from server.reproduce.study import Sheet
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from fingermodel.studies.published import Row, not_available, row, row_within
 
 if TYPE_CHECKING:
-    from server.species import SpeciesResult
-    from server.species_sides import Side
+    from fingermodel.studies.species import SpeciesResult
+    from fingermodel.studies.species_sides import Side
 
 HUMAN, BONOBO = "synek2019_HMEAN", "synek2019_B01"
 FLEXORS = "FDP+FDS"

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fingermodel.studies.published import Row, not_available, row, row_about, row_within
 from server.figures.plot import Plot
-from server.movement import MovementResult, work_out
+from fingermodel.studies.movement import MovementResult, work_out
 from server.reproduce.study import Progress, Reproduction, Sheet
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def tap(
     curve: tuple[str, int] | None = None,
     turned_deg: float = 0.0,
 ) -> MovementResult:
-    """The tap, from a time on, with a set of muscles; see `server.movement.work_out`.
+    """The tap, from a time on, with a set of muscles; see `fingermodel.studies.movement.work_out`.
 
     `turned_deg` turns tip force and gravity from dorsal and palmar to distal and proximal, as if the metacarpal rose
     towards the finger.

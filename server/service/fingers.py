@@ -114,7 +114,7 @@ def scaled(
         InputError: an unknown bone or tendon, or a length beyond reason.
     """
     from fingermodel.finger_files import finger_from_dict, finger_text
-    from server.scaling import scale_finger, scaled_document, scaled_heading
+    from fingermodel.studies.scaling import scale_finger, scaled_document, scaled_heading
 
     found = scale_finger(finger, bones_mm, moment_arms_mm, reference_mm, name)
     document = scaled_document(found)
@@ -130,7 +130,7 @@ def compared(finger: str, other: str, theme: Theme | None) -> dict[str, Any]:
         InputError: they do not fit together.
     """
     from server.figures.species import species_plots
-    from server.species import compare_species
+    from fingermodel.studies.species import compare_species
 
     found = compare_species(finger, other)
     drawn = [] if theme is None else drawn_plots(species_plots(found), theme)

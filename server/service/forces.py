@@ -20,7 +20,7 @@ def invertible(parts: Services, session: str, closure: str, model: str | None, t
         ProblemError: 404 there is no such session, 409 its bench is still running, 422 there is no such model.
     """
     from server.figures.inversion import inversion_plots
-    from server.inversion import invert_bench
+    from fingermodel.studies.inversion import invert_bench
 
     measured = parts.measuring.of(session)
     require_closed(measured)
@@ -56,7 +56,7 @@ def movement(asked: dict[str, Any], theme: Theme | None) -> dict[str, Any]:
     from fingermodel.finger_files import read_finger
     from fingermodel.muscles.muscle_files import read_muscles
     from server.figures.movement import movement_plots
-    from server.movement import work_out
+    from fingermodel.studies.movement import work_out
 
     known = movement_choices()
     if asked["muscles"] not in known["muscles"]:
@@ -84,7 +84,7 @@ def activation(asked: dict[str, Any], theme: Theme | None) -> dict[str, Any]:
         ProblemError: 404 there is no such finger or muscle set.
     """
     from fingermodel.muscles.muscle_files import muscle_set_names
-    from server.activation import activate
+    from fingermodel.studies.activation import activate
     from server.figures.activation import activation_plots
 
     finger, muscles = known_finger(asked.pop("finger")), asked.pop("muscles")

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from server.activation import LEVELS_PCT, activate
-from server.activation_result import ActivationResult, angle_between
+from fingermodel.studies.activation import LEVELS_PCT, activate
+from fingermodel.studies.activation_result import ActivationResult, angle_between
 from server.figures.activation import activation_plots, activation_report
 from tests.server.test_cli import refused, run
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fingermodel.studies.published import Row
-from server.activation_result import angle_between
+from fingermodel.studies.activation_result import angle_between
 from server.reproduce.study import Reproduction, Sheet, reproduce
 
 

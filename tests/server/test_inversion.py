@@ -12,8 +12,8 @@ import pytest
 from fingermodel.inverse.closures import NAMES
 from server.application.workflow import Bench, open_bench
 from server.figures.inversion import inversion_plots
-from server.inversion import invert_bench
-from server.inverted import Inversion
+from fingermodel.studies.inversion import invert_bench
+from fingermodel.studies.inverted import Inversion
 from tests.server.test_cli import Document, altered, refused, run
 
 SESSION = "DEV-01"  # nothing is missing from its model

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from fingermodel.finger_files import read_finger
-from server.scaling import scale_finger, scaled_document
+from fingermodel.studies.scaling import scale_finger, scaled_document
 from tests.server.test_cli import Document, refused, run
 
 HUMAN = "synek2019_initial"

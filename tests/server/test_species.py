@@ -10,7 +10,7 @@ import pytest
 from fingermodel.studies.published import Row
 from server.figures.species import species_plots
 from server.figures.static import render
-from server.species import SpeciesResult, compare_species
+from fingermodel.studies.species import SpeciesResult, compare_species
 from tests.server.test_cli import Document, altered, refused, run
 
 HUMAN, BONOBO = "synek2019_optimised", "synek2019_bonobo"

@@ -225,25 +225,3 @@ def work_out(
     )
 
 
-def write_table(result: MovementResult, path: Path) -> int:
-    """Write a row an instant as CSV, units in the columns' names; return the number of rows."""
-    from daq.export import defused
-    from daq.files import replacing
-
-    columns: dict[str, Floats] = {"time_s": result.times_s}
-    for axis, column in zip(("Fx", "Fy", "Fz"), result.tip_force_N.T, strict=True):
-        columns[f"tip_{axis}_N"] = column
-    for key, values in (("deg", np.rad2deg(result.posture_rad)), ("torque_Nmm", result.torque_Nmm)):
-        columns |= {f"{name}_{key}": v for name, v in zip(result.rotations, values.T, strict=True)}
-    for key, values in (
-        ("force_N", result.force),
-        ("passive_N", result.passive_N),
-        ("activation", result.activation),
-        ("length_mm", result.length_mm),
-    ):
-        columns |= {f"{name}_{key}": v for name, v in zip(result.muscles, values.T, strict=True)}
-    with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(map(defused, columns))
-        writer.writerows([f"{x:.9g}" for x in row] for row in zip(*columns.values(), strict=True))
-    return len(result.times_s)

@@ -12,7 +12,7 @@ from daq.errors import ModelError
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger
-    from server.species_sides import Side
+    from fingermodel.studies.species_sides import Side
 
 Floats = NDArray[np.float64]
 

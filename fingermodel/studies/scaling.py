@@ -90,25 +90,6 @@ class Scaled:
         }
 
 
-def measures(entries: Sequence[str], option: str, example: str) -> dict[str, float]:
-    """Lengths in mm by name, from entries such as `PP=40.1`.
-
-    Raises:
-        InputError: an entry of another form, or a name that comes twice.
-    """
-    out: dict[str, float] = {}
-    for entry in entries:
-        name, _, text = (part.strip() for part in entry.partition("="))
-        try:
-            value = float(text.removesuffix("mm"))
-        except ValueError:
-            value = math.nan
-        if not name or not math.isfinite(value):
-            raise InputError(f"{option} {entry}", f"a name and a length in mm, such as {example}")
-        if name in out:
-            raise InputError(f"{option} {name} is given twice", "one length for each")
-        out[name] = value
-    return out
 
 
 def scale_finger(

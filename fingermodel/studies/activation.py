@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import InputError
-from server.activation_result import SMALL_N, ActivationResult, Deficit, MuscleForce
+from fingermodel.studies.activation_result import SMALL_N, ActivationResult, Deficit, MuscleForce
 from server.application.workflow import prepare_jax
 
 if TYPE_CHECKING:

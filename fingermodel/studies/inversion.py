@@ -8,7 +8,7 @@ import numpy as np
 
 from daq.errors import InputError
 from server.application.workflow import Bench
-from server.inverted import Assigned, Inversion, InvertedCase, MuscleSummary
+from fingermodel.studies.inverted import Assigned, Inversion, InvertedCase, MuscleSummary
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

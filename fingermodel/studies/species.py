@@ -10,12 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from server.species_sides import PLANES, RATIOS, Side, open_side, over, same_angles, shared
+from fingermodel.studies.species_sides import PLANES, RATIOS, Side, open_side, over, same_angles, shared
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Plane
     from fingermodel.studies.published import Row
-    from server.species_steps import Step
+    from fingermodel.studies.species_steps import Step
 
 HUMAN, BONOBO = "synek2019_optimised", "synek2019_bonobo"
 # The specimens that the published fingers stand for.
@@ -107,7 +107,7 @@ def compare_species(
         InputError: a finger or session that cannot be read, or that do not fit together.
     """
     from server.reproduce.synek2019_species import species_rows
-    from server.species_steps import steps_between
+    from fingermodel.studies.species_steps import steps_between
 
     names = [
         name or (None if session else default)

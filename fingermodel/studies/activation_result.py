@@ -200,28 +200,5 @@ def angle_between(one: Floats, other: Floats) -> float | None:
     return float(2.0 * np.rad2deg(np.arctan2(np.linalg.norm(one - other), np.linalg.norm(one + other))))
 
 
-def write_table(result: ActivationResult, path: Path) -> int:
-    """Write a row a muscle and level as CSV, units in the columns' names; return the number of rows."""
-    from daq.export import defused
-    from daq.files import replacing
-
-    columns = [
-        "muscle", "level_pct", "Fx_proximal_N", "Fy_dorsal_N", "Fz_radial_N", "magnitude_N", "magnitude_change_pct",
-        "direction_change_deg", "sagittal_change_deg", "coronal_change_deg",
-    ]  # fmt: skip
-    rows = []
-    for d in result.deficits:
-        cells = zip(
-            d.levels_pct, d.force_N, d.magnitudes, d.change_pct,
-            d.change_deg(), d.change_deg("sagittal"), d.change_deg("coronal"), strict=True,
-        )  # fmt: skip
-        rows += [[defused(d.muscle), *(_cell(x) for x in (level, *force, *rest))] for level, force, *rest in cells]
-    with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(rows)
-    return len(rows)
 
 
-def _cell(value: float | None) -> str:
-    return "" if value is None else f"{value:.9g}"
