@@ -32,8 +32,8 @@ from fingermodel.muscles.hill import at_rest
 from fingermodel.muscles.muscle_files import read_muscles
 from fingermodel.recruitment.minmax import Recruitment, min_max
 from fingermodel.recruitment.moments import arms_and_excursions
-from server.application.workflow import prepare_jax
 from fingermodel.studies.movement import work_out
+from server.application.workflow import prepare_jax
 
 Floats = NDArray[np.float64]
 
@@ -154,7 +154,10 @@ def main() -> None:
     ones, all_ = problem.one_by_one(), problem.together()
     gap = max(float(np.abs(found / shared.largest - 1.0).max()) for found in (ones, all_))
     works: list[tuple[str, Callable[[], object]]] = [
-        ("**the whole tap, `fingermodel.studies.movement.work_out`**", lambda: work_out(motion, finger, muscles, given.steps)),
+        (
+            "**the whole tap, `fingermodel.studies.movement.work_out`**",
+            lambda: work_out(motion, finger, muscles, given.steps),
+        ),
         ("inverse dynamics, ours", dynamics),
         ("inverse dynamics, MuJoCo's `mj_inverse` instant by instant", lambda: chain.torque(movement)),
         ("moment arms and excursions, ours", geometry),

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.errors import InputError
+from daq.errors import InputError, ModelError
+from fingermodel.compilation import prepare_jax
+from fingermodel.finger_files import read_finger
+from fingermodel.fingers import COMPONENTS
+from fingermodel.isometric.baseline import least_activity
+from fingermodel.isometric.forces import IsometricFinger, Placed
+from fingermodel.muscles.muscle_files import muscle_set_names, read_muscles
 from fingermodel.studies.activation_result import SMALL_N, ActivationResult, Deficit, MuscleForce
-from server.application.workflow import prepare_jax
-
-if TYPE_CHECKING:
-    from fingermodel.isometric.forces import IsometricFinger, Placed
 
 Floats = NDArray[np.float64]
 LEVELS_PCT = (100.0, 75.0, 50.0, 25.0, 0.0)
@@ -52,10 +53,6 @@ def activate(
         InputError: a file that cannot be used, a name that is not known, a number out of range, or a force beyond the
             muscles' strength.
     """
-    from fingermodel.finger_files import read_finger
-    from fingermodel.isometric.forces import IsometricFinger
-    from fingermodel.muscles.muscle_files import muscle_set_names, read_muscles
-
     read = read_finger(finger)
     if muscles is None and read.id not in muscle_set_names():
         raise InputError(f"no muscles for {read.id}", f"one of {', '.join(muscle_set_names())}", "Name them")
@@ -166,9 +163,6 @@ def _baseline(
     force_N: Mapping[str, float] | None,
     notes: list[str],
 ) -> Floats:
-    from daq.errors import ModelError
-    from fingermodel.isometric.baseline import least_activity
-
     muscles = held.finger.topology.muscles
     if activation and force_N:
         raise InputError("activations and a force", "one of them")
@@ -223,15 +217,11 @@ def _alone(name: str, names: Sequence[str], muscles: Sequence[str], full: Floats
 
 
 def _reactions(held: IsometricFinger) -> str:
-    from fingermodel.fingers import COMPONENTS
-
     return ", ".join(COMPONENTS[c] for c in held.finger.topology.reactions)
 
 
 def _condition(held: IsometricFinger, jacobian: Floats) -> float:
     """Of what the clamp holds, lengths in units of the finger's."""
-    from fingermodel.fingers import COMPONENTS
-
     long = float(
         np.linalg.norm(held.finger.values.centre, axis=1).sum() + np.linalg.norm(held.finger.values.load_point)
     )

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -198,7 +196,3 @@ def angle_between(one: Floats, other: Floats) -> float | None:
     one, other = one / sizes[0], other / sizes[1]
     # Half of the chord keeps small angles exact.
     return float(2.0 * np.rad2deg(np.arctan2(np.linalg.norm(one - other), np.linalg.norm(one + other))))
-
-
-
-

@@ -7,21 +7,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from daq.errors import InputError
-from server.application.workflow import Bench
+from fingermodel.budget import CellMounting
+from fingermodel.fingers import COMPONENTS
+from fingermodel.inverse.closures import Closure, closure_of, slip_names
+from fingermodel.inverse.spread import Given, Inverse, invert
+from fingermodel.session import Session
+from fingermodel.stages import LoadCaseInput, State
 from fingermodel.studies.inverted import Assigned, Inversion, InvertedCase, MuscleSummary
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from fingermodel.inverse.closures import Closure
-    from fingermodel.inverse.spread import Given, Inverse
 
     Floats = NDArray[np.float64]
     Flags = NDArray[np.bool_]
     Rows = NDArray[np.intp]
 
 
-def invert_bench(bench: Bench, closure: str = "chao", seed: int = 0) -> Inversion:
+def invert_bench(bench: Session, closure: str = "chao", seed: int = 0) -> Inversion:
     """Assign muscle, slip and contact forces to every force measured at the tip.
 
     Args:
@@ -33,9 +35,6 @@ def invert_bench(bench: Bench, closure: str = "chao", seed: int = 0) -> Inversio
         InputError: no such closure, or no case at the tip of which enough was read.
         ModelError: a finger that the closure does not fit.
     """
-    from fingermodel.inverse.closures import closure_of
-    from fingermodel.inverse.spread import invert
-
     finger, observations = bench.model.finger, bench.observations
     chosen = closure_of(closure, finger.topology)
     rows, left_out, unread = _readable(bench, chosen)
@@ -58,21 +57,19 @@ def invert_bench(bench: Bench, closure: str = "chao", seed: int = 0) -> Inversio
     )
 
 
-def _modelled_contacts(bench: Bench) -> Floats:
+def _modelled_contacts(bench: Session) -> Floats:
     """Magnitude of the contact forces (n, joints) that the model makes of the weights that hung [N]."""
     joint = np.asarray(bench.model.predict(bench.observations.inputs, bench.theta).joint)
     size: Floats = np.linalg.norm(joint, axis=2)
     return size
 
 
-def _readable(bench: Bench, closure: Closure) -> tuple[Rows, tuple[str, ...], Flags]:
+def _readable(bench: Session, closure: Closure) -> tuple[Rows, tuple[str, ...], Flags]:
     """Cases at the tip of which enough was read, the ids of the others, and what was not read of each: (n, 6).
 
     The force must be there. A moment that the clamp carries too may be missing for `least_squares` alone, which has
     an answer for every moment and can take the one of least stress.
     """
-    from fingermodel.fingers import COMPONENTS
-
     observations = bench.observations
     at_tip = [i for i, x in enumerate(observations.locations) if x == "tip" and observations.roles[i] != "check"]
     carried = np.zeros(6, dtype=bool)
@@ -95,10 +92,8 @@ def _readable(bench: Bench, closure: Closure) -> tuple[Rows, tuple[str, ...], Fl
     return np.array(rows), tuple(observations.ids[i] for i in at_tip if not enough[i]), missing[rows]
 
 
-def _given(bench: Bench, rows: Rows, unread: Flags) -> Given:
+def _given(bench: Session, rows: Rows, unread: Flags) -> Given:
     """Points, postures and tip wrenches, each with what is known of its error."""
-    from fingermodel.inverse.spread import Given
-
     model, observations = bench.model, bench.observations
     table, theta = model.parameters, np.asarray(bench.theta)
     anatomy = np.flatnonzero(table.of_kind("anatomy"))
@@ -124,16 +119,13 @@ def _given(bench: Bench, rows: Rows, unread: Flags) -> Given:
     )
 
 
-def _tip_wrenches(bench: Bench, rows: Rows) -> tuple[Floats, Floats]:
+def _tip_wrenches(bench: Session, rows: Rows) -> tuple[Floats, Floats]:
     """What the finger did to the clamp (n, 6), the cell's own errors taken out as far as known, and its covariance.
 
     Components that the finger's clamp does not carry are zero.
     """
     import jax
     import jax.numpy as jnp
-
-    from fingermodel.budget import CellMounting
-    from fingermodel.stages import LoadCaseInput, State
 
     model, observations = bench.model, bench.observations
     structure = model.structure
@@ -169,7 +161,7 @@ def _tip_wrenches(bench: Bench, rows: Rows) -> tuple[Floats, Floats]:
 
 
 def _case(
-    bench: Bench,
+    bench: Session,
     closure: Closure,
     inverse: Inverse,
     k: int,
@@ -178,9 +170,6 @@ def _case(
     modelled: Floats,
     unread: Flags,
 ) -> InvertedCase:
-    from fingermodel.fingers import COMPONENTS
-    from fingermodel.inverse.closures import slip_names
-
     observations, topology = bench.observations, bench.model.finger.topology
     pulled = dict(zip(topology.muscles, hung, strict=True))
     muscles = {
@@ -213,7 +202,9 @@ def _case(
     )
 
 
-def _summary(bench: Bench, closure: Closure, cases: tuple[InvertedCase, ...]) -> tuple[tuple[MuscleSummary, ...], int]:
+def _summary(
+    bench: Session, closure: Closure, cases: tuple[InvertedCase, ...]
+) -> tuple[tuple[MuscleSummary, ...], int]:
     budget = bench.model.budget
     # What hung is known but for the pulleys.
     pulley = float(
@@ -240,7 +231,7 @@ def _summary(bench: Bench, closure: Closure, cases: tuple[InvertedCase, ...]) ->
 
 
 def _notes(
-    bench: Bench, closure: Closure, inverse: Inverse, left_out: tuple[str, ...], unread: Flags
+    bench: Session, closure: Closure, inverse: Inverse, left_out: tuple[str, ...], unread: Flags
 ) -> tuple[str, ...]:
     notes = []
     if left_out:

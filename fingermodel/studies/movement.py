@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,12 +10,18 @@ from numpy.typing import NDArray
 
 from daq.errors import InputError
 from daq.plain_json import clean
-from server.application.workflow import prepare_jax
+from fingermodel.compilation import prepare_jax
+from fingermodel.dynamics.inertia import chain_inertia
+from fingermodel.dynamics.inverse import inverse_dynamics
+from fingermodel.dynamics.motion import Motion, read_motion
+from fingermodel.finger_files import read_finger
+from fingermodel.muscles.hill import at_rest
+from fingermodel.muscles.muscle_files import MuscleSet, read_muscles
+from fingermodel.recruitment.minmax import min_max
+from fingermodel.recruitment.moments import arms_and_excursions
 
 if TYPE_CHECKING:
-    from fingermodel.dynamics.motion import Motion
     from fingermodel.fingers import Finger
-    from fingermodel.muscles.muscle_files import MuscleSet
 
 Floats = NDArray[np.float64]
 STEPS = 200
@@ -148,10 +152,6 @@ def move(motion: str, finger: str, muscles: str, steps: int = STEPS, *, gravity:
     Raises:
         InputError: a file that cannot be used, or torques beyond the muscles' strength.
     """
-    from fingermodel.dynamics.motion import read_motion
-    from fingermodel.finger_files import read_finger
-    from fingermodel.muscles.muscle_files import read_muscles
-
     if not 2 <= steps <= MOST_STEPS:
         raise InputError(f"{steps} steps", f"2 to {MOST_STEPS}")
     read = read_finger(finger)
@@ -180,12 +180,6 @@ def work_out(
     Raises:
         ModelError: the finger has no inertia, the motion lacks a joint, or torques are beyond the muscles' strength.
     """
-    from fingermodel.dynamics.inertia import chain_inertia
-    from fingermodel.dynamics.inverse import inverse_dynamics
-    from fingermodel.muscles.hill import at_rest
-    from fingermodel.recruitment.minmax import min_max
-    from fingermodel.recruitment.moments import arms_and_excursions
-
     prepare_jax()
     topology, values = finger.topology, finger.values
     inertia = chain_inertia(finger)
@@ -223,5 +217,3 @@ def work_out(
         length_mm=length,
         programmes=shared.programmes,
     )
-
-

@@ -12,7 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import InputError, ModelError
-from server.application.workflow import prepare_jax
+from daq.sessions import read_session
+from fingermodel.compilation import prepare_jax
+from fingermodel.finger_files import finger_document, finger_from_dict, read_finger, write_finger
+from fingermodel.observations import posture_rad
+from fingermodel.scaling import flexion_arms, match_moment_arms, mean_moment_arms, phalanx_lengths, renamed, scale_by
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger
@@ -90,8 +94,6 @@ class Scaled:
         }
 
 
-
-
 def scale_finger(
     base: str,
     lengths_mm: Mapping[str, float],
@@ -114,9 +116,6 @@ def scale_finger(
     Raises:
         InputError: a finger or session that cannot be read, an unknown bone or tendon, or a length beyond reason.
     """
-    from fingermodel.finger_files import read_finger
-    from fingermodel.scaling import match_moment_arms, renamed, scale_by
-
     prepare_jax()
     finger = read_finger(base)
     if not lengths_mm:
@@ -148,9 +147,6 @@ def postures_of_session(finger: Finger, session: str) -> dict[str, Floats]:
     Raises:
         InputError: no such session, or angles that the finger has no joint for.
     """
-    from daq.sessions import read_session
-    from fingermodel.observations import posture_rad
-
     out = {NEUTRAL: np.zeros(len(finger.topology.rotations))}
     for name, angles in read_session(session).postures_deg.items():
         out[name] = posture_rad(finger.topology, angles.model_dump(), f"{session}: posture {name}")
@@ -165,8 +161,6 @@ def _own_lengths(
     finger: Finger, lengths_mm: Mapping[str, float], reference_mm: Mapping[str, float]
 ) -> dict[str, float]:
     """Lengths of the base finger's phalanges [mm], where known; every length that was given is checked against them."""
-    from fingermodel.scaling import phalanx_lengths
-
     moving, known = finger.topology.bones[1:], phalanx_lengths(finger)
     for option, given in (("bone", lengths_mm), ("reference", reference_mm)):
         for bone, length in given.items():
@@ -215,8 +209,6 @@ def _factors(finger: Finger, lengths_mm: Mapping[str, float], own: Mapping[str, 
 
 def _wanted(scaled: Finger, arms_mm: Mapping[str, float], postures: Sequence[Floats]) -> dict[str, float]:
     """Moment arms by the model's name of the segment, each held against what scaling alone gives."""
-    from fingermodel.scaling import mean_moment_arms
-
     names = {f"{s.slip}@{s.joint}": s.name for s in scaled.topology.segments}
     mean = mean_moment_arms(scaled, postures)
     before = dict(zip(names, mean.tolist(), strict=True))
@@ -256,8 +248,6 @@ def _bones(
 def _arms(
     base: Finger, scaled: Finger, final: Finger, wanted: Mapping[str, float], postures: Mapping[str, Floats]
 ) -> tuple[ArmScale, ...]:
-    from fingermodel.scaling import flexion_arms
-
     before = {name: flexion_arms(base, q) for name, q in postures.items()}
     after = {name: flexion_arms(final, q) for name, q in postures.items()}
     shift = final.values.proximal_point[:, 1] - scaled.values.proximal_point[:, 1]
@@ -298,8 +288,6 @@ def _assumptions(
 
 def scaled_document(scaled: Scaled) -> dict[str, Any]:
     """Contents of the finger file; every number that was scaled names its source, certainty and factor."""
-    from fingermodel.finger_files import finger_document
-
     base, factors = scaled.base, {b.bone: b for b in scaled.bones}
     known = base.document.get("sources", {})
     source = next(s for s in ("scaled", *(f"scaled{i}" for i in range(2, 99))) if s not in known)
@@ -359,8 +347,6 @@ def write_scaled(scaled: Scaled, path: Path) -> None:
         ModelError: what was written does not read as the same finger.
         OSError: it cannot be written.
     """
-    from fingermodel.finger_files import finger_from_dict, read_finger, write_finger
-
     document = scaled_document(scaled)
     finger_from_dict(document, path.name)
     write_finger(document, path, scaled_heading(scaled))

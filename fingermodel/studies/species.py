@@ -7,15 +7,16 @@ ratios, so a finger scaled as a whole has the same; what changes them is posture
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from daq.errors import InputError
 from fingermodel.studies.species_sides import PLANES, RATIOS, Side, open_side, over, same_angles, shared
+from fingermodel.studies.species_steps import Step, steps_between
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Plane
     from fingermodel.studies.published import Row
-    from fingermodel.studies.species_steps import Step
 
 HUMAN, BONOBO = "synek2019_optimised", "synek2019_bonobo"
 # The specimens that the published fingers stand for.
@@ -31,7 +32,7 @@ class SpeciesResult:
         other: the finger that is compared.
         tendons: loads that both have, most tendons first.
         steps: from the one to the other, empty where they are not built alike.
-        rows: the paper's numbers beside ours, where the two are the paper's specimens.
+        rows: a paper's numbers beside ours; none until somebody adds them.
         assumptions: a sentence each.
     """
 
@@ -106,9 +107,6 @@ def compare_species(
     Raises:
         InputError: a finger or session that cannot be read, or that do not fit together.
     """
-    from server.reproduce.synek2019_species import species_rows
-    from fingermodel.studies.species_steps import steps_between
-
     names = [
         name or (None if session else default)
         for name, session, default in ((of, of_session, HUMAN), (other, other_session, BONOBO))
@@ -122,7 +120,7 @@ def compare_species(
         progress((i + 1) / 3)
     first, second = sides
     tendons = _common_tendons(first, second)
-    result = SpeciesResult(
+    return SpeciesResult(
         of=first,
         other=second,
         tendons=tendons,
@@ -130,12 +128,9 @@ def compare_species(
         rows=(),
         assumptions=tuple(_assumptions(first, second)),
     )
-    return replace(result, rows=tuple(species_rows(result)))
 
 
 def _common_tendons(first: Side, second: Side) -> tuple[str, ...]:
-    from daq.errors import InputError
-
     own, others = (dict.fromkeys(load.tendons for load in side.loads) for side in (first, second))
     # The order of a dict is that of the loads; a sort keeps it among combinations of as many tendons.
     common = sorted((t for t in own if t in others), key=lambda name: -name.count("+"))

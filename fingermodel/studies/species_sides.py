@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from server.application.workflow import Bench, open_bench
+from fingermodel.comparison import muscles_of
+from fingermodel.scaling import mean_moment_arms, phalanx_lengths
+from fingermodel.session import Session
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger, Plane
@@ -46,8 +48,6 @@ class Load:
     @property
     def tendons(self) -> str:
         """Loaded tendons, such as `FDP+FDS`."""
-        from fingermodel.comparison import muscles_of
-
         return muscles_of(self.masses_g)
 
     def ratios(self, *, measured: bool = False, plane: Plane = "space") -> dict[str, float | None]:
@@ -182,9 +182,7 @@ def open_side(model: str | None, session: str | None, loads_of: str) -> Side:
     Raises:
         InputError: a finger or session that cannot be read, or that do not fit together.
     """
-    from fingermodel.scaling import mean_moment_arms, phalanx_lengths
-
-    bench = open_bench(loads_of, model)
+    bench = Session.open(loads_of, model, catalogue=False)
     finger = replace(bench.model.finger, values=bench.model.values_at(bench.theta))
     postures = {name: np.asarray(q) for name, q in bench.observations.posture_angles.items()}
     arms = mean_moment_arms(finger, list(postures.values()))
@@ -206,7 +204,7 @@ def _proximal_first(finger: Finger, lengths: dict[str, float]) -> dict[str, floa
     return {bone: lengths[bone] for bone in finger.topology.bones if bone in lengths}
 
 
-def _loads(bench: Bench, *, measured: bool) -> Iterable[Load]:
+def _loads(bench: Session, *, measured: bool) -> Iterable[Load]:
     """One load for each posture and masses read at the tip, with the bone's reading of the same; repeats averaged."""
     observed, prediction = bench.observations, bench.model.predict(bench.observations.inputs, bench.theta)
     tip, bone = np.asarray(prediction.forces.tip)[:, :3], np.asarray(prediction.forces.bone)

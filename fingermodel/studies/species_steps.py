@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ModelError
+from fingermodel.model import clamp_forces_batch, jax_values
+from fingermodel.scaling import match_moment_arms, scale_by
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger
@@ -37,8 +39,6 @@ def steps_between(first: Side, second: Side, tendons: str) -> tuple[Step, ...]:
         Nothing where the two have other bones, rotations or tendons; without the step of moment arms where moving the
         first finger's tendons dorsally or palmarly does not reach them.
     """
-    from fingermodel.scaling import match_moment_arms, scale_by
-
     a, b = first.finger.topology, second.finger.topology
     if (a.bones, a.rotations, a.muscles) != (b.bones, b.rotations, b.muscles):
         return ()
@@ -78,8 +78,6 @@ def _lengthened(finger: Finger, wanted_mm: dict[str, float], own_mm: dict[str, f
 
 def _ratios(finger: Finger, side: Side, tendons: str) -> tuple[float, float]:
     """Mean tension to tip force and bone to tip force, under a side's loads and postures."""
-    from fingermodel.model import clamp_forces_batch, jax_values
-
     loads = side.of_tendons(tendons)
     muscles = finger.topology.muscles
     tension = np.zeros((len(loads), len(muscles)))

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from server.application.workflow import Bench, compare_bench, open_bench, origin_of, readings_digest
+from server.application.workflow import Bench, origin_of, readings_digest
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from fingermodel.comparison import Comparison
-    from server.figures.arrows import Spread
 
 
 def draw_comparison(
@@ -38,6 +36,7 @@ def draw_comparison(
         static: whether to write PNG and SVG too.
     """
     from server.figures.comparison import comparison_report
+    from server.figures.specimen_spread import spread_of
 
     files = comparison_report(
         folder,
@@ -62,17 +61,3 @@ def comparison_notes(bench: Bench) -> list[str]:
     measured = bench.measured
     factor = f"Friction factor c = {measured.tension_factor:g} ({measured.tension_factor_source})."
     return [factor, *measured.notes, *bench.loaded.notes]
-
-
-def spread_of(bench: Bench, comparison: Comparison) -> Mapping[str, Spread] | None:
-    """Standard deviation between the specimens that a session is the mean of, where it says which."""
-    provenance = bench.measured.session.provenance
-    members = provenance.get("mean_of") if isinstance(provenance, Mapping) else None
-    if not members:
-        return None
-    from server.figures.arrows import spread_between
-
-    folder = bench.measured.session.folder
-    own = [folder.parent / str(m) for m in members] if folder else []
-    paths = [p if p.is_dir() else Path(str(m)) for p, m in zip(own, members, strict=False)]
-    return spread_between(comparison, [compare_bench(open_bench(p)) for p in paths])

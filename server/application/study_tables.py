@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.studies.activation_result import ActivationResult
-from fingermodel.studies.movement import MovementResult
 from daq.export import defused
 from daq.files import replacing
+from fingermodel.studies.activation_result import ActivationResult
+from fingermodel.studies.movement import MovementResult
 
 Floats = NDArray[np.float64]
 

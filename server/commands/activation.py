@@ -8,8 +8,8 @@ from pathlib import Path
 from daq.errors import InputError
 from fingermodel.studies.activation import activate
 from fingermodel.studies.activation_result import ActivationResult
-from server.application.study_tables import write_deficits
 from server.application.exporting import writing
+from server.application.study_tables import write_deficits
 from server.commands.console import answer, progress, say, table
 
 

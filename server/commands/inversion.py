@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from server.application.workflow import open_bench, provenance
-from server.commands.console import answer, progress, say, table
 from fingermodel.studies.inversion import invert_bench
 from fingermodel.studies.inverted import Assigned, Inversion, InvertedCase
+from server.application.workflow import open_bench, provenance
+from server.commands.console import answer, progress, say, table
 
 
 def invert_session(session: str, closure: str, model: str | None, figures: Path | None, json: str | None) -> None:

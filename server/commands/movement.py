@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from server.application.exporting import writing
-from server.commands.console import answer, progress, say, table
 from fingermodel.studies.movement import move
+from server.application.exporting import writing
 from server.application.study_tables import write_time_courses
+from server.commands.console import answer, progress, say, table
 
 
 def move_finger(

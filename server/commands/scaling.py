@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-
 from collections.abc import Sequence
 from pathlib import Path
 
 from daq.errors import InputError
+from fingermodel.studies.scaling import NEUTRAL, Scaled, scale_finger, write_scaled
 from server.application.exporting import writing
 from server.commands.console import answer, say, table
-from fingermodel.studies.scaling import NEUTRAL, Scaled, scale_finger, write_scaled
 
 
 def scale_specimen(

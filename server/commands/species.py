@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from fingermodel.studies.published import ours, verdict
-from server.commands.console import answer, progress, say, table
-from fingermodel.studies.species import SpeciesResult, compare_species
+from fingermodel.studies.species import SpeciesResult
 from fingermodel.studies.species_sides import PLANES, Spread, shared
+from server.application.species import compare_species
+from server.commands.console import answer, progress, say, table
 
 KINDS = ("predicted", "measured")
 WORDS = {"tension_to_tip": "tension / tip", "bone_to_tip": "bone / tip"}

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from server.application.workflow import Bench, compare_bench, taken_out
+from fingermodel import api
+from fingermodel.session import Session
 from server.figures.style import NothingToDrawError
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
 
-def effect_on_finger(bench: Bench, effects: Sequence[str], case: str | None = None) -> go.Figure:
+def effect_on_finger(bench: Session, effects: Sequence[str], case: str | None = None) -> go.Figure:
     """Draw the finger with the weights of a case, its measured force, and the predictions with and without effects.
 
     Args:
@@ -29,7 +30,7 @@ def effect_on_finger(bench: Bench, effects: Sequence[str], case: str | None = No
     from server.figures.before import with_before
     from server.figures.bench_finger import Hung, finger_figure
 
-    within, without = compare_bench(bench).cases, compare_bench(taken_out(bench, effects)).cases
+    within, without = api.compare(bench).cases, api.compare(bench.without(effects)).cases
     count = PLANES[bench.model.finger.judged_in]
     changes = {
         a.id: round(float(np.linalg.norm((a.predicted_N - b.predicted_N)[:count])), 3)

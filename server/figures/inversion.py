@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
+from fingermodel.studies.inverted import Assigned, Inversion, InvertedCase
 from server.figures.plot import Plot
 from server.figures.report import Picture, Section, Table, write_report
 from server.figures.static import write_static
@@ -30,7 +31,6 @@ from server.figures.style import (
     plain,
     posture_name,
 )
-from fingermodel.studies.inverted import Assigned, Inversion, InvertedCase
 
 JOINT_COLOR = "#5B2A86"
 _PANEL, _GAP, _TOP, _BOTTOM, _BOTTOM_LEVEL, _LEFT, _RIGHT = 150, 44, 122, 78, 36, 64, 16  # [px]

@@ -11,6 +11,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from fingermodel.studies.movement import MovementResult
 from server.figures.plot import Plot
 from server.figures.report import Picture, Section, Table, write_report
 from server.figures.static import write_static
@@ -26,7 +27,6 @@ from server.figures.style import (
     number,
     plain,
 )
-from fingermodel.studies.movement import MovementResult
 
 Floats = NDArray[np.float64]
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9")

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from fingermodel.comparison import CaseComparison
 from fingermodel.studies.published import ours, verdict
+from fingermodel.studies.species import SpeciesResult
+from fingermodel.studies.species_sides import Load, Side, Spread, same_angles, shared
 from server.figures.arrows import arrow_traces
 from server.figures.panels import Panel, key, panel_axes
 from server.figures.plot import Plot
@@ -23,8 +25,6 @@ from server.figures.skeleton import finger_traces
 from server.figures.static import write_static
 from server.figures.style import INK, MUTED, SMALL_PX, TEXT_PX, WIDTH, axis, domain, figure, legend, mix, number, plain
 from server.figures.style import posture_name as named
-from fingermodel.studies.species import SpeciesResult
-from fingermodel.studies.species_sides import Load, Side, Spread, same_angles, shared
 
 Floats = NDArray[np.float64]
 COLORS = ("#0072B2", "#D55E00")

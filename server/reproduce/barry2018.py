@@ -11,9 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from fingermodel.studies.published import Row, not_available, row
+from fingermodel.finger_files import read_finger
+from fingermodel.isometric.forces import IsometricFinger
+from fingermodel.muscles.muscle_files import read_muscles
 from fingermodel.studies.activation import DIRECTIONS, work_out
 from fingermodel.studies.activation_result import angle_between
+from fingermodel.studies.published import Row, not_available, row
 from server.figures.plot import Plot
 from server.reproduce.barry2018_sheets import Case, alone, arms, deficits, levels, passive, postures, reach
 from server.reproduce.study import Progress, Reproduction
@@ -73,10 +76,6 @@ def reproduce(progress: Progress) -> Reproduction:
 
 def baselines(progress: Progress = lambda fraction: None) -> list[Case]:
     """Palmar and dorsal forces of the index finger, then of the thumb."""
-    from fingermodel.finger_files import read_finger
-    from fingermodel.isometric.forces import IsometricFinger
-    from fingermodel.muscles.muscle_files import read_muscles
-
     out: list[Case] = []
     for name, sizes in ((INDEX, (7.7, INDEX_DORSAL_N)), (THUMB, (THUMB_PALMAR_N, 12.7))):
         finger = read_finger(name)

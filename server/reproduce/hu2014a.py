@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from fingermodel.compilation import prepare_jax
 from fingermodel.studies.published import Row, not_available, row, row_about, row_within
 from server.figures.plot import Plot
 from server.reproduce.hu2014a_fingers import (
@@ -73,8 +74,6 @@ CARRIED = (
 
 def reproduce(progress: Progress) -> Reproduction:
     """Compute both models at the three loads, with An's index finger and with fitted moment arms."""
-    from server.application.workflow import prepare_jax
-
     prepare_jax()
     published = published_numbers()
     normative = index_finger(published)

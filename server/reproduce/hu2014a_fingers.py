@@ -9,6 +9,10 @@ import numpy as np
 import yaml
 
 from daq.locations import data_dir
+from fingermodel.finger_files import read_finger
+from fingermodel.inverse.pressing import pressing_forces, pressing_posture, pressing_wrench
+from fingermodel.model import jax_values, posture_moment_arms, tip_kinematics_batch
+from fingermodel.scaling import match_moment_arms
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger
@@ -58,15 +62,11 @@ def published_numbers() -> dict[str, Any]:
 
 def index_finger(published: dict[str, Any]) -> Finger:
     """An's index finger, pressed at the end of the distal phalanx."""
-    from fingermodel.finger_files import read_finger
-
     return read_finger("an1979_index").replace_values(load_point=[-published["distal_phalanx_mm"], 0.0, 0.0])
 
 
 def pressed(finger: Finger, published: dict[str, Any]) -> list[Pressed]:
     """Both models at the three loads."""
-    from fingermodel.inverse.pressing import pressing_forces
-
     out = []
     for load in published["loads"]:
         forces, push = {}, {}
@@ -91,9 +91,6 @@ def with_fitted_flexor(finger: Finger, published: dict[str, Any]) -> Finger:
 
     Two numbers (FDP's moment arms at DIP and PIP) are fitted to two; all else is then a prediction.
     """
-    from fingermodel.inverse.pressing import pressing_posture
-    from fingermodel.scaling import match_moment_arms
-
     load = published["loads"][0]
     needed = needed_arms(finger, load, means(published, "minimal", (1,)))
     posture = pressing_posture(finger.topology, load["theta_deg"])
@@ -105,9 +102,6 @@ def with_fitted_terminal_slip(finger: Finger, published: dict[str, Any]) -> Fing
 
     One number (TE's moment arm at the DIP) is fitted to one; all else, in all postures, is then a prediction.
     """
-    from fingermodel.inverse.pressing import pressing_posture
-    from fingermodel.scaling import match_moment_arms
-
     load = published["loads"][0]
     flexor = means(published, "minimal", (1,))["flexor"]
     arms, demand, size = moments(finger, load)
@@ -128,9 +122,6 @@ def needed_arms(finger: Finger, load: dict[str, Any], mean: dict[str, float]) ->
 def moments(finger: Finger, load: dict[str, Any]) -> tuple[dict[tuple[str, str], float], dict[str, float], float]:
     """Return flexion moment arms by joint and slip [mm], flexion moments the load asks for [N mm], and its size [N]."""
     import jax.numpy as jnp
-
-    from fingermodel.inverse.pressing import pressing_posture, pressing_wrench
-    from fingermodel.model import jax_values, posture_moment_arms, tip_kinematics_batch
 
     topology = finger.topology
     posture = pressing_posture(topology, load["theta_deg"])

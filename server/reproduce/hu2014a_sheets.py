@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from fingermodel.inverse.pressing import pressing_forces, pressing_posture
+from fingermodel.scaling import match_moment_arms
 from server.reproduce.hu2014a_fingers import COLUMNS, MODELS, Pressed, means, moments, needed_arms, pressed
 from server.reproduce.study import Sheet
 
@@ -68,9 +70,6 @@ def needed_sheet(finger: Finger, published: dict[str, Any]) -> Sheet:
 
 def terminal_sheet(finger: Finger, published: dict[str, Any]) -> Sheet:
     """What the terminal slip's moment arm at the DIP does to both models."""
-    from fingermodel.inverse.pressing import pressing_posture
-    from fingermodel.scaling import match_moment_arms
-
     posture = pressing_posture(finger.topology, published["loads"][0]["theta_deg"])
     lines: list[Line] = []
     for arm in TERMINAL_MM:
@@ -115,8 +114,6 @@ def sister_sheet(fingers: Mapping[str, Sequence[Pressed]], published: dict[str, 
 
 def least_sheet(finger: Finger, published: dict[str, Any]) -> Sheet:
     """Our own answer: the same loads without sharing laws, muscles that pull."""
-    from fingermodel.inverse.pressing import pressing_forces
-
     muscles = finger.topology.muscles
     joints = [joint.name for joint in finger.topology.joints]
     lines: list[Line] = []

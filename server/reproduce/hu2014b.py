@@ -10,8 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from fingermodel.compilation import prepare_jax
+from fingermodel.inverse.pressing import pressing_forces
 from fingermodel.studies.published import Row, not_available, row
 from server.reproduce.hu2014a import PUSH
+from server.reproduce.hu2014a_fingers import index_finger, published_numbers
 from server.reproduce.hu2014b_network import (
     Held,
     contact_of,
@@ -20,6 +23,7 @@ from server.reproduce.hu2014b_network import (
     index_with_network,
     printed_loads,
     printed_tables,
+    pulls_by_components,
     pulls_by_table_1,
 )
 from server.reproduce.hu2014b_plots import plots
@@ -67,8 +71,6 @@ ASSUMPTIONS = (
 
 def reproduce(progress: Progress) -> Reproduction:
     """Settle the hood in the three postures, and refit it to the published specimens beside Winslow's rhombus."""
-    from server.application.workflow import prepare_jax
-
     prepare_jax()
     finger = index_with_network()
     loads = printed_loads()
@@ -95,8 +97,6 @@ def reproduce(progress: Progress) -> Reproduction:
 
 def _sum_rows(loads: Sequence[dict[str, Any]]) -> list[Row]:
     """Table 1 against Tables 2 and 3: whether the paper's own forces meet at its nodes."""
-    from server.reproduce.hu2014b_network import pulls_by_components
-
     rows = []
     for k, load in enumerate(loads):
         size = sum(x * x for x in load["force_N"]) ** 0.5
@@ -116,9 +116,6 @@ def _sum_rows(loads: Sequence[dict[str, Any]]) -> list[Row]:
 
 def _muscle_rows(loads: Sequence[dict[str, Any]]) -> list[Row]:
     """Table 1's muscle forces from Eqs 7 and 8 with An's index finger."""
-    from fingermodel.inverse.pressing import pressing_forces
-    from server.reproduce.hu2014a_fingers import index_finger, published_numbers
-
     finger = index_finger(published_numbers())
     rows = []
     for k, load in enumerate(loads):

@@ -12,11 +12,21 @@ import yaml
 from numpy.typing import NDArray
 
 from daq.locations import data_dir
+from fingermodel.finger_files import finger_from_dict
+from fingermodel.hood.elastic import home, pulls_of, shape_of
+from fingermodel.hood.equilibrium import equilibria
+from fingermodel.hood.network import displacements
+from fingermodel.hood.parts import ElasticHood
+from fingermodel.hood.sharing import bone_lengths, slip_excursions
+from fingermodel.inverse.pressing import pressing_posture, pressing_wrench
+from fingermodel.kinematics import joint_poses
+from fingermodel.model import jax_values
+from fingermodel.statics import joint_loads
+from fingermodel.tendons import joint_pulls
 from server.reproduce.hu2014a_fingers import moments, published_numbers
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger
-    from fingermodel.hood.parts import ElasticHood
 
 Floats = NDArray[np.float64]
 Change = Callable[[dict[str, Any]], None]
@@ -99,8 +109,6 @@ def index_with_network(change: Change | None = None) -> Finger:
     Args:
         change: to the hood's file before it is used, to see what an assumption does.
     """
-    from fingermodel.finger_files import finger_from_dict
-
     folder = data_dir()
     raw = {
         name: yaml.safe_load((folder / f"{name}.yaml").read_text(encoding="utf-8"))
@@ -118,8 +126,6 @@ def index_with_network(change: Change | None = None) -> Finger:
 
 def hood_of(finger: Finger) -> ElasticHood:
     """The finger's elastic hood."""
-    from fingermodel.hood.parts import ElasticHood
-
     hood = finger.topology.hood
     assert isinstance(hood, ElasticHood)  # noqa: S101 - built above
     return hood
@@ -149,11 +155,6 @@ def stretched() -> Stretched:
     import jax
     import jax.numpy as jnp
 
-    from fingermodel.hood.sharing import slip_excursions
-    from fingermodel.inverse.pressing import pressing_posture
-    from fingermodel.kinematics import joint_poses
-    from fingermodel.model import jax_values
-
     finger = index_with_network()
     topology, values = finger.topology, jax_values(finger.values)
     postures = [pressing_posture(topology, load["theta_deg"]) for load in printed_loads()]
@@ -173,12 +174,6 @@ def held_by(finger: Finger, loads: Sequence[Mapping[str, Any]], pulls_N: Sequenc
     """
     import jax
     import jax.numpy as jnp
-
-    from fingermodel.hood.elastic import home, pulls_of, shape_of
-    from fingermodel.hood.equilibrium import equilibria
-    from fingermodel.hood.network import displacements
-    from fingermodel.hood.sharing import bone_lengths
-    from fingermodel.model import jax_values
 
     hood, values, across = hood_of(finger), jax_values(finger.values), stretched()
     length, fraction = bone_lengths(finger.topology, values), jnp.asarray(values.fraction)
@@ -238,12 +233,6 @@ def contact_of(finger: Finger, loads: Sequence[Mapping[str, Any]], held: Sequenc
     """Forces between the bones by joint, per newton of load, with FDP as it balances the load about the DIP."""
     import jax
     import jax.numpy as jnp
-
-    from fingermodel.inverse.pressing import pressing_wrench
-    from fingermodel.kinematics import joint_poses
-    from fingermodel.model import jax_values
-    from fingermodel.statics import joint_loads
-    from fingermodel.tendons import joint_pulls
 
     topology, values = finger.topology, jax_values(finger.values)
     terminal = hood_of(finger).terminal_slip

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from server.application.workflow import compare_bench, open_bench, refit_bench
+from fingermodel import api
+from fingermodel.comparison import compare
+from fingermodel.session import Session
 from server.reproduce.study import Progress, Sheet
 
 SPECIMENS = ("HMEAN", "H01", "H02", "H03")
@@ -14,15 +16,13 @@ FINGERS = {"synek2019_initial": "Winslow's rhombus", "synek2019_network": "elast
 
 def against_rhombus(progress: Progress) -> tuple[Sheet, dict[str, Any]]:
     """Refit both fingers to each specimen's single-tendon loads; errors in the sagittal plane, before and after."""
-    from fingermodel.comparison import compare
-
     lines: list[tuple[str | float | None, ...]] = []
     results: dict[str, Any] = {}
     for i, specimen in enumerate(SPECIMENS):
         for k, (finger, title) in enumerate(FINGERS.items()):
-            bench = open_bench(f"synek2019_{specimen}", finger)
-            fit = refit_bench(bench)
-            compared = {"before": compare_bench(bench), "after": compare(bench.model, bench.observations, fit.theta)}
+            bench = Session.open(f"synek2019_{specimen}", finger, catalogue=False)
+            fit = api.refit(bench)
+            compared = {"before": api.compare(bench), "after": compare(bench.model, bench.observations, fit.theta)}
             errors = {
                 when: {
                     key: one.select(*key.split("/")).errors("sagittal")

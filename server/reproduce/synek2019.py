@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from daq.corrections import measure
+from daq.friction import friction
+from daq.sessions import read_session
+from fingermodel import api
+from fingermodel.comparison import Comparison, compare
+from fingermodel.scaling import mean_moment_arms
+from fingermodel.session import Session
 from fingermodel.studies.published import Row, not_available, row
-from server.application.workflow import Bench, compare_bench, open_bench, refit_bench
+from fingermodel.superposition import superposition
 from server.figures.plot import Plot
 from server.reproduce.study import Progress, Reproduction, Sheet
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from fingermodel.comparison import Comparison
     from fingermodel.model import Model
     from fingermodel.observations import Observations
 
@@ -94,19 +100,19 @@ def reproduce(progress: Progress) -> Reproduction:
 
 def published_rows() -> list[Row]:
     """Every published figure beside ours."""
-    mean = open_bench("synek2019_HMEAN")
-    optimised = open_bench("synek2019_HMEAN", "synek2019_optimised")
+    mean = Session.open("synek2019_HMEAN", catalogue=False)
+    optimised = Session.open("synek2019_HMEAN", "synek2019_optimised", catalogue=False)
     rows = [*_friction_rows(), *_identification_rows(mean, optimised), *_shift_rows(mean, optimised)]
     return [*rows, *_arm_rows(optimised), *_validation_rows(optimised), *_ratio_rows(optimised), *_bonobo_rows()]
 
 
 def _plots() -> list[Plot]:
     """The mean human finger under the published model, beside the model before its optimisation."""
-    from server.application.drawing import spread_of
     from server.figures.comparison import comparison_plans
+    from server.figures.specimen_spread import spread_of
 
-    bench = open_bench("synek2019_HMEAN", "synek2019_optimised")
-    before, comparison = compare_bench(open_bench("synek2019_HMEAN")), compare_bench(bench)
+    bench = Session.open("synek2019_HMEAN", "synek2019_optimised", catalogue=False)
+    before, comparison = api.compare(Session.open("synek2019_HMEAN", catalogue=False)), api.compare(bench)
     plans = comparison_plans(
         bench.model,
         bench.observations,
@@ -150,10 +156,6 @@ def _unseen(fits: list[SpecimenFit]) -> Sheet:
 
 
 def _friction_rows() -> list[Row]:
-    from daq.corrections import measure
-    from daq.friction import friction
-    from daq.sessions import read_session
-
     result = friction([measure(read_session(f"synek2019_{s}")) for s in ("H01", "H02", "H03", "B01")])
     return [
         row("friction factor c (Eq 1)", "0.835", result.factor, "1"),
@@ -161,9 +163,9 @@ def _friction_rows() -> list[Row]:
     ]
 
 
-def _identification_rows(mean: Bench, optimised: Bench) -> list[Row]:
-    initial = compare_bench(mean).select("identification", "tip")
-    best = compare_bench(optimised).select("identification", "tip")
+def _identification_rows(mean: Session, optimised: Session) -> list[Row]:
+    initial = api.compare(mean).select("identification", "tip")
+    best = api.compare(optimised).select("identification", "tip")
     refitted = _after(mean, "slsqp").select("identification", "tip")
     rows = []
     for name, comparison, rmse, relative in (
@@ -183,7 +185,7 @@ def _identification_rows(mean: Bench, optimised: Bench) -> list[Row]:
     return rows
 
 
-def _shift_rows(mean: Bench, optimised: Bench) -> list[Row]:
+def _shift_rows(mean: Session, optimised: Session) -> list[Row]:
     shift: dict[tuple[str, str, str], list[float]] = {}
     for name, before, after in zip(
         mean.model.parameters.names, mean.model.initial, optimised.model.initial, strict=True
@@ -211,7 +213,7 @@ def _shift_rows(mean: Bench, optimised: Bench) -> list[Row]:
     ]
 
 
-def _arm_rows(optimised: Bench) -> list[Row]:
+def _arm_rows(optimised: Session) -> list[Row]:
     arms = _mean_arms(optimised)
     published = dict(zip(FLEXORS, ("4.3", "11.1", "12.1", "7.3", "12.8"), strict=True))
     rows = [row(f"human mean moment arm of {s} at the {j}", published[j, s], arms[j, s], "mm") for j, s in FLEXORS]
@@ -221,9 +223,7 @@ def _arm_rows(optimised: Bench) -> list[Row]:
     ]
 
 
-def _mean_arms(bench: Bench) -> dict[tuple[str, str], float]:
-    from fingermodel.scaling import mean_moment_arms
-
+def _mean_arms(bench: Session) -> dict[tuple[str, str], float]:
     topology, observations = bench.model.finger.topology, bench.observations
     postures = [
         np.asarray(observations.inputs.posture[observations.postures.index(name)])
@@ -233,8 +233,8 @@ def _mean_arms(bench: Bench) -> dict[tuple[str, str], float]:
     return {(s.joint, s.slip): float(arm) for s, arm in zip(topology.segments, arms, strict=True)}
 
 
-def _validation_rows(optimised: Bench) -> list[Row]:
-    comparison = compare_bench(optimised)
+def _validation_rows(optimised: Session) -> list[Row]:
+    comparison = api.compare(optimised)
     rows = []
     for location, numbers in (("tip", ("3.10", "0.25", "11.03")), ("bone", ("3.32", "0.16", "2.34"))):
         e = comparison.select("validation", location).errors("sagittal")
@@ -261,7 +261,7 @@ def _ratios(model: Model, observations: Observations) -> tuple[NDArray[np.float6
     return np.asarray(observations.inputs.tension)[chosen].sum(axis=1) / tip, bone / tip
 
 
-def _ratio_rows(optimised: Bench) -> list[Row]:
+def _ratio_rows(optimised: Session) -> list[Row]:
     tension, bone = _ratios(optimised.model, optimised.observations)
     return [
         row("human tension to tip force, mean", "3.78", float(tension.mean()), "1"),
@@ -274,8 +274,8 @@ def _ratio_rows(optimised: Bench) -> list[Row]:
 
 
 def _bonobo_rows() -> list[Row]:
-    bench = open_bench("synek2019_B01")
-    before = compare_bench(bench)
+    bench = Session.open("synek2019_B01", catalogue=False)
+    before = api.compare(bench)
     after = _after(bench, "map")
     tension, bone = _ratios(bench.model, bench.observations)
     arms = _mean_arms(bench)
@@ -317,14 +317,12 @@ def _bonobo_rows() -> list[Row]:
 
 
 def _fit(session: str, name: str) -> SpecimenFit:
-    from fingermodel.superposition import superposition
-
-    bench = open_bench(session)
-    before = compare_bench(bench)
+    bench = Session.open(session, catalogue=False)
+    before = api.compare(bench)
     return SpecimenFit(
         name,
         {
-            "published_model": compare_bench(open_bench(session, "synek2019_optimised")),
+            "published_model": api.compare(Session.open(session, "synek2019_optimised", catalogue=False)),
             "published_method": _after(bench, "slsqp"),
             "ours": _after(bench, "map"),
             "superposition": superposition(bench.model, bench.observations, before),
@@ -332,7 +330,5 @@ def _fit(session: str, name: str) -> SpecimenFit:
     )
 
 
-def _after(bench: Bench, method: str) -> Comparison:
-    from fingermodel.comparison import compare
-
-    return compare(bench.model, bench.observations, refit_bench(bench, method).theta)
+def _after(bench: Session, method: Literal["map", "slsqp"]) -> Comparison:
+    return compare(bench.model, bench.observations, api.refit(bench, method).theta)

@@ -10,19 +10,20 @@ import csv
 from dataclasses import replace
 from functools import cache
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.locations import data_dir
+from fingermodel.dynamics.inertia import SegmentShape, read_segments
+from fingermodel.dynamics.motion import Motion, read_motion
+from fingermodel.finger_files import read_finger
+from fingermodel.muscles.muscle_files import read_muscles
+from fingermodel.studies.movement import MovementResult, work_out
 from fingermodel.studies.published import Row, not_available, row, row_about, row_within
 from server.figures.plot import Plot
-from fingermodel.studies.movement import MovementResult, work_out
 from server.reproduce.study import Progress, Reproduction, Sheet
-
-if TYPE_CHECKING:
-    from fingermodel.dynamics.inertia import SegmentShape
-    from fingermodel.dynamics.motion import Motion
 
 Floats = NDArray[np.float64]
 FINGER, MOTION = "wu2008_index", "wu2008_tap"
@@ -95,10 +96,6 @@ def tap(
     `turned_deg` turns tip force and gravity from dorsal and palmar to distal and proximal, as if the metacarpal rose
     towards the finger.
     """
-    from fingermodel.dynamics.motion import read_motion
-    from fingermodel.finger_files import read_finger
-    from fingermodel.muscles.muscle_files import read_muscles
-
     finger = read_finger(FINGER)
     motion = _turned(replace(read_motion(MOTION), span_s=(from_s, TO_S)), np.deg2rad(turned_deg))
     return work_out(motion, finger, read_muscles(muscles, finger), steps, gravity=gravity, curve=curve)
@@ -121,8 +118,6 @@ def _turned(motion: Motion, angle_rad: float) -> Motion:
 @cache
 def ammr_output() -> dict[str, Floats]:
     """AMMR's output over time, by column [s, m, N]."""
-    from daq.locations import data_dir
-
     with (data_dir() / "reference" / "wu2008_ammr" / "tap.csv").open(encoding="utf-8", newline="") as file:
         lines = list(csv.DictReader(file))
     return {name: np.array([float(line[name]) for line in lines]) for name in lines[0]}
@@ -137,8 +132,6 @@ def _plots() -> list[Plot]:
 
 
 def _inertia_rows() -> list[Row]:
-    from fingermodel.dynamics.inertia import read_segments
-
     rows = []
     for shape in read_segments("wu2008"):
         name, mass, *moments = TABLE_1B[shape.bone]

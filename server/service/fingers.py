@@ -129,8 +129,8 @@ def compared(finger: str, other: str, theme: Theme | None) -> dict[str, Any]:
     Raises:
         InputError: they do not fit together.
     """
+    from server.application.species import compare_species
     from server.figures.species import species_plots
-    from fingermodel.studies.species import compare_species
 
     found = compare_species(finger, other)
     drawn = [] if theme is None else drawn_plots(species_plots(found), theme)

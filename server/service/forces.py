@@ -19,8 +19,8 @@ def invertible(parts: Services, session: str, closure: str, model: str | None, t
         InputError: no case that can be inverted, or a finger that the closure does not fit.
         ProblemError: 404 there is no such session, 409 its bench is still running, 422 there is no such model.
     """
-    from server.figures.inversion import inversion_plots
     from fingermodel.studies.inversion import invert_bench
+    from server.figures.inversion import inversion_plots
 
     measured = parts.measuring.of(session)
     require_closed(measured)
@@ -55,8 +55,8 @@ def movement(asked: dict[str, Any], theme: Theme | None) -> dict[str, Any]:
     from fingermodel.dynamics.motion import motion_from_dict, read_motion
     from fingermodel.finger_files import read_finger
     from fingermodel.muscles.muscle_files import read_muscles
-    from server.figures.movement import movement_plots
     from fingermodel.studies.movement import work_out
+    from server.figures.movement import movement_plots
 
     known = movement_choices()
     if asked["muscles"] not in known["muscles"]:

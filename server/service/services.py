@@ -90,7 +90,7 @@ def build(settings: Settings) -> Services:
     Raises:
         InputError: the database cannot be used.
     """
-    from server.application.workflow import prepare_jax
+    from fingermodel.compilation import prepare_jax
 
     prepare_jax()
     # Two threads that load the array compiler at once would leave it half made: it is there before anybody asks.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fingermodel.studies.published import Row
 from fingermodel.studies.activation_result import angle_between
+from fingermodel.studies.published import Row
 from server.reproduce.study import Reproduction, Sheet, reproduce
 
 

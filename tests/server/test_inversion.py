@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from fingermodel.inverse.closures import NAMES
-from server.application.workflow import Bench, open_bench
-from server.figures.inversion import inversion_plots
 from fingermodel.studies.inversion import invert_bench
 from fingermodel.studies.inverted import Inversion
+from server.application.workflow import Bench, open_bench
+from server.figures.inversion import inversion_plots
 from tests.server.test_cli import Document, altered, refused, run
 
 SESSION = "DEV-01"  # nothing is missing from its model

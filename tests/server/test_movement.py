@@ -18,8 +18,8 @@ from daq.locations import data_dir
 from fingermodel.finger_files import read_finger
 from fingermodel.muscles.muscle_files import read_muscles
 from fingermodel.recruitment.moments import arms_and_excursions
-from server.figures.movement import Reference, movement_plots
 from fingermodel.studies.movement import MovementResult, move
+from server.figures.movement import Reference, movement_plots
 from tests.server.test_cli import Document, refused, run
 
 STEPS = 61

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from fingermodel.studies.published import Row
+from fingermodel.studies.species import SpeciesResult
+from server.application.species import compare_species
 from server.figures.species import species_plots
 from server.figures.static import render
-from fingermodel.studies.species import SpeciesResult, compare_species
 from tests.server.test_cli import Document, altered, refused, run
 
 HUMAN, BONOBO = "synek2019_optimised", "synek2019_bonobo"

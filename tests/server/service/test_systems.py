@@ -17,9 +17,9 @@ from sqlalchemy import insert
 from daq.locations import data_dir
 from fingermodel.finger_files import finger_from_dict, finger_names, read_finger
 from fingermodel.studies.activation import activate
-from server.application.workflow import open_bench
 from fingermodel.studies.inversion import invert_bench
 from fingermodel.studies.movement import move
+from server.application.workflow import open_bench
 from server.reproduce.study import STUDIES
 from server.service.database import now_utc
 from server.service.jobs import tasks

@@ -1,0 +1,23 @@
+"""The spread between the specimens that a session is the mean of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from fingermodel import api
+from fingermodel.comparison import Comparison
+from fingermodel.session import Session
+from server.figures.arrows import Spread, spread_between
+
+
+def spread_of(session: Session, comparison: Comparison) -> Mapping[str, Spread] | None:
+    """Standard deviation between the specimens that a session is the mean of, where it says which."""
+    provenance = session.measured.session.provenance
+    members = provenance.get("mean_of") if isinstance(provenance, Mapping) else None
+    if not members:
+        return None
+    folder = session.measured.session.folder
+    own = [folder.parent / str(m) for m in members] if folder else []
+    paths = [p if p.is_dir() else Path(str(m)) for p, m in zip(own, members, strict=False)]
+    return spread_between(comparison, [api.compare(Session.open(p, catalogue=False)) for p in paths])
