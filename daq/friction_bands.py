@@ -8,15 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.friction_case import FrictionCase
 from daq.measured import MeasuredSession
-
-if TYPE_CHECKING:
-    from daq.friction import FrictionCase
 
 Floats = NDArray[np.float64]
 

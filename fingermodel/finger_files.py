@@ -11,17 +11,17 @@ import difflib
 import math
 import os
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike
-from pydantic import Field, PositiveFloat
 
-from daq.documents import Document, read_document, validated
+from daq.documents import read_document, validated
 from daq.errors import ModelError
 from daq.files import replacing
 from daq.locations import data_dir
+from fingermodel.finger_document import FingerFile
 from fingermodel.fingers import (
     COMPONENTS,
     Finger,
@@ -34,102 +34,10 @@ from fingermodel.fingers import (
 )
 from fingermodel.hood.files import ElasticHoodBlock, elastic_hood, with_network
 from fingermodel.hood.parts import ElasticHood
-from fingermodel.isometric.blocks import HeldPosture, Over, PassiveBlock, SurfaceBlock, check_blocks
-from fingermodel.sourced import Certainty, Sourced
+from fingermodel.isometric.block_checks import check_blocks
+from fingermodel.sourced import Certainty
 
-Vector = tuple[float, float, float]
 WANTED = "a finger/1 file"
-
-
-class _Length(Sourced):
-    value_mm: float = Field(gt=0)
-
-
-class _Rotation(Document):
-    name: str
-    axis: Vector
-    flexion: bool = False
-
-
-class _Joint(Sourced):
-    name: str
-    parent: str
-    child: str
-    centre: Vector
-    """Joint centre from the parent bone's own joint centre, in length units."""
-    distal_origin: float
-    """How far the joint centre lies proximal of the origin in which this joint's distal points are printed."""
-    rotations: list[_Rotation]
-
-
-class _Segment(Sourced):
-    slip: str
-    joint: str
-    proximal: Vector
-    distal: Vector
-    wrap: Literal["straight", "landsmeer1_dorsal", "landsmeer1_palmar"] = "straight"
-    rests_at_deg: float | None = Field(default=None, ge=-180, le=180)
-    """Flexion at which the line comes to rest on the bone; 0 by default, as in Landsmeer's first model."""
-    proximal_bone: str | None = None
-    distal_bone: str | None = None
-    over: Over | None = None
-
-
-class _Fraction(Sourced):
-    value: float = Field(ge=0, le=1)
-    sd: float | None = Field(default=None, ge=0)
-    centre: float | None = Field(default=None, ge=0, le=1)
-
-
-class _Hood(Document):
-    kind: Literal["winslow_rhombus"]
-    radial: list[str]
-    ulnar: list[str]
-    extensors: list[str]
-    partial: list[str] = Field(default_factory=list)
-    central_slip: str
-    radial_band: str
-    ulnar_band: str
-    terminal_slip: str
-    fractions: dict[str, _Fraction]
-
-
-class _LoadPoint(Sourced):
-    offset_mm: Vector
-    """From the last joint's centre, in mm."""
-
-
-class _Body(Sourced):
-    bone: str
-    mass_kg: float = Field(gt=0)
-    centre_mm: Vector
-    """Centre of mass from the bone's own joint centre."""
-    principal_kg_mm2: tuple[PositiveFloat, PositiveFloat, PositiveFloat]
-    """Moments of inertia about the centre of mass, along the bone's axes."""
-
-
-class FingerFile(Document):
-    """The schema of a finger file."""
-
-    format: Literal["finger/1"]
-    id: str
-    title: str
-    sources: dict[str, str]
-    length_unit: _Length
-    prior_width: float = Field(default=1.0, gt=0)
-    bones: list[str]
-    joints: list[_Joint]
-    muscles: list[str]
-    segments: list[_Segment]
-    hood: Annotated[_Hood | ElasticHoodBlock, Field(discriminator="kind")] | None = None
-    reactions: list[Literal["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]]
-    load_point: _LoadPoint
-    judged_in: Literal["sagittal", "space"] = "space"
-    inertia: list[_Body] | None = None
-    surfaces: list[SurfaceBlock] | None = None
-    passive: list[PassiveBlock] | None = None
-    heads: dict[str, list[str]] | None = None
-    held: HeldPosture | None = None
 
 
 def finger_names() -> list[str]:

@@ -55,7 +55,8 @@ def log(
     json: Json = None,
 ) -> None:
     """Log a load cell into a journal that survives a pulled plug; with --protocol a whole bench session."""
-    from server.commands.log import LogOptions, list_drivers, log_cell
+    from server.commands.log import list_drivers, log_cell
+    from server.commands.log_parts import LogOptions
 
     if driver == "list":
         list_drivers(json)

@@ -21,7 +21,8 @@ from daq.documents import Document, read_document, validated
 from daq.errors import ReadingsError
 from daq.files import replacing
 from daq.gauges import GaugeCalibration, read_calibration, saturated
-from daq.lab.channels import TIMESTAMP, Channel, LabChannels, open_channels
+from daq.lab.channels import TIMESTAMP, Channel, LabChannels
+from daq.lab.opened import open_channels
 from daq.readings import ReadingBlock, write_readings
 from daq.units import COMMON, Kind, factor_of
 from daq.vocabulary import did_you_mean

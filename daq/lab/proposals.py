@@ -8,8 +8,9 @@ from pathlib import Path
 
 from daq.columns import KINDS, QUANTITIES
 from daq.errors import ReadingsError
-from daq.lab.channels import TIMESTAMP, Channel, LabChannels, open_channels
+from daq.lab.channels import TIMESTAMP, Channel, LabChannels
 from daq.lab.files import AXES, GAUGES, Increment, LabFileMap, Taken
+from daq.lab.opened import open_channels
 from daq.units import COMMON, Kind, factor_of
 
 _FORCE = "f|forces?|kraft|kraefte|kräfte|kracht|fuerza|forza|for[cç]a|siła"

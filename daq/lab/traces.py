@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ReadingsError
-from daq.lab.channels import TIMESTAMP, Channel, LabChannels, open_channels
+from daq.lab.channels import TIMESTAMP, Channel, LabChannels
 from daq.lab.files import Increment
 from daq.lab.levels import still_spans
+from daq.lab.opened import open_channels
 from daq.lab.proposals import propose_time, stated_unit
 from daq.units import factor_of
 from daq.windows import Span

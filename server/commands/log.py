@@ -4,80 +4,35 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-import threading
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from daq.acquire import Acquisition, Record, StreamEvent
+from daq.drivers import driver, drivers
+from daq.drivers.looks import looks_like
 from daq.errors import DriverError, InputError, JournalError
-from daq.memory import keep_flat
 from daq.private import privately
+from daq.replay import JournalReplay, is_journal
+from daq.sessions import find_session, read_session, whole_document
+from daq.transports import connect
 from server.bench.ending import Told, ended_by_signals
+from server.commands.closing_copy import Closed, copied_at_end
 from server.commands.console import answer, say, table
+from server.commands.forwarding import Delivery, forwarding
+from server.commands.log_parts import JOURNAL, LogOptions, about_cell, acquiring
 
 if TYPE_CHECKING:
-    from daq.acquire import Acquisition, Record, StreamEvent
     from daq.drivers.base import LoadCell
     from daq.journal.writer import Journal
-    from server.commands.closing_copy import Closed
 
-JOURNAL = "journal.sqlite3"
 # What is said when the disk has no more than so many seconds left at the present rate.
 WARNED_S = 600.0
 
 
-@dataclass(frozen=True)
-class LogOptions:
-    """Of the command.
-
-    Attributes:
-        driver: its name, or `list`.
-        port: what it hangs on.
-        baud: of a serial port.
-        settings: `name=value`, as they were given.
-        out: folder of the log.
-        seconds: after which it ends; None goes on until Ctrl-C or the recording is over.
-        cell: model, serial number and calibration of the load cell, as far as given.
-        protocol: that a bench session follows, by name or file.
-        setup: file of what is known before the first reading.
-        model: that predictions are made with; by default the setup's finger.
-        to: address of a service that the log goes to.
-        session: there; by default the folder's name.
-        resume: whether a bench session that broke off goes on.
-        document: of a recorded session that is replayed.
-        copy_to: folder of a closing copy, on another disk or share.
-    """
-
-    driver: str
-    port: str | None
-    baud: int | None
-    settings: tuple[str, ...]
-    out: Path | None
-    seconds: float | None
-    cell: dict[str, str] = field(default_factory=dict)
-    protocol: str | None = None
-    setup: Path | None = None
-    model: str | None = None
-    to: str | None = None
-    session: str | None = None
-    resume: bool = False
-    copy_to: Path | None = None
-    document: Mapping[str, Any] | None = None
-    passing: bool = False
-
-    @property
-    def session_name(self) -> str:
-        """Of the session at the service."""
-        return self.session or (self.out or Path()).resolve().name
-
-
 def list_drivers(json: str | None) -> None:
     """Show the drivers with their settings and an example line each."""
-    from daq.drivers import drivers
-
     rows: list[dict[str, Any]] = [
         {
             "name": d.name,
@@ -115,10 +70,6 @@ def log_cell(options: LogOptions, json: str | None) -> bool:
     Raises:
         InputError: a setting, the port, the device or the journal cannot be used; what was logged is kept.
     """
-    from daq.acquire import Acquisition
-    from daq.transports import connect
-    from server.commands.closing_copy import copied_at_end
-
     if options.out is None:
         raise InputError("no --out", "the folder that the log goes to")
     if options.seconds is not None and options.seconds <= 0:
@@ -136,8 +87,6 @@ def log_cell(options: LogOptions, json: str | None) -> bool:
 
 def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, closed: Closed, json: str | None) -> bool:
     """Log readings without a protocol; return whether all is where it was sent."""
-    from server.commands.forwarding import Delivery, forwarding
-
     cell = acquisition.cell
     about = about_cell(cell, options.cell)
     if cell.link in ("serial", "udp") and not {"serial", "calibration"} <= set(about):
@@ -169,9 +118,6 @@ def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, closed:
 
 def _cell(options: LogOptions) -> LoadCell:
     """The driver with its settings; a replay of a journal is by the driver that read it."""
-    from daq.drivers import driver
-    from daq.replay import JournalReplay, is_journal
-
     settings = given_settings(options.settings)
     if options.driver != "replay" or options.port is None or not is_journal(options.port):
         return driver(options.driver)(settings)
@@ -241,8 +187,6 @@ class Logging:
         Raises:
             DriverError: there are none; says what came instead.
         """
-        from daq.drivers.looks import looks_like
-
         if self._samples or not (self._undecoded_bytes or cell.link in ("serial", "udp")):
             return
         if not self._undecoded_bytes:
@@ -287,22 +231,6 @@ class Logging:
             self._warned = True
 
 
-def about_cell(cell: LoadCell, given: dict[str, str]) -> dict[str, str]:
-    """What is known of the load cell; a calibration file with its text, so that raw bytes can be decoded anywhere.
-
-    Such a file also says of what model and serial number the cell is, where nobody else does.
-    """
-    path = Path(str(cell.values.get("calibration", "")))
-    if not path.name or not path.is_file():
-        return given
-    from daq.gauges import read_calibration
-
-    found = read_calibration(path)
-    stated = {"model": found.model, "serial": found.serial, "calibration": path.name}
-    text = path.read_text(encoding="utf-8", errors="replace")
-    return {**{k: v for k, v in stated.items() if v}, **given, "calibration_text": text}
-
-
 def worded(event: StreamEvent) -> str:
     """An event in one line."""
     value = ", ".join(f"{k} {v}" for k, v in event.value.items())
@@ -334,9 +262,6 @@ def replay_session(
     Raises:
         InputError: the recording, the speed or the address cannot be used.
     """
-    from daq.replay import is_journal
-    from daq.sessions import find_session, read_session, whole_document
-
     port, document = recording, None
     if not Path(recording).is_file() and not is_journal(recording):
         port = str(find_session(recording).parent)
@@ -378,42 +303,3 @@ def _free_folder(name: str) -> Path:
     while (free := Path(f"{name}-replay" + (f"-{number}" if number > 1 else ""))).exists():
         number += 1
     return free
-
-
-@contextmanager
-def acquiring(acquisition: Acquisition, folder: Path, seconds: float | None, closed: Closed) -> Iterator[Journal]:
-    """Start a load cell and open its folder's journal; stop and close both, and the cell after so long.
-
-    The device first: one that is not there leaves no empty journal. What it says meanwhile waits.
-
-    Args:
-        acquisition: not started yet.
-        folder: of the log.
-        seconds: after which the cell is stopped; None for never.
-        closed: takes the journal once it is closed.
-    """
-    keep_flat()
-    acquisition.start()
-    stop = threading.Timer(seconds or 0.0, acquisition.stop)
-    try:
-        with closing(_journal(folder)) as journal:
-            if seconds is not None:
-                stop.start()
-            try:
-                yield journal
-            finally:
-                # Before the journal: what the cell still says has nowhere to go afterwards.
-                acquisition.stop()
-                journal.stay()
-                closed.path, closed.displaced = journal.path, journal.displaced
-    finally:
-        stop.cancel()
-        acquisition.stop()
-
-
-def _journal(folder: Path) -> Journal:
-    """Open the folder's journal, a new one where there is none."""
-    from daq.journal.writer import Journal
-
-    path = folder / JOURNAL
-    return Journal.open(path) if path.exists() else Journal.create(path, folder.resolve().name)

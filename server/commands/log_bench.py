@@ -7,21 +7,30 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from daq.bench.record import BenchSetup
+from daq.bench.result import write_bench_session
+from daq.bench.resume import BrokenOff, broken_off
+from daq.bench.run import BenchRun
 from daq.errors import InputError, SessionError
+from daq.journal.reader import JournalReader
+from daq.journal.rows import Event
+from daq.protocols import read_protocol
 from daq.sessions import read_yaml
+from server.application.bench_prediction import predictor
+from server.bench.keys import KeyInput, terminal_keys, typed_lines
+from server.bench.loop import BenchLoop, from_keys, from_lines
+from server.bench.meter import StreamMeter
+from server.bench.remote import Remote, joined
+from server.bench.view import LineView, LiveView
 from server.commands.console import answer, progress, say
-from server.commands.log import JOURNAL, LogOptions, about_cell, acquiring
+from server.commands.forwarding import forwarding
+from server.commands.log_parts import JOURNAL, LogOptions, about_cell, acquiring
 
 if TYPE_CHECKING:
     from daq.acquire import Acquisition
-    from daq.bench.record import BenchSetup
-    from daq.bench.resume import BrokenOff
-    from daq.bench.run import BenchRun
     from daq.drivers.base import LoadCell
     from daq.journal.writer import Journal
     from daq.session_models import Session
-    from server.bench.meter import StreamMeter
-    from server.bench.remote import Remote
     from server.commands.closing_copy import Closed
 
 FORMAT = "bench-setup/1"
@@ -45,9 +54,6 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, clo
     Raises:
         InputError: the setup, the protocol, the device or the journal cannot be used, or no case was completed.
     """
-    from daq.bench.result import write_bench_session
-    from daq.journal.reader import JournalReader
-
     setup, out = bench_setup(options, cell), options.out
     if out is None:
         raise InputError("no --out", "the folder that the session goes to")
@@ -77,9 +83,6 @@ def _broken_off(out: Path, resume: bool) -> BrokenOff | None:
     Raises:
         SessionError: there is one and nobody asked for it, or the other way round.
     """
-    from daq.bench.resume import broken_off
-    from daq.journal.reader import JournalReader
-
     found: BrokenOff | None = None
     if (out / JOURNAL).exists():
         with JournalReader.open(out / JOURNAL) as journal:
@@ -114,15 +117,6 @@ def _follow(
     by_keys: bool,
 ) -> tuple[str, Session]:
     """Log until the session is over; return its stream and the session that was written."""
-    from daq.bench.result import write_bench_session
-    from daq.bench.run import BenchRun
-    from daq.journal.reader import JournalReader
-    from daq.journal.rows import Event
-    from server.application.bench_prediction import predictor
-    from server.bench.meter import StreamMeter
-    from server.bench.remote import Remote
-    from server.commands.forwarding import forwarding
-
     out, cell = options.out or Path(), acquisition.cell
     predict = predictor(setup, options.model)
     run: BenchRun | None = None
@@ -156,11 +150,6 @@ def _loop(
     parts: tuple[Acquisition, Journal, str, BenchRun, StreamMeter], remote: Remote | None, *, by_keys: bool
 ) -> None:
     """Go on until the session is over: by keys on a redrawn screen, or by lines of text; from elsewhere too."""
-    from server.bench.keys import KeyInput, terminal_keys, typed_lines
-    from server.bench.loop import BenchLoop, from_keys, from_lines
-    from server.bench.remote import joined
-    from server.bench.view import LineView, LiveView
-
     if not by_keys:
         with LineView() as lines:
             BenchLoop(*parts, *joined(remote, lines, from_lines(typed_lines())), ends_when_closed=True).go_on()
@@ -176,9 +165,6 @@ def bench_setup(options: LogOptions, cell: LoadCell) -> BenchSetup:
     Raises:
         SessionError: the file lacks something, or has what it should not.
     """
-    from daq.bench.record import BenchSetup
-    from daq.protocols import read_protocol
-
     if options.setup is None and options.protocol is None:
         raise InputError("--resume alone", "the --protocol and --setup that the session began with")
     if options.setup is None:

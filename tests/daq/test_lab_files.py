@@ -11,7 +11,6 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.errors import DriverError, InputError, ReadingsError
-from daq.lab.channels import open_channels
 from daq.lab.files import (
     AXES,
     GAUGES,
@@ -23,6 +22,7 @@ from daq.lab.files import (
     read_mapping,
     write_mapping,
 )
+from daq.lab.opened import open_channels
 from daq.lab.proposals import propose_mapping
 from daq.readings import ReadingBlock, open_readings
 from tests.daq.cal_files import nano17, numbers, write_cal

@@ -26,7 +26,7 @@ from daq.standins.robotiq import RobotiqStandIn
 from daq.standins.run import Player
 from daq.standins.wires import TcpWire
 from daq.transports import connect
-from server.commands.log import about_cell
+from server.commands.log_parts import about_cell
 from tests.daq.cal_files import nano17
 from tests.daq.test_acquire import Portions
 

@@ -1,0 +1,115 @@
+"""What every log has, with a protocol or without: its options, its load cell, and its open journal."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from daq.acquire import Acquisition
+from daq.drivers.base import LoadCell
+from daq.gauges import read_calibration
+from daq.journal.writer import Journal
+from daq.memory import keep_flat
+from server.commands.closing_copy import Closed
+
+JOURNAL = "journal.sqlite3"
+
+
+@dataclass(frozen=True)
+class LogOptions:
+    """Of the command.
+
+    Attributes:
+        driver: its name, or `list`.
+        port: what it hangs on.
+        baud: of a serial port.
+        settings: `name=value`, as they were given.
+        out: folder of the log.
+        seconds: after which it ends; None goes on until Ctrl-C or the recording is over.
+        cell: model, serial number and calibration of the load cell, as far as given.
+        protocol: that a bench session follows, by name or file.
+        setup: file of what is known before the first reading.
+        model: that predictions are made with; by default the setup's finger.
+        to: address of a service that the log goes to.
+        session: there; by default the folder's name.
+        resume: whether a bench session that broke off goes on.
+        document: of a recorded session that is replayed.
+        copy_to: folder of a closing copy, on another disk or share.
+    """
+
+    driver: str
+    port: str | None
+    baud: int | None
+    settings: tuple[str, ...]
+    out: Path | None
+    seconds: float | None
+    cell: dict[str, str] = field(default_factory=dict)
+    protocol: str | None = None
+    setup: Path | None = None
+    model: str | None = None
+    to: str | None = None
+    session: str | None = None
+    resume: bool = False
+    copy_to: Path | None = None
+    document: Mapping[str, Any] | None = None
+    passing: bool = False
+
+    @property
+    def session_name(self) -> str:
+        """Of the session at the service."""
+        return self.session or (self.out or Path()).resolve().name
+
+
+def about_cell(cell: LoadCell, given: dict[str, str]) -> dict[str, str]:
+    """What is known of the load cell; a calibration file with its text, so that raw bytes can be decoded anywhere.
+
+    Such a file also says of what model and serial number the cell is, where nobody else does.
+    """
+    path = Path(str(cell.values.get("calibration", "")))
+    if not path.name or not path.is_file():
+        return given
+    found = read_calibration(path)
+    stated = {"model": found.model, "serial": found.serial, "calibration": path.name}
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return {**{k: v for k, v in stated.items() if v}, **given, "calibration_text": text}
+
+
+@contextmanager
+def acquiring(acquisition: Acquisition, folder: Path, seconds: float | None, closed: Closed) -> Iterator[Journal]:
+    """Start a load cell and open its folder's journal; stop and close both, and the cell after so long.
+
+    The device first: one that is not there leaves no empty journal. What it says meanwhile waits.
+
+    Args:
+        acquisition: not started yet.
+        folder: of the log.
+        seconds: after which the cell is stopped; None for never.
+        closed: takes the journal once it is closed.
+    """
+    keep_flat()
+    acquisition.start()
+    stop = threading.Timer(seconds or 0.0, acquisition.stop)
+    try:
+        with closing(_journal(folder)) as journal:
+            if seconds is not None:
+                stop.start()
+            try:
+                yield journal
+            finally:
+                # Before the journal: what the cell still says has nowhere to go afterwards.
+                acquisition.stop()
+                journal.stay()
+                closed.path, closed.displaced = journal.path, journal.displaced
+    finally:
+        stop.cancel()
+        acquisition.stop()
+
+
+def _journal(folder: Path) -> Journal:
+    """Open the folder's journal, a new one where there is none."""
+    path = folder / JOURNAL
+    return Journal.open(path) if path.exists() else Journal.create(path, folder.resolve().name)
