@@ -148,6 +148,7 @@ class Effect:
         formula: what it changes.
         source: of the form and the range.
         tell: what gives it away in the data.
+        shown_by: what measurement besides a load case would show it, as an instruction; nothing where none is known.
         always: whether it is part of every model, so that nothing is gained by asking whether it acts.
         of_each_setting: whether it has parameters for each setting, all alike, so that programs may have room for more.
         after_mounting: whether it is an error of what the cell says, and no force: a mounting that is a little off, as
@@ -163,6 +164,7 @@ class Effect:
     formula: ClassVar[str] = ""
     source: ClassVar[str] = ""
     tell: ClassVar[str] = ""
+    shown_by: ClassVar[str] = ""
     rests_on_clamp_assumption: ClassVar[bool] = False
     after_mounting: ClassVar[bool] = False
     always: ClassVar[bool] = False
@@ -180,6 +182,10 @@ class Effect:
         (the cell turned in both mountings alike, or in one).
         """
         return {self.name: (tuple(p.name for p in self.parameters(topology, layout)),)}
+
+    def remedy(self, candidate: str) -> str:
+        """Say what measurement besides a load case would settle one of its candidates; nothing where none is known."""
+        return self.shown_by
 
     def tension(self, p: Array, case: LoadCaseInput, state: State) -> State:
         """Change what reaches each tendon."""

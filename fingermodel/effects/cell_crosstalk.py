@@ -25,6 +25,7 @@ class CellCrosstalk(Effect):
     formula = "F = (1 + E) F"
     source = "calibration matrix of a damaged or mismatched cell; range assumed: 10 %"
     tell = "a small component beside a large one; with gain alone, one class with rig_friction"
+    shown_by = "hang a known weight on the cell in three directions"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """Nine entries of the matrix [%]: `cell_crosstalk.Fx.Fy` is the share of Fy that appears in Fx."""

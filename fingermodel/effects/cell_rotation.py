@@ -27,6 +27,7 @@ class CellRotation(Effect):
     formula = "W = R(a) W, forces and moments"
     source = "geometry; range assumed: 12 deg about three axes"
     tell = "a constant angle, magnitudes right; the moments turn too"
+    shown_by = "hang a known weight on the cell in three directions"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """Rotation vector common to all mountings, then one for each mounting [deg]."""

@@ -30,6 +30,7 @@ class ClampCompliance(Effect):
     formula = "q_j += c_j tau_j; or c_j tau_j / (1 + s |tau_j|), of a clamp that stiffens"
     source = "a spring; ranges assumed: 0-3e-3 rad/(N mm) per joint, half as compliant at 100 N mm"
     tell = "forces are not proportional to the load"
+    shown_by = "measure the joint angles with the weight on"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """Compliance of each flexion joint [rad/N mm], and how it falls with torque, the same for all [1/N mm]."""

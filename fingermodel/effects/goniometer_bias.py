@@ -25,6 +25,7 @@ class GoniometerBias(Effect):
     formula = "q_j += b_j"
     source = "goniometer SEM 2-5 deg; range assumed: 12 deg per joint"
     tell = "directions of all tendons, in all postures"
+    shown_by = "measure the joint angles again, with another instrument"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """Error of each flexion joint's angle [deg]."""

@@ -24,6 +24,7 @@ class HangerMass(Effect):
     formula = "T_i += c g m0 wherever a mass hangs; or (1 + e_i) m0"
     source = "weight of an unweighed hanger; ranges assumed: 5-100 g, 20 % by tendon"
     tell = "an intercept of force against mass, the same for all tendons; largest where loads are small (lumbrical)"
+    shown_by = "weigh the hangers"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """One mass [g]; and by how much more of it each tendon's hanger has."""

@@ -36,6 +36,7 @@ class JointFriction(Effect):
         "soft tissue beside a yielding clamp; true cartilage friction is 1-3 % with hysteresis; range assumed: 0-30 %"
     )
     tell = "torque, not tension: the balance of tip and bone holds"
+    shown_by = "read the bone's clamp as well"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """Share lost at each flexion joint [%], then at each other rotation, and the tissue's preload [N mm]."""

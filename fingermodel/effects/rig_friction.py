@@ -29,6 +29,7 @@ class RigFriction(Effect):
     formula = "T *= 1 + d on loading, 1 - d on unloading; d = delta, or delta (1 + l / (1 + T / 2 N))"
     source = "Synek et al. 2019, Eq 1: c = 0.79 to 0.91 between specimens; assumed: none to twice that of a light load"
     tell = "all forces scale nearly alike; the balance of tip and bone against the tensions"
+    shown_by = "pull a known weight through the pulleys, or read the bone's clamp"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """One relative deviation of the friction factor [%], and by how much more of it a light load has."""

@@ -26,6 +26,7 @@ class SegmentLength(Effect):
     formula = "length_b *= 1 + s_b"
     source = "geometry; range assumed: 15 % per bone"
     tell = "all tendons, through the lever arms of the tip force"
+    shown_by = "measure the bones in an X-ray"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """Relative change of each phalanx' length [%]."""

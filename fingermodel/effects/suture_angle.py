@@ -33,6 +33,7 @@ class SutureAngle(Effect):
         "geometry; ranges assumed: 12 deg in two planes, an eyelet 100 mm behind the joint or further, 30 % by tendon"
     )
     tell = "bone force only"
+    shown_by = "photograph the sutures against the metacarpal"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """Angles in the sagittal plane (about z) and the frontal one (about y) [deg]; how soon they meet [1/m].

@@ -26,6 +26,7 @@ class TareDrift(Effect):
     formula = "F += d (g(t) - g(t_tare)), g(t) = t + t (1 - t) (b + c (1 - 2 t)), t from 0 to 1 over the session"
     source = "thermal drift of a strain-gauge cell; range assumed: 1 N over the session, each axis"
     tell = "follows the clock, not the load"
+    shown_by = "tare again before each case"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """Drift over the session's length, each axis [N]; how much of it comes early; how much there and back."""

@@ -24,6 +24,7 @@ class TipLocation(Effect):
     formula = "x(load point) += d"
     source = "Synek et al. 2019: mid pulp, 7.5 mm beyond O1; range assumed: 6 mm"
     tell = "tip torque Tz, faintly Fz; invisible in Fx and Fy"
+    shown_by = "measure where the clamp holds the pulp"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """Distance along the distal phalanx [mm], proximal positive."""

@@ -29,6 +29,7 @@ class WornPulley(Effect):
     formula = "T_i *= 1 - w_i; w_i = loss_i, or loss_i (1 + l / (1 + T_i / 2 N))"
     source = "ranges assumed: 0-35 %, of a worn or misaligned pulley; none to twice that of a light load"
     tell = "that tendon alone, in every posture and at both clamps"
+    shown_by = "pull a known weight through that pulley"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """One loss for each tendon [%]; and for each, by how much more of it a light load has."""

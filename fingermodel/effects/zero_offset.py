@@ -30,6 +30,7 @@ class ZeroOffset(Effect):
     formula = "F += f0 at one mount, Tz += m0 at the tip"
     source = "ranges assumed: 0.8 N an axis, of a tare taken under load; 8 N mm, of that at a lever of 10 mm"
     tell = "does not scale with the load"
+    shown_by = "read the unloaded cell before and after, at that mount"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """Three components at each location of the cell [N]; the tip's moment about z [N mm]."""
@@ -45,6 +46,11 @@ class ZeroOffset(Effect):
             alone = (force,)
             out[f"zero_offset.{place}"] = (*alone, (*force, "zero_offset.tip.Tz")) if place == "tip" else alone
         return out
+
+    def remedy(self, candidate: str) -> str:
+        """Say that the mount of a candidate is to be tared again."""
+        place = candidate.removeprefix(self.name).strip(".").partition(".")[0]
+        return f"tare the {place} mount again" if place else self.shown_by
 
     def reading(self, p: Array, case: LoadCaseInput, state: State) -> State:
         """Add the constant."""

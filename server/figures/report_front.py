@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from fingermodel.diagnosis.verdict.instruments import remedy, rig_remedy
+from fingermodel.diagnosis.verdict.instruments import rig_remedy
+from fingermodel.effects.catalogue import remedy
 from server.figures.diagnosis_answer import Answer, effect_name, named_rows, part, rows, value, with_sd, words
 from server.figures.report import Picture, Section, Steps, Table
 from server.figures.style import fixed

@@ -162,7 +162,7 @@ def test_tdms_with_a_channel_of_time(tmp_path: Path, kind: str) -> None:
 
 
 def test_many_blocks_are_one_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("daq.lab.channels.BLOCK_ROWS", 7)
+    monkeypatch.setattr("daq.lab.tdms.BLOCK_ROWS", 7)
     monkeypatch.setattr("daq.lab.lvm.BLOCK_ROWS", 7)
     wrench = np.random.default_rng(1).normal(size=(30, 6))
     path = resolved(tmp_path / "a.tdms", wrench, wf_increment=0.5)

@@ -21,7 +21,7 @@ from fingermodel.diagnosis.posterior.gaussian import root_of
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import free_mask
 from fingermodel.diagnosis.settings import LIVE, SEED, WORTH_NAT
-from fingermodel.diagnosis.verdict.instruments import INSTRUMENTS
+from fingermodel.effects.catalogue import SHOWN_BY
 from fingermodel.identification import slopes_of
 from fingermodel.stages import LoadCaseInput
 
@@ -174,7 +174,7 @@ def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = Non
     best = tuple(c for c in _varied(out) if c.information_nat >= WORTH_NAT)[:OFFERED]
     instruments = tuple(
         dict.fromkeys(
-            f"{INSTRUMENTS[e]} ({e})" for fit, _ in live.values() for e in fit.explanation.effects if e in INSTRUMENTS
+            f"{SHOWN_BY[e]} ({e})" for fit, _ in live.values() for e in fit.explanation.effects if e in SHOWN_BY
         )
     )
     if best:
