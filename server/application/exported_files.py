@@ -7,7 +7,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from daq.corrections import measure
 from daq.errors import InputError
+from daq.export import sha256_of, sources_of
+from daq.export_formats import write_c3d
+from daq.sessions import find_session, read_session
+from fingermodel.model_files import read_revision
 from server.application.exporting import (
     ENDINGS,
     OF_MODELS,
@@ -68,9 +73,6 @@ def _table(columns: Mapping[str, list[Any]], path: Path, file_format: str, about
 
 
 def _export_revision(source: Path, file_format: str, out: Path | None, model: str | None) -> dict[str, Any]:
-    from daq.export import sha256_of
-    from fingermodel.model_files import read_revision
-
     if model is not None:
         raise InputError(f"--model {model} with a model to export", "no --model", "Leave it out")
     if file_format not in OF_MODELS:
@@ -83,9 +85,6 @@ def _export_revision(source: Path, file_format: str, out: Path | None, model: st
 def _export_session(
     source: str, file_format: str, out: Path | None, model: str | None, tell: Progress
 ) -> dict[str, Any]:
-    from daq.export import sources_of
-    from daq.sessions import find_session
-
     bench = open_bench(source, model, tell)
     session = bench.measured.session
     path = _path(out, session.id, file_format)
@@ -98,9 +97,6 @@ def _export_session(
 
 
 def _export_channels(source: str, out: Path | None, model: str | None) -> dict[str, Any]:
-    from daq.export_formats import write_c3d
-    from daq.sessions import read_session
-
     if model is not None:
         raise InputError(f"--model {model} with --format c3d", "no --model: it holds readings alone", "Leave it out")
     session = read_session(source)
@@ -111,9 +107,6 @@ def _export_channels(source: str, out: Path | None, model: str | None) -> dict[s
 
 
 def _export_supplement(source: str, out: Path | None, model: str | None, tell: Progress) -> dict[str, Any]:
-    from daq.corrections import measure
-    from daq.sessions import find_session, read_session
-
     bench, models = None, []
     if model is None:
         measured = measure(read_session(source), tell)
@@ -128,8 +121,6 @@ def _export_supplement(source: str, out: Path | None, model: str | None, tell: P
 
 def _revisions(model: str, bench: Bench) -> list[dict[str, Any]]:
     """The document of the model, and of the revisions before it that lie beside it."""
-    from fingermodel.model_files import read_revision
-
     path = Path(model)
     if path.suffix != ".json":
         return [bench.model.finger.document]

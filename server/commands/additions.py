@@ -6,7 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
+from fingermodel.effects.catalogue import CATALOGUE, EFFECTS
+from fingermodel.model_files import free_path, require_new
 from server.application.additions import add_bench, addition_body, addition_step, refitted_alone, resolved_effects
+from server.application.catalogue import effect_row
 from server.application.workflow import open_bench, save_revision
 from server.commands.console import answer, progress, say, table
 from server.commands.twin import print_fall, print_fit, say_first
@@ -22,8 +25,6 @@ def add_to_sessions(
     json: str | None,
 ) -> None:
     """Add effects to the models of one session or several, each with a value of its own."""
-    from fingermodel.effects.catalogue import EFFECTS
-
     effects, session = names[:-1], names[-1]
     if not effects and not without:
         raise InputError(f"only {session!r} is given", "effects and then a session: fingertwin add hanger_mass DEV-02")
@@ -53,8 +54,6 @@ def _add_to_session(
     quiet: bool,
 ) -> dict[str, Any]:
     """Add effects to a session's model, refit, write the revision and show the fall of the error."""
-    from fingermodel.model_files import free_path, require_new
-
     if out is not None:
         require_new(out)
     chosen, own = resolved_effects(effects)
@@ -119,9 +118,6 @@ def print_history(history: list[dict[str, Any]]) -> None:
 
 def show_effects(name: str | None, json: str | None) -> None:
     """List the catalogue, or show one effect whole."""
-    from fingermodel.effects.catalogue import CATALOGUE, EFFECTS
-    from server.application.catalogue import effect_row
-
     if name is not None and name not in EFFECTS:
         from fingermodel.effects.formula_tree import near
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from daq.errors import InputError, JournalError
+from daq.journal.copies import require_folder, write_copy
 from server.commands.console import progress, say
 
 
@@ -40,8 +41,6 @@ def copied_at_end(folder: Path | None, quiet: bool) -> Iterator[Closed]:
         InputError: nothing can be written into the folder (before the block), or there is no copy, or the journal is
             not where it was begun (after it).
     """
-    from daq.journal.copies import require_folder
-
     if folder is not None:
         require_folder(folder)
     closed = Closed()
@@ -67,8 +66,6 @@ def _faults(closed: Closed, folder: Path | None, quiet: bool) -> list[InputError
 
 def _copied(journal: Path, folder: Path, quiet: bool) -> InputError | None:
     """Write the copy; return why there is none."""
-    from daq.journal.copies import write_copy
-
     safe = f"The log itself is whole: {journal}" if journal.is_file() else f"The log has gone too: {journal}"
     try:
         with progress("Copying and checking"):

@@ -6,6 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
+from daq.files import replacing
+from fingermodel.exchange.reading import vector
+from fingermodel.finger_files import write_finger
 from server.application.exchange import (
     ENDINGS,
     UNSOURCED,
@@ -46,8 +49,6 @@ def export_finger(source: str, file_format: str, out: Path | None, model: str | 
 
 
 def _write(path: Path, text: str) -> None:
-    from daq.files import replacing
-
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -58,9 +59,6 @@ def import_finger(source: Path, load_point: str | None, out: Path | None, json: 
     Raises:
         InputError: no such file, no chain that a finger file can hold, or a finger file that is there already.
     """
-    from fingermodel.exchange.reading import vector
-    from fingermodel.finger_files import write_finger
-
     target = out or Path(f"{source.stem}.yaml")
     if target.suffix.lower() not in (".yaml", ".yml"):
         raise InputError(f"--out {target.name}", "a name that ends in .yaml", "A finger file is YAML")

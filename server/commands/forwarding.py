@@ -8,11 +8,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from daq.uplink.live_tail import LiveTail
+from daq.uplink.thread import Uplink, UplinkStatus
+
 if TYPE_CHECKING:
     from daq.acquire import Acquisition
     from daq.journal.writer import Journal
-    from daq.uplink.live_tail import LiveTail
-    from daq.uplink.thread import UplinkStatus
 
 # At the end of a log, for what is not at the service yet; the rest waits in the journal.
 FLUSH_S = 15.0
@@ -55,9 +56,6 @@ def forwarding(
     if to is None:
         yield None
         return
-    from daq.uplink.live_tail import LiveTail
-    from daq.uplink.thread import Uplink
-
     token = os.environ.get(TOKEN)
     uplink = Uplink(journal, to, session, token=token, begins=True, document=document)
     tail = LiveTail(to, session, token=token)

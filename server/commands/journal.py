@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from daq.errors import InputError
+from daq.journal.check import Report, check, recover
+from daq.journal.export import export
+from daq.journal.writer import Journal
 from server.commands.console import answer, progress, say
-
-if TYPE_CHECKING:
-    from daq.journal.check import Report
 
 
 def journal_check(path: Path, json: str | None) -> int:
     """Read a whole journal; return the exit code: 2 where anything in it is not as it was written."""
-    from daq.journal.check import check
-
     with progress("Reading"):
         report = check(path)
     code = 2 if report.faults else 0
@@ -29,8 +27,6 @@ def journal_check(path: Path, json: str | None) -> int:
 
 def journal_recover(path: Path, out: Path, json: str | None) -> None:
     """Write a new journal with all that is sound, and list what is lost."""
-    from daq.journal.check import recover
-
     with progress("Reading and writing"):
         report = recover(path, out)
     lost = [f for f in report.faults if f.kind == "gap"]
@@ -43,8 +39,6 @@ def journal_recover(path: Path, out: Path, json: str | None) -> None:
 
 def journal_export(path: Path, out: Path | None, stream: str | None, file_format: str, json: str | None) -> None:
     """Write a stream as a readings file, and its events as JSON."""
-    from daq.journal.export import export
-
     target = out or Path(f"{path.stem}.{file_format}")
     if not target.name.lower().endswith((f".{file_format}", f".{file_format}.gz")):
         raise InputError(f"--format {file_format} and {target.name}", "one of the two", "Let name and format agree")
@@ -58,8 +52,6 @@ def journal_export(path: Path, out: Path | None, stream: str | None, file_format
 
 def journal_requeue(path: Path, json: str | None) -> None:
     """Put what a service refused into the outbox again, to be sent by the next log into that folder."""
-    from daq.journal.writer import Journal
-
     with Journal.open(path) as journal:
         count = journal.requeue()
     if answer("journal-requeue", {"journal": str(path), "chunks": count}, json):

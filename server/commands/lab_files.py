@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from daq.audit import note
 from daq.errors import InputError
 from daq.export import sha256_of
+from daq.lab.files import Increment, LabFileMap, convert_recording, write_mapping
+from daq.lab.proposals import propose_mapping
 from server.commands.console import answer, progress, say, table
-
-if TYPE_CHECKING:
-    from daq.lab.files import LabFileMap
 
 
 def import_recording(
@@ -23,8 +22,6 @@ def import_recording(
     Raises:
         InputError: the file or the mapping cannot be used, or the mapping is still to be confirmed.
     """
-    from daq.lab.files import convert_recording
-
     if mapping is None:
         mapping = recording.with_name(f"{recording.name}.map.yaml")
         if not mapping.exists() and not _proposed(recording, mapping, calibration, json):
@@ -48,9 +45,6 @@ def import_recording(
 
 def _proposed(recording: Path, mapping: Path, calibration: str | None, json: str | None) -> bool:
     """Write a proposal; return whether somebody at the terminal confirmed it."""
-    from daq.lab.files import write_mapping
-    from daq.lab.proposals import propose_mapping
-
     proposal = propose_mapping(recording, calibration)
     write_mapping(mapping, proposal)
     said, channels = _words(proposal)
@@ -70,8 +64,6 @@ def _proposed(recording: Path, mapping: Path, calibration: str | None, json: str
 
 def _words(proposal: LabFileMap) -> tuple[str, dict[str, str]]:
     """Where time comes from, and each axis' channel with its unit."""
-    from daq.lab.files import Increment
-
     time = proposal.time
     said = f"every {time.increment_s} s" if isinstance(time, Increment) else f"{time.channel} [{time.unit or '?'}]"
     return said, {name: f"{taken.channel} [{taken.unit or '?'}]" for name, taken in proposal.channels.items()}

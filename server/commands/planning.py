@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from fingermodel.diagnosis.next_cases.next_cases import plan_next
 from server.application.diagnosing import run_diagnosis
 from server.application.planning import freeze_plan, plan_body
 from server.application.workflow import open_bench
@@ -15,8 +16,6 @@ def next_cases(
     session: str, model: str | None, effects: list[str], freeze: bool, out: Path | None, json: str | None
 ) -> None:
     """Diagnose a session, rank what could be measured next, and freeze what the explanations say of it."""
-    from fingermodel.diagnosis.next_cases.next_cases import plan_next
-
     with progress("Reading and correcting") as tell:
         bench = open_bench(session, model, tell, catalogue=True, effects=effects)
     with progress("Fitting every effect") as tell:

@@ -6,6 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
+from daq.files import replacing
+from daq.lab.traces import as_recording, read_traces
+from server.application.exporting import writing
 from server.commands.console import answer, progress, say, table
 
 _ENDINGS = (".html", ".png", ".svg")
@@ -17,9 +20,6 @@ def plot_recording(recording: Path, out: Path | None, json: str | None) -> None:
     Raises:
         InputError: it is no recording, or the figure's name has another ending.
     """
-    from daq.lab.traces import as_recording, read_traces
-    from server.application.exporting import writing
-
     target = out or Path(f"{recording.name}.html")
     if target.suffix.lower() not in _ENDINGS:
         raise InputError(f"--out {target.name}", f"a name that ends in {', '.join(_ENDINGS)}")
@@ -46,7 +46,6 @@ def plot_recording(recording: Path, out: Path | None, json: str | None) -> None:
 
 
 def _draw(target: Path, traces: Any, plateaus: Any, name: str) -> None:
-    from daq.files import replacing
     from server.figures.report import Picture, Section, write_report
     from server.figures.static import render
     from server.figures.traces import traces_figure

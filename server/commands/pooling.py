@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from math import sqrt
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from daq.errors import InputError
+from fingermodel.diagnosis.several_sessions.several import Pooled, diagnose_pooled
 from fingermodel.parameters import with_unit
 from server.application.diagnosing import diagnosis_body
 from server.application.pooling import pooled_body, write_law
 from server.application.workflow import open_bench
 from server.commands.console import answer, progress, say, table
 from server.commands.twin import say_first
-
-if TYPE_CHECKING:
-    from fingermodel.diagnosis.several_sessions.several import Pooled
 
 # More shuffles say nothing more.
 MOST_PERMUTATIONS = 9999
@@ -32,8 +30,6 @@ def diagnose_sessions(
     law: Path | None,
 ) -> None:
     """Diagnose several sessions and what they share; write the best law that they share, where that is asked for."""
-    from fingermodel.diagnosis.several_sessions.several import diagnose_pooled
-
     if len(set(sessions)) < len(sessions):
         twice = next(s for s in sessions if sessions.count(s) > 1)
         raise InputError(f"session {twice} is given twice", "each session once")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from fingermodel.studies.published import ours, verdict
 from server.commands.console import answer, progress, say, table
+from server.reproduce.report import write_study
 from server.reproduce.study import reproduce, study_of
 
 
@@ -14,9 +16,6 @@ def reproduce_study(name: str, figures: Path | None, json: str | None) -> None:
     Raises:
         InputError: there is no such study.
     """
-    from fingermodel.studies.published import ours, verdict
-    from server.reproduce.report import write_study
-
     study = study_of(name)
     with progress("Reproducing") as tell:
         done = reproduce(name, tell)

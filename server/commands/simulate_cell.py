@@ -10,9 +10,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from daq.drivers import driver
 from daq.errors import InputError
 from daq.locations import data_dir
-from daq.readings import ReadingBlock
+from daq.readings import ReadingBlock, open_readings
+from daq.sessions import read_session
+from daq.standins import REGISTRY, stand_in
+from daq.standins.faults import Faults
+from daq.standins.noise import Disturbance
+from daq.standins.run import Player
+from daq.standins.wires import PtyWire, TcpWire, UdpWire, Wire
 from server.commands.console import answer, say, table
 from server.commands.log import given_settings
 
@@ -46,9 +53,6 @@ class Options:
 
 def list_devices(json: str | None) -> None:
     """Show the devices that there are stand-ins for."""
-    from daq.drivers import driver
-    from daq.standins import REGISTRY
-
     serial = ["pty", "tcp"] if hasattr(os, "openpty") else ["tcp"]
     rows: list[dict[str, Any]] = [
         {"name": name, "title": driver(name).title, "wires": ["udp"] if driver(name).link == "udp" else serial}
@@ -62,13 +66,6 @@ def simulate_cell(
     options: Options, faults: dict[str, float | bool | int], disturbed: dict[str, float], json: str | None
 ) -> None:
     """Play readings as a device until they are over, the time is, or Ctrl-C."""
-    from daq.drivers import driver
-    from daq.standins import stand_in
-    from daq.standins.faults import Faults
-    from daq.standins.noise import Disturbance
-    from daq.standins.run import Player
-    from daq.standins.wires import PtyWire, TcpWire, UdpWire, Wire
-
     wrong = [name for name, value in faults.items() if not isinstance(value, bool) and not value >= 0]
     if wrong or options.rate_hz <= 0 or (options.seconds is not None and options.seconds <= 0):
         what = wrong[0].replace("_", "-") if wrong else "rate or seconds"
@@ -117,8 +114,6 @@ def _log_with(device: str, address: str, settings: dict[str, Any]) -> str:
 @contextmanager
 def _readings(options: Options) -> Iterator[Iterable[ReadingBlock]]:
     """What is played: a recording, or what a simulated rig records of a protocol."""
-    from daq.readings import open_readings
-
     path = Path(options.play)
     if path.is_file() and path.suffix not in (".yaml", ".yml"):
         yield open_readings(path).blocks()
@@ -138,8 +133,6 @@ def _readings(options: Options) -> Iterator[Iterable[ReadingBlock]]:
 
 
 def _readings_of(session: str) -> Path:
-    from daq.sessions import read_session
-
     found = read_session(session)
     if found.readings_path is None:
         raise InputError(f"session {found.id} has no readings", "a session with raw readings")

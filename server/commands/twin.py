@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
+from fingermodel.fit_report import CORRELATED, Fit, FittedParameter
+from fingermodel.model_files import free_path, require_new
 from server.application.drawing import draw_comparison
 from server.application.refitting import fit_body, refit_compared
 from server.application.workflow import (
@@ -21,7 +23,6 @@ from server.commands.console import answer, progress, say, shown, table
 
 if TYPE_CHECKING:
     from fingermodel.comparison import CaseComparison, Comparison
-    from fingermodel.fit_report import Fit, FittedParameter
 
 # Of the correlations, as many as are printed.
 _MOST_PAIRS = 12
@@ -57,8 +58,6 @@ def refit_session(
     json: str | None,
 ) -> None:
     """Refit a model to a session, write the revision and show what changed."""
-    from fingermodel.model_files import free_path, require_new
-
     if method == "slsqp" and plane is not None:
         raise InputError(f"--plane {plane} with --method slsqp", "no --plane", "Eq 5 is posed in the sagittal plane")
     if out is not None:
@@ -160,8 +159,6 @@ def print_fall(*comparisons: Comparison | None) -> None:
 
 def print_fit(fit: Fit) -> None:
     """Print how the fit went, what moved most with value, sd and prior, and which parameters move together."""
-    from fingermodel.fit_report import CORRELATED
-
     say(fit.message)
     fall = f"{fit.objective_before:.4g} → {fit.objective:.4g}"
     say(f"Objective {fall}, {fit.evaluations} evaluations, {fit.seconds:.2f} s")
