@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# One more than cores: benches, browsers and services are waited for.
+SPREAD := -n 3 --dist loadfile --no-loadscope-reorder
 
 .PHONY: help demo test test-full check docs bench lock sbom clean
 help:  ## List the tasks
@@ -11,10 +13,10 @@ demo: $(VENV)/.installed  ## Run the main job on shipped data
 	$(BIN)/fingertwin demo
 
 test: $(VENV)/.dev check  ## Check style, types and layers, then run the tests
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest $(SPREAD)
 
 test-full: $(VENV)/.dev check  ## The same with all examples (some minutes more)
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m "full or not full"
+	$(BIN)/pytest $(SPREAD) -m "full or not full"
 
 check: $(VENV)/.dev  ## Style, types, layers
 	$(BIN)/ruff check .

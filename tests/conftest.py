@@ -5,11 +5,18 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from pathlib import Path
 
 import pytest
 
 import server  # noqa: F401 - settles the number of threads before anything numerical loads
+from tests.progress import Progress
 from tests.settings import load_profile
+
+QUICK = Path(__file__).parent / "daq"
+# Most programs run once or twice: by these, which the product has for its largest, they compile in two thirds of the
+# time. A run with the tests marked `full` leaves them out.
+HURRIED = " --xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1"
 
 load_profile()
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -22,6 +29,20 @@ os.environ.setdefault("FINGERTWIN_WARM_WORKERS", "false")
 # Small programs are many: each is compiled once for all workers and subprocesses, too.
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "0")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    # Workers have it from the process that started them.
+    if config.getoption("markexpr") == "not full" and HURRIED not in os.environ["XLA_FLAGS"]:
+        os.environ["XLA_FLAGS"] += HURRIED
+    # Only the process that started the workers of pytest-xdist has where to write.
+    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Progress(), "progress")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Leave what is quick for the end, so that no worker is left alone with a long file."""
+    items.sort(key=lambda item: item.path.is_relative_to(QUICK))
 
 
 @pytest.fixture(autouse=True, scope="session")
