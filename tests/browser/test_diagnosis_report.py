@@ -9,7 +9,8 @@ import pytest
 
 from server.application.diagnosis_report import draw_diagnosis
 from tests.browser.test_report import BROWSER, PNG, Page, elements, opened
-from tests.server.test_diagnosis_figures import HEADINGS, HISTORY, NAMES, found, hostile, nothing_missing
+from tests.server.diagnosis_answers import HISTORY, found, hostile, nothing_missing
+from tests.server.diagnosis_pages import HEADINGS, NAMES
 
 
 @pytest.fixture(scope="module")

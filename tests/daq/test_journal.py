@@ -1,20 +1,17 @@
-"""The journal: what was acknowledged is there, after a kill, a full disk, an interruption; what is damaged is found."""
+"""The bench's journal: what was acknowledged is there, in order, once, whatever was going on."""
 
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import signal
 import sqlite3
-import struct
 import subprocess
 import sys
 import threading
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,63 +21,17 @@ from daq.blocks import Chunk
 from daq.errors import JournalError
 from daq.journal.check import check, recover
 from daq.journal.export import export
-from daq.journal.wal import chained, log_file, read_log
 from daq.journal.writer import Event, Journal, JournalReader
 from daq.readings import open_readings
 from server.commands import journal as commands
 from tests.daq.journal_kills import kill_many
 from tests.daq.journal_writer import made_chunk
-
-COUNT = 50
+from tests.daq.journals import COUNT, Interrupting, altered, fill, firsts, written
 
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "bench.journal"
-
-
-def written(path: Path, chunks: int = 10, samples: int = COUNT) -> str:
-    """A closed journal with one stream; return its id."""
-    with Journal.create(path, "bench 1", 0) as journal:
-        return fill(journal, chunks, samples)
-
-
-def fill(journal: Journal, chunks: int, samples: int = COUNT) -> str:
-    stream = journal.add_stream("robotiq-ft300", {"port": "COM3"}, {"serial": "FTS-1"}, "counter")
-    for i in range(chunks):
-        journal.append(stream, made_chunk(i * samples, samples), [Event("mark", float(i), {"i": i})])
-    return stream
-
-
-def torn_off(path: Path) -> Path:
-    """A copy of an open journal with its log, as a crash leaves it."""
-    crashed = path.with_name("crashed.journal")
-    shutil.copyfile(path, crashed)
-    shutil.copyfile(log_file(path), log_file(crashed))
-    shutil.copyfile(path.with_name(path.name + "-writer"), crashed.with_name(crashed.name + "-writer"))
-    return crashed
-
-
-def kinds(path: Path) -> set[str]:
-    return {fault.kind for fault in check(path).faults}
-
-
-def firsts(path: Path, stream: str) -> list[int]:
-    with JournalReader.open(path) as journal:
-        return [chunk.first_seq for chunk in journal.read(stream)]
-
-
-def flip(path: Path, at: int, bit: int = 3) -> None:
-    with path.open("r+b") as file:
-        file.seek(at)
-        octet = file.read(1)[0]
-        file.seek(at)
-        file.write(bytes([octet ^ 1 << bit]))
-
-
-def altered(path: Path, statement: str, *values: Any) -> None:
-    with closing(sqlite3.connect(path, isolation_level=None)) as connection:
-        assert connection.execute(statement, values).rowcount == 1
 
 
 def test_what_is_appended_is_read_back(path: Path) -> None:
@@ -306,22 +257,6 @@ def test_an_interrupted_append_can_be_made_again(path: Path, monkeypatch: pytest
     assert check(path).faults == ()
 
 
-class Interrupting:
-    """A connection with a Ctrl-C just after one statement."""
-
-    def __init__(self, connection: sqlite3.Connection, moment: str) -> None:
-        self._connection, self._moment = connection, moment
-
-    def execute(self, query: str, *values: Any) -> Any:
-        answer = self._connection.execute(query, *values)
-        if query.startswith(self._moment):
-            raise KeyboardInterrupt
-        return answer
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._connection, name)
-
-
 def test_a_full_disk_loses_nothing_acknowledged(path: Path) -> None:
     with Journal.create(path, "bench 1", 0) as journal:
         stream = fill(journal, 5, 700)
@@ -350,65 +285,6 @@ def test_a_reserve_stops_chunks_and_still_takes_an_event(path: Path) -> None:
     with Journal.open(path, reserve_bytes=0) as journal:
         assert journal.space_left() > 0
         assert journal.append(stream, made_chunk(100, COUNT)) == 150
-
-
-def test_a_flipped_bit_in_any_chunk_is_found_and_costs_that_chunk(path: Path) -> None:
-    stream = written(path, 6)
-    whole = path.read_bytes()
-    rng = np.random.default_rng(0)
-    for i in range(6):
-        payload = made_chunk(i * COUNT, COUNT).to_bytes()
-        # A payload lies in several pages; its raw bytes' first hundred in one of them.
-        start = whole.index(payload[-150:-4])
-        path.write_bytes(whole)
-        flip(path, start + int(rng.integers(0, 150)), int(rng.integers(0, 8)))
-        faults = check(path).faults
-        assert [(f.kind, f.stream) for f in faults if f.kind == "chunk"] == [("chunk", stream)]
-        with pytest.raises(JournalError, match=f"chunk {i * COUNT} of stream {stream} is damaged"):
-            firsts(path, stream)
-        out = path.with_name(f"out{i}.journal")
-        report = recover(path, out)
-        assert [(f.first_seq, f.n) for f in report.faults if f.kind == "gap"] == [(i * COUNT, COUNT if i < 5 else None)]
-        assert firsts(out, stream) == [j * COUNT for j in range(6) if j != i]
-        # What is lost is known there: it is sound, and says what is missing.
-        again = check(out)
-        assert (again.faults, again.known_gaps) == ((), 1)
-        with JournalReader.open(out) as journal:
-            assert [e.value["first_seq"] for e in journal.events(stream) if e.kind == "lost"] == [i * COUNT]
-            assert journal.epoch != report.epoch
-
-
-@pytest.mark.parametrize(
-    ("statement", "kind"),
-    [
-        ("UPDATE chunks SET payload = (SELECT payload FROM chunks WHERE id = 2) WHERE id = 3", "chunk"),
-        ("UPDATE chunks SET first_seq = 777 WHERE id = 3", "chunk"),
-        ("UPDATE chunks SET payload = 'text' WHERE id = 3", "chunk"),
-        ("DELETE FROM chunks WHERE id = 3", "gap"),
-        ("DELETE FROM chunks WHERE id = 10", "gap"),
-        ("DELETE FROM outbox WHERE id = 3", "outbox"),
-        ("UPDATE outbox SET sha256 = 'f00d' WHERE id = 3", "outbox"),
-        ("UPDATE events SET value = '{\"i\": 5}' WHERE id = 3", "event"),
-        ("UPDATE events SET kind = x'00ff' WHERE id = 3", "event"),
-        ("UPDATE streams SET settings = '{}'", "stream"),
-    ],
-)
-def test_every_altered_row_is_found_and_the_rest_recovered(path: Path, statement: str, kind: str) -> None:
-    stream = written(path)
-    altered(path, statement)
-    assert kind in kinds(path)
-    if kind in ("chunk", "event", "stream"):
-        with JournalReader.open(path) as journal, pytest.raises(JournalError, match="damaged"):
-            _ = list(journal.read(stream)), journal.events(), journal.streams()
-    out = path.with_name("out.journal")
-    recover(path, out)
-    wanted = [
-        i * COUNT for i in range(10) if kind in ("outbox", "event", "stream") or i != (9 if "10" in statement else 2)
-    ]
-    assert firsts(out, stream) == wanted
-    assert check(out).faults == ()
-    with Journal.open(out, 0) as journal:
-        assert [p.first_seq for p in journal.pending()] == wanted
 
 
 def without_samples(first_seq: int, raw: bytes) -> Chunk:
@@ -455,159 +331,6 @@ def test_a_journal_from_before_such_bytes_were_kept_is_read_and_written_on(path:
     with Journal.open(path, 0) as journal:
         journal.keep(stream, without_samples(2 * COUNT, b"odd"))
     assert check(path).undecoded_bytes == 3
-
-
-def test_a_chunk_under_another_stream_is_damaged(path: Path) -> None:
-    written(path, 3)
-    with Journal.open(path, 0) as journal:
-        other = journal.add_stream("made", {}, {})
-    altered(path, "UPDATE chunks SET stream = ? WHERE first_seq = 0", other)
-    with pytest.raises(JournalError, match=f"chunk 0 of stream {other} is damaged"):
-        firsts(path, other)
-    assert "chunk" in kinds(path)
-
-
-def test_a_commit_is_on_the_disk_and_readers_leave_the_log_alone(path: Path) -> None:
-    with Journal.create(path, "bench 1", 0) as journal:
-        asked = {p: journal._connection.execute(f"PRAGMA {p}").fetchone()[0] for p in ("synchronous", "journal_mode")}
-        assert asked == {"synchronous": 2, "journal_mode": "wal"}
-        fill(journal, 5)
-        before = log_file(path).read_bytes()
-        with JournalReader.open(path) as reader:
-            assert len(reader.streams()) == 1
-        assert len(before) > 5 * len(made_chunk(0, COUNT).to_bytes())
-        assert log_file(path).read_bytes() == before
-
-
-def test_a_journal_in_a_write_protected_folder_is_read(path: Path) -> None:
-    stream = written(path, 3)
-    path.parent.chmod(0o555)
-    try:
-        if os.access(path.parent, os.W_OK):
-            pytest.skip("this user may write everywhere")
-        assert firsts(path, stream) == [0, 50, 100]
-        assert check(path).faults == ()
-        with pytest.raises(JournalError, match="rights"):
-            Journal.open(path)
-    finally:
-        path.parent.chmod(0o755)
-
-
-def test_recovery_keeps_what_was_sent(path: Path) -> None:
-    stream = written(path)
-    with Journal.open(path, 0) as journal:
-        journal.acknowledged(stream, 0)
-        journal.quarantined(stream, 50, "HTTP 400")
-    out = path.with_name("out.journal")
-    assert recover(path, out).pending == 8
-    with Journal.open(out, 0) as journal:
-        assert [p.first_seq for p in journal.pending()] == [i * COUNT for i in range(2, 10)]
-    with pytest.raises(JournalError, match="exists"):
-        recover(path, out)
-
-
-@pytest.mark.parametrize("kept", [0.95, 0.6, 0.3])
-def test_a_truncated_file_is_found_and_its_sound_chunks_recovered(path: Path, kept: float) -> None:
-    stream = written(path, 20, 700)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: int(len(whole) * kept)])
-    assert "file" in kinds(path)
-    with pytest.raises(JournalError, match=r"damaged.*journal recover"):
-        Journal.open(path)
-    out = path.with_name("out.journal")
-    report = recover(path, out)
-    got = firsts(out, stream)
-    assert got == list(range(0, 700 * len(got), 700))
-    assert len(got) >= int(20 * kept) - 3
-    assert any(f.kind == "gap" for f in report.faults) or len(got) == 20
-    assert check(out).faults == ()
-
-
-def test_a_log_that_ends_early_gives_a_consistent_prefix(path: Path) -> None:
-    with Journal.create(path, "bench 1", 0) as journal:
-        stream = fill(journal, 10, 700)
-        crashed = torn_off(path)
-        whole = log_file(crashed).read_bytes()
-    lengths = set()
-    for kept in np.linspace(0, len(whole), 23).astype(int):
-        log_file(crashed).write_bytes(whole[:kept])
-        shutil.copyfile(path.with_name(path.name + "-writer"), crashed.with_name(crashed.name + "-writer"))
-        report = check(crashed)
-        assert report.faults == ()
-        got = firsts(crashed, stream) if report.chunks else []
-        assert got == list(range(0, 700 * len(got), 700))
-        assert report.events == len(got)
-        lengths.add(len(got))
-    assert max(lengths) == 10
-    assert len(lengths) > 5
-
-
-def test_a_damaged_log_is_found_and_only_the_damaged_chunk_is_lost(path: Path) -> None:
-    with Journal.create(path, "bench 1", 0) as journal:
-        stream = fill(journal, 10, 700)
-        crashed = torn_off(path)
-    log = read_log(crashed)
-    assert log is not None
-    assert (log.first_bad, log.hidden) == (len(log.current), 0)
-    start = log.data.index(made_chunk(2100, 700).raw[5000:5100])
-    flip(log_file(crashed), start)
-    # SQLite would go on from the third chunk as if there had never been more.
-    assert firsts(crashed, stream) == [0, 700, 1400]
-    assert "log" in kinds(crashed)
-    with pytest.raises(JournalError, match=r"-wal is damaged: behind its frame .* lie 7 transactions; .* recover"):
-        Journal.open(crashed)
-    out = path.with_name("out.journal")
-    report = recover(crashed, out)
-    assert [(f.first_seq, f.n) for f in report.faults if f.kind == "gap"] == [(2100, 700)]
-    assert firsts(out, stream) == [i * 700 for i in range(10) if i != 3]
-    assert {p.name for p in path.parent.iterdir() if p.is_dir()} == set()
-
-
-@pytest.mark.parametrize("at", [0, 9, 17, 25])
-def test_a_damaged_head_of_a_log_hides_nothing(path: Path, at: int) -> None:
-    with Journal.create(path, "bench 1", 0) as journal:
-        stream = fill(journal, 5, 700)
-        crashed = torn_off(path)
-    flip(log_file(crashed), at)
-    assert "log" in kinds(crashed)
-    out = path.with_name("out.journal")
-    recover(crashed, out)
-    assert firsts(out, stream) == [0, 700, 1400, 2100, 2800]
-
-
-def test_checksum_of_the_log_is_the_one_that_sqlite_defines() -> None:
-    data = np.random.default_rng(0).bytes(4104)
-    for order in "<>":
-        first, second = 7, 2**32 - 9
-        for a, b in struct.iter_unpack(order + "II", data):
-            first = (first + a + second) & 0xFFFFFFFF
-            second = (second + b + first) & 0xFFFFFFFF
-        assert chained(data, order, (7, 2**32 - 9)) == (first, second)
-
-
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [(None, "there is no"), (b"", "is no journal"), (b"Fx,Fy\n" * 500, "is damaged .file is not a database.")],
-)
-def test_what_is_no_journal_is_refused_in_one_line(path: Path, content: bytes | None, said: str) -> None:
-    if content is not None:
-        path.write_bytes(content)
-    for use in (Journal.open, JournalReader.open, check, lambda p: recover(p, p.with_name("out.journal"))):
-        with pytest.raises(JournalError, match=said):
-            use(path)
-    assert not path.with_name("out.journal").exists()
-
-
-def test_a_newer_journal_and_one_that_exists_are_refused(path: Path) -> None:
-    written(path, 1)
-    with pytest.raises(JournalError, match="exists"):
-        Journal.create(path, "bench 1")
-    with closing(sqlite3.connect(path, isolation_level=None)) as connection:
-        connection.execute("PRAGMA user_version=2")
-    assert kinds(path) == {"version"}
-    for use in (Journal.open, JournalReader.open, lambda p: recover(p, p.with_name("out.journal"))):
-        with pytest.raises(JournalError, match="version 2; expected 1 at most"):
-            use(path)
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])

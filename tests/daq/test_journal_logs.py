@@ -8,7 +8,7 @@ from daq.journal.check import recover
 from daq.journal.rows import PAGE_BYTES
 from daq.journal.wal import log_file
 from daq.journal.writer import Journal
-from tests.daq.test_journal import fill, firsts, kinds, torn_off
+from tests.daq.journals import fill, firsts, kinds, torn_off
 
 HEAD, FRAME = 32, 24
 

@@ -14,8 +14,8 @@ from daq.journal.mark import mark_file, read_mark
 from daq.journal.reader import JournalReader
 from daq.journal.wal import log_file
 from daq.journal.writer import Journal
-from tests.daq.test_journal import COUNT, fill, torn_off
-from tests.server.test_cli import run
+from tests.daq.journals import COUNT, fill, torn_off
+from tests.server.command_line import run
 
 CHUNKS = 40
 

@@ -13,7 +13,7 @@ from daq.journal.check import check
 from daq.journal.wal import log_file
 from daq.journal.writer import Event, Journal, JournalReader
 from tests.daq.journal_writer import made_chunk
-from tests.daq.test_journal import COUNT, fill, firsts
+from tests.daq.journals import COUNT, fill, firsts
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="nothing that is open can be deleted or moved there")
 

@@ -1,4 +1,4 @@
-"""TDMS and LVM files become readings by a confirmed mapping, and what names and units leave open is said."""
+"""Recordings of LabVIEW and other programs of a lab: what they hold is read, and what is wrong with them is said."""
 
 from __future__ import annotations
 
@@ -8,125 +8,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from daq.errors import DriverError, InputError, ReadingsError
+from daq.errors import InputError, ReadingsError
 from daq.lab.files import (
     AXES,
-    GAUGES,
     Increment,
-    LabFileMap,
     Taken,
-    convert_recording,
     open_recording,
-    read_mapping,
-    write_mapping,
 )
 from daq.lab.opened import open_channels
 from daq.lab.proposals import propose_mapping
-from daq.readings import ReadingBlock, open_readings
-from tests.daq.cal_files import nano17, numbers, write_cal
-
-Floats = NDArray[np.float64]
-WRENCH = np.array([[1.0, -2.0, 3.5, 10.0, -20.0, 30.0], [1.5, -2.5, 4.0, 11.0, -21.0, 31.0], [0.0] * 6])
-VOLTS = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, -2.0], [0.0, 9.9999, 0.0, 0.0, 0.0, 0.0]])
-UNITS = ("N", "N", "N", "Nmm", "Nmm", "Nmm")
-# Of gauge 1 at 1 V and gauge 6 at -2 V.
-FROM_VOLTS = [-13.2648, 7.30188, 7.69369, 43.59016, 33.16228, -56.50161]
-
-
-def tdms(path: Path, columns: dict[str, Any], units: dict[str, str] | None = None, **properties: Any) -> Path:
-    """Write channels, named group/channel, with one set of waveform properties."""
-    nptdms: Any = import_module("nptdms")
-    objects = []
-    for name, values in columns.items():
-        group, channel = name.split("/")
-        unit = {"unit_string": units[name]} if units and name in units else {}
-        objects.append(nptdms.ChannelObject(group, channel, np.asarray(values), properties={**properties, **unit}))
-    with nptdms.TdmsWriter(str(path)) as writer:
-        writer.write_segment(objects)
-    return path
-
-
-def resolved(path: Path, wrench: Floats = WRENCH, units: tuple[str, ...] = UNITS, **properties: Any) -> Path:
-    columns = {f"ATI/{a}": wrench[:, i] for i, a in enumerate(AXES)}
-    return tdms(path, columns, {f"ATI/{a}": u for a, u in zip(AXES, units, strict=True)}, **properties)
-
-
-def lvm(
-    path: Path,
-    rows: list[str],
-    names: str = "Voltage_0 Voltage_1 Voltage_2 Voltage_3 Voltage_4 Voltage_5",
-    *,
-    x_columns: str = "One",
-    decimal: str = ".",
-    delta: str = "0.001000",
-    unit: str = "Volts",
-    encoding: str = "utf-8",
-) -> Path:
-    """Write text as LabVIEW does, its rows as given."""
-    headings = names.split()
-    n = len(headings)
-
-    def line(tag: str, value: str) -> str:
-        return "\t".join([tag, *[value] * n])
-
-    text = [
-        "LabVIEW Measurement\t",
-        "Writer_Version\t2",
-        "Reader_Version\t2",
-        "Separator\tTab",
-        f"Decimal_Separator\t{decimal}",
-        "Multi_Headings\tNo",
-        f"X_Columns\t{x_columns}",
-        "Time_Pref\tRelative",
-        "Operator\tMüller",
-        "Date\t2019/07/22",
-        f"Time\t17:18:18{decimal}938945",
-        "***End_of_Header***\t",
-        "\t",
-        "***Start_Special***\t",
-        "Packet_Notes\twhatever",
-        "***End_Special***\t",
-        f"Channels\t{n}",
-        line("Samples", str(len(rows))),
-        line("Date", "2019/07/22"),
-        line("Y_Unit_Label", unit),
-        line("X_Dimension", "Time"),
-        line("X0", "0.0000000000000000E+0".replace(".", decimal)),
-        line("Delta_X", delta),
-        "***End_of_Header***\t",
-        "\t".join(["X_Value", *headings, "Comment"]),
-        *rows,
-    ]
-    path.write_bytes(("\r\n".join(text) + "\r\n").encode(encoding))
-    return path
-
-
-VOLT_ROWS = ["0.000000\t1.0\t0\t0\t0\t0\t-2.000000", "0.001000\t0.0\t9.9999\t0\t0\t0\t0\tdropped the weight"]
-
-
-def mapped(time: Taken | Increment | None = None, **more: Any) -> LabFileMap:
-    """The mapping of `resolved`."""
-    given: dict[str, Any] = {
-        "format": "lab-file-map/1",
-        "confirmed": True,
-        "time": time or Increment(increment_s="file"),
-        "channels": {a: Taken(channel=f"ATI/{a}", unit=u) for a, u in zip(AXES, UNITS, strict=True)},
-    }
-    return LabFileMap(**(given | more))
-
-
-def gauges(cal: Path, names: tuple[str, ...], **more: Any) -> LabFileMap:
-    channels = {g: Taken(channel=n, unit="V") for g, n in zip(GAUGES, names, strict=True)}
-    return mapped(more.pop("time", Taken(channel="X_Value", unit="s")), channels=channels, calibration=str(cal), **more)
-
-
-VOLTAGES = tuple(f"Voltage_{k}" for k in range(6))
-
-
-def together(blocks: list[ReadingBlock]) -> tuple[Floats, Floats]:
-    return np.concatenate([b.t_s for b in blocks]), np.concatenate([b.wrench for b in blocks])
+from tests.daq.cal_files import nano17
+from tests.daq.lab_files import FROM_VOLTS, VOLT_ROWS, VOLTAGES, WRENCH, gauges, lvm, mapped, resolved, tdms, together
 
 
 def test_tdms_in_resolved_units_with_an_increment(tmp_path: Path) -> None:
@@ -300,115 +193,6 @@ def test_tdms_faults_are_said(tmp_path: Path) -> None:
         open_recording(path, mapped())
     with pytest.raises(ReadingsError, match="has 0 channels 'ATI/Time'; expected one of ATI/Fx"):
         open_recording(path, mapped(Taken(channel="ATI/Time", unit="s")))
-
-
-def test_a_mapping_is_refused_until_it_was_confirmed(tmp_path: Path) -> None:
-    path = resolved(tmp_path / "a.tdms", wf_increment=0.25)
-    proposed = propose_mapping(path)
-    assert not proposed.confirmed
-    assert {k: (t.channel, t.unit) for k, t in proposed.channels.items()} == {
-        a: (f"ATI/{a}", u) for a, u in zip(AXES, UNITS, strict=True)
-    }
-    assert proposed.time == Increment(increment_s="file")
-    assert any("tool transformation" in d for d in proposed.doubts)
-    file = write_mapping(tmp_path / "map.yaml", proposed)
-    target = tmp_path / "readings.csv"
-    with pytest.raises(ReadingsError, match="was not confirmed"):
-        convert_recording(path, file, target)
-    assert not target.exists()
-    file.write_text(file.read_text("utf-8").replace("confirmed: false", "confirmed: true"), "utf-8")
-    convert_recording(path, file, target)
-    t_s, wrench = together(list(open_readings(target).blocks()))
-    assert t_s.tolist() == [0.0, 0.25, 0.5]
-    np.testing.assert_array_equal(wrench, WRENCH)
-
-
-def test_a_calibration_lies_beside_its_mapping(tmp_path: Path) -> None:
-    folder = tmp_path / "maps"
-    folder.mkdir()
-    nano17(folder)
-    path = lvm(tmp_path / "a.lvm", VOLT_ROWS)
-    proposed = propose_mapping(path, "FT14048.cal")
-    assert [t.channel for t in proposed.channels.values()] == list(VOLTAGES)
-    assert {t.unit for t in proposed.channels.values()} == {"Volts"}
-    assert proposed.time == Taken(channel="X_Value", unit="s")
-    assert any("order of the gauges" in d for d in proposed.doubts)
-    assert any("without load" in d for d in proposed.doubts)
-    file = write_mapping(folder / "map.yaml", proposed.model_copy(update={"confirmed": True}))
-    convert_recording(path, file, tmp_path / "readings.parquet")
-    _, wrench = together(list(open_readings(tmp_path / "readings.parquet").blocks()))
-    assert wrench[0] == pytest.approx(FROM_VOLTS)
-
-
-def test_what_names_leave_open_is_a_doubt(tmp_path: Path) -> None:
-    columns = {"Forces/Force X (N)": WRENCH[:, 0], "Forces/Force Y (N)": WRENCH[:, 1], "Forces/Force Z": WRENCH[:, 2]}
-    columns |= {f"Forces/M{a} [N-m]": WRENCH[:, i] for i, a in enumerate("xyz", 3)}
-    columns |= {"Forces/Time (ms)": np.arange(3.0), "Other/Time": np.arange(3.0)}
-    proposed = propose_mapping(tdms(tmp_path / "a.tdms", columns))
-    assert proposed.channels["Fx"] == Taken(channel="Forces/Force X (N)", unit="N")
-    assert proposed.channels["Tz"] == Taken(channel="Forces/Mz [N-m]", unit="N-m")
-    assert proposed.channels["Fz"].unit is None
-    assert proposed.time == Taken(channel="Forces/Time (ms)", unit="ms")
-    assert any("which time is meant" in d for d in proposed.doubts)
-    assert any("the unit of Fz (Forces/Force Z)" in d for d in proposed.doubts)
-    # A unit that is not known cannot be confirmed away.
-    with pytest.raises(ReadingsError, match="Forces/Force Z no unit"):
-        open_recording(tmp_path / "a.tdms", proposed.model_copy(update={"confirmed": True}))
-
-
-def test_gauges_are_taken_in_the_order_of_their_numbers_not_of_the_file(tmp_path: Path) -> None:
-    order = [3, 0, 5, 1, 2, 4]
-    columns = {f"Untitled/Dev1_ai{k}": np.full(2, float(k)) for k in order}
-    with pytest.raises(ReadingsError, match=r"do not tell which is which"):
-        propose_mapping(tdms(tmp_path / "a.tdms", columns, wf_increment=0.1))
-    columns = {f"Untitled/ai{k}": np.full(2, float(k)) for k in order}
-    proposed = propose_mapping(tdms(tmp_path / "b.tdms", columns, wf_increment=0.1))
-    assert [t.channel for t in proposed.channels.values()] == [f"Untitled/ai{k}" for k in range(6)]
-    assert any("which calibration" in d for d in proposed.doubts)
-
-
-def test_names_that_tell_nothing_are_not_guessed(tmp_path: Path) -> None:
-    path = tdms(tmp_path / "a.tdms", {f"g/{w}": [1.0] for w in "abcdef"}, wf_increment=0.1)
-    with pytest.raises(ReadingsError, match=r"g/a \[\?\], g/b .* do not tell which is which"):
-        propose_mapping(path)
-    path = resolved(tmp_path / "b.tdms")
-    with pytest.raises(ReadingsError, match="no channel of time and states no increment"):
-        propose_mapping(path)
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"format": "lab-file-map/2"}, "format"),
-        ({"confirmed": "yes"}, "confirmed"),
-        ({"channels": {"Fx": {"channel": "a"}}}, "channels are Fx"),
-        ({"time": {"increment_s": 0.0}}, "time"),
-        ({"unknown": 1}, "unknown"),
-    ],
-)
-def test_a_mapping_that_is_none_is_refused(tmp_path: Path, change: dict[str, Any], said: str) -> None:
-    import yaml
-
-    plain = mapped().model_dump(mode="json", exclude_none=True) | change
-    file = tmp_path / "map.yaml"
-    file.write_text(yaml.safe_dump(plain), "utf-8")
-    with pytest.raises(ReadingsError, match=said) as fault:
-        read_mapping(file)
-    assert "\n" not in str(fault.value)
-    with pytest.raises(ReadingsError, match="cannot be read"):
-        read_mapping(tmp_path / "none.yaml")
-
-
-def test_gauges_need_their_calibration_and_say_when_their_range_is_unknown(tmp_path: Path) -> None:
-    path = lvm(tmp_path / "a.lvm", VOLT_ROWS)
-    with pytest.raises(ReadingsError, match="gauges and no calibration"):
-        open_recording(path, gauges(tmp_path, VOLTAGES).model_copy(update={"calibration": None}))
-    with pytest.raises(DriverError, match="cannot be read"):
-        open_recording(path, gauges(tmp_path / "none.cal", VOLTAGES))
-    delta = write_cal(tmp_path / "delta.cal", numbers("delta_FT8506"))
-    recording = open_recording(path, gauges(delta, VOLTAGES))
-    assert any("saturation was not looked for" in n for n in recording.notes)
-    assert [b.status for b in recording.blocks()] == [None]
 
 
 @pytest.mark.parametrize(

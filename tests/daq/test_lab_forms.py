@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from daq.errors import InputError
 from daq.lab.files import AXES, open_recording
 from daq.lab.proposals import propose_mapping
-from tests.daq.test_lab_files import lvm, resolved
+from tests.daq.lab_files import lvm, resolved
 
 Floats = NDArray[np.float64]
 

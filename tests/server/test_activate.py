@@ -12,7 +12,7 @@ import pytest
 from fingermodel.studies.activation import LEVELS_PCT, activate
 from fingermodel.studies.activation_result import ActivationResult, angle_between
 from server.figures.activation import activation_plots, activation_report
-from tests.server.test_cli import refused, run
+from tests.server.command_line import refused, run
 
 THUMB = "barry2018_thumb"
 

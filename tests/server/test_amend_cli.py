@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from daq.locations import data_dir
-from tests.server.test_cli import refused, run
+from tests.server.command_line import refused, run
 
 
 @pytest.fixture

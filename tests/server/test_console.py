@@ -13,8 +13,8 @@ from server.cli_options import GROUPS, effects_like, sessions_like
 from server.commands import console
 from server.commands.additions import print_history
 from server.commands.twin import print_comparison
+from tests.server.command_line import run
 from tests.server.conftest import WIDTHS
-from tests.server.test_cli import run
 
 
 @pytest.fixture(scope="module")

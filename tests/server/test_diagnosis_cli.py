@@ -16,8 +16,8 @@ from server.commands.additions import print_history
 from server.commands.diagnosis import _print_verdict
 from server.figures.diagnosis_revisions import steps_of
 from tests.own_effect import python_file
-from tests.server.test_cli import run
-from tests.server.test_diagnosis_figures import found as missing_effect
+from tests.server.command_line import run
+from tests.server.diagnosis_answers import found as missing_effect
 from tests.simulator import draw_session
 
 KEYS = {

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from daq.journal.check import check
-from tests.server.test_cli import run
+from tests.server.command_line import run
 
 
 def test_a_replay_that_nobody_takes_fails_and_keeps_the_readings(

@@ -14,7 +14,7 @@ from fingermodel.studies.inversion import invert_bench
 from fingermodel.studies.inverted import Inversion
 from server.application.workflow import Bench, open_bench
 from server.figures.inversion import inversion_plots
-from tests.server.test_cli import Document, altered, refused, run
+from tests.server.command_line import Document, altered, refused, run
 
 SESSION = "DEV-01"  # nothing is missing from its model
 PUBLISHED = "synek2019_H01"  # forces alone, as published

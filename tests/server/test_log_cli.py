@@ -21,7 +21,7 @@ from server.cli import main
 from tests.contracts.ingest import SmallReceiver, serving
 from tests.daq.cal_files import nano17
 from tests.daq.journal_writer import made_chunk
-from tests.daq.test_lab_files import tdms
+from tests.daq.lab_files import tdms
 
 
 @pytest.fixture

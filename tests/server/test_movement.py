@@ -20,7 +20,7 @@ from fingermodel.muscles.muscle_files import read_muscles
 from fingermodel.recruitment.moments import arms_and_excursions
 from fingermodel.studies.movement import MovementResult, move
 from server.figures.movement import Reference, movement_plots
-from tests.server.test_cli import Document, refused, run
+from tests.server.command_line import Document, refused, run
 
 STEPS = 61
 MUSCLES = ("FDP", "FDS", "EC", "EI", "RI", "UI", "LU")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from server.figures.traces import thinned
-from tests.daq.test_lab_files import resolved, tdms
+from tests.daq.lab_files import resolved, tdms
 from tests.fingermodel.test_exchange_cli import answered, refused
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from daq.sessions import find_session
-from tests.server.test_cli import run
+from tests.server.command_line import run
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has other rights")
 

@@ -10,7 +10,7 @@ import yaml
 
 from fingermodel.finger_files import read_finger
 from fingermodel.studies.scaling import scale_finger, scaled_document
-from tests.server.test_cli import Document, refused, run
+from tests.server.command_line import Document, refused, run
 
 HUMAN = "synek2019_initial"
 # Table 3 of Synek et al. 2019, and the human lengths that the shipped bonobo was scaled from.

@@ -11,7 +11,7 @@ import yaml
 
 from fingermodel.effects.user import load_effect
 from server.figures.shared_law import law_figure
-from tests.server.test_cli import run
+from tests.server.command_line import run
 
 SPECIMENS = ("synek2019_B01", "synek2019_H01", "synek2019_H02", "synek2019_H03")
 

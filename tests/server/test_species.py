@@ -12,7 +12,7 @@ from fingermodel.studies.species import SpeciesResult
 from server.application.species import compare_species
 from server.figures.species import species_plots
 from server.figures.static import render
-from tests.server.test_cli import Document, altered, refused, run
+from tests.server.command_line import Document, altered, refused, run
 
 HUMAN, BONOBO = "synek2019_optimised", "synek2019_bonobo"
 

@@ -13,9 +13,9 @@ from sqlalchemy.exc import DatabaseError
 from daq.audit import Entry, faults
 from server.service.audit import entries, faults_of
 from server.service.tokens import create, revoke
+from tests.server.command_line import run
 from tests.server.service.running import ServiceReceiver
 from tests.server.service.test_sessions import small
-from tests.server.test_cli import run
 
 AT = "/api/v1/sessions/S1"
 

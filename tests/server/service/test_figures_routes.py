@@ -25,10 +25,10 @@ from server.service.database import now_utc
 from server.service.figures import COMPARISON, DIAGNOSIS
 from server.service.schema import jobs
 from tests.daq.bench_plays import PROTOCOL, case, tared, whole
+from tests.server.diagnosis_answers import found as missing_effect
 from tests.server.service.recorded import upload
 from tests.server.service.running import ServiceReceiver
 from tests.server.service.test_bench_sessions import Played
-from tests.server.test_diagnosis_figures import found as missing_effect
 
 RECORDED, PUBLISHED, MEAN = "DEV-01", "synek2019_H01", "synek2019_HMEAN"
 AT = "/api/v1/figures"

@@ -1,0 +1,192 @@
+"""`check` and `friction`: what can be used, and what is said of what cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from daq.sessions import session_names
+from tests.server.command_line import (
+    H01,
+    RAW,
+    SPECIMENS,
+    Document,
+    Edit,
+    altered,
+    every_case,
+    first_case,
+    kept,
+    keys,
+    refused,
+    run,
+    strict,
+    with_readings,
+)
+
+# check
+
+
+@pytest.mark.parametrize("session", session_names())
+def test_every_shipped_session_is_usable(session: str) -> None:
+    body = run("check", session, "--json", "-").body("check")
+    assert (body["ok"], body["errors"], body["session"]) == (True, 0, session)
+    assert all(set(f) == {"level", "code", "where", "text"} for f in body["findings"])
+
+
+def checked(session: Path) -> tuple[int, set[tuple[str, str]]]:
+    answer = run("check", session, "--json", "-")
+    assert answer.err == ""
+    return answer.code, {(f["level"], f["code"]) for f in strict(answer.out, "check")["findings"]}
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        first_case(force_sd_N=0),
+        first_case(force_N=[float("nan"), 0, 0]),
+        first_case(force_N=[1, 2]),
+        first_case(masses_g={"FPL": 100}),
+        first_case(masses_g={"FDP": -1}),
+        first_case(masses_g={"FDP": 1e300}),
+        first_case(role="guess"),
+        first_case(posture="fist"),
+        first_case(location="elbow"),
+        first_case(loaded_s=[1, 2]),
+        keys(format="bench-session/9"),
+        keys(cases=[]),
+        keys(finger="nosuch"),
+        keys(readings="../elsewhere.csv"),
+        keys(readings="absent.csv"),
+        keys(tension_factor=-1),
+        keys(budget=["a"]),
+        lambda d: d["specimen"].update(donor_name="Jane Doe"),
+        lambda d: d["postures_deg"]["hook"].update(PIP="bent"),
+        lambda d: d["postures_deg"]["hook"].update(PIP=6500),
+        lambda d: d.pop("specimen"),
+    ],
+)
+def test_a_description_that_cannot_be_used_fails_check_and_compare(tmp_path: Path, edit: Edit) -> None:
+    session = altered(tmp_path, edit)
+    code, found = checked(session)
+    assert code == 2
+    assert "error" in {level for level, _ in found}
+    refused("compare", session)
+    assert run("check", session).code == 2
+
+
+def test_a_name_under_specimen_is_refused(tmp_path: Path) -> None:
+    session = altered(tmp_path, lambda d: d["specimen"].update(donor_name="Jane Doe"))
+    line = refused("refit", session, saying="donor_name")
+    assert "Jane" not in line
+
+
+def test_masses_in_kilograms_are_refused(tmp_path: Path) -> None:
+    kilograms = every_case(lambda c: c.update(masses_g={k: m / 1000 for k, m in c["masses_g"].items()}))
+    code, found = checked(altered(tmp_path, kilograms))
+    assert code == 2
+    assert ("error", "session") in found
+
+
+@pytest.mark.parametrize(
+    ("budget", "said"),
+    [
+        ("generous", "generous"),
+        ({"base": "generous"}, "generous"),
+        ({"angle_sd_deg": -1}, "angle_sd_deg"),
+        ({"angle_sd_deg": "wide"}, "angle_sd_deg"),
+        ({"angle_sd": 1}, "angle_sd"),
+        ({"tendon_point_sd_mm": 2}, "tendon_point_sd_mm"),
+        ({"tendon_point_sd_mm": {}}, "tendon_point_sd_mm"),
+        ({"tendon_point_sd_mm": {"wrist": 1}}, "wrist"),
+    ],
+)
+def test_a_budget_that_is_unknown_or_negative(tmp_path: Path, budget: Any, said: str) -> None:
+    session = altered(tmp_path, keys(budget=budget))
+    refused("compare", session, saying=said)
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        keys(budget="generous"),
+        lambda d: d["postures_deg"]["hook"].update(PIP=0, DIP=0),
+        every_case(lambda c: c.update(excluded="all of them")),
+        lambda d: d["postures_deg"]["hook"].update(wrist=10),
+    ],
+)
+def test_what_compare_refuses_is_not_usable_to_check(tmp_path: Path, edit: Edit) -> None:
+    session = altered(tmp_path, edit)
+    refused("compare", session)
+    refused("refit", session)
+    assert run("check", session).code == 2
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (lambda t: "\n".join([*t.split("\n")[:50], "2.4" + 6 * ",nan", *t.split("\n")[51:]]), "nan"),
+        (lambda t: t[: len(t) // 2], "cut off"),
+        (lambda t: t[: t.index("\n", len(t) // 2) + 1], "outside the recording"),
+        (lambda t: t[: t.index("\n") + 1], "no readings"),
+        (lambda t: "", "header"),
+        (lambda t: t.replace("Fx_N", "Fx", 1), "Fx"),
+        (lambda t: t.replace("Fx_N", "Fx_pebble", 1), "pebble"),
+    ],
+)
+def test_readings_that_cannot_be_used(tmp_path: Path, edit: Callable[[str], str], said: str) -> None:
+    session = with_readings(tmp_path, edit)
+    refused("compare", session, saying=said)
+    code, found = checked(session)
+    assert code == 2
+    assert "error" in {level for level, _ in found}
+
+
+def test_a_torn_archive(tmp_path: Path) -> None:
+    session = altered(tmp_path, lambda d: None, RAW)
+    file = session / "readings.csv.gz"
+    file.write_bytes(file.read_bytes()[:50_000])
+    refused("compare", session, saying="torn or damaged")
+    assert checked(session)[0] == 2
+
+
+def test_readings_in_other_units_are_converted_and_said(tmp_path: Path, compared: Document) -> None:
+    body = run("compare", with_readings(tmp_path, lambda t: t.replace("Tz_Nmm", "Tz_Nm", 1)), "--json", "-").body(
+        "compare"
+    )
+    assert any("Tz" in note and "1000" in note for note in body["notes"])
+    assert compared["notes"] == []
+
+
+@pytest.mark.parametrize(("window", "said"), [([1e5, 1e5 + 3], "outside"), ([9, 5], "loaded_s"), ([6, 6.01], "c001")])
+def test_a_window_without_readings(tmp_path: Path, window: list[float], said: str) -> None:
+    session = altered(tmp_path, first_case(loaded_s=window), RAW)
+    refused("compare", session, saying=said)
+    answer = run("check", session)
+    assert answer.code == 2
+    assert "c001" in answer.out
+
+
+# friction
+
+
+def test_friction_of_the_published_specimens() -> None:
+    body = run("friction", *SPECIMENS, "--json", "-").body("friction")
+    assert round(body["pooled"]["factor"], 4) == 0.8348
+    assert body["pooled"]["n"] == len(body["cases"]) == 32
+    assert [s["name"] for s in body["specimens"]] == ["H01", "H02", "H03", "B01"]
+    assert all(s["low"] < s["factor"] < s["high"] for s in [*body["specimens"], body["pooled"]])
+    assert "0.8348" in run("friction", *SPECIMENS).out
+
+
+def test_friction_without_a_pair(tmp_path: Path) -> None:
+    refused("friction", altered(tmp_path, kept(lambda c: c["location"] == "tip")), saying=H01)
+
+
+def test_friction_that_the_session_asks_for(tmp_path: Path) -> None:
+    session = altered(tmp_path, keys(tension_factor={"estimate": "force_balance"}))
+    body = run("compare", session, "--json", "-").body("compare")
+    assert body["tension_factor"] == run("friction", H01, "--json", "-").body("friction")["pooled"]["factor"]
+    assert "8 pairs" in body["tension_factor_source"]

@@ -1,0 +1,181 @@
+"""Figures drawn without a browser: everything lands where it belongs, and the same bytes come twice."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import plotly.graph_objects as go
+import pytest
+from matplotlib.image import imread
+
+from server.figures.static import UnsupportedFigureError, render
+from server.figures.summary import errors_figure
+from server.figures.vectors import vector_figure
+from server.figures.zscores import z_figure
+from tests.server.compared_sessions import ordinary
+
+
+def small(data: Sequence[Any], **layout: Any) -> go.Figure:
+    base = {"template": {}, "width": 200, "height": 200, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}}
+    plain = {"range": [0, 4], "showgrid": False, "zeroline": False, "showticklabels": False}
+    return go.Figure(data=list(data), layout=base | {"xaxis": plain, "yaxis": plain} | layout)
+
+
+def pixel(figure: go.Figure, x: float, y: float) -> tuple[int, ...]:
+    """Colour at a point given in hundredths of the picture from its lower left."""
+    picture = imread(io.BytesIO(render(figure, "png", scale=1.0)), format="png")
+    height, width = picture.shape[:2]
+    return tuple(round(255 * float(v)) for v in picture[int(height * (1 - y / 100)), int(width * x / 100)][:3])
+
+
+RED, BLUE, WHITE = (255, 0, 0), (0, 0, 255), (255, 255, 255)
+
+
+def test_points_lines_and_areas_land_where_they_belong() -> None:
+    marker = {"color": ["#ff0000", "rgb(0,0,255)"], "size": [20, 16], "symbol": ["square", "circle"]}
+    points = go.Scatter(x=[1, 3], y=[3, 1], mode="markers", marker=marker)
+    assert pixel(small([points]), 25, 75) == RED
+    assert pixel(small([points]), 75, 25) == BLUE
+    assert pixel(small([points]), 50, 50) == WHITE
+    area = go.Scatter(
+        x=[0, 2, 2, 0, None, 3, 4, 4, 3],
+        y=[0, 0, 2, 2, None, 3, 3, 4, 4],
+        mode="lines",
+        fill="toself",
+        fillcolor="#ff0000",
+        line={"width": 0},
+    )
+    assert pixel(small([area]), 25, 25) == RED
+    assert pixel(small([area]), 87, 87) == RED
+    assert pixel(small([area]), 63, 63) == WHITE
+    half = {"range": [0, 4], "domain": [0.5, 1], "visible": False}
+    assert pixel(small([points], xaxis=half), 62, 75) == RED
+    line = go.Scatter(x=[0, 4], y=[2, 2], mode="lines", line={"color": "blue", "width": 6})
+    assert pixel(small([line]), 40, 50) == BLUE
+    rising = {"type": "log", "range": [0, 2], "visible": False}
+    ten = go.Scatter(x=[10], y=[2], mode="markers", marker={"color": "red", "size": 20})
+    assert pixel(small([ten], xaxis=rising), 50, 50) == RED
+
+
+def test_bars_stand_beside_and_upon_each_other() -> None:
+    words = {"type": "category", "visible": False}
+    bars = [go.Bar(x=["a"], y=[4], marker={"color": "red"}), go.Bar(x=["a"], y=[2], marker={"color": "blue"})]
+    beside = small(bars, xaxis=words, barmode="group", bargap=0.0)
+    assert pixel(beside, 25, 75) == RED
+    assert pixel(beside, 75, 25) == BLUE
+    assert pixel(beside, 75, 75) == WHITE
+    halves = [go.Bar(x=["a"], y=[2], marker={"color": c}) for c in ("red", "blue")]
+    upon = small(halves, xaxis=words, barmode="stack", bargap=0.0)
+    assert (pixel(upon, 50, 25), pixel(upon, 50, 75)) == (RED, BLUE)
+    floating = go.Bar(x=[1], y=["a"], base=[2], orientation="h", marker={"color": "red"})
+    across = small([floating], yaxis=words)
+    assert (pixel(across, 25, 50), pixel(across, 62, 50), pixel(across, 87, 50)) == (WHITE, RED, WHITE)
+
+
+def test_heatmaps_shapes_and_arrows_are_drawn() -> None:
+    scale = [[0, "#0000ff"], [1, "#ff0000"]]
+    words = {"type": "category", "visible": False}
+    cells = go.Heatmap(x=["a", "b"], y=["c", "d"], z=[[0, 1], [None, 0]], colorscale=scale, showscale=False)
+    grid = small([cells], xaxis=words, yaxis=words)
+    assert (pixel(grid, 25, 25), pixel(grid, 75, 25), pixel(grid, 25, 75)) == (BLUE, RED, WHITE)
+    box = {"type": "rect", "x0": 0, "x1": 1, "y0": 0, "y1": 0.5, "xref": "paper", "yref": "paper", "fillcolor": "red"}
+    assert pixel(small([], shapes=[box]), 50, 25) == RED
+    arrow = {
+        "x": 4,
+        "y": 2,
+        "ax": 0,
+        "ay": 2,
+        "xref": "x",
+        "yref": "y",
+        "axref": "x",
+        "ayref": "y",
+        "text": "",
+        "arrowwidth": 4,
+        "arrowcolor": "#0000ff",
+    }
+    assert pixel(small([], annotations=[arrow]), 30, 50) == BLUE
+    rich = go.Figure(
+        data=[
+            go.Heatmap(
+                x=["a", "b"],
+                y=["c"],
+                z=[[1.0, -2.0]],
+                text=[["1", "-2"]],
+                texttemplate="%{text}",
+                zmid=0,
+                colorscale="RdBu",
+                xgap=2,
+                colorbar={"title": {"text": "z [1]"}, "thickness": 12, "len": 0.5},
+            )
+        ],
+        layout={
+            "template": {},
+            "xaxis": {"type": "category"},
+            "yaxis": {"type": "category"},
+            "title": {"text": "<b>t</b>"},
+        },
+    )
+    assert b"z [1]" in render(rich, "svg")
+
+
+def test_error_bars_texts_and_legends_are_drawn() -> None:
+    figure = go.Figure(
+        data=[
+            go.Scatter(
+                x=[1, 2],
+                y=[1, 2],
+                mode="markers+text",
+                text=["first", "second"],
+                textposition="top center",
+                error_y={"type": "data", "array": [0.1, 0.2]},
+                error_x={"type": "data", "array": [0.1, 0.2], "arrayminus": [0.3, 0.1]},
+                name="series",
+            ),
+            go.Bar(x=[1, 2], y=[1, 1], name="bars", text=["u", "v"], textposition="outside"),
+        ],
+        layout={"template": {}, "legend": {"orientation": "h", "title": {"text": "key"}}},
+    )
+    drawn = render(figure, "svg").decode()
+    for word in ("first", "second", "series", "bars", "key", "u"):
+        assert f">{word}<" in drawn
+
+
+def test_a_figure_drawn_twice_gives_the_same_bytes() -> None:
+    model, observations, comparison = ordinary()
+    figure = vector_figure(model, observations, comparison)
+    assert render(figure, "svg") == render(figure, "svg")
+    assert render(z_figure(comparison), "png") == render(z_figure(comparison), "png")
+    assert b"<dc:date>" not in render(errors_figure(comparison), "svg")
+
+
+@pytest.mark.parametrize(
+    ("figure", "words"),
+    [
+        (small([go.Pie(values=[1])]), "is a pie"),
+        (small([go.Scatter3d(x=[1], y=[1], z=[1])]), "is a scatter3d"),
+        (small([go.Scatter(x=[1], y=[1], fill="tonexty")]), "fill 'tonexty'"),
+        (small([go.Scatter(x=[1], y=[1], line={"shape": "spline"})]), "shape 'spline'"),
+        (small([go.Scatter(x=[1], y=[1], marker={"symbol": "star-diamond"})]), "star-diamond"),
+        (small([go.Scatter(x=[1], y=[1], marker={"colorscale": "Viridis"})]), "colorscale"),
+        (small([go.Scatter(x=["word"], y=[1])]), "type='category'"),
+        (small([go.Bar(x=[1], y=[1], marker={"pattern": {"shape": "/"}})]), "pattern"),
+        (small([go.Bar(x=[1], y=[1], text="t")]), "textposition"),
+        (small([], yaxis2={"overlaying": "y"}), "overlaying"),
+        (small([], yaxis={"scaleanchor": "x2"}), "scaled to x2"),
+        (small([], annotations=[{"text": "a<sub>b</sub>", "x": 1, "y": 1, "showarrow": False}]), "<sub>"),
+        (small([], shapes=[{"type": "circle"}]), "type 'circle'"),
+        (small([], images=[{"source": "x"}]), "images"),
+        (go.Figure(go.Scatter(x=[1], y=[1])), "template"),
+    ],
+)
+def test_what_is_not_drawn_is_refused(figure: go.Figure, words: str) -> None:
+    with pytest.raises(UnsupportedFigureError, match=re.escape(words)):
+        render(figure, "svg")
+
+
+def test_an_unknown_format_is_refused() -> None:
+    with pytest.raises(ValueError, match="pdf"):
+        render(small([]), "pdf")
