@@ -16,7 +16,7 @@ from tests.settings import load_profile
 QUICK = Path(__file__).parent / "daq"
 # Most programs run once or twice: by these, which the product has for its largest, they compile in two thirds of the
 # time. A run with the tests marked `full` leaves them out.
-HURRIED = " --xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1"
+HURRIED = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1 "
 
 load_profile()
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -32,9 +32,9 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "0")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    # Workers have it from the process that started them.
+    # Workers have it from the process that started them. XLA reads no further than to a word without dashes.
     if config.getoption("markexpr") == "not full" and HURRIED not in os.environ["XLA_FLAGS"]:
-        os.environ["XLA_FLAGS"] += HURRIED
+        os.environ["XLA_FLAGS"] = HURRIED + os.environ["XLA_FLAGS"]
     # Only the process that started the workers of pytest-xdist has where to write.
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
         config.pluginmanager.register(Progress(), "progress")

@@ -198,7 +198,7 @@ def test_sessions_of_other_physics_are_named_nothing_false(tmp_path: Path, kind:
 @pytest.mark.parametrize(
     "drawn",
     [
-        pytest.param(15013, id="a coupling that yields, and sutures"),
+        pytest.param(15013, id="a coupling that yields, and sutures", marks=pytest.mark.full),
         pytest.param(17028, id="a coupling that yields, and centres that move"),
     ],
 )

@@ -19,7 +19,7 @@ from tests.second_simulator import Kind, write_session
         ("one", 21, ("zero_offset",)),
         # A drift that swings, and flexors held beyond a joint and pressed on an extended one.
         ("one", 22, ("tare_drift",)),
-        ("one", 31, ("bowstringing",)),
+        pytest.param("one", 31, ("bowstringing",), marks=pytest.mark.full),
         # Sutures that meet in one eyelet, as far behind the joint as they truly are.
         ("one", 41, ("suture_angle",)),
     ],

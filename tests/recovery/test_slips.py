@@ -79,7 +79,7 @@ def test_a_validation_case_with_a_slip_is_named_and_does_not_veto(tmp_path: Path
     assert (found["verdict"], found["effects"]) == ("found", ["hanger_mass"])
 
 
-@pytest.mark.parametrize("effects", [{}, {"hanger_mass": 40.0}])
+@pytest.mark.parametrize("effects", [pytest.param({}, marks=pytest.mark.full), {"hanger_mass": 40.0}])
 def test_tendons_exchanged_throughout_are_a_fault_of_the_session(tmp_path: Path, effects: dict[str, Any]) -> None:
     draw_session(tmp_path, 53, effects, nuisance_scale=0.8)
     file = tmp_path / "session.yaml"
