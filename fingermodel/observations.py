@@ -63,11 +63,6 @@ class Observations:
         return {name: angles[self.postures.index(name)] for name in dict.fromkeys(p for p in self.postures if p)}
 
     @cached_property
-    def covariance(self) -> Floats:
-        """(6 n, 6 n) of the wrench: as large as n squared, for what needs all of it."""
-        return self.noise.dense
-
-    @cached_property
     def case_covariance(self) -> Floats:
         """(n, 6, 6) blocks of the covariance, one a case."""
         return self.noise.blocks

@@ -172,15 +172,12 @@ def map_problem(
     plane = plane or model.finger.judged_in
     rows = fit_rows(observations, plane)
     _require_rows(rows)
-    covariance = observations.covariance.copy()
+    block = observations.noise.of(rows)
     scatter = model.budget.tension_factor_case_sd
     if scatter:
-        for i, role in enumerate(observations.roles):
-            if role != "check":
-                force = np.nan_to_num(observations.wrench[i])
-                at = slice(6 * i, 6 * i + 6)
-                covariance[at, at] += scatter**2 * np.outer(force, force)
-    block = covariance[np.ix_(rows, rows)]
+        loaded = np.array([role != "check" for role in observations.roles])[rows // 6]
+        force = scatter * loaded * np.nan_to_num(observations.wrench).reshape(-1)[rows]
+        block += np.outer(force, force) * (rows[:, None] // 6 == rows // 6)
     try:
         factor = np.linalg.cholesky(block)
     except np.linalg.LinAlgError as error:

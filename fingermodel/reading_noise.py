@@ -38,15 +38,29 @@ class Noise:
     shared: tuple[SharedTare, ...] = ()
 
     @property
-    def dense(self) -> Floats:
-        """(6 n, 6 n) of all readings, one case after another."""
-        n = len(self.blocks)
-        out = np.zeros((n, 6, n, 6))
-        axes = np.arange(6)
+    def alone(self) -> Floats:
+        """(n, 6, 6) of each case, without the tares that it shares with others."""
+        out = self.blocks.copy()
         for tare in self.shared:
-            out[np.ix_(tare.cases, axes, tare.cases, axes)] += np.einsum("iak,jbk->iajb", tare.columns, tare.columns)
-        out[np.arange(n), :, np.arange(n), :] = self.blocks
-        return out.reshape(6 * n, 6 * n)
+            out[tare.cases] -= tare.columns @ tare.columns.swapaxes(1, 2)
+        return out
+
+    @property
+    def variance(self) -> Floats:
+        """(6 n,) of each reading."""
+        return np.diagonal(self.blocks, axis1=1, axis2=2).reshape(-1).copy()
+
+    def of(self, rows: NDArray[np.intp]) -> Floats:
+        """(k, k) covariance of some readings, given by their indices among the 6 n."""
+        case, axis = rows // 6, rows % 6
+        out = np.zeros((len(rows), len(rows)))
+        for tare in self.shared:
+            at = np.flatnonzero(np.isin(case, tare.cases))
+            columns = tare.columns[np.searchsorted(tare.cases, case[at]), axis[at]]
+            out[np.ix_(at, at)] += columns @ columns.T
+        same = case[:, None] == case
+        out[same] = self.blocks[case[:, None], axis[:, None], axis][same]
+        return out
 
     @property
     def tares(self) -> Floats:

@@ -72,7 +72,8 @@ class Searcher:
         self._tell = progress or (lambda _: None)
         self._slips = Slips(session)
         self._fits: dict[Explanation, Optimum] = {}
-        self._bad: frozenset[int] = frozenset()
+        # One slip after another: the case that is bad, or the two that were exchanged.
+        self._slipped: tuple[frozenset[int], ...] = ()
         self._singles = candidates.singles
         self._prior: dict[Explanation, float] = {}
         self._kept = 0
@@ -85,14 +86,14 @@ class Searcher:
             most: fits.
         """
         self._explain(self._without_bad_cases(start), most)
-        while len(self._bad) < self._most_bad and (cases := self._overlooked()):
-            kept, before = (self._bad, self._fitter, self._fits), self._leader.log_posterior
-            self._bad, self._fits = self._bad | cases, {}
+        while len(self._slipped) < self._most_slips and (cases := self._overlooked()):
+            kept, before = (self._slipped, self._fitter, self._fits), self._leader.log_posterior
+            self._slipped, self._fits = (*self._slipped, cases), {}
             self._explain(self._begun(start), most)
             found = self._explained(self._leader, cases)
             gain = max((one.gain for one in found.values()), default=0.0)
             if self._leader.log_posterior + LOG_PRIOR_ODDS + gain <= before:
-                self._bad, self._fitter, self._fits = kept
+                self._slipped, self._fitter, self._fits = kept
                 break
         return Searched(self._hyper, self._fits, self._rest(), *self._odds())
 
@@ -125,23 +126,27 @@ class Searcher:
         """Take cases for bad, the worst first, until none is; then those back that the later ones had made so."""
         every = self._begun(start)
         taken: list[frozenset[int]] = []
-        while len(self._bad) < self._most_bad and (worst := self._worst(self._least_odds(every))):
+        while len(self._slipped) < self._most_slips and (worst := self._worst(self._least_odds(every))):
             if worst in taken:
                 break
             taken.append(worst)
-            self._bad |= worst
+            self._slipped = (*self._slipped, worst)
             every = self._begun(start)
-            for cases in [t for t in taken[:-1] if t <= self._bad]:
-                kept = self._bad, self._fitter, self._fits, every
-                self._bad, self._fits = self._bad - cases, {}
+            for cases in [t for t in taken[:-1] if t in self._slipped]:
+                kept = self._slipped, self._fitter, self._fits, every
+                self._slipped, self._fits = tuple(s for s in self._slipped if s != cases), {}
                 every = self._begun(start)
                 if cases & self._least_odds(every).keys():
-                    self._bad, self._fitter, self._fits, every = kept
+                    self._slipped, self._fitter, self._fits, every = kept
         return every
 
     @property
-    def _most_bad(self) -> int:
-        """So many bad cases may be slips; that there are more is out of the question."""
+    def _bad(self) -> frozenset[int]:
+        return frozenset().union(*self._slipped)
+
+    @property
+    def _most_slips(self) -> int:
+        """So many slips may have happened; that there were more is out of the question."""
         cases = len(np.unique(self._session.fitted_noise.cases))
         return int(np.sum(chance_of(np.arange(1, cases + 1), cases) >= P_VALUE))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from fingermodel.reading_noise import Noise, SharedTare
 from server.application.workflow import Bench, open_bench
@@ -19,10 +20,25 @@ def test_the_parts_are_the_covariance_of_the_measured_session(bench: Bench) -> N
     spread = np.diag([bench.model.budget.reading_sd_N**2] * 3 + [(10 * bench.model.budget.reading_sd_N) ** 2] * 3)
     stated = np.array([0.0 if m.noise_stated else 1.0 for m in bench.measured.cases])
     expected = bench.measured.covariance() + np.kron(np.diag(stated), spread)
-    np.testing.assert_allclose(observations.covariance[:n, :n], expected, rtol=1e-9, atol=1e-15)
-    shared = observations.covariance - observations.shared_tares @ observations.shared_tares.T
+    whole = _whole(observations.noise)
+    np.testing.assert_allclose(whole[:n, :n], expected, rtol=1e-9, atol=1e-15)
+    apart = whole - observations.shared_tares @ observations.shared_tares.T
     blocks = np.kron(np.eye(len(observations.ids)), np.ones((6, 6)))
-    np.testing.assert_allclose(shared * (1 - blocks), 0.0, atol=1e-15)
+    np.testing.assert_allclose(apart * (1 - blocks), 0.0, atol=1e-15)
+    every = np.arange(6)
+    for k, own in enumerate(observations.noise.alone):
+        np.testing.assert_allclose(apart[6 * k + every[:, None], 6 * k + every], own, atol=1e-15)
+
+
+def test_some_readings_have_their_part_of_the_covariance(bench: Bench) -> None:
+    noise = bench.observations.noise
+    whole, rows = _whole(noise), np.arange(6 * len(noise.blocks))[1::5]
+    np.testing.assert_allclose(noise.of(rows), whole[np.ix_(rows, rows)], rtol=1e-12, atol=1e-18)
+    np.testing.assert_allclose(noise.variance, np.diag(whole), rtol=1e-12)
+
+
+def _whole(noise: Noise) -> NDArray[np.float64]:
+    return noise.of(np.arange(6 * len(noise.blocks)))
 
 
 def test_readings_that_are_turned_have_the_covariance_turned() -> None:
@@ -37,6 +53,7 @@ def test_readings_that_are_turned_have_the_covariance_turned() -> None:
     for k, one in enumerate(turn):
         whole[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = one
     turned = noise.turned(turn)
-    np.testing.assert_allclose(turned.dense, whole @ noise.dense @ whole.T)
+    after = _whole(turned)
+    np.testing.assert_allclose(after, whole @ _whole(noise) @ whole.T)
     np.testing.assert_allclose(turned.tares, whole @ noise.tares)
-    np.testing.assert_allclose(turned.blocks, [turned.dense[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(4)])
+    np.testing.assert_allclose(turned.blocks, [after[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(4)])

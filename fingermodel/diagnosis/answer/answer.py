@@ -40,8 +40,8 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
     nothing, verdict = posterior.nothing, diagnosis.verdict
     before, after = d.comparisons[nothing.explanation], d.comparisons[best.explanation]
     rows = len(nothing.residual)
-    alone = d.stated.freed(d.stated.node)[0].misfit
-    added = best.freed(stated_node(best))[0].misfit if best.explanation.size else alone
+    alone = d.stated.misfit(d.stated.node)
+    added = best.misfit(stated_node(best)) if best.explanation.size else alone
     budget, noise, scatter = posterior.budget, posterior.noise, posterior.scatter
     after_where = where(d.session.problem, d.theta_of(best)) | {"added": list(best.explanation.names)}
     return {
@@ -88,7 +88,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             "after": added,
             "after_p_value": float(chdtrc(rows, added)),
             "budget_factor": float(best.hyper.values(best.best).budget),
-            "after_allowing_for_form_and_budget": best.freed(best.best)[0].misfit,
+            "after_allowing_for_form_and_budget": best.misfit(best.best),
         },
         "cases": [
             {
@@ -243,7 +243,7 @@ def ready_made(d: Diagnosis) -> list[dict[str, Any]]:
                         "probability": probability,
                         "log_evidence_gain": _gain(posterior, fit),
                         "size_N": fit.sizes_newton[member.candidate.name],
-                        "misfit": fit.freed(fit.best)[0].misfit,
+                        "misfit": fit.misfit(fit.best),
                         "text": f"Known to happen in rigs: {title}; probability {probability:.2f}",
                     }
                 )
@@ -319,7 +319,7 @@ def _row(d: Diagnosis, fit: Optimum, probability: float) -> dict[str, Any]:
         "in_range": _in_range(fit),
         "detectability": _detectability(d, explanation),
         "form_error": float(errors.max(initial=0.0)),
-        "misfit": fit.freed(fit.best)[0].misfit,
+        "misfit": fit.misfit(fit.best),
         # What the fit moved, so that any residual after it can be computed again.
         "fit": {table.names[i]: float(f"{theta[i]:.9g}") for i in np.flatnonzero(theta != table.initial)},
     }

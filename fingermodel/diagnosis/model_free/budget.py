@@ -148,7 +148,7 @@ class Readings:
         flat = weights.reshape(len(weights), -1)
         used = np.flatnonzero(flat.any(axis=0))
         w = flat[:, used]
-        own = self.observations.covariance[np.ix_(used, used)] + np.diag(_FLOOR[used % 6] ** 2)
+        own = self.observations.noise.of(used) + np.diag(_FLOOR[used % 6] ** 2)
         own += self._noise_by_lever[np.ix_(used, used)]
         noise = w @ own @ w.T
         spread = [w @ self.spread[used], *self._by_angles(weights, w, used)]

@@ -87,7 +87,7 @@ class Fitter:
         for start in starts:
             theta, converged = self._solved(explanation, start, node, bad, None, _EVALUATIONS, floor)
             found.append(self.linearised(explanation, theta, node, bad, 0.0, converged=converged))
-        return min(found, key=lambda f: f.freed(node)[0].misfit)
+        return min(found, key=lambda f: f.misfit(node))
 
     def _solved(
         self,

@@ -18,6 +18,7 @@ from fingermodel.diagnosis.posterior.hyper import FAMILIES, NOISE, SCATTER, Hype
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Rows, Session, WhitenedSmooth, whitened
+from fingermodel.diagnosis.settings import COUNTS_FOR
 from fingermodel.fit_report import held_at_bound
 from fingermodel.identification import slopes_of
 
@@ -39,6 +40,7 @@ class Inner:
 
     Attributes:
         smooth: columns that every explanation shares.
+        counts: for how many independent readings one counts.
         blocks: (n, k) whitened columns.
         products: (k, l) of two blocks.
         beside: the same with the weights of what always acts left open.
@@ -46,6 +48,7 @@ class Inner:
     """
 
     smooth: WhitenedSmooth
+    counts: float
     blocks: dict[str, Floats] = field(default_factory=dict)
     products: dict[tuple[str, str], Floats] = field(default_factory=dict)
     beside: dict[tuple[str, str], Floats] = field(default_factory=dict)
@@ -77,12 +80,12 @@ class Linearised:
     bad: frozenset[int]
 
     @cached_property
-    def _inner(self) -> dict[tuple[int, int, frozenset[int]], Inner]:
+    def _inner(self) -> dict[tuple[int, int, frozenset[int], float], Inner]:
         return {}
 
     def forget(self) -> None:
         """Let go of inner products; what is asked of them again is made again."""
-        for name in ("_inner", "_fitted", "_asked", "unseen"):
+        for name in ("_inner", "_latest", "_fitted", "_asked", "unseen"):
             self.__dict__.pop(name, None)
 
     @cached_property
@@ -193,13 +196,23 @@ class Linearised:
         smooth = [f"smooth{k}" for k in range(FAMILIES)]
         return [ALWAYS, BUDGET, ANATOMY, *(name for name in [*smooth, *forms] if self.width(name, node) > 0.0)]
 
-    def quadratic(self, names: Sequence[str], node: Node, bad: frozenset[int] | None = None) -> tuple[Quadratic, float]:
+    def quadratic(
+        self, names: Sequence[str], node: Node, bad: frozenset[int] | None = None, counts: float = COUNTS_FOR
+    ) -> tuple[Quadratic, float]:
         """Misfit as a function of the weights of some blocks, in their order; and minus half the noise's ln det.
 
         What always acts is eliminated where it is not among the blocks. That depends on the noise alone, and is done
         once for all nodes that share it.
         """
-        inner = self._inner_at(node, self.bad if bad is None else bad)
+        inner = self._inner_at(node, self.bad if bad is None else bad, counts)
+        # Nodes that follow each other mostly differ in the widths of the priors alone.
+        key = (id(inner), *names)
+        if key not in self._latest:
+            self._latest.clear()
+            self._latest[key] = self._assembled(inner, names)
+        return self._latest[key], -0.5 * counts * inner.smooth.log_det
+
+    def _assembled(self, inner: Inner, names: Sequence[str]) -> Quadratic:
         sizes = [self.size(name) for name in names]
         ends = np.cumsum(sizes, dtype=int).tolist()
         spans = [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
@@ -213,7 +226,11 @@ class Linearised:
             for b, of_b in zip(names[: k + 1], spans[: k + 1], strict=True):
                 hessian[of_a, of_b] = product(inner, a, b)
                 hessian[of_b, of_a] = hessian[of_a, of_b].T
-        return Quadratic(value, gradient, hessian, log_det), -0.5 * inner.smooth.log_det
+        return Quadratic(value, gradient, hessian, log_det)
+
+    @cached_property
+    def _latest(self) -> dict[tuple[object, ...], Quadratic]:
+        return {}
 
     def _always(self, inner: Inner) -> tuple[float, float]:
         """Misfit with the weights of what always acts at their best, and ln det of these."""
@@ -245,11 +262,15 @@ class Linearised:
                 inner.beside[a, b].flat[:: len(plain) + 1] += self.size(ALWAYS) * _EPS * np.diag(plain)
         return inner.beside[a, b]
 
-    def _inner_at(self, node: Node, bad: frozenset[int]) -> Inner:
-        key = (node[SCATTER], node[NOISE], bad)
+    def _inner_at(self, node: Node, bad: frozenset[int], counts: float = COUNTS_FOR) -> Inner:
+        key = (node[SCATTER], node[NOISE], bad, counts)
+        scatter, noise = (float(self.hyper.axes[axis].values[node[axis]]) for axis in (SCATTER, NOISE))
+        smooth = self.session.whitened_smooth(scatter, noise, bad)
         if key not in self._inner:
-            values = self.hyper.values(node)
-            self._inner[key] = Inner(self.session.whitened_smooth(values.scatter, values.noise, bad))
+            self._inner[key] = Inner(smooth, counts)
+        for other, made in self._inner.items():
+            if other != key:
+                made.blocks.clear()
         return self._inner[key]
 
     def _whitened(self, inner: Inner, name: str) -> Floats:
@@ -271,11 +292,11 @@ class Linearised:
 
     def _product(self, inner: Inner, a: str, b: str) -> Floats:
         if a.startswith("smooth") and b.startswith("smooth"):
-            return inner.smooth.inner(int(a.removeprefix("smooth")), int(b.removeprefix("smooth")))
+            return inner.counts * inner.smooth.inner(int(a.removeprefix("smooth")), int(b.removeprefix("smooth")))
         if (b, a) in inner.products:
             return inner.products[b, a].T
         if (a, b) not in inner.products:
-            inner.products[a, b] = self._whitened(inner, a).T @ self._whitened(inner, b)
+            inner.products[a, b] = inner.counts * (self._whitened(inner, a).T @ self._whitened(inner, b))
         return inner.products[a, b]
 
     def noise_roots(self, node: Node) -> list[tuple[Rows, Floats]]:

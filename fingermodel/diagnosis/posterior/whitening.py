@@ -15,7 +15,7 @@ from fingermodel.tiles import Tiles
 Floats = NDArray[np.float64]
 
 # Readings for each shared weight from which the weights are eliminated, and not the readings.
-_MANY = 4
+_MANY = 2
 
 
 @dataclass(frozen=True, eq=False)

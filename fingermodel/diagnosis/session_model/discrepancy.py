@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import dsyrk
 from scipy.linalg.lapack import dpstrf
 
 from fingermodel.diagnosis.settings import LEVER_MM, POSTURE_RAD
@@ -162,13 +163,13 @@ def reduced(columns: Floats, unit: Floats) -> Floats:
         unit: (n,) in which each row's variance is compared.
     """
     scaled = columns / unit[:, None]
-    covariance = scaled @ scaled.T
-    largest = float(np.diag(covariance).max(initial=0.0))
+    largest = float((scaled**2).sum(axis=1).max(initial=0.0))
     if largest <= 0.0:
         return np.zeros((len(columns), 0))
-    factor, pivots, rank, _ = dpstrf(covariance, tol=_LEFT_OUT * largest, lower=1)
+    covariance = dsyrk(1.0, scaled.T, trans=1, lower=1)
+    factor, pivots, rank, _ = dpstrf(covariance, tol=_LEFT_OUT * largest, lower=1, overwrite_a=1)
     root = np.empty((len(columns), rank))
-    root[pivots - 1] = np.tril(factor)[:, :rank]
+    root[pivots - 1] = np.tril(factor[:, :rank])
     out: Floats = root * unit[:, None]
     return out
 

@@ -50,26 +50,27 @@ class CaseNoise:
     cases: Rows
 
     @classmethod
-    def of(cls, covariance: Floats, scatter: Floats, moment: Mask, cases: Rows) -> CaseNoise:
-        """Sort rows by case.
+    def of(cls, blocks: Floats, rows: Rows, scatter: Floats, moment: Mask) -> CaseNoise:
+        """Sort readings by case.
 
         Args:
-            covariance: (n, n), of which the blocks by case are used.
+            blocks: (cases, 6, 6) covariance of each case.
+            rows: (n,) indices of the readings into the flattened (cases, 6) wrench.
             scatter: (n, t) change of each reading when a tendon's tension doubles, to first order.
             moment: (n,).
-            cases: (n,).
         """
+        cases, axis = rows // 6, rows % 6
         by_size: dict[int, list[Rows]] = {}
         for case in np.unique(cases):
-            rows = np.flatnonzero(cases == case)
-            by_size.setdefault(len(rows), []).append(rows)
+            of_case = np.flatnonzero(cases == case)
+            by_size.setdefault(len(of_case), []).append(of_case)
         groups = []
         for rows_of in by_size.values():
-            rows = np.array(rows_of)
-            blocks = covariance[rows[:, :, None], rows[:, None, :]].copy()
-            least = _LEAST_N * np.where(moment[rows], LEVER_MM, 1.0)
-            blocks += (least**2)[:, :, None] * np.eye(len(rows[0]))
-            groups.append((rows, blocks, scatter[rows]))
+            at = np.array(rows_of)
+            own = blocks[cases[at][:, :, None], axis[at][:, :, None], axis[at][:, None, :]]
+            least = _LEAST_N * np.where(moment[at], LEVER_MM, 1.0)
+            own = own + (least**2)[:, :, None] * np.eye(len(at[0]))
+            groups.append((at, own, scatter[at]))
         return cls(tuple(groups), moment, cases)
 
     def covariances(self, scatter: float, multiple: float, bad: Collection[int]) -> list[tuple[Rows, Floats]]:
@@ -132,6 +133,10 @@ class WhitenedSmooth:
             self._whitened[family] = whitened(self.roots, self.parts[family])
         return self._whitened[family]
 
+    def forget_columns(self) -> None:
+        """Let go of the whitened columns, but not of their inner products."""
+        self._whitened.clear()
+
     def inner(self, a: int, b: int) -> Floats:
         """(k, k) inner products of two families."""
         if (a, b) not in self._inner:
@@ -177,7 +182,8 @@ class Session:
     def seen_from(self, theta: Floats) -> Session:
         """The same with the scatter's columns made at a parameter vector (parameters,)."""
         other = replace(self, about=theta)
-        for name in ("places", "_smooth_parts", "smooth", "families", "torque_answer", "_tips", "tares", "nuisances"):
+        kept = ("places", "_smooth_parts", "smooth", "families", "torque_answer", "_tips", "tares", "nuisances")
+        for name in (*kept, "_fitted_smooth"):
             # What does not depend on it need not be made again.
             other.__dict__[name] = getattr(self, name)
         return other
@@ -237,17 +243,25 @@ class Session:
 
     def noise_of(self, chosen: Mask) -> CaseNoise:
         """By case, of some readings (n,)."""
-        rows, shared = self.rows[chosen], self.tares[chosen]
-        covariance = self.observations.covariance[np.ix_(rows, rows)] - shared @ shared.T
-        return CaseNoise.of(covariance, self._by_tension[chosen], self.places.moment[chosen], self.places.cases[chosen])
+        return CaseNoise.of(
+            self.observations.noise.alone, self.rows[chosen], self._by_tension[chosen], self.places.moment[chosen]
+        )
 
     def whitened_smooth(self, scatter: float, multiple: float, bad: frozenset[int]) -> WhitenedSmooth:
         """The fitted smooth columns under some noise by case; kept, since every explanation asks for them."""
         key = (scatter, multiple, bad)
         if key not in self._kept:
             roots, log_det = self.fitted_noise.whitening(scatter, multiple, bad)
-            self._kept[key] = WhitenedSmooth(roots, log_det, tuple(p[self.fitted] for p in self._smooth_parts))
+            self._kept[key] = WhitenedSmooth(roots, log_det, self._fitted_smooth)
+        # Columns are many times as large as their inner products, and made again in no time.
+        for other, made in self._kept.items():
+            if other != key:
+                made.forget_columns()
         return self._kept[key]
+
+    @cached_property
+    def _fitted_smooth(self) -> tuple[Floats, ...]:
+        return tuple(p[self.fitted] for p in self._smooth_parts)
 
     def forget(self) -> None:
         """Let go of what `whitened_smooth` has kept."""
@@ -349,7 +363,7 @@ def session_of(
             "at least one to fit to",
             "Give cases role: identification; validation cases are never fitted",
         )
-    known = np.diagonal(observations.covariance)[rows] > 0.0
+    known = observations.noise.variance[rows] > 0.0
     if not known.all():
         raise SessionError(
             "a reading states no uncertainty at all",
@@ -368,7 +382,7 @@ def _rows_of(observations: Observations, plane: Plane) -> tuple[Rows, Mask]:
     measures. In the sagittal plane x, y and Mz.
     """
     forces, moments = ([0, 1], [5]) if plane == "sagittal" else ([0, 1, 2], [3, 4, 5])
-    known = np.diagonal(observations.covariance).reshape(-1, 6) > 0.0
+    known = observations.noise.variance.reshape(-1, 6) > 0.0
     rows, fitted = [], []
     for i, role in enumerate(observations.roles):
         components = [*forces, *(moments if observations.locations[i] == "tip" and role != "check" else [])]

@@ -89,9 +89,15 @@ class Slips:
         self._tension = np.asarray(observations.inputs.tension)
         self._first = {name: observations.postures.index(name) for name in observations.posture_angles}
         self._weights = sorted({g for masses in observations.masses_g for g in masses.values()})
+        self._known: dict[int, list[Slip]] = {}
 
     def of(self, case: int) -> list[Slip]:
         """Every slip of a case, their shares set; none of a check."""
+        if case not in self._known:
+            self._known[case] = self._shared(case)
+        return self._known[case]
+
+    def _shared(self, case: int) -> list[Slip]:
         if self._observations.roles[case] == "check":
             return []
         by_kind: dict[Kind, list[Slip]] = {}
@@ -198,13 +204,14 @@ class Slips:
         pairs = [
             (case, slip) for case in apart for slip in self.of(case) if slip.partner is None or slip.partner in apart
         ]
-        changes = self.changes(pairs, theta)
-        gains = [
-            _gain(apart[case], change[apart[case].rows], scatter)
-            for (case, _), change in zip(pairs, changes, strict=True)
-        ]
+        changes, owners = self.changes(pairs, theta), np.array([case for case, _ in pairs], dtype=np.intp)
+        gains, misfits = np.empty(len(pairs)), np.empty(len(pairs))
+        for case, one in apart.items():
+            own = owners == case
+            gains[own], misfits[own], _ = _gains(one, changes[own][:, one.rows], scatter)
+        weighed = list(zip(pairs, gains.tolist(), misfits.tolist(), strict=True))
         found: dict[int, list[tuple[Slip, float, float]]] = {case: [] for case in apart}
-        for (case, slip), (gain, chi, _) in zip(pairs, gains, strict=True):
+        for (case, slip), gain, chi in weighed:
             if slip.partner is None:
                 found[case].append((slip, float(np.log(slip.share)) + gain, chi))
         for case in apart:
@@ -214,12 +221,8 @@ class Slips:
             case: float(np.logaddexp(0.0, LOG_PRIOR_ODDS + _all_together(apart[case], slips)))
             for case, slips in found.items()
         }
-        swapped = {
-            (case, slip.partner): gain
-            for (case, slip), (gain, *_) in zip(pairs, gains, strict=True)
-            if slip.partner is not None
-        }
-        for (case, slip), (gain, chi, _) in zip(pairs, gains, strict=True):
+        swapped = {(case, slip.partner): gain for (case, slip), gain, _ in weighed if slip.partner is not None}
+        for (case, slip), gain, chi in weighed:
             if slip.partner is not None:
                 both = gain + swapped[slip.partner, case] - alone[slip.partner]
                 found[case].append((slip, float(np.log(slip.share)) + both, chi))
@@ -235,17 +238,17 @@ class Slips:
             amount = float(solved @ apart.away) / (float(column @ solved) + AMOUNT**-2)
             if amount <= -1.0 or not column.any():
                 continue
-            found, chi, grown = _gain(apart, amount * column, scatter)
+            found, (chi,), (grown,) = _gains(apart, amount * column[None, :], scatter)
             # What is lost by not having said beforehand how much it would be.
             spread = float(column @ np.linalg.solve(grown, column)) * AMOUNT**2
-            gain = found - 0.5 * (amount / AMOUNT) ** 2 - 0.5 * float(np.log1p(spread))
+            gain = float(found[0]) - 0.5 * (amount / AMOUNT) ** 2 - 0.5 * float(np.log1p(spread))
             value = float(f"{grams * (1.0 + amount):.2g}")
             words = f"{muscle} bore about {value:g} g, not {grams:g} g"
             share = SLIP_SHARES["amount"] / len(loaded)
             slip = Slip(
                 "amount", words, {**loaded, muscle: value}, o.postures[case], self._tension[case], case, share=share
             )
-            yield slip, float(np.log(share)) + gain, chi
+            yield slip, float(np.log(share)) + gain, float(chi)
 
 
 def _turned(grams: float) -> list[float]:
@@ -256,18 +259,19 @@ def _turned(grams: float) -> list[float]:
     return [float(text[:k] + text[k + 1] + text[k] + text[k + 2 :]) for k in range(len(text) - 1) if text[k + 1] != "0"]
 
 
-def _gain(apart: Apart, change: Floats, scatter: float) -> tuple[float, float, Floats]:
-    """Log evidence gained by a change (L,) of the prediction, the chi-square that it leaves, and its covariance.
+def _gains(apart: Apart, changes: Floats, scatter: float) -> tuple[Floats, Floats, Floats]:
+    """Log evidence (k,) gained by changes (k, L) of the prediction, chi-squares (k,) left, and covariances (k, L, L).
 
     The prediction of another load is as uncertain as the form of an effect, and scatters as the loads do.
     """
-    delta = change
     moment = apart.rows >= 3
-    size = np.where(moment, np.linalg.norm(delta[moment]), np.linalg.norm(delta[~moment]))
-    grown = apart.covariance + (scatter**2 + FORM_SCALE**2) * np.diag(size**2)
-    left = apart.away - delta
-    after = float(left @ np.linalg.solve(grown, left))
-    determinants = float(np.linalg.slogdet(apart.covariance)[1] - np.linalg.slogdet(grown)[1])
+    sizes = np.where(
+        moment, (changes[:, moment] ** 2).sum(axis=1)[:, None], (changes[:, ~moment] ** 2).sum(axis=1)[:, None]
+    )
+    grown = apart.covariance + (scatter**2 + FORM_SCALE**2) * sizes[:, :, None] * np.eye(len(moment))
+    left = apart.away - changes
+    after = (left * np.linalg.solve(grown, left[..., None])[..., 0]).sum(axis=1)
+    determinants = np.linalg.slogdet(apart.covariance)[1] - np.linalg.slogdet(grown)[1]
     return 0.5 * (apart.misfit - after + determinants), after, grown
 
 

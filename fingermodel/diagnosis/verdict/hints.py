@@ -92,7 +92,7 @@ def hints(fit: Optimum) -> tuple[Hint, ...]:
     columns = np.array([change.reshape(-1)[rows] * scale for _, scale, change in terms]).T
     node = fit.hyper.without_smooth(fit.best)
     a, s = fit.asked(columns, node)
-    spread = float(np.sqrt(max(fit.freed(node)[0].misfit / max(len(rows), 1), 1.0)))
+    spread = float(np.sqrt(max(fit.misfit(node) / max(len(rows), 1), 1.0)))
     a, s = a / spread**2, s / spread**2
     gain, left_out = gain_of_each(a, s), fit.left_out_gains(columns, node, spread)
     out: list[Hint] = []

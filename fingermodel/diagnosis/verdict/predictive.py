@@ -81,8 +81,9 @@ class PredictiveCheck:
         sound = ~np.isin(cases, list(bad))
         each = [(w, *_log_normal(p.away[sound], p.covariance[np.ix_(sound, sound)])) for w, p in self.predictions]
         log_density = float(logsumexp([np.log(w) + log for w, log, _ in each]))
-        # So many bad cases among so few are no slips either: then the explanation misses them.
-        many = float(chance_of(len(bad), len(np.unique(cases))))
+        # So many slips among so few cases are none either: then the explanation misses them.
+        exchanged = {frozenset((c, s.partner)) for c, s in slips.items() if s.partner in bad}
+        many = float(chance_of(len(bad) - len(exchanged), len(np.unique(cases))))
         p_value = min(sum(w * float(chdtrc(int(sound.sum()), misfit)) for w, _, misfit in each), many)
         return replace(self, log_density=log_density, p_value=p_value, bad=bad, slips=slips)
 
@@ -130,15 +131,20 @@ def _predictions(fit: Optimum) -> tuple[tuple[float, Prediction], ...]:
     return tuple((weights[n] / whole, predicted(fit, n)) for n in kept)
 
 
-def check(fit: Optimum) -> PredictiveCheck:
-    """Hold the validation cases against an explanation; single bad ones are set apart, and named."""
+def check(fit: Optimum, slips: Slips | None = None) -> PredictiveCheck:
+    """Hold the validation cases against an explanation; single bad ones are set apart, and named.
+
+    Args:
+        fit: that predicts them.
+        slips: of its session, where they are known already.
+    """
     session: Session = fit.session
     if session.fitted.all():
         return PredictiveCheck(None, None, {}, {})
     predictions = _predictions(fit)
     p = predictions[0][1]
     size = bad_size(p.moment)
-    component, slips = session.rows[~session.fitted] % 6, Slips(session)
+    component, slips = session.rows[~session.fitted] % 6, slips or Slips(session)
     bad: dict[int, float] = {}
     explained: dict[int, Explained] = {}
     for _ in range(1 + len(np.unique(p.cases)) // 4):
@@ -170,10 +176,11 @@ def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation,
 
     A case may be as one explanation expects it and a slip under another. How probable each is, it says itself.
     """
-    out = {fit.explanation: check(fit) for fit in chosen}
+    slips_of = Slips(posterior.nothing.session)
+    out = {fit.explanation: check(fit, slips_of) for fit in chosen}
     if not any(c.bad for c in out.values()):
         return out
-    asked = out | {e: check(fit) for e, fit in posterior.fits.items() if e not in out}
+    asked = out | {e: check(fit, slips_of) for e, fit in posterior.fits.items() if e not in out}
     log = {e: posterior.fits[e].log_posterior + c.log_evidence for e, c in asked.items()}
     top = float(logsumexp(list(log.values())))
     bad: dict[int, float] = {}

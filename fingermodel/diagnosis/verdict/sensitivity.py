@@ -178,13 +178,17 @@ def _fixed(axis: int, index: int) -> Value:
     return lambda fit, node: fit.log_joint((*node[:axis], index, *node[axis + 1 :]))
 
 
+# What a session keeps of the readings that are fitted.
+_OF_THE_FITTED = ("fitted", "fitted_noise", "_fitted_smooth", "_kept")
+
+
 def _without(fit: Optimum, gone: Mask) -> Optimum:
     """A fit without some of the fitted readings (n,), at its best node alone."""
     session = fit.session
     kept = session.fitted.copy()
     kept[np.flatnonzero(session.fitted)[gone]] = False
     less = replace(session, fitted=kept)
-    less.__dict__.update({k: v for k, v in session.__dict__.items() if k not in ("fitted", "fitted_noise", "_kept")})
+    less.__dict__.update({k: v for k, v in session.__dict__.items() if k not in _OF_THE_FITTED})
     other = replace(fit, session=less, residual=fit.residual[~gone], slopes=fit.slopes[~gone], node=fit.best)
     other.__dict__["form_errors"] = fit.form_errors
     return other

@@ -19,6 +19,9 @@ from fingermodel.effects.catalogue import SHOWN_BY
 
 Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undecided"]
 
+# From this multiple on a budget or a noise is said to be larger than stated.
+_LARGER = 1.1
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -128,13 +131,13 @@ def _found(
 
 
 def _nothing(posterior: Posterior, fit: Optimum) -> Verdict:
-    p, misfit = posterior.p_nothing, fit.freed(fit.node)[0].misfit
+    p, misfit = posterior.p_nothing, fit.misfit(fit.node)
     n = len(fit.residual)
     if chdtrc(n, misfit) < P_VALUE:
-        short = (
-            f"noise and the stated budget leave a misfit of {misfit:.0f} for {n} readings; the readings want a budget "
-            f"{posterior.budget[0]:.1f} times as large, and an anatomy {posterior.anatomy[0]:.1f} times as far off"
-        )
+        wanted = {"budget": posterior.budget[0], "spread of anatomy": posterior.anatomy[0], "noise": posterior.noise[0]}
+        more = [f"a {what} {times:.1f} times as large" for what, times in wanted.items() if times >= _LARGER]
+        want = f"; the readings want {words(more)}" if more else ""
+        short = f"noise, scatter and budget as stated leave a misfit of {misfit:.0f} for {n} readings{want}"
         return Verdict("undecided", (), (), p, (), (short,))
     reason = (
         f"Noise, scatter and the stated budget explain the readings (misfit {misfit:.0f} for {n} readings); no effect "
@@ -197,7 +200,7 @@ def _classes_of(posterior: Posterior, classes: Confounding) -> list[tuple[str, .
 def _misfit(fit: Optimum) -> float:
     """Weighted sum of squares that is left with budget and noise as stated, priors' penalty included."""
     node = stated_node(fit) if fit.explanation.size else fit.node
-    return fit.freed(node)[0].misfit
+    return fit.misfit(node)
 
 
 def _cases(posterior: Posterior) -> int:
