@@ -27,7 +27,7 @@ from fingermodel.diagnosis.verdict.own_curve import own_curves
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, checks, holding, together
 from fingermodel.diagnosis.verdict.sensitivity import Sensitivity, sensitivity
 from fingermodel.diagnosis.verdict.session_faults import SessionFault, session_faults
-from fingermodel.diagnosis.verdict.verdict import Verdict, judge, likeliest, stated_node
+from fingermodel.diagnosis.verdict.verdict import Verdict, judge, likeliest, stated_node, sure_names
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
 from fingermodel.observations import Observations
@@ -158,8 +158,8 @@ def diagnose(
         # To be put right in the session: what would make up for it is no finding.
         verdict = in_doubt(verdict, said(faults[0]))
     elif verdict.kind in ("none_of_catalogue", "undecided"):
-        # Beside what is likelier than not to act by its name, and else alone.
-        beside = posterior.best_fit(verdict.names) or posterior.leader
+        # Beside what is sure to act by its name: what is not would explain part of what is unknown.
+        beside = posterior.best_fit(sure_names(posterior)) or posterior.nothing
         found, curves = hints(beside), own_curves(beside)
     if progress:
         progress(1.0)

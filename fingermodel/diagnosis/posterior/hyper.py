@@ -109,6 +109,11 @@ class Hyperparameters:
         """The same node without anything smooth."""
         return (*node[:SMOOTH], *[0] * FAMILIES, *node[FORMS:])
 
+    def as_named(self, node: Node) -> Node:
+        """The same node without anything smooth, and with forms no further off than an effect's name allows."""
+        most = int(np.flatnonzero(self.form.values <= settings.FORM_NAMED)[-1])
+        return (*self.without_smooth(node)[:FORMS], *(min(most, i) for i in node[FORMS:]))
+
     def sizes(self, node: Node) -> list[int]:
         """How many values each axis of a node has."""
         return [len(a.values) for a in self.axes] + [len(self.form.values)] * (len(node) - FORMS)

@@ -84,13 +84,13 @@ def hints(fit: Optimum) -> tuple[Hint, ...]:
     """Search the library of formulas beside an explanation; first what predicts cases best that it is not learned from.
 
     Args:
-        fit: what acts besides; all that it leaves open is marginalised, something smooth left out.
+        fit: what acts besides; all that it leaves open is marginalised, something unknown left out.
     """
     session = fit.session
     rows = session.rows[session.fitted]
     terms = list(library(session, fit.theta))
     columns = np.array([change.reshape(-1)[rows] * scale for _, scale, change in terms]).T
-    node = fit.hyper.without_smooth(fit.best)
+    node = fit.hyper.as_named(fit.best)
     a, s = fit.asked(columns, node)
     spread = float(np.sqrt(max(fit.misfit(node) / max(len(rows), 1), 1.0)))
     a, s = a / spread**2, s / spread**2

@@ -16,9 +16,9 @@ def own_curves(fit: Optimum) -> tuple[SmoothCurve, ...]:
     """Curves of moment arms, tensions and forces beside an explanation, the most evident first.
 
     Args:
-        fit: what acts besides; all that it leaves open is marginalised, something smooth left out.
+        fit: what acts besides; all that it leaves open is marginalised, something unknown left out.
     """
-    node, curves, out = fit.hyper.without_smooth(fit.best), Curves([fit]), []
+    node, curves, out = fit.hyper.as_named(fit.best), Curves([fit]), []
     for stage in STAGES:
         curve, sizes = curves.of(fit, stage), SHARED_SIZES[stage]
         said = [Said(0.0, *fit.information(curve.columns, node))]

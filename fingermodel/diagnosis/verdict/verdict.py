@@ -79,16 +79,21 @@ def judge(
 
 def likeliest(posterior: Posterior) -> tuple[str, ...]:
     """Names that the verdict would add: those that are sure, else those of the most probable explanation."""
-    sure = tuple(name for name, p in posterior.inclusion.items() if p >= SURE)
+    sure = sure_names(posterior)
     if sure and posterior.best_fit(sure) is not None:
         return sure
     return posterior.leader.explanation.names
 
 
+def sure_names(posterior: Posterior) -> tuple[str, ...]:
+    """Names of which each is sure by itself."""
+    return tuple(name for name, p in posterior.inclusion.items() if p >= SURE)
+
+
 def _undisputed(posterior: Posterior, stated: Optimum, candidates: Candidates, classes: Confounding) -> Verdict:
     order = [c.name for c in candidates.all]
     effect_of = {c.name: c.effect for c in candidates.all}
-    sure = sorted((name for name, p in posterior.inclusion.items() if p >= SURE), key=order.index)
+    sure = sorted(sure_names(posterior), key=order.index)
     if sure and posterior.of_names(sure) >= SURE:
         return _found(posterior, stated, classes, sure, tuple(dict.fromkeys(effect_of[n] for n in sure)))
     likely = [name for name, p in posterior.inclusion.items() if p >= 0.5]
