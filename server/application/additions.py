@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daq.errors import InputError
 from fingermodel.comparison import Comparison, compare
 from fingermodel.diagnosis.answer.addition import Addition, add_effects
 from fingermodel.effects.formula import formula_effect
@@ -24,10 +23,9 @@ def add_bench(
     bench: Bench, names: Sequence[str], without: Sequence[str], tell: Progress | None = None
 ) -> tuple[Comparison, Addition, Comparison]:
     """Refit with effects added and others taken out; errors before are those of the model as it was given."""
-    held = _held(bench, without)
+    held = bench.held_without(without)
     before = compare_bench(bench)
-    own = bench.loaded.name == bench.model.finger.id
-    start = None if own else bench.theta
+    start = bench.theta if bench.refitted else None
     addition = add_effects(bench.model, bench.observations, names, held=held, start=start, progress=tell)
     return before, addition, compare(bench.model, bench.observations, addition.fit.theta)
 
@@ -38,23 +36,8 @@ def refitted_alone(
     """Compare the model refitted without what is to be added; None where nothing is."""
     if not names:
         return None
-    bare = replace(bench, loaded=replace(bench.loaded, added=_held(bench, without)))
+    bare = replace(bench, loaded=replace(bench.loaded, added=bench.held_without(without)))
     return refit_compared(bare, tell=tell)[2]
-
-
-def _held(bench: Bench, without: Sequence[str]) -> tuple[str, ...]:
-    """Parameters of effects that the model holds and keeps.
-
-    Raises:
-        InputError: an effect is to be taken out that it does not hold.
-    """
-    unknown = [w for w in without if not any(_matches(p, [w]) for p in bench.loaded.added)]
-    if unknown:
-        has = sorted({p.split(".")[0] for p in bench.loaded.added})
-        raise InputError(
-            f"the model has no {unknown[0]} to take out", f"one of {', '.join(has) or 'none: it has no effect'}"
-        )
-    return tuple(p for p in bench.loaded.added if not _matches(p, without))
 
 
 def addition_step(addition: Addition, without: Sequence[str], alone: Comparison | None) -> Step:
@@ -83,10 +66,6 @@ def addition_body(
             "log_evidence_gain": addition.log_evidence_gain,
         }
     )
-
-
-def _matches(parameter: str, names: Sequence[str]) -> bool:
-    return any(parameter == n or parameter.startswith(f"{n}.") for n in names)
 
 
 def resolved_effects(given: Sequence[str], *, files: bool = True) -> tuple[list[str], list[Effect]]:

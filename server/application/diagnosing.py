@@ -19,12 +19,11 @@ if TYPE_CHECKING:
 
 def run_diagnosis(bench: Bench, thorough: bool = False, tell: Any = None) -> Diagnosis:
     """Diagnose a bench; effects that its model holds already are part of the base model."""
-    own = bench.loaded.name == bench.model.finger.id
     return diagnose(
         bench.model,
         bench.observations,
         held=bench.loaded.added,
-        start=None if own else bench.theta,
+        start=bench.theta if bench.refitted else None,
         thorough=thorough,
         progress=tell,
     )

@@ -9,8 +9,10 @@ import shutil
 import subprocess
 import sys
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
+import grimp
 import pytest
 
 import daq
@@ -65,6 +67,14 @@ def test_no_module_of_the_bench_loads_an_array_compiler_or_the_web() -> None:
 def test_the_command_line_starts_light() -> None:
     heavy = {"jax", "numpy", "scipy", "pyarrow", "plotly", "matplotlib", "pydantic", "yaml"}
     assert loaded_by("server.cli").isdisjoint(heavy)
+
+
+def test_no_two_modules_import_each_other_not_even_inside_functions() -> None:
+    packages = ("daq", "fingermodel", "server", "fingertwin")
+    graph = grimp.build_graph(*packages, exclude_type_checking_imports=True, cache_dir=None)
+    assert len(graph.modules) > 100
+    found = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
+    assert list(TopologicalSorter(found).static_order())  # raises CycleError, which names the modules
 
 
 @cache

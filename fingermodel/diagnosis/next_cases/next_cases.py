@@ -21,7 +21,6 @@ from fingermodel.diagnosis.posterior.gaussian import root_of
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import free_mask
 from fingermodel.diagnosis.settings import LIVE, SEED, WORTH_NAT
-from fingermodel.effects.catalogue import SHOWN_BY
 from fingermodel.identification import slopes_of
 from fingermodel.stages import LoadCaseInput
 
@@ -172,9 +171,10 @@ def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = Non
         out.append(NextCase(case, told, _parted(names, each, prior), probability, each))
     out.sort(key=lambda c: -c.information_nat)
     best = tuple(c for c in _varied(out) if c.information_nat >= WORTH_NAT)[:OFFERED]
+    shown_by = {effect.name: effect.shown_by for effect in diagnosis.session.model.effects if effect.shown_by}
     instruments = tuple(
         dict.fromkeys(
-            f"{SHOWN_BY[e]} ({e})" for fit, _ in live.values() for e in fit.explanation.effects if e in SHOWN_BY
+            f"{shown_by[e]} ({e})" for fit, _ in live.values() for e in fit.explanation.effects if e in shown_by
         )
     )
     if best:
