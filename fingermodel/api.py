@@ -263,10 +263,13 @@ def save(session: Session, fit: Fit | Addition, path: str | os.PathLike[str]) ->
     target, step = Path(path), None
     require_new(target)
     if isinstance(fit, Addition):
-        # What a refit alone would have mended is not to be taken for the effect's share.
-        alone = compare(session.at(refit(session))) if fit.names else None
+        freed = {p.name for p in fit.fit.parameters}
+        kept = [name for name in session.loaded.added if name in freed]
+        removed = {name.split(".")[0] for name in session.loaded.added} - {name.split(".")[0] for name in kept}
+        # A refit without the effect, so that its share of the fall is not taken for the effect's.
+        alone = compare(session.at(refit(session.holding(kept)))).summary() if fit.names else None
         evidence = {"log_evidence_gain": fit.log_evidence_gain}
-        step = Step(added=fit.names, evidence=evidence, alone=None if alone is None else alone.summary())
+        step = Step(added=fit.names, removed=tuple(sorted(removed)), evidence=evidence, alone=alone)
     before, after = compare(session).summary(), compare(session.at(fit)).summary()
     document = save_revision(session, fit.fit if isinstance(fit, Addition) else fit, target, before, after, step)
     return revision_of(document, target.name)

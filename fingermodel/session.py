@@ -173,6 +173,14 @@ class Session:
                 theta[table.index[name]] = value
         return replace(self, loaded=replace(self.loaded, theta=theta))
 
+    def holding(self, parameters: Sequence[str]) -> Session:
+        """Return the session whose model was given these parameters of effects and no others: a refit frees them.
+
+        Args:
+            parameters: names, such as `hanger_mass.m0`.
+        """
+        return replace(self, loaded=replace(self.loaded, added=tuple(parameters)))
+
     def held_without(self, effects: Sequence[str] = ()) -> tuple[str, ...]:
         """Names of the parameters of effects that the model was given, without those of some effects.
 

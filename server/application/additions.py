@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,8 +35,7 @@ def refitted_alone(
     """Compare the model refitted without what is to be added; None where nothing is."""
     if not names:
         return None
-    bare = replace(bench, loaded=replace(bench.loaded, added=bench.held_without(without)))
-    return refit_compared(bare, tell=tell)[2]
+    return refit_compared(bench.holding(bench.held_without(without)), tell=tell)[2]
 
 
 def addition_step(addition: Addition, without: Sequence[str], alone: Comparison | None) -> Step:

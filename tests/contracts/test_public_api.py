@@ -102,6 +102,7 @@ def test_an_addition_is_part_of_the_model_afterwards(session: Session, tmp_path:
     assert set(better.loaded.added) == {p.name for p in addition.fit.parameters if p.kind == "effect"}
     again = add(better, without=["tip_location"])
     assert not session.at(again).loaded.added
+    assert save(better, again, tmp_path / "without.json").document["removed"] == ["tip_location"]
     with pytest.raises(InputError, match="no hanger_mass to take out"):
         add(better, without=["hanger_mass"])
     revision = save(session, addition, tmp_path / "tip.json")
