@@ -1,1 +1,1 @@
-"""The bench at a terminal: keys, traces, what to do now."""
+"""The bench at a terminal: keys, traces, what to do now. It may ask the application, and is shown by commands alone."""
