@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,12 +42,15 @@ def is_readings_file(path: Path) -> bool:
     return True
 
 
-def joined(recordings: Sequence[Path], mapping: LabFileMap | None) -> tuple[list[ReadingBlock], list[str]]:
+def joined(
+    recordings: Sequence[Path], mapping: LabFileMap | None, seen: Callable[[int], None] | None = None
+) -> tuple[list[ReadingBlock], list[str]]:
     """Read recordings one after the other, each beginning some seconds after the end of the one before.
 
     Args:
         recordings: in the order in which they were made.
         mapping: of those that are no readings files.
+        seen: called with how many readings were read so far; what it raises ends the reading.
 
     Returns:
         Blocks, and notes for the reader.
@@ -57,7 +60,7 @@ def joined(recordings: Sequence[Path], mapping: LabFileMap | None) -> tuple[list
     """
     out: list[ReadingBlock] = []
     notes: list[str] = []
-    end_s = -APART_S
+    end_s, rows = -APART_S, 0
     for path in recordings:
         shift_s: float | None = None
         source: Iterator[ReadingBlock]
@@ -71,6 +74,9 @@ def joined(recordings: Sequence[Path], mapping: LabFileMap | None) -> tuple[list
             if shift_s is None:
                 shift_s = end_s + APART_S - float(block.t_s[0])
             status = block.status
+            rows += len(block)
+            if seen is not None:
+                seen(rows)
             out.append(ReadingBlock(block.t_s + shift_s, block.wrench, status))
         if mapping is not None and not is_readings_file(path):
             notes += recording.notes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from daq.columns import KINDS, QUANTITIES
@@ -73,14 +74,68 @@ def propose_mapping(path: str | Path, calibration: str | None = None) -> LabFile
     )
 
 
+@dataclass(frozen=True)
+class Ground:
+    """How sure it is (0 to 1) that a channel is what it is proposed for, and why."""
+
+    sure: float
+    why: str
+
+
+def grounds(path: str | Path, mapping: LabFileMap) -> dict[str, Ground]:
+    """Say on what each line of a proposal rests: time as `t`, then the channels.
+
+    Raises:
+        ReadingsError: the file cannot be read, or has no such channel.
+    """
+    source = open_channels(path)
+    out = {"t": _ground_of_time(source, mapping.time)}
+    for key, taken in mapping.channels.items():
+        ground = _ground(source, key, source.channel(taken.channel))
+        out[key] = ground if taken.unit else Ground(0.0, f"{ground.why}; the file states no unit")
+    return out
+
+
+def _ground_of_time(source: LabChannels, time: Taken | Increment) -> Ground:
+    if isinstance(time, Increment):
+        return Ground(0.8, "counted in the steps that the file states")
+    channel = source.channel(time.channel)
+    if not time.unit:
+        return Ground(0.0, "the file states no unit")
+    if channel.unit == TIMESTAMP:
+        return Ground(0.95, "it holds dates or times of day")
+    if not _TIME.match(_leaf(channel)):
+        return Ground(0.5, "it is the first column and no axis")
+    return (
+        Ground(0.95, "its name says so") if stated_unit(channel) else Ground(0.5, "its unit is a guess by its numbers")
+    )
+
+
+def _ground(source: LabChannels, key: str, channel: Channel) -> Ground:
+    if key in GAUGES:
+        counted = _COUNTED.match(_leaf(channel))
+        return Ground(0.7, "by the number in its name") if counted else Ground(0.4, "by its place among six in volts")
+    own = _axis_of(channel)
+    if own != key:
+        return Ground(0.3, "by its place only: the names tell nothing")
+    alike = sum(_axis_of(c) == key for c in _sound(source))
+    return Ground(0.95, "its name says so") if alike == 1 else Ground(0.5, f"{alike} channels are called so")
+
+
+def _axis_of(channel: Channel) -> str:
+    """Which of the six axes a channel's name says that it is; nothing where it says none."""
+    match = _AXIS.match(_leaf(channel))
+    if match is None:
+        return ""
+    return ("F" if re.fullmatch(_FORCE, match["kind"], re.IGNORECASE) else "T") + match["axis"].lower()
+
+
 def _resolved(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
     """The first group with all six axes."""
     sets: dict[str, dict[str, list[Channel]]] = {}
     for channel in _sound(source):
-        match = _AXIS.match(_leaf(channel))
-        if match:
-            letter = "F" if re.fullmatch(_FORCE, match["kind"], re.IGNORECASE) else "T"
-            sets.setdefault(channel.group, {}).setdefault(letter + match["axis"].lower(), []).append(channel)
+        if axis := _axis_of(channel):
+            sets.setdefault(channel.group, {}).setdefault(axis, []).append(channel)
     whole = [group for group, found in sets.items() if set(found) == set(AXES)]
     if not whole:
         return None

@@ -17,13 +17,7 @@ if TYPE_CHECKING:
     from daq.lab.files import LabFileMap
     from daq.lab.levels import Level
     from daq.lab.notebook import Note
-    from daq.readings import ReadingBlock
-    from daq.session_models import Session
-
-READINGS, MAPPING, SESSION = "readings.parquet", "map.yaml", "session.yaml"
-_HEADER = ("specimen", "finger", "tension_factor", "load_cell", "gravity_m_s2", "environment", "budget")
-_SURE = 0.8
-_REQUIRED = ("specimen", "finger", "tension_factor")
+    from server.application.new_session import Suspect
 
 
 @dataclass(frozen=True)
@@ -56,9 +50,19 @@ def new_session(options: NewOptions, json: str | None) -> None:
     """
     from contextlib import ExitStack
 
-    from daq.lab.drafts import cases_of, joined, still_missing
+    from daq.lab.drafts import joined, still_missing
     from daq.lab.traces import as_recording
-    from daq.sessions import parse_session
+    from server.application.exporting import writing
+    from server.application.new_session import (
+        MASSES_IN_GRAMS,
+        SESSION,
+        LaidNotes,
+        document_of,
+        lay_notes,
+        levels_of,
+        session_of,
+        write_new,
+    )
 
     if (options.out / SESSION).exists():
         raise InputError(f"{options.out.name} has a session already", "a new folder", "Choose another --out")
@@ -70,60 +74,26 @@ def new_session(options: NewOptions, json: str | None) -> None:
         with progress("Reading"):
             blocks, told = joined(recordings, mapping)
     told += [f"taken as proposed: {doubt}" for doubt in (mapping.doubts if mapping and options.yes else ())]
-    told.append("masses in the notebook are grams where it states no unit")
+    told.append(MASSES_IN_GRAMS)
     notes = _notes(options, header["finger"], asking)
     if not asking:  # what will be missing is said before the work is done
         _postures(options, [n.posture for n in notes if n.kind == "load"], asking)
-    levels, choices, lost = _laid(blocks, notes)
+    with progress("Laying the notebook onto the plateaus"):
+        laid = lay_notes(levels_of(blocks), notes)
     if json != "-":
-        _show(levels, choices)
-        for line in lost:
+        _show(laid.levels, laid.choices)
+        for line in laid.lost:
             say(f"  {line}")
     if asking:
-        choices = _asked(choices, header["finger"])
-    cases = cases_of(levels, choices)
-    document = header | {"format": "bench-session/1", "id": options.out.resolve().name, "readings": READINGS}
-    document |= {"postures_deg": _postures(options, [c["posture"] for c in cases], asking), "cases": cases}
-    names = [path.name for path in options.recordings]
-    document["provenance"] = {"made_by": "fingertwin new", "recordings": names}
-    session, faults = parse_session(document, None, SESSION)
-    if session is None:
-        raise faults[0]
-    _write(options.out, session, blocks, mapping)
-    _report(options, document, choices, [*told, *lost], still_missing(document), json)
-
-
-def _laid(blocks: Sequence[ReadingBlock], notes: Sequence[Note]) -> tuple[Sequence[Level], list[Choice], list[str]]:
-    """Plateaus, what they are taken for, and the lines of the notebook that were found on none."""
-    import numpy as np
-
-    from daq.lab.drafts import chosen
-    from daq.lab.layout import lay
-    from daq.lab.levels import find_levels
-
-    with progress("Laying the notebook onto the plateaus"):
-        levels = find_levels(np.concatenate([b.t_s for b in blocks]), np.concatenate([b.wrench for b in blocks]))
-        if not levels:
-            raise InputError(
-                "the recording holds still nowhere for a second", "plateaus", "Look: fingertwin plot RECORDING"
-            )
-        layout = lay(levels, notes)
-    lost = [f"line {notes[i].line} was found on no plateau: {_said(notes[i])}" for i in layout.not_found]
-    return levels, chosen(layout, notes), lost
-
-
-def _write(out: Path, session: Session, blocks: Sequence[ReadingBlock], mapping: LabFileMap | None) -> None:
-    from daq.lab.files import write_mapping
-    from daq.readings import write_readings
-    from daq.sessions import write_session
-    from server.application.exporting import writing
-
-    with writing(out):
-        out.mkdir(parents=True, exist_ok=True)
-        write_readings(out / READINGS, blocks)
-        if mapping is not None:
-            write_mapping(out / MAPPING, mapping)
-        write_session(session, out)
+        laid = LaidNotes(laid.levels, _asked(laid.choices, header["finger"]), laid.lost)
+    postures = _postures(options, [c.note.posture for c in laid.choices if c.kind == "load" and c.note], asking)
+    told += laid.lost
+    provenance = {"made_by": "fingertwin new", "recordings": [path.name for path in options.recordings]}
+    document = document_of(options.out.resolve().name, header, postures, laid, provenance)
+    session = session_of(document)
+    with writing(options.out):
+        write_new(options.out, session, blocks, mapping)
+    _report(options, document, laid.choices, told, still_missing(document), json)
 
 
 def _report(
@@ -135,35 +105,55 @@ def _report(
     json: str | None,
 ) -> None:
     from daq.checks import check
+    from server.application.new_session import SURE
 
     found = check(options.out)
-    unsure = sum(c.sure < _SURE for c in choices)
+    alike, why_not = _suspects(options.out)
+    unsure = sum(c.sure < SURE for c in choices)
     warnings = [f"{f.level}: {f.where}: {f.text}" for f in found.findings if f.level != "note"]
     body: dict[str, Any] = {"session": str(options.out), "cases": len(document["cases"]), "plateaus": len(choices)}
     body |= {"unsure": unsure, "sound": found.ok, "check": warnings, "notes": list(notes), "missing": list(missing)}
+    body |= {"suspects": [vars(s) for s in alike]}
     if answer("new", body, json):
         return
     for line in (*notes, *warnings):
         say(f"  {line}")
+    for s in alike:
+        say(f"  look again at {s.case}: rather {s.words} (leaves {s.other:.0%} of the reading, the entry {s.own:.0%})")
+    if why_not:
+        say(f"  not held against the model: {why_not}")
     for line in missing:
         say(f"  missing for a diagnosis: {line}")
     said = f", {unsure} of {len(choices)} plateaus to look at" if unsure else ""
     say(f"{len(document['cases'])} load cases{said}: {options.out}   (fingertwin check {options.out})")
 
 
+def _suspects(folder: Path) -> tuple[list[Suspect], str]:
+    """Cases that look like something else, or why the model could not be held against the session."""
+    from server.application.new_session import suspects
+    from server.application.workflow import open_bench
+
+    try:
+        with progress("Holding each case against the model"):
+            return suspects(open_bench(folder)), ""
+    except InputError as error:
+        return [], str(error)
+
+
 def _header(options: NewOptions, asking: bool) -> dict[str, Any]:
     """Specimen, finger, cell and friction: of an earlier session, of a setup, or asked for."""
     from daq.sessions import plain_document, read_session, read_yaml
+    from server.application.new_session import REQUIRED, header_of
 
     out: dict[str, Any] = {}
     if options.like is not None:
-        out |= {k: v for k, v in plain_document(read_session(options.like)).items() if k in _HEADER}
+        out |= header_of(plain_document(read_session(options.like)))
     if options.setup is not None:
         given = read_yaml(options.setup)
         if not isinstance(given, Mapping) or given.get("format") != "bench-setup/1":
             raise InputError(f"{options.setup.name} is not a setup", "format: bench-setup/1")
-        out |= {k: v for k, v in given.items() if k in _HEADER}
-    lacks = [key for key in _REQUIRED if key not in out]
+        out |= header_of(given)
+    lacks = [key for key in REQUIRED if key not in out]
     if lacks and not asking:
         raise InputError(
             f"{', '.join(lacks)} not known",
@@ -207,6 +197,7 @@ def _mapping(options: NewOptions, recordings: Sequence[Path], asking: bool) -> L
     from daq.lab.drafts import is_readings_file
     from daq.lab.files import read_mapping
     from daq.lab.proposals import propose_mapping
+    from server.application.new_session import MAPPING
     from server.commands.lab_files import show_proposal
 
     first = next((path for path in recordings if not is_readings_file(path)), None)
@@ -235,9 +226,8 @@ def _mapping(options: NewOptions, recordings: Sequence[Path], asking: bool) -> L
 
 
 def _notes(options: NewOptions, finger: str, asking: bool) -> tuple[Note, ...]:
-    from daq.lab.notebook import read_notes
-    from daq.vocabulary import did_you_mean
     from fingermodel.finger_files import read_finger
+    from server.application.new_session import notes_of
 
     tendons = read_finger(finger, options.setup.parent if options.setup else None).topology.muscles
     if options.notes is not None:
@@ -256,24 +246,13 @@ def _notes(options: NewOptions, finger: str, asking: bool) -> tuple[Note, ...]:
         text = "\n".join(lines)
     else:
         raise InputError("no notebook", "--notes FILE with lines such as 'FDP 950, hook, tip'")
-    notes = read_notes(text, tendons)
-    for note in notes:
-        for name, _ in note.masses_g:
-            if name not in tendons:
-                hint = did_you_mean(name, tendons)
-                raise InputError(f"line {note.line} of the notebook names {name!r}", f"of {' '.join(tendons)}", hint)
-    return notes
-
-
-def _said(note: Note | None) -> str:
-    if note is None:
-        return ""
-    masses = " + ".join(f"{name} {mass:g} g" for name, mass in note.masses_g)
-    return f"{masses}, {note.posture}, {note.location}" + (", validation" if note.role == "validation" else "")
+    return notes_of(text, tendons)
 
 
 def _show(levels: Sequence[Level], choices: Sequence[Choice]) -> None:
     import numpy as np
+
+    from server.application.new_session import SURE, said
 
     rows, tare = [], None
     for i, (level, choice) in enumerate(zip(levels, choices, strict=True), 1):
@@ -282,8 +261,8 @@ def _show(levels: Sequence[Level], choices: Sequence[Choice]) -> None:
         change = (
             "" if tare is None or choice.kind != "load" else f"{np.linalg.norm((level.plateau.mean - tare)[:3]):.2f}"
         )
-        what = _said(choice.note) or choice.kind
-        sure = f"{choice.sure:.2f}" + ("" if choice.sure >= _SURE else " look")
+        what = said(choice.note) or choice.kind
+        sure = f"{choice.sure:.2f}" + ("" if choice.sure >= SURE else " look")
         rows.append([str(i), f"{level.window_s[0]:g} to {level.window_s[1]:g}", change, what, sure])
     table("Plateaus", ["", "window [s]", "change [N]", "taken for", "sure"], rows)
 
@@ -320,13 +299,13 @@ def _postures(options: NewOptions, wanted: Sequence[str], asking: bool) -> dict[
     """Angles of postures [deg]."""
     from daq.lab.drafts import posture_of
     from daq.sessions import plain_document, read_session
+    from server.application.new_session import lacking
 
     known: dict[str, dict[str, float]] = {}
     if options.like is not None:
         known |= plain_document(read_session(options.like)).get("postures_deg", {})
     known |= dict(posture_of(text) for text in options.postures)
-    names = list(dict.fromkeys(wanted))
-    lacks = [name for name in names if name not in known]
+    lacks = lacking(wanted, known)
     if lacks and not asking:
         raise InputError(
             f"the angles of {', '.join(lacks)} are not known",
@@ -334,4 +313,4 @@ def _postures(options: NewOptions, wanted: Sequence[str], asking: bool) -> dict[
         )
     for name in lacks:
         known[name] = posture_of(f"{name}: {input(f'Angles of {name} [deg], such as MCP 0 PIP 65 DIP 50: ')}")[1]
-    return {name: known[name] for name in names}
+    return known

@@ -20,13 +20,16 @@ _STRETCHES = 1500
 _SHADED = "rgba(0,114,178,0.10)"
 
 
-def traces_figure(traces: Traces, plateaus: list[Span], name: str) -> go.Figure:
+def traces_figure(
+    traces: Traces, plateaus: list[Span], name: str, what: str = "candidates, not yet load cases"
+) -> go.Figure:
     """Draw a recording.
 
     Args:
         traces: its channels.
         plateaus: spans to shade, in the traces' time.
         name: of the recording.
+        what: the plateaus are.
     """
     panels = list(dict.fromkeys(traces.units))
     height = len(panels) * (_PANEL_PX + _GAP_PX) + _TOP_PX + _BOTTOM_PX
@@ -56,7 +59,7 @@ def traces_figure(traces: Traces, plateaus: list[Span], name: str) -> go.Figure:
                 )
             )
     layout["legend"] = {"orientation": "h", "x": 0.0, "xanchor": "left", "y": 1.0 + 4 / inner, "yanchor": "bottom"}
-    said = f"{len(traces.t)} readings, {len(plateaus)} plateaus (shaded): candidates, not yet load cases"
+    said = f"{len(traces.t)} readings, {len(plateaus)} plateaus (shaded): {what}"
     margin = {"l": 70, "r": 20, "t": _TOP_PX, "b": _BOTTOM_PX}
     return figure(data, layout, title=plain(name), subtitle=said, height=height, margin=margin)
 

@@ -17,6 +17,7 @@ const INNER = {
 };
 const OTHERS = {
   "": ["Sessions", () => import("./views/sessions.js")],
+  new: ["New session from a recording", () => import("./views/new.js")],
   together: ["Several sessions together", () => import("./views/together.js")],
   fingers: ["Fingers", () => import("./views/fingers.js")],
   studies: ["Published studies", () => import("./views/studies.js")],
@@ -39,7 +40,7 @@ function where() {
 function navigation({ session, view }) {
   const link = (href, title, current) => el("a", { href, "aria-current": current ? "page" : null }, title);
   fill(document.getElementById("nav"),
-    link("#/", "Sessions", !session && view === ""),
+    link("#/", "Sessions", !session && (view === "" || view === "new")),
     session ? Object.entries(VIEWS).map(([name, [title]]) =>
       link(`#/sessions/${encodeURIComponent(session)}/${name}`, title, name === (INNER[view]?.[2] || view))) : null,
     link("#/together", "Together", !session && view === "together"),

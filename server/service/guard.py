@@ -28,7 +28,7 @@ from server.service.workers import run
 OPEN = frozenset({"/api/v1/health/live", "/api/v1/health/ready", "/", "/favicon.ico"})
 PAGES = "/pages/"
 # Sent with POST for the size of their body, but nothing is kept of them.
-READING = ("/api/v1/predictions", "/api/v1/effects/check")
+READING = ("/api/v1/predictions", "/api/v1/effects/check", "/api/v1/recordings")
 # Of a WebSocket: a browser can send a token in no other way.
 PROTOCOL, BEARER_PROTOCOL = "fingertwin", "fingertwin.bearer."
 _SAFE = ("GET", "HEAD", "OPTIONS")

@@ -14,6 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from zipfile import BadZipFile, ZipFile
 
 from daq.checks import check
 from daq.export import sha256_of
@@ -53,12 +54,13 @@ def import_folder(parts: Services, files: Sequence[tuple[str, str]], name: str |
         ProblemError: 409 another session has the id; 413 its readings are too many; 422 it is no session's folder.
         GoneError: the client has gone; nothing is kept.
     """
+    _require_session_file(files)
     with TemporaryDirectory(prefix="fingertwin-") as temporary:
         # The folder's name stands in messages.
         folder = Path(temporary) / "the folder"
         folder.mkdir()
-        _write(folder, files)
-        return _keep(parts, _read(parts, folder), name)
+        write_files(folder, files)
+        return keep_session(parts, _read(parts, folder), name)
 
 
 def import_example(parts: Services, name: str) -> tuple[str, bool]:
@@ -70,17 +72,17 @@ def import_example(parts: Services, name: str) -> tuple[str, bool]:
     known = sorted(p.name for p in (data_dir() / "sessions").iterdir() if p.is_dir())
     if name not in known:
         raise ProblemError(404, f"there is no example {shortened(name)}", f"one of {', '.join(known)}")
-    return _keep(parts, read_session(data_dir() / "sessions" / name), None)
+    return keep_session(parts, read_session(data_dir() / "sessions" / name), None)
 
 
-def _keep(parts: Services, session: Session, name: str | None) -> tuple[str, bool]:
-    """Keep a session with all of its readings, or nothing of it."""
+def keep_session(parts: Services, session: Session, name: str | None) -> tuple[str, bool]:
+    """Keep a session with all of its readings, or nothing of it; what it returns and raises as of `import_folder`."""
     document = whole_document(session, name)
     known = str(document["id"])
     if session.readings_path is None:
         _require_sound(session)
         return known, parts.sessions.create(known, document)
-    _require_unpacked(session.readings_path)
+    require_unpacked(session.readings_path)
     source = open_readings(session.readings_path)
     # Before anything is kept: every row can be used.
     for _ in _limited(source):
@@ -106,13 +108,26 @@ def _require_sound(session: Session) -> None:
         raise ProblemError(422, f"{where}{errors[0].text}{more}", remedy="Mend it in the folder, and send it again")
 
 
-def _write(folder: Path, files: Sequence[tuple[str, str]]) -> None:
+def _require_session_file(files: Sequence[tuple[str, str]]) -> None:
     names = [name for name, _ in files]
     if SESSION_FILE not in names:
         there = f"the files {', '.join(names[:5])}" if names else "no file"
         raise ProblemError(
             422, f"{shortened(there)}, none of them {SESSION_FILE}", f"a session's folder: {SESSION_FILE}, readings"
         )
+
+
+def write_files(folder: Path, files: Sequence[tuple[str, str]]) -> None:
+    """Write files that were sent into a folder.
+
+    Args:
+        folder: that is empty.
+        files: name and content, base64, of each.
+
+    Raises:
+        ProblemError: 422 a name that no file should have, one twice, or what is no base64.
+    """
+    names = [name for name, _ in files]
     twice = [n for i, n in enumerate(names) if n.casefold() in {m.casefold() for m in names[:i]}]
     if twice:
         raise ProblemError(422, f"file {shortened(twice[0])!r} twice", "each file once")
@@ -127,7 +142,7 @@ def _write(folder: Path, files: Sequence[tuple[str, str]]) -> None:
 
 def _read(parts: Services, folder: Path) -> Session:
     data = read_yaml(folder / SESSION_FILE)
-    _require_plain(data)
+    require_plain(data)
     if isinstance(data, Mapping):
         here = {p.name for p in folder.iterdir()}
         known = {"readings": here, "finger": here | parts.sessions.fingers, "protocol": here | {*protocol_names()}}
@@ -148,22 +163,36 @@ def _is_path(value: str) -> bool:
     return "/" in value or "\\" in value
 
 
-def _require_plain(data: Any) -> None:
-    """Refuse a description that is far larger than its text, or holds itself."""
+def require_plain(data: Any, what: str = SESSION_FILE) -> None:
+    """Refuse a description, as read from YAML, that is far larger than its text, or holds itself.
+
+    Raises:
+        ProblemError: 422 it is.
+    """
     level, count = [data] if isinstance(data, dict | list) else [], 0
     for _ in range(_MOST_LEVELS):
         if not level:
             return
         count += sum(map(len, level))
         if count > _MOST_VALUES:
-            raise ProblemError(422, f"{SESSION_FILE} with more than {_MOST_VALUES} values", "a session's description")
+            raise ProblemError(422, f"{what} with more than {_MOST_VALUES} values", "a description")
         values = (v for item in level for v in (item.values() if isinstance(item, dict) else item))
         level = [v for v in values if isinstance(v, dict | list)]
-    raise ProblemError(422, f"{SESSION_FILE} with more than {_MOST_LEVELS} levels", "a session's description")
+    raise ProblemError(422, f"{what} with more than {_MOST_LEVELS} levels", "a description")
 
 
-def _require_unpacked(file: Path) -> None:
-    """Refuse a file that would be far larger unpacked, before all of it is."""
+def require_unpacked(file: Path, most: int | None = None) -> None:
+    """Refuse a file that would be far larger unpacked, before all of it is.
+
+    Args:
+        file: gzip, Parquet, or a spreadsheet, which is a zip archive; others are as large as they are.
+        most: bytes unpacked; by default as of an import.
+
+    Raises:
+        ProblemError: 413 it would.
+        GoneError: the client has gone.
+    """
+    most = most or MOST_BYTES
     with file.open("rb") as stream:
         start = stream.read(4)
     if start == b"PAR1":
@@ -177,16 +206,21 @@ def _require_unpacked(file: Path) -> None:
                 rows = table.metadata.num_rows
         except (ArrowException, OSError):
             return  # said with its place when it is read
-        if rows > MOST_ROWS or size > MOST_BYTES:
-            raise _too_large(f"{rows} rows in {size} bytes")
+        if rows > MOST_ROWS or size > most:
+            raise too_large(f"{rows} rows in {size} bytes", most)
+    elif start == b"PK\x03\x04":
+        with suppress(BadZipFile, OSError), ZipFile(file) as archive:
+            size = sum(part.file_size for part in archive.infolist())
+            if size > most:
+                raise too_large(f"{size} bytes", most)
     elif start[:2] == b"\x1f\x8b":
         size = 0
         with suppress(EOFError, OSError, zlib.error), gzip.open(file) as packed:
             while piece := packed.read(1 << 20):
                 require_client()
                 size += len(piece)
-                if size > MOST_BYTES:
-                    raise _too_large(f"more than {MOST_BYTES} bytes")
+                if size > most:
+                    raise too_large(f"more than {most} bytes", most)
 
 
 def _limited(source: ReadingSource) -> Iterator[ReadingBlock]:
@@ -205,15 +239,16 @@ def _limited(source: ReadingSource) -> Iterator[ReadingBlock]:
         require_increasing(block.t_s, last, rows, source.path.name)
         rows, last = rows + len(block), float(block.t_s[-1])
         if rows > MOST_ROWS:
-            raise _too_large(f"more than {MOST_ROWS} rows")
+            raise too_large(f"more than {MOST_ROWS} rows")
         yield block
 
 
-def _too_large(found: str) -> ProblemError:
+def too_large(found: str, most: int | None = None) -> ProblemError:
+    """What refuses readings that are too many."""
     return ProblemError(
         413,
         f"readings of {found}",
-        f"at most {MOST_ROWS} rows in {MOST_BYTES} bytes unpacked",
+        f"at most {MOST_ROWS} rows in {most or MOST_BYTES} bytes unpacked",
         "Send a longer recording in parts: fingertwin replay SESSION --to ADDRESS --speed max",
     )
 

@@ -269,7 +269,7 @@ node.dispatchEvent(new DragEvent('drop', { dataTransfer: given, bubbles: true, c
 def test_files_that_are_dropped_are_taken_in_too(seen: Watched) -> None:
     seen.open("", "Sessions")
     text = (find_session(PUBLISHED)).read_text().replace(f"id: {PUBLISHED}", "id: dropped", 1)
-    node = seen.page.locator(".drop").element_handle()
+    node = seen.page.locator(".drop", has_text="drop the folder").element_handle()
     seen.page.evaluate(DROP, [node, [["session.yaml", text]]])
     seen.page.get_by_text("dropped is here").wait_for()
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.settings import AMOUNT, FORM_SCALE, SLIP_SHARES
+from fingermodel.model import Model
+from fingermodel.observations import Observations
 from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]
@@ -75,16 +77,28 @@ class Explained:
         return slip.partner if slip is not None and probability >= 0.5 else None
 
 
-class Slips:
+class Entered(Protocol):
+    """Cases as they were entered, with the model of what each would read."""
+
+    @property
+    def model(self) -> Model:
+        """That predicts readings."""
+
+    @property
+    def observations(self) -> Observations:
+        """Of the cases."""
+
+
+class PossibleSlips:
     """All slips of a session's cases, and the readings that they predict.
 
     Args:
-        session: whose cases.
+        entered: the cases.
     """
 
-    def __init__(self, session: Session) -> None:
-        model, observations = session.model, session.observations
-        self._session, self._model, self._observations = session, model, observations
+    def __init__(self, entered: Entered) -> None:
+        model, observations = entered.model, entered.observations
+        self._model, self._observations = model, observations
         self._muscles = model.finger.topology.muscles
         self._tension = np.asarray(observations.inputs.tension)
         self._first = {name: observations.postures.index(name) for name in observations.posture_angles}
@@ -189,6 +203,18 @@ class Slips:
                 yield Slip(
                     "exchanged", words, o.masses_g[other], o.postures[other], self._tension[other], other, 1.0, other
                 )
+
+
+class Slips(PossibleSlips):
+    """The same, weighed against readings that may be anything.
+
+    Args:
+        session: whose cases.
+    """
+
+    def __init__(self, session: Session) -> None:
+        super().__init__(session)
+        self._session = session
 
     def explain(self, apart: Mapping[int, Apart], theta: Floats, scatter: float) -> dict[int, Explained]:
         """Weigh every slip of some cases against a reading that may be anything.

@@ -11,17 +11,7 @@ export function importing(signal) {
   const said = el("div", { role: "status", "aria-live": "polite" });
   const name = el("input", { id: "name", placeholder: "as its description says", autocomplete: "off", pattern: "[A-Za-z0-9][A-Za-z0-9._\\-]{0,99}" });
   const folder = el("input", { id: "folder", type: "file", webkitdirectory: true, onchange: () => { const given = [...folder.files]; folder.value = ""; take(given); } });
-  const drop = el("div", { class: "drop" }, "or drop the folder here");
-  drop.addEventListener("dragover", (e) => { e.preventDefault(); drop.classList.add("over"); });
-  drop.addEventListener("dragleave", () => drop.classList.remove("over"));
-  drop.addEventListener("drop", async (e) => {
-    e.preventDefault();
-    drop.classList.remove("over");
-    // Entries are gone once this function waits.
-    const entries = [...e.dataTransfer.items].map((i) => i.webkitGetAsEntry?.()).filter(Boolean);
-    const files = [...e.dataTransfer.files];
-    take(entries.length ? (await Promise.all(entries.map(within))).flat() : files);
-  });
+  const drop = dropZone("or drop the folder here", take);
 
   async function take(files) {
     const wanted = files.filter((f) => WANTED.test(f.name));
@@ -55,6 +45,22 @@ export function importing(signal) {
     el("div", { class: "row" }, el("div", {}, el("label", { htmlFor: "folder" }, "A session's folder"), folder), drop, el("div", {}, el("label", { htmlFor: "name" }, "Under another name"), name)), said];
 }
 
+/** A place to drop files or folders on, which are taken with the files that lie in them. */
+export function dropZone(title, take) {
+  const drop = el("div", { class: "drop" }, title);
+  drop.addEventListener("dragover", (e) => { e.preventDefault(); drop.classList.add("over"); });
+  drop.addEventListener("dragleave", () => drop.classList.remove("over"));
+  drop.addEventListener("drop", async (e) => {
+    e.preventDefault();
+    drop.classList.remove("over");
+    // Entries are gone once this function waits.
+    const entries = [...e.dataTransfer.items].map((i) => i.webkitGetAsEntry?.()).filter(Boolean);
+    const files = [...e.dataTransfer.files];
+    take(entries.length ? (await Promise.all(entries.map(within))).flat() : files);
+  });
+  return drop;
+}
+
 /** Files of a dropped folder, without those of folders within it. */
 async function within(entry) {
   const file = (e) => new Promise((resolve, reject) => e.file(resolve, reject));
@@ -69,12 +75,13 @@ async function within(entry) {
 }
 
 /** A file's bytes; long texts are packed, which the service takes under any name. */
-async function content(file) {
-  if (file.size < PACKED_FROM || !/\.csv$/i.test(file.name)) return file.arrayBuffer();
+export async function content(file) {
+  if (file.size < PACKED_FROM || !/\.(csv|tsv|txt|dat|lvm)$/i.test(file.name)) return file.arrayBuffer();
   return new Response(file.stream().pipeThrough(new CompressionStream("gzip"))).arrayBuffer();
 }
 
-function base64(buffer) {
+/** Bytes as the service takes them in JSON. */
+export function base64(buffer) {
   return new Promise((resolve, reject) => {
     const reader = new FileReader();
     reader.onload = () => resolve(reader.result.slice(reader.result.indexOf(",") + 1));

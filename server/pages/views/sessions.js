@@ -2,7 +2,8 @@
 import { get, post } from "../api.js";
 import { el, empty, fill, notice, panel, problem, quiet, table } from "../dom.js";
 import { when } from "../format.js";
-import { importing } from "./importing.js";
+import { dropZone, importing } from "./importing.js";
+import { handed } from "./new.js";
 
 const FORMATS = [["csv", "cases, CSV"], ["columns", "what the CSV's columns are"], ["parquet", "cases, Parquet"], ["hdf5", "cases and readings, HDF5"], ["mat", "cases and readings, MATLAB"],
   ["c3d", "the six channels, C3D"], ["folder", "the session's folder"], ["supplement", "supplement for a paper"]];
@@ -20,6 +21,8 @@ export async function view(main) {
 
   fill(main, el("h1", {}, "Sessions"),
     panel(null, el("div", { class: "row" }, el("div", {}, el("label", { htmlFor: "search" }, "Search by session or specimen"), found)), list),
+    panel("New session from a recording", quiet("Drop what the rig recorded (CSV, TDMS, LVM, Parquet, Excel): it is drawn, columns and units are proposed, and your notebook is laid onto its plateaus."),
+      el("div", { class: "row" }, el("a", { class: "button", href: "#/new" }, "Choose recordings"), dropZone("or drop them here", (files) => { handed(files); location.hash = "#/new"; }))),
     panel("Import a session", importing(away.signal)), specimens);
 
   async function load() {

@@ -57,7 +57,7 @@ def create(body: NewSession, request: Request) -> JsonAnswer:
     parts = of(request)
     new = parts.sessions.create(body.id, body.document)
     headers = {"Location": f"/api/v1/sessions/{body.id}"}
-    return JsonAnswer(_shown(parts, body.id), 201 if new else 200, headers)
+    return JsonAnswer(shown_session(parts, body.id), 201 if new else 200, headers)
 
 
 @kept.get("", responses=documented(SessionList))
@@ -75,7 +75,7 @@ def listed(
 @kept.get("/{session}", responses=documented(SessionShown))
 def read(session: SessionId, request: Request) -> JsonAnswer:
     """Return a session: where it comes from, its streams, and how far its cases are."""
-    return JsonAnswer(_shown(of(request), session))
+    return JsonAnswer(shown_session(of(request), session))
 
 
 @kept.get("/{session}/document", responses=documented(Shown))
@@ -99,7 +99,7 @@ def close(session: SessionId, request: Request) -> JsonAnswer:
     """Close a session: predictions of its validation cases may be seen from here on."""
     parts = of(request)
     parts.sessions.close(session)
-    return JsonAnswer(_shown(parts, session))
+    return JsonAnswer(shown_session(parts, session))
 
 
 @kept.get("/{session}/cases", responses=documented(CaseList))
@@ -149,7 +149,7 @@ async def import_session(body: Folder, request: Request) -> JsonAnswer:
     parts = of(request)
     files = [(f.name, f.base64) for f in body.files]
     name, new = await run("apart", import_folder, parts, files, body.id)
-    answer = await run("readers", _shown, parts, name) | {"already_there": not new}
+    answer = await run("readers", shown_session, parts, name) | {"already_there": not new}
     return JsonAnswer(answer, 201 if new else 200, {"Location": f"/api/v1/sessions/{name}"})
 
 
@@ -160,7 +160,7 @@ async def import_shipped(name: ExampleName, request: Request) -> JsonAnswer:
     """Take in a session that comes with the software, with its readings; once more is a success (200)."""
     parts = of(request)
     made, new = await run("apart", import_example, parts, name)
-    answer = await run("readers", _shown, parts, made) | {"already_there": not new}
+    answer = await run("readers", shown_session, parts, made) | {"already_there": not new}
     return JsonAnswer(answer, 201 if new else 200, {"Location": f"/api/v1/sessions/{made}"})
 
 
@@ -266,7 +266,12 @@ def _case(parts: Services, session: str, case: str) -> dict[str, Any]:
     return found
 
 
-def _shown(parts: Services, session: str) -> dict[str, Any]:
+def shown_session(parts: Services, session: str) -> dict[str, Any]:
+    """A session as it is answered: where it comes from, its streams, and how far its cases are.
+
+    Raises:
+        ProblemError: 404 there is none.
+    """
     measured = parts.measuring.of(session)
     record = measured.record
     with parts.database.reading() as connection:

@@ -1,0 +1,54 @@
+"""Recordings that become a session: look, lay, draft, and keep."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Request
+
+from server.service.answers import JsonAnswer
+from server.service.new_sessions import draft, keep, lay, look
+from server.service.routes.sessions import shown_session
+from server.service.schemas.common import documented
+from server.service.schemas.recordings import AskedLaying, AskedLook, Drafted, Laid, LookedAt, NewFromRecordings
+from server.service.schemas.sessions import SessionImported
+from server.service.services import of
+from server.service.strict import StrictRoute
+from server.service.workers import run
+
+looking = APIRouter(route_class=StrictRoute, prefix="/recordings", tags=["sessions"])
+keeping = APIRouter(route_class=StrictRoute, prefix="/imports", tags=["sessions"])
+
+
+@looking.post("/look", responses=documented(LookedAt))
+async def look_at(body: AskedLook, request: Request) -> JsonAnswer:
+    """Look at a lab's recordings: channels, traces, plateaus, and which channel is which; nothing is kept."""
+    return JsonAnswer(await run("apart", look, body.sent, body.mapping, body.theme))
+
+
+@looking.post("/lay", responses=documented(Laid))
+async def lay_notebook(body: AskedLaying, request: Request) -> JsonAnswer:
+    """Lay a notebook onto the plateaus of recordings, in order, with how sure each is; nothing is kept."""
+    return JsonAnswer(await run("apart", lay, body.sent, body.mapping, body.notes, body.finger, body.theme))
+
+
+@looking.post("/draft", responses=documented(Drafted))
+async def draft_session(body: NewFromRecordings, request: Request) -> JsonAnswer:
+    """Say what a session of recordings would lack, and which case looks like another load; nothing is kept."""
+    return JsonAnswer(await run("apart", draft, body))
+
+
+@keeping.post(
+    "/recordings",
+    status_code=201,
+    responses=documented(SessionImported, status=201) | {200: {"model": SessionImported}},
+)
+async def keep_recordings(body: NewFromRecordings, request: Request) -> JsonAnswer:
+    """Make a session of recordings and keep it with its readings; the very same again is a success (200)."""
+    parts = of(request)
+    name, new = await run("apart", keep, parts, body)
+    answer = await run("readers", shown_session, parts, name) | {"already_there": not new}
+    return JsonAnswer(answer, 201 if new else 200, {"Location": f"/api/v1/sessions/{name}"})
+
+
+router = APIRouter()
+router.include_router(looking)
+router.include_router(keeping)
