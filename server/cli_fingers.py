@@ -44,6 +44,58 @@ def scale(
 
 
 @app.command(rich_help_panel=STUDY)
+def plan(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Write finger, protocol, notebook and sheet there.")],
+    finger: Annotated[
+        str | None, typer.Option(metavar="FINGER", help="Load this shipped finger or finger file.")
+    ] = None,
+    bone: Annotated[
+        list[str] | None,
+        typer.Option(metavar="BONE=MM", help="Scale the finger to a specimen's bone, joint to joint [mm]; repeatable."),
+    ] = None,
+    moment_arm: Annotated[
+        list[str] | None,
+        typer.Option(metavar="TENDON@JOINT=MM", help="Give a measured mean moment arm [mm]; repeatable."),
+    ] = None,
+    reference: Annotated[
+        list[str] | None,
+        typer.Option(metavar="BONE=MM", help="Give the length of the finger's own bone, measured alike; repeatable."),
+    ] = None,
+    protocol: Annotated[
+        str | None, typer.Option(metavar="PROTOCOL", help="Hang what this file or shipped protocol says.")
+    ] = None,
+    loads: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Hang this instead: lines such as 'FDP 950, hook, tip'.")
+    ] = None,
+    posture: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME: ANGLES", help="Set a posture, such as 'hook: MCP 0 PIP 65 DIP 50'; repeatable."),
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Keep this posture of the protocol; repeatable.")
+    ] = None,
+    title: Annotated[str | None, typer.Option(help="Write this above the sheet; by default the folder's name.")] = None,
+    json: Json = None,
+) -> None:
+    """Plan a bench day: scale a finger, choose postures and loads, write the sheet to tick (asks for what it lacks)."""
+    from server.commands.plan import PlanOptions, plan_bench
+
+    options = PlanOptions(
+        out=out,
+        finger=finger,
+        bones=tuple(bone or ()),
+        moment_arms=tuple(moment_arm or ()),
+        references=tuple(reference or ()),
+        protocol=protocol,
+        loads=loads,
+        postures=tuple(posture or ()),
+        only=tuple(only or ()),
+        title=title,
+    )
+    plan_bench(options, json)
+
+
+@app.command(rich_help_panel=STUDY)
 def species(
     of: Annotated[
         str | None,
