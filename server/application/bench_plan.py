@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
@@ -13,9 +13,10 @@ from daq.errors import InputError
 from daq.files import replacing
 from daq.lab.notebook import Note
 from daq.protocols import PlannedCase, Protocol, plan
-
-if TYPE_CHECKING:
-    from fingermodel.fingers import Finger
+from daq.vocabulary import did_you_mean
+from fingermodel.fingers import Finger
+from fingermodel.observations import posture_rad
+from server.figures.bench_sheet import write_bench_sheet
 
 PROTOCOL, FINGER, NOTES, SHEET = "protocol.yaml", "finger.yaml", "notes.txt", "bench-sheet.pdf"
 # Of loads that were typed: as the shipped protocols have it [s].
@@ -77,9 +78,6 @@ def require_fits(protocol: Protocol, finger: Finger) -> None:
     Raises:
         InputError: a tendon or an angle that the finger does not have.
     """
-    from daq.vocabulary import did_you_mean
-    from fingermodel.observations import posture_rad
-
     for tendon in protocol.heaviest_g():
         if tendon not in finger.topology.muscles:
             raise InputError(
@@ -117,8 +115,6 @@ def write_plan(
     Returns:
         What was written, how many cases there are, and how long they take [s].
     """
-    from server.figures.bench_sheet import write_bench_sheet
-
     cases, length_s = plan(protocol)
     out.mkdir(parents=True, exist_ok=True)
     plain = protocol.model_dump(mode="json", exclude_defaults=True)

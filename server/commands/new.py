@@ -5,19 +5,47 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+from rich.prompt import Confirm, FloatPrompt, Prompt
+
+from daq.checks import check
 from daq.errors import InputError
+from daq.lab.drafts import Choice, is_readings_file, joined, posture_of, still_missing
+from daq.lab.files import LabFileMap, read_mapping
+from daq.lab.levels import Level
+from daq.lab.notebook import Note, read_notes
+from daq.lab.proposals import propose_mapping
+from daq.lab.traces import as_recording
+from daq.sessions import plain_document, read_session, read_yaml
+from fingermodel.finger_files import finger_names, read_finger
+from server.application.exporting import writing
+from server.application.new_session import (
+    MAPPING,
+    MASSES_IN_GRAMS,
+    REQUIRED,
+    SESSION,
+    SURE,
+    LaidNotes,
+    Suspect,
+    document_of,
+    header_of,
+    lacking,
+    lay_notes,
+    levels_of,
+    notes_of,
+    said,
+    session_of,
+    suspects,
+    write_new,
+)
+from server.application.workflow import open_bench
 from server.commands.console import answer, progress, say, table
-
-if TYPE_CHECKING:
-    from daq.lab.drafts import Choice
-    from daq.lab.files import LabFileMap
-    from daq.lab.levels import Level
-    from daq.lab.notebook import Note
-    from server.application.new_session import Suspect
+from server.commands.lab_files import show_proposal
 
 
 @dataclass(frozen=True)
@@ -48,22 +76,6 @@ def new_session(options: NewOptions, json: str | None) -> None:
     Raises:
         InputError: something cannot be read, or is not known and cannot be asked for.
     """
-    from contextlib import ExitStack
-
-    from daq.lab.drafts import joined, still_missing
-    from daq.lab.traces import as_recording
-    from server.application.exporting import writing
-    from server.application.new_session import (
-        MASSES_IN_GRAMS,
-        SESSION,
-        LaidNotes,
-        document_of,
-        lay_notes,
-        levels_of,
-        session_of,
-        write_new,
-    )
-
     if (options.out / SESSION).exists():
         raise InputError(f"{options.out.name} has a session already", "a new folder", "Choose another --out")
     asking = not options.yes and json != "-" and sys.stdin.isatty() and sys.stdout.isatty()
@@ -104,8 +116,6 @@ def _report(
     missing: Sequence[str],
     json: str | None,
 ) -> None:
-    from daq.checks import check
-    from server.application.new_session import SURE
 
     found = check(options.out)
     alike, why_not = _suspects(options.out)
@@ -130,9 +140,6 @@ def _report(
 
 def _suspects(folder: Path) -> tuple[list[Suspect], str]:
     """Cases that look like something else, or why the model could not be held against the session."""
-    from server.application.new_session import suspects
-    from server.application.workflow import open_bench
-
     try:
         with progress("Holding each case against the model"):
             return suspects(open_bench(folder)), ""
@@ -142,9 +149,6 @@ def _suspects(folder: Path) -> tuple[list[Suspect], str]:
 
 def _header(options: NewOptions, asking: bool) -> dict[str, Any]:
     """Specimen, finger, cell and friction: of an earlier session, of a setup, or asked for."""
-    from daq.sessions import plain_document, read_session, read_yaml
-    from server.application.new_session import REQUIRED, header_of
-
     out: dict[str, Any] = {}
     if options.like is not None:
         out |= header_of(plain_document(read_session(options.like)))
@@ -166,9 +170,6 @@ def _header(options: NewOptions, asking: bool) -> dict[str, Any]:
 
 
 def _ask_header(lacks: Sequence[str]) -> dict[str, Any]:
-    from rich.prompt import FloatPrompt, Prompt
-
-    from fingermodel.finger_files import finger_names
 
     out: dict[str, Any] = {}
     if "specimen" in lacks:
@@ -194,12 +195,6 @@ def _ask_header(lacks: Sequence[str]) -> dict[str, Any]:
 
 def _mapping(options: NewOptions, recordings: Sequence[Path], asking: bool) -> LabFileMap | None:
     """Which channel is which, confirmed; None where every recording is a readings file."""
-    from daq.lab.drafts import is_readings_file
-    from daq.lab.files import read_mapping
-    from daq.lab.proposals import propose_mapping
-    from server.application.new_session import MAPPING
-    from server.commands.lab_files import show_proposal
-
     first = next((path for path in recordings if not is_readings_file(path)), None)
     if first is None:
         return None
@@ -210,8 +205,6 @@ def _mapping(options: NewOptions, recordings: Sequence[Path], asking: bool) -> L
         return read_mapping(known)
     proposal = propose_mapping(first)
     if asking:
-        from rich.prompt import Confirm, Prompt
-
         show_proposal(first.name, proposal)
         channels = {
             key: taken if taken.unit else taken.model_copy(update={"unit": Prompt.ask(f"Unit of {taken.channel}")})
@@ -226,8 +219,6 @@ def _mapping(options: NewOptions, recordings: Sequence[Path], asking: bool) -> L
 
 
 def _notes(options: NewOptions, finger: str, asking: bool) -> tuple[Note, ...]:
-    from fingermodel.finger_files import read_finger
-    from server.application.new_session import notes_of
 
     tendons = read_finger(finger, options.setup.parent if options.setup else None).topology.muscles
     if options.notes is not None:
@@ -250,9 +241,6 @@ def _notes(options: NewOptions, finger: str, asking: bool) -> tuple[Note, ...]:
 
 
 def _show(levels: Sequence[Level], choices: Sequence[Choice]) -> None:
-    import numpy as np
-
-    from server.application.new_session import SURE, said
 
     rows, tare = [], None
     for i, (level, choice) in enumerate(zip(levels, choices, strict=True), 1):
@@ -269,11 +257,6 @@ def _show(levels: Sequence[Level], choices: Sequence[Choice]) -> None:
 
 def _asked(choices: list[Choice], finger: str) -> list[Choice]:
     """Let somebody change lines of the table until nothing more is to be changed."""
-    from rich.prompt import Prompt
-
-    from daq.lab.notebook import read_notes
-    from fingermodel.finger_files import read_finger
-
     tendons = read_finger(finger).topology.muscles
     while line := Prompt.ask(
         "Change one, such as '7 tare', '7 skip' or '7 FDP 300, hook, tip'; Enter takes all", default=""
@@ -297,10 +280,6 @@ def _asked(choices: list[Choice], finger: str) -> list[Choice]:
 
 def _postures(options: NewOptions, wanted: Sequence[str], asking: bool) -> dict[str, dict[str, float]]:
     """Angles of postures [deg]."""
-    from daq.lab.drafts import posture_of
-    from daq.sessions import plain_document, read_session
-    from server.application.new_session import lacking
-
     known: dict[str, dict[str, float]] = {}
     if options.like is not None:
         known |= plain_document(read_session(options.like)).get("postures_deg", {})

@@ -6,14 +6,30 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from rich.prompt import Prompt
 
 from daq.errors import InputError
+from daq.lab.drafts import posture_of
+from daq.protocols import Protocol, protocol_names, read_protocol
+from fingermodel.finger_files import finger_names, read_finger
+from fingermodel.fingers import Finger
+from fingermodel.studies.scaling import scale_finger, write_scaled
+from server.application.bench_plan import (
+    FINGER,
+    NOTES,
+    PROTOCOL,
+    SHEET,
+    in_postures,
+    protocol_of,
+    require_fits,
+    write_plan,
+)
+from server.application.exporting import writing
+from server.application.new_session import lacking, notes_of
 from server.commands.console import answer, progress, say
-
-if TYPE_CHECKING:
-    from daq.protocols import Protocol
-    from fingermodel.fingers import Finger
+from server.commands.scaling import measures
 
 
 @dataclass(frozen=True)
@@ -47,9 +63,6 @@ def plan_bench(options: PlanOptions, json: str | None) -> None:
     Raises:
         InputError: something cannot be used, or is not known and cannot be asked for.
     """
-    from server.application.bench_plan import FINGER, NOTES, PROTOCOL, SHEET, require_fits, write_plan
-    from server.application.exporting import writing
-
     if (options.out / PROTOCOL).exists():
         raise InputError(f"{options.out.name} has a plan already", "a new folder", "Choose another --out")
     if options.protocol is not None and options.loads is not None:
@@ -63,8 +76,6 @@ def plan_bench(options: PlanOptions, json: str | None) -> None:
             options.out, protocol, finger, list(bones.items()), options.title or options.out.resolve().name
         )
         if scaled is not None:
-            from server.scaling import write_scaled
-
             write_scaled(scaled, options.out / FINGER)
     named = str(options.out / FINGER) if scaled else finger.id
     body: dict[str, Any] = {"plan": str(options.out), "finger": named, "sheet": str(options.out / SHEET), **told}
@@ -86,20 +97,13 @@ def plan_bench(options: PlanOptions, json: str | None) -> None:
 
 def _finger(options: PlanOptions, asking: bool) -> tuple[Finger, Mapping[str, float], Any]:
     """The finger, lengths of bones that were given [mm], and how it was scaled; None where it was not."""
-    from fingermodel.finger_files import finger_names, read_finger
-    from server.scaling import measures, scale_finger
-
     name, bones, arms = options.finger, list(options.bones), list(options.moment_arms)
     if name is None and asking:
-        from rich.prompt import Prompt
-
         name = Prompt.ask(f"Finger: a file, or one of {', '.join(finger_names())}", default="an1979_middle")
     if name is None:
         raise InputError("no finger", f"--finger FILE, or one of {', '.join(finger_names())}")
     base = read_finger(name)
     if asking and not bones:
-        from rich.prompt import Prompt
-
         say("Lengths of the specimen's bones in mm, joint to joint; Enter leaves one to the mean of the others")
         given = {bone: Prompt.ask(f"  {bone}", default="") for bone in base.topology.bones[1:]}
         bones = [f"{bone}={text}" for bone, text in given.items() if text]
@@ -119,10 +123,6 @@ def _finger(options: PlanOptions, asking: bool) -> tuple[Finger, Mapping[str, fl
 
 
 def _protocol(options: PlanOptions, finger: Finger, asking: bool) -> Protocol:
-    from daq.lab.drafts import posture_of
-    from daq.protocols import protocol_names, read_protocol
-    from server.application.bench_plan import in_postures, protocol_of
-    from server.application.new_session import notes_of
 
     postures = dict(posture_of(text) for text in options.postures)
     name, loads = options.protocol, None
@@ -132,8 +132,6 @@ def _protocol(options: PlanOptions, finger: Finger, asking: bool) -> Protocol:
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"{options.loads} cannot be read ({error})", "loads as text or CSV") from error
     if name is None and loads is None and asking:
-        from rich.prompt import Prompt
-
         name = Prompt.ask(
             f"Protocol: a file, one of {', '.join(protocol_names())}, or 'own' to type the loads", default="levels"
         )
@@ -147,8 +145,6 @@ def _protocol(options: PlanOptions, finger: Finger, asking: bool) -> Protocol:
         raise InputError("no loads", f"--protocol FILE or one of {', '.join(protocol_names())}, or --loads FILE")
     protocol, only = read_protocol(name), options.only
     if asking and not only and not postures:
-        from rich.prompt import Prompt
-
         for posture, angles in protocol.postures_deg.items():
             say(f"  {posture}: {' '.join(f'{joint} {angle:g}' for joint, angle in angles.items())}")
         only = tuple(Prompt.ask("Postures to keep, or Enter for all", default="").replace(",", " ").split())
@@ -164,8 +160,6 @@ def _typed() -> str:
 
 
 def _asked(names: Sequence[str], known: Mapping[str, Any]) -> dict[str, dict[str, float]]:
-    from daq.lab.drafts import posture_of
-    from server.application.new_session import lacking
 
     return {
         name: posture_of(f"{name}: {input(f'Angles of {name} [deg], such as MCP 0 PIP 65 DIP 50: ')}")[1]

@@ -32,9 +32,9 @@ def scale_specimen(
         raise InputError(f"--out {out} is the finger that is scaled", "another file", "Choose another --out")
     scaled = scale_finger(
         finger,
-        _measures(bones, "--bone", "PP=40.1"),
-        _measures(moment_arms, "--moment-arm", "FDP@MCP=10.2"),
-        _measures(references, "--reference", "DP=19.0"),
+        measures(bones, "--bone", "PP=40.1"),
+        measures(moment_arms, "--moment-arm", "FDP@MCP=10.2"),
+        measures(references, "--reference", "DP=19.0"),
         out.stem,
         postures,
     )
@@ -71,7 +71,7 @@ def _show(scaled: Scaled) -> None:
         say(assumption)
 
 
-def _measures(entries: Sequence[str], option: str, example: str) -> dict[str, float]:
+def measures(entries: Sequence[str], option: str, example: str) -> dict[str, float]:
     """Lengths in mm by name, from entries such as `PP=40.1`.
 
     Raises:

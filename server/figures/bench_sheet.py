@@ -11,6 +11,8 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.backends.backend_pdf import FigureCanvasPdf, PdfPages
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 
 from daq.files import replacing
 from daq.protocols import PlannedCase, Protocol
@@ -51,15 +53,11 @@ class _Pages:
 
     def line(self, x0: float, x1: float, width: float = 0.5) -> None:
         """Draw a line just below the text [mm]."""
-        from matplotlib.lines import Line2D
-
         y = 1.0 - (self.y + 1.6) / _HEIGHT
         self.figures[-1].add_artist(Line2D([x0 / _WIDTH, x1 / _WIDTH], [y, y], linewidth=width, color="black"))
 
     def box(self, x: float) -> None:
         """Draw a box to tick [mm]."""
-        from matplotlib.patches import Rectangle
-
         place = (x / _WIDTH, 1.0 - (self.y + 0.6) / _HEIGHT)
         self.figures[-1].add_artist(
             Rectangle(

@@ -18,10 +18,10 @@ from daq.checks import measure_and_check
 from daq.columns import QUANTITIES
 from daq.documents import validated
 from daq.errors import InputError, ReadingsError
-from daq.lab.channels import open_channels
 from daq.lab.drafts import Choice, is_readings_file, joined, still_missing
 from daq.lab.files import AXES, WANTED, Increment, LabFileMap, Taken
 from daq.lab.notebook import Note
+from daq.lab.opened import open_channels
 from daq.lab.proposals import grounds, propose_mapping, stated_unit
 from daq.lab.traces import Traces, read_traces
 from daq.readings import ReadingBlock
