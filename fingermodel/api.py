@@ -65,6 +65,7 @@ def refit(
 
     Raises:
         SessionError: no identification case.
+        InputError: no such method, or a plane with `slsqp`, which is posed in the sagittal plane.
 
     Example:
         >>> from fingermodel import Session, refit
@@ -74,11 +75,16 @@ def refit(
         >>> fit.parameters[0].unit
         'mm'
     """
+    from daq.errors import InputError
     from fingermodel.eq5 import refit_slsqp
     from fingermodel.identification import refit_map
     from fingermodel.problems import eq5_problem, map_problem
 
+    if method not in ("map", "slsqp"):
+        raise InputError(f"method {method!r}", "map or slsqp")
     if method == "slsqp":
+        if plane is not None:
+            raise InputError(f"plane {plane!r} with method 'slsqp'", "no plane", "Eq 5 is posed in the sagittal plane")
         return refit_slsqp(eq5_problem(session.model, session.observations))
     problem = map_problem(session.model, session.observations, plane, session.loaded.added)
     return refit_map(problem, start=session.theta if session.refitted else None, starts=starts, progress=progress)

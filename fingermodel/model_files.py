@@ -235,12 +235,18 @@ def free_path(folder: Path, session: str) -> Path:
     return path
 
 
-def read_revision(path: Path) -> Revision:
+def read_revision(file: str | os.PathLike[str]) -> Revision:
     """Read a revision.
 
+    Args:
+        file: its path.
+
     Raises:
-        ModelError: not a revision, or a damaged one.
+        ModelError: no such file, not a revision, or a damaged one.
     """
+    path = Path(file)
+    if not path.is_file():
+        raise ModelError(f"no model file {path}", "a revision written by `fingertwin refit --out`")
     try:
         document = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=unique_keys)
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
@@ -301,10 +307,7 @@ def load_model(
             holds the whole catalogue anyway, so that all share one compiled program.
     """
     if isinstance(name, str | os.PathLike) and Path(name).suffix == ".json":
-        path = Path(name)
-        if not path.is_file():
-            raise ModelError(f"no model file {path}", "a revision written by `fingertwin refit --out`")
-        name = read_revision(path)
+        name = read_revision(name)
     if isinstance(name, Revision):
         return _from_revision(name, session_id, layout, effects)
     if isinstance(name, Finger):

@@ -117,8 +117,7 @@ def predictor_of(model: Finger | Revision | Session | str | os.PathLike[str]) ->
     if isinstance(model, Session):
         return Predictor.of_session(model)
     if isinstance(model, str | os.PathLike):
-        path = Path(model)
-        model = read_revision(path) if path.suffix == ".json" else read_finger(model)
+        model = read_revision(model) if Path(model).suffix == ".json" else read_finger(model)
     return Predictor(model)
 
 

@@ -145,6 +145,19 @@ def test_a_session_predicts_with_its_fitted_model(session: Session, tmp_path: Pa
     np.testing.assert_allclose(predict(worn, posture, load).tip_force_N, 0.9 * whole.tip_force_N, rtol=1e-9)
 
 
+def test_a_refit_refuses_what_it_cannot_do(session: Session) -> None:
+    with pytest.raises(InputError, match="expected map or slsqp"):
+        refit(session, "newton")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="plane 'space' with method 'slsqp'"):
+        refit(session, "slsqp", plane="space")
+
+
+def test_a_model_that_is_not_there_is_said_in_a_line(tmp_path: Path) -> None:
+    for asked in (lambda: read_revision(tmp_path / "no.json"), lambda: predict(tmp_path / "no.json", {}, {"FDP": 1.0})):
+        with pytest.raises(InputError, match="no model file"):
+            asked()
+
+
 def test_a_prediction_refuses_what_it_cannot_use() -> None:
     posture = {"PIP": 65.0, "DIP": 50.0}
     with pytest.raises(InputError, match="no load; expected one of masses_g and tensions_N"):
