@@ -44,14 +44,14 @@ class Searched:
     Attributes:
         hyper: axes of the hyperparameters.
         fits: the best optimum of each explanation.
-        promised: log posterior of explanations that were not fitted.
+        promised: log posterior and log prior of explanations that were not fitted.
         bad: log odds of each case that is taken for a bad one, by index of the case.
         slips: what may have been done in these instead of what was entered.
     """
 
     hyper: Hyperparameters
     fits: dict[Explanation, Optimum]
-    promised: dict[Explanation, float]
+    promised: dict[Explanation, tuple[float, float]]
     bad: dict[int, float] = field(default_factory=dict)
     slips: dict[int, Explained] = field(default_factory=dict)
 
@@ -367,11 +367,12 @@ class Searcher:
             start = leader.expected(fit.explanation, leader.best)
             self._keep(self._fitter.fit(fit.explanation, start, fit.best, self._bad))
 
-    def _rest(self) -> dict[Explanation, float]:
-        """What the leader promises explanations that were not fitted."""
+    def _rest(self) -> dict[Explanation, tuple[float, float]]:
+        """What the leader promises explanations that were not fitted, and their log prior."""
         leader = self._leader
         offers = dict.fromkeys([*self._candidates.neighbours(leader.explanation), *self._singles])
-        return self._promised(leader, [e for e in offers if e not in self._fits], [leader.best])
+        promised = self._promised(leader, [e for e in offers if e not in self._fits], [leader.best])
+        return {e: (value, self._log_prior(e)) for e, value in promised.items()}
 
 
 def _best_forms(promised: dict[Explanation, float]) -> list[Explanation]:

@@ -35,9 +35,9 @@ STATED_FACTOR = 1.5
 NOISE_MULTIPLES = np.array([1.0, 1.41, 2.0, 2.83, 4.0, 5.66, 8.0])
 ASSUMED_NOISE_MULTIPLES = np.array([0.18, 0.25, 0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83])
 P_NOISE = 0.05
-# For how many independent readings one reading counts when explanations are weighed. Neighbouring readings share errors
-# that no term describes, however many terms there are.
-COUNTS_FOR = 0.7
+# Power to which the evidence counts when explanations are weighed against each other. No model of a bench is complete,
+# and what it lacks is alike in neighbouring readings: they say less than as many independent ones.
+EVIDENCE_POWER = 0.7
 # A bad case: how often, and how far its force may then be off [N].
 P_BAD = 0.002
 BAD_N = 1.5

@@ -227,7 +227,7 @@ def ready_made(d: Diagnosis) -> list[dict[str, Any]]:
     posterior = d.posterior
     out: list[dict[str, Any]] = []
     fits = [f for f in posterior.fits.values() if any(m.candidate.outside for m in f.explanation.members)]
-    for fit in sorted(fits, key=lambda f: -f.log_posterior):
+    for fit in sorted(fits, key=posterior.weight, reverse=True):
         for member in fit.explanation.members:
             name = member.candidate.effect
             if not member.candidate.outside or any(o["effect"] == name for o in out):
@@ -265,7 +265,7 @@ def ranking(d: Diagnosis) -> list[dict[str, Any]]:
     posterior = d.posterior
     probability = posterior.of_explanations()
     fits: dict[tuple[str, ...], Optimum] = {}
-    for fit in sorted(posterior.fits.values(), key=lambda f: -f.log_posterior):
+    for fit in sorted(posterior.fits.values(), key=posterior.weight, reverse=True):
         fits.setdefault(fit.explanation.names, fit)
     rows = [_row(d, fit, probability.get(names, 0.0)) for names, fit in fits.items()]
     rows.append(

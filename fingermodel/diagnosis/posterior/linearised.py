@@ -18,7 +18,6 @@ from fingermodel.diagnosis.posterior.hyper import FAMILIES, NOISE, SCATTER, Hype
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Rows, Session, WhitenedSmooth, whitened
-from fingermodel.diagnosis.settings import COUNTS_FOR
 from fingermodel.fit_report import held_at_bound
 from fingermodel.identification import slopes_of
 
@@ -40,7 +39,6 @@ class Inner:
 
     Attributes:
         smooth: columns that every explanation shares.
-        counts: for how many independent readings one counts.
         blocks: (n, k) whitened columns.
         products: (k, l) of two blocks.
         beside: the same with the weights of what always acts left open.
@@ -48,7 +46,6 @@ class Inner:
     """
 
     smooth: WhitenedSmooth
-    counts: float
     blocks: dict[str, Floats] = field(default_factory=dict)
     products: dict[tuple[str, str], Floats] = field(default_factory=dict)
     beside: dict[tuple[str, str], Floats] = field(default_factory=dict)
@@ -80,7 +77,7 @@ class Linearised:
     bad: frozenset[int]
 
     @cached_property
-    def _inner(self) -> dict[tuple[int, int, frozenset[int], float], Inner]:
+    def _inner(self) -> dict[tuple[int, int, frozenset[int]], Inner]:
         return {}
 
     def forget(self) -> None:
@@ -196,21 +193,19 @@ class Linearised:
         smooth = [f"smooth{k}" for k in range(FAMILIES)]
         return [ALWAYS, BUDGET, ANATOMY, *(name for name in [*smooth, *forms] if self.width(name, node) > 0.0)]
 
-    def quadratic(
-        self, names: Sequence[str], node: Node, bad: frozenset[int] | None = None, counts: float = COUNTS_FOR
-    ) -> tuple[Quadratic, float]:
+    def quadratic(self, names: Sequence[str], node: Node, bad: frozenset[int] | None = None) -> tuple[Quadratic, float]:
         """Misfit as a function of the weights of some blocks, in their order; and minus half the noise's ln det.
 
         What always acts is eliminated where it is not among the blocks. That depends on the noise alone, and is done
         once for all nodes that share it.
         """
-        inner = self._inner_at(node, self.bad if bad is None else bad, counts)
+        inner = self._inner_at(node, self.bad if bad is None else bad)
         # Nodes that follow each other mostly differ in the widths of the priors alone.
         key = (id(inner), *names)
         if key not in self._latest:
             self._latest.clear()
             self._latest[key] = self._assembled(inner, names)
-        return self._latest[key], -0.5 * counts * inner.smooth.log_det
+        return self._latest[key], -0.5 * inner.smooth.log_det
 
     def _assembled(self, inner: Inner, names: Sequence[str]) -> Quadratic:
         sizes = [self.size(name) for name in names]
@@ -262,12 +257,12 @@ class Linearised:
                 inner.beside[a, b].flat[:: len(plain) + 1] += self.size(ALWAYS) * _EPS * np.diag(plain)
         return inner.beside[a, b]
 
-    def _inner_at(self, node: Node, bad: frozenset[int], counts: float = COUNTS_FOR) -> Inner:
-        key = (node[SCATTER], node[NOISE], bad, counts)
+    def _inner_at(self, node: Node, bad: frozenset[int]) -> Inner:
+        key = (node[SCATTER], node[NOISE], bad)
         scatter, noise = (float(self.hyper.axes[axis].values[node[axis]]) for axis in (SCATTER, NOISE))
         smooth = self.session.whitened_smooth(scatter, noise, bad)
         if key not in self._inner:
-            self._inner[key] = Inner(smooth, counts)
+            self._inner[key] = Inner(smooth)
         for other, made in self._inner.items():
             if other != key:
                 made.blocks.clear()
@@ -292,11 +287,11 @@ class Linearised:
 
     def _product(self, inner: Inner, a: str, b: str) -> Floats:
         if a.startswith("smooth") and b.startswith("smooth"):
-            return inner.counts * inner.smooth.inner(int(a.removeprefix("smooth")), int(b.removeprefix("smooth")))
+            return inner.smooth.inner(int(a.removeprefix("smooth")), int(b.removeprefix("smooth")))
         if (b, a) in inner.products:
             return inner.products[b, a].T
         if (a, b) not in inner.products:
-            inner.products[a, b] = inner.counts * (self._whitened(inner, a).T @ self._whitened(inner, b))
+            inner.products[a, b] = self._whitened(inner, a).T @ self._whitened(inner, b)
         return inner.products[a, b]
 
     def noise_roots(self, node: Node) -> list[tuple[Rows, Floats]]:

@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, FORMS, NOISE, SCATTER, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
-from fingermodel.diagnosis.settings import FORM_NAMED
+from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED
 
 Floats = NDArray[np.float64]
 
@@ -53,40 +53,43 @@ class Posterior:
     Attributes:
         fits: the optimum of each explanation that was fitted.
         entries: every explanation at every node that matters.
-        log_norm: log of all of them together.
+        weights: log of the probability of each explanation, up to a constant: prior times evidence to a power.
+        log_norm: log of prior times evidence of all of them together, without that power.
     """
 
     fits: dict[Explanation, Optimum]
     entries: tuple[Entry, ...]
+    weights: dict[Explanation, float]
     log_norm: float
 
     @classmethod
     def of(
         cls,
         fits: dict[Explanation, Optimum],
-        promised: Mapping[Explanation, float] = MappingProxyType({}),
+        promised: Mapping[Explanation, tuple[float, float]] = MappingProxyType({}),
         nodes: Mapping[Explanation, Mapping[Node, float]] | None = None,
     ) -> Posterior:
         """Normalise what was fitted and what the rest promises.
 
         Args:
             fits: by explanation.
-            promised: log posterior of explanations that were not fitted.
+            promised: log posterior and log prior of explanations that were not fitted.
             nodes: log joint of each fit's nodes, where it is asked under other assumptions than it was fitted under.
         """
         values_of = {e: fit.nodes for e, fit in fits.items()} if nodes is None else nodes
-        log_values = [*(v for values in values_of.values() for v in values.values()), *promised.values()]
-        log_norm = float(logsumexp(log_values))
-        entries = []
+        known = {e: (float(logsumexp(list(values_of[e].values()))), fit.log_prior) for e, fit in fits.items()}
+        known |= promised
+        weights = {e: prior + EVIDENCE_POWER * (value - prior) for e, (value, prior) in known.items()}
+        total, entries = float(logsumexp(list(weights.values()))), []
         for explanation, fit in fits.items():
-            sizes = fit.sizes_newton
+            sizes, less = fit.sizes_newton, known[explanation][0] - weights[explanation] + total
             for node, value in values_of[explanation].items():
                 named, beyond = _named(fit, node, sizes)
-                entries.append(Entry(explanation, fit, node, named, beyond, float(np.exp(value - log_norm))))
-        for explanation, value in promised.items():
+                entries.append(Entry(explanation, fit, node, named, beyond, float(np.exp(value - less))))
+        for explanation in promised:
             named = frozenset(m.candidate.name for m in explanation.members if not m.candidate.outside)
-            entries.append(Entry(explanation, None, None, named, 0.0, float(np.exp(value - log_norm))))
-        return cls(fits, tuple(entries), log_norm)
+            entries.append(Entry(explanation, None, None, named, 0.0, float(np.exp(weights[explanation] - total))))
+        return cls(fits, tuple(entries), weights, float(logsumexp([value for value, _ in known.values()])))
 
     def probability(self, holds: Callable[[Entry], bool]) -> float:
         """Of all entries for which something holds."""
@@ -100,7 +103,11 @@ class Posterior:
     @cached_property
     def leader(self) -> Optimum:
         """The most probable explanation that was fitted."""
-        return max(self.fits.values(), key=lambda f: f.log_posterior)
+        return max(self.fits.values(), key=self.weight)
+
+    def weight(self, fit: Optimum) -> float:
+        """Log of the probability of a fit's explanation, up to a constant."""
+        return self.weights[fit.explanation]
 
     @cached_property
     def inclusion(self) -> dict[str, float]:

@@ -16,7 +16,7 @@ from fingermodel.diagnosis.posterior.hyper import NOISE, Node, climbed, explored
 from fingermodel.diagnosis.posterior.linearised import OTHERS, OWN, Linearised
 from fingermodel.diagnosis.session_model.bad_cases import Apart, bad_size, gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import Explanation
-from fingermodel.diagnosis.settings import COUNTS_FOR, NODES_WITHIN
+from fingermodel.diagnosis.settings import NODES_WITHIN
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -62,12 +62,10 @@ class Optimum(Linearised):
     def _one_sided(self) -> NDArray[np.bool_]:
         return np.asarray(self.session.model.parameters.one_sided[self.parameters_of[OWN]])
 
-    def freed(
-        self, node: Node, bad: frozenset[int] | None = None, width: float = 1.0, counts: float = COUNTS_FOR
-    ) -> tuple[Freed, float]:
+    def freed(self, node: Node, bad: frozenset[int] | None = None, width: float = 1.0) -> tuple[Freed, float]:
         """The explanation's own parameters at a node, all else left open; and minus half the noise's ln det."""
         names = [*self.acting(node)[1:], OWN]
-        quadratic, of_noise = self.quadratic(names, node, bad, counts)
+        quadratic, of_noise = self.quadratic(names, node, bad)
         widths, own = self.widths(names, node), self.size(OWN)
         widths[len(widths) - own :] *= width
         return quadratic.freed(widths, self.places(names), own), of_noise
@@ -85,8 +83,8 @@ class Optimum(Linearised):
         return self.log_prior + self.hyper.log_prior(node) + freed.log_evidence + of_noise + mass
 
     def misfit(self, node: Node) -> float:
-        """Least weighted sum of squares at a node, every reading counted in full, priors' penalty included."""
-        return self.freed(node, counts=1.0)[0].misfit
+        """Least weighted sum of squares at a node, priors' penalty included."""
+        return self.freed(node)[0].misfit
 
     @cached_property
     def _asked(self) -> Callable[[Node], float]:

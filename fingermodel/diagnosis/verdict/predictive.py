@@ -23,7 +23,7 @@ from fingermodel.diagnosis.session_model.bad_cases import (
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slips import Explained, Slips
-from fingermodel.diagnosis.settings import P_VALUE
+from fingermodel.diagnosis.settings import EVIDENCE_POWER, P_VALUE
 
 Floats = NDArray[np.float64]
 
@@ -181,7 +181,7 @@ def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation,
     if not any(c.bad for c in out.values()):
         return out
     asked = out | {e: check(fit, slips_of) for e, fit in posterior.fits.items() if e not in out}
-    log = {e: posterior.fits[e].log_posterior + c.log_evidence for e, c in asked.items()}
+    log = {e: posterior.weights[e] + EVIDENCE_POWER * c.log_evidence for e, c in asked.items()}
     top = float(logsumexp(list(log.values())))
     bad: dict[int, float] = {}
     slips: dict[int, Explained] = {}
@@ -200,7 +200,7 @@ def holding(posterior: Posterior, fit: Optimum) -> dict[Explanation, float]:
     Where no candidate acts there is one such explanation.
     """
     names = set(fit.explanation.names)
-    log = {e: f.log_posterior for e, f in posterior.fits.items() if names <= set(e.names) and (names or not e.size)}
+    log = {e: posterior.weights[e] for e in posterior.fits if names <= set(e.names) and (names or not e.size)}
     total = float(logsumexp(list(log.values())))
     share = {e: float(np.exp(v - total)) for e, v in log.items()}
     kept = {e: w for e, w in share.items() if w >= _WEIGHT or e == fit.explanation}

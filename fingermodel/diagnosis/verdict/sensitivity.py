@@ -16,7 +16,7 @@ from fingermodel.comparison import muscles_of
 from fingermodel.diagnosis.posterior.hyper import BUDGET, NOISE, Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.settings import P_NOTHING, SURE
+from fingermodel.diagnosis.settings import EVIDENCE_POWER, P_NOTHING, SURE
 from fingermodel.diagnosis.verdict.verdict import Kind, Verdict
 
 Mask = NDArray[np.bool_]
@@ -89,7 +89,7 @@ def sensitivity(posterior: Posterior, verdict: Verdict) -> Sensitivity:
         posterior: of the session.
         verdict: that was read from it.
     """
-    ranked = sorted(posterior.fits.values(), key=lambda f: -f.log_posterior)
+    ranked = sorted(posterior.fits.values(), key=posterior.weight, reverse=True)
     asked = list(dict.fromkeys([*ranked[:_ASKED], posterior.nothing]))
     said = _statement(verdict, posterior)
     out = [Assumption("prior", f"the prior of nothing is {p:g}", said(_again(asked, _prior(p)))) for p in _PRIORS]
@@ -166,8 +166,9 @@ def _less(fits: Sequence[Optimum], gone: Mask) -> Posterior:
 
 
 def _prior(p: float) -> Value:
-    ratio = np.log(p / P_NOTHING), np.log((1.0 - p) / (1.0 - P_NOTHING))
-    return lambda fit, node: fit.log_posterior + float(ratio[bool(fit.explanation.size)])
+    # A prior is not raised to the evidence's power.
+    ratio = np.log([p / P_NOTHING, (1.0 - p) / (1.0 - P_NOTHING)]) / EVIDENCE_POWER
+    return lambda fit, node: fit.log_posterior + float(ratio[int(fit.explanation.size > 0)])
 
 
 def _width(factor: float) -> Value:

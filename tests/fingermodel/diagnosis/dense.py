@@ -13,18 +13,12 @@ Floats = NDArray[np.float64]
 
 def dense(fit: Optimum, node: tuple[int, ...]) -> tuple[Floats, Floats]:
     """Readings (n,) and covariance (n, n) of everything that acts at a node."""
-    covariance, y = noise_alone(fit, node), fit.residual.copy()
+    values, n = fit.hyper.values(node), len(fit.residual)
+    covariance, y = np.zeros((n, n)), fit.residual.copy()
+    for rows, blocks in fit.session.fitted_noise.covariances(values.scatter, values.noise, ()):
+        covariance[rows[:, :, None], rows[:, None, :]] = blocks
     for name in [*fit.acting(node), OWN]:
         columns = fit.block(name, fit.session.fitted, fit.slopes)
         covariance += fit.width(name, node) ** 2 * columns @ columns.T
         y += columns @ fit.place(name)
     return y, covariance
-
-
-def noise_alone(fit: Optimum, node: tuple[int, ...]) -> Floats:
-    """Covariance (n, n) of noise and scatter at a node, which are independent by case."""
-    values, n = fit.hyper.values(node), len(fit.residual)
-    covariance = np.zeros((n, n))
-    for rows, blocks in fit.session.fitted_noise.covariances(values.scatter, values.noise, ()):
-        covariance[rows[:, :, None], rows[:, None, :]] = blocks
-    return covariance

@@ -12,9 +12,9 @@ from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import session_of
-from fingermodel.diagnosis.settings import FORM_NAMED
+from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED
 from server.application.workflow import open_bench
-from tests.fingermodel.diagnosis.dense import dense, noise_alone
+from tests.fingermodel.diagnosis.dense import dense
 
 Floats = NDArray[np.float64]
 
@@ -49,28 +49,13 @@ def sheath(fitter: Fitter, nothing: Optimum) -> Optimum:
 
 @pytest.mark.parametrize("axes", [(0, 0, 0, 0, 0, 0, 0), (4, 1, 2, 3, 3, 0, 0), (2, 0, 0, 2, 0, 3, 2)])
 def test_evidence_is_that_of_the_dense_gaussian(nothing: Optimum, axes: tuple[int, ...]) -> None:
-    freed, of_noise = nothing.freed(axes, counts=1.0)
+    freed, of_noise = nothing.freed(axes)
     y, covariance = dense(nothing, axes)
     expected = -0.5 * y @ np.linalg.solve(covariance, y) - 0.5 * np.linalg.slogdet(covariance)[1]
     assert freed.log_evidence + of_noise == pytest.approx(expected, abs=1e-4)
 
 
-@pytest.mark.parametrize("counts", [0.3, 0.7, 1.0])
-@pytest.mark.parametrize("axes", [(0, 0, 0, 0, 0, 0, 0), (4, 1, 2, 3, 3, 0, 0)])
-def test_a_reading_that_counts_for_less_has_its_likelihood_to_that_power(
-    nothing: Optimum, axes: tuple[int, ...], counts: float
-) -> None:
-    freed, of_noise = nothing.freed(axes, counts=counts)
-    y, whole = dense(nothing, axes)
-    noise = noise_alone(nothing, axes)
-    # N(y | K w, Σ) to the power c is, but for a constant, N(y | K w, Σ / c) times |Σ| to the power (1 - c) / 2.
-    covariance = whole - noise + noise / counts
-    log_power = 0.5 * (np.linalg.slogdet(noise / counts)[1] - counts * np.linalg.slogdet(noise)[1])
-    expected = -0.5 * y @ np.linalg.solve(covariance, y) - 0.5 * np.linalg.slogdet(covariance)[1] + log_power
-    assert freed.log_evidence + of_noise == pytest.approx(expected, abs=1e-4)
-
-
-def test_the_misfit_counts_every_reading_in_full(nothing: Optimum) -> None:
+def test_the_misfit_is_that_of_the_dense_gaussian(nothing: Optimum) -> None:
     y, covariance = dense(nothing, nothing.node)
     assert nothing.misfit(nothing.node) == pytest.approx(float(y @ np.linalg.solve(covariance, y)), rel=1e-6)
 
@@ -140,6 +125,15 @@ def test_probabilities_sum_to_one(nothing: Optimum, hanger: Optimum, sheath: Opt
     assert sum(posterior.of_explanations().values()) == pytest.approx(1.0)
     assert posterior.inclusion["hanger_mass"] > 0.99
     assert posterior.leader is hanger
+
+
+def test_the_prior_counts_in_full_and_the_evidence_to_a_power(hanger: Optimum, nothing: Optimum) -> None:
+    posterior = Posterior.of({f.explanation: f for f in (nothing, hanger)})
+    p = {f.explanation: sum(e.probability for e in posterior.entries if e.fit is f) for f in (nothing, hanger)}
+    prior = hanger.log_prior - nothing.log_prior
+    evidence = hanger.log_posterior - nothing.log_posterior - prior
+    found = np.log(p[hanger.explanation] / p[NOTHING])
+    assert found == pytest.approx(prior + EVIDENCE_POWER * evidence, rel=1e-9)
 
 
 def test_a_law_that_is_off_by_more_than_a_tenth_is_not_named(sheath: Optimum, nothing: Optimum) -> None:
