@@ -12,7 +12,9 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Iterable, Mapping
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,10 @@ from daq.documents import unique_keys
 from daq.errors import InputError
 
 FILE = "audit.jsonl"
+# Beside it: an empty database, which SQLite locks on every system in the way that works there, while its holder lives.
+LOCK = ".audit-writer"
+# So long another program may take to add its entry [s].
+_PATIENCE_S = 60.0
 # Before the first entry.
 BEGIN = "0" * 64
 
@@ -93,24 +99,43 @@ def local_user() -> str:
 
 
 def note(folder: Path, what: str, about: str | None, details: Mapping[str, Any]) -> None:
-    """Add a change that the local user has made to the trail of a folder.
+    """Add a change that the local user has made to the trail of a folder, after whatever others add to it meanwhile.
 
     Raises:
         InputError: the trail cannot be read or written.
     """
-    entries = read(folder)
-    last = (entries[-1].number, entries[-1].sha256) if entries else None
-    entry = following(last, local_user(), platform.node() or "this machine", what, about, details)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with (folder / FILE).open("a", encoding="utf-8", newline="\n") as file:
-            file.write(json.dumps(asdict(entry), ensure_ascii=False) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-    except OSError as error:
-        raise InputError(
-            f"{folder / FILE} cannot be written ({error.strerror})", "a folder that may be written"
-        ) from error
+        with _alone(folder):
+            entries = read(folder)
+            last = (entries[-1].number, entries[-1].sha256) if entries else None
+            entry = following(last, local_user(), platform.node() or "this machine", what, about, details)
+            _add(folder / FILE, entry)
+    except (OSError, sqlite3.Error) as error:
+        said = getattr(error, "strerror", None) or error
+        raise InputError(f"{folder / FILE} cannot be written ({said})", "a folder that may be written") from error
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Keep other programs from the trail of a folder; a program that is killed holds it no longer."""
+    with closing(sqlite3.connect(folder / LOCK, timeout=_PATIENCE_S, isolation_level=None)) as connection:
+        connection.execute("BEGIN EXCLUSIVE")
+        yield
+
+
+def _add(file: Path, entry: Entry) -> None:
+    """Add an entry whole or, where the disk is full, not at all."""
+    line = (json.dumps(asdict(entry), ensure_ascii=False) + "\n").encode()
+    with file.open("ab") as stream:
+        before = stream.tell()
+        try:
+            stream.write(line)
+            stream.flush()
+            os.fsync(stream.fileno())
+        except OSError:
+            os.truncate(file, before)
+            raise
 
 
 def read(folder: Path) -> list[Entry]:

@@ -96,9 +96,10 @@ def backup(given: Given, target: Path, json: str | None) -> None:
 @privately
 def restore(given: Given, source: Path, force: bool, json: str | None) -> None:
     """Put a backup in the place of the service's database."""
+    from server.service.audit import acting
     from server.service.backup import restore as run
 
-    with progress("Checking and copying"):
+    with acting(local_user(), platform.node()), progress("Checking and copying"):
         done, aside = run(settings_of(given), source, force=force)
     if answer("restore", {**done.as_dict(), "former": None if aside is None else str(aside)}, json):
         return

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
+from daq.export import sha256_of
+from server.service.audit import record
 from server.service.database import Database
 from server.service.files import BESIDE, beside, settle
 from server.service.folder import HeldError, folder_of, held, made, sqlite_of
@@ -82,10 +84,13 @@ def restore(settings: Settings, source: Path, *, force: bool = False) -> tuple[C
     target = folder / target.name
     with _not_running(settings), _written_beside(target) as temporary:
         copy(source, temporary, "ro")
-        prove(temporary)
+        given = prove(temporary)
         database = Database(f"sqlite:///{temporary}")
         try:
             upgrade(database)
+            with database.writing() as connection:
+                told = {"backup": source.name, "sha256": sha256_of(source), "revision": given.revision}
+                record(connection, "restored", None, told | {"sessions": given.sessions})
         finally:
             database.close()
         found = prove(temporary)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import sqlite3
 import threading
@@ -14,6 +15,7 @@ from sqlalchemy import func, insert, select
 from daq.errors import InputError
 from server import cli
 from server.service import backup as module
+from server.service.audit import entries, faults_of
 from server.service.backup import backup, restore
 from server.service.checksums import digest_of
 from server.service.database import Database, now_utc
@@ -52,6 +54,12 @@ def test_a_backup_that_is_restored_elsewhere_holds_the_same(tmp_path: Path) -> N
     before = (tmp_path / "b.db").read_bytes()
     done, aside = restore(Settings(data=tmp_path / "new"), tmp_path / "b.db")
     assert (done.sessions, aside, count_of(tmp_path / "new" / DATABASE_FILE)) == (5, None, 5)
+    # That it was restored is the last entry of its trail, which goes on from the backup's.
+    database = Database(Settings(data=tmp_path / "new").url)
+    last = list(entries(database))[-1]
+    assert (last.what, last.about, faults_of(database)) == ("restored", None, [])
+    assert last.details["sha256"] == hashlib.sha256(before).hexdigest()
+    database.close()
     # The backup is one file, and stays as it was.
     assert (tmp_path / "b.db").read_bytes() == before
     assert names(tmp_path) == {"data", "b.db", "new"}
