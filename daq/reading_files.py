@@ -1,7 +1,7 @@
 """Arrow's view of a readings file: its header, its batches, and the place of what is wrong in it.
 
-Arrow parses on this thread in blocks of about a megabyte. Only when it fails is a CSV file read again, row by row, to
-name the place.
+Arrow parses on this thread in blocks of about a megabyte. Only when it fails is a CSV file read again, row by row from
+where all was well, to name the place.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from daq.columns import BLOCK_BYTES, BLOCK_ROWS, HEADERS, ROW_GROUP_ROWS, ColumnFile
 from daq.errors import ReadingsError
+from daq.parquet_pages import unpacked_bytes
 
 Batch = tuple[list[NDArray[np.float64]], NDArray[np.int64] | None]
 
@@ -65,9 +66,10 @@ def parquet_headers(path: Path) -> list[str]:
     """Return the column names of a Parquet file.
 
     Raises:
-        ReadingsError: it is torn.
+        ReadingsError: it is torn, or unpacks to far more than it tells.
     """
     try:
+        unpacked_bytes(path)
         with pa.parquet.ParquetFile(path) as file:
             return list(file.schema_arrow.names)
     except (pa.ArrowException, OSError) as error:
@@ -91,6 +93,7 @@ def csv_batches(source: ColumnFile) -> Iterator[Batch]:
             null_values=[],
         ),
     }
+    rows = 0
     try:
         compression = "gzip" if source.kind == "csv.gz" else None
         with pa.input_stream(str(source.path), compression=compression) as stream:
@@ -98,10 +101,11 @@ def csv_batches(source: ColumnFile) -> Iterator[Batch]:
                 arrays = [batch.column(i).to_numpy() for i in range(len(columns.used))]
                 status = _status(batch.column(len(arrays)), source) if columns.status else None
                 yield arrays, status
+                rows += batch.num_rows
     except pa.ArrowInvalid as error:
         if "Empty CSV" in str(error) or "Could not skip" in str(error):
             return  # a header and nothing after it
-        raise _first_fault(source) or ReadingsError(f"{source.path.name}: {error}", "CSV") from error
+        raise _first_fault(source, rows) or ReadingsError(f"{source.path.name}: {error}", "CSV") from error
     except OSError as error:
         raise _torn(source.path, error) from error
 
@@ -146,7 +150,7 @@ def write_batches(path: Path, ending: str, tables: Iterator[dict[str, Any]]) -> 
 def fault(source: ColumnFile, rows_before: int, block: NDArray[np.float64]) -> ReadingsError:
     """Name the first number of a block (n, 7) that is not finite."""
     if source.kind != "parquet":
-        found = _first_fault(source)
+        found = _first_fault(source, rows_before)
         if found is not None:
             return found
     row, column = np.argwhere(~np.isfinite(block))[0]
@@ -202,18 +206,29 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _first_fault(source: ColumnFile) -> ReadingsError | None:
-    """Read a CSV file row by row and name the first row that cannot be used."""
+def _first_fault(source: ColumnFile, sound: int) -> ReadingsError | None:
+    """Read a CSV file row by row and name the first row that cannot be used.
+
+    Args:
+        source: the file.
+        sound: how many rows at its beginning need not be looked at, unless a quoted field in them may hold a line end.
+    """
     width, name = _width(source), source.path.name
-    row = 0
     with (
         gzip.open(source.path, "rt", encoding="utf-8-sig", errors="replace", newline="")
         if (source.kind == "csv.gz")
         else source.path.open(encoding="utf-8-sig", errors="replace", newline="") as stream
     ):
-        reader = csv.reader(stream)
         try:
-            next(reader)
+            stream.readline()
+            before, row = 1, 0
+            while row < sound:
+                line = stream.readline()
+                if not line or '"' in line:
+                    return _first_fault(source, 0)
+                before += 1
+                row += line not in ("\n", "\r\n", "\r")
+            reader = csv.reader(stream)
             for fields in reader:
                 if not fields:
                     continue
@@ -223,14 +238,14 @@ def _first_fault(source: ColumnFile) -> ReadingsError | None:
                     if len(fields) >= 2 * width - 1:
                         remedy = "Decimal commas? Export with decimal points"
                     return ReadingsError(
-                        f"{name}: row {row} (line {reader.line_num}) has {len(fields)} fields",
+                        f"{name}: row {row} (line {before + reader.line_num}) has {len(fields)} fields",
                         f"{width}, as the header has",
                         remedy or "Was the recording cut off there? Remove the row",
                     )
                 for column in source.columns.used:
                     text = fields[column.index].strip()
                     if not _is_number(text) or not math.isfinite(float(text)):
-                        return _bad_number(source, row, reader.line_num, column.header, repr(text))
+                        return _bad_number(source, row, before + reader.line_num, column.header, repr(text))
         except (EOFError, OSError, csv.Error) as error:
             return _torn(source.path, error)
     return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -14,8 +15,10 @@ from numpy.typing import NDArray
 
 from daq.errors import ReadingsError
 from daq.lab.channels import BLOCK_ROWS, TIMESTAMP, Channel, LabChannels
+from daq.lab.packed import require_modest
 from daq.lab.table import SAMPLE_ROWS, find_table, number_of
 from daq.lab.text import TableChannels
+from daq.parquet_pages import unpacked_bytes
 
 Floats = NDArray[np.float64]
 
@@ -26,6 +29,7 @@ class ParquetChannels(LabChannels):
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
+            unpacked_bytes(path)
             with pa.parquet.ParquetFile(path) as file:
                 fields = list(file.schema_arrow)
         except (pa.ArrowException, OSError) as error:
@@ -75,6 +79,8 @@ class ExcelChannels(TableChannels):
         from python_calamine import CalamineError, load_workbook
 
         self.path = path
+        if zipfile.is_zipfile(path):
+            require_modest(path)
         try:
             book = load_workbook(str(path))
             names = book.sheet_names

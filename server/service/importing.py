@@ -19,6 +19,7 @@ from zipfile import BadZipFile, ZipFile
 from daq.checks import check
 from daq.export import sha256_of
 from daq.locations import data_dir
+from daq.parquet_pages import unpacked_bytes
 from daq.protocols import protocol_names
 from daq.readings import ReadingBlock, ReadingSource, open_readings
 from daq.session_models import Session
@@ -201,9 +202,8 @@ def require_unpacked(file: Path, most: int | None = None) -> None:
 
         try:
             with ParquetFile(file) as table:
-                groups = (table.metadata.row_group(k) for k in range(table.metadata.num_row_groups))
-                size = sum(g.column(c).total_uncompressed_size for g in groups for c in range(g.num_columns))
                 rows = table.metadata.num_rows
+            size = unpacked_bytes(file)
         except (ArrowException, OSError):
             return  # said with its place when it is read
         if rows > MOST_ROWS or size > most:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import gzip
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pyarrow as pa
@@ -279,3 +280,33 @@ def test_blocks_stay_small_however_long_the_file(name: str, tmp_path: Path) -> N
     sizes = [len(block) for block in open_readings(tmp_path / name).blocks()]
     assert sum(sizes) == n
     assert max(sizes) <= 1 << 16
+
+
+@given(
+    st.lists(st.sampled_from([ROW, f" {ROW}", "", ROW.replace("1", "1e0", 1)]), max_size=12),
+    st.sampled_from(["\n", "\r\n"]),
+    st.sampled_from(["0.02,1,2,abc,4,5,6", "0.02,1,2", "0.02,1,2,,4,5,6"]),
+    st.booleans(),
+)
+@settings(deadline=None, max_examples=40)
+def test_the_place_of_a_fault_hangs_on_no_start(lines: list[str], end: str, bad: str, zipped: bool) -> None:
+    from daq.reading_files import _first_fault
+
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "readings.csv"
+        text = end.join([HEADER, *lines, bad, ROW, ""]).encode()
+        file.write_bytes(gzip.compress(text) if zipped else text)
+        source = open_readings(file)
+        whole = str(_first_fault(source, 0))
+        sound = [line for line in lines if line]
+        assert {str(_first_fault(source, k)) for k in range(len(sound) + 1)} == {whole}
+
+
+def test_a_line_end_inside_quotes_does_not_shift_the_place(tmp_path: Path) -> None:
+    from daq.reading_files import _first_fault
+
+    file = tmp_path / "readings.csv"
+    file.write_text(f'{HEADER},note\n{ROW},"a\nb"\n{ROW},c\n0.03,1,2,abc,4,5,6,d\n', encoding="utf-8")
+    source = open_readings(file)
+    assert str(_first_fault(source, 2)) == str(_first_fault(source, 0))
+    assert "row 3 (line 5)" in str(_first_fault(source, 2))
