@@ -10,6 +10,7 @@ from daq.errors import InputError
 if TYPE_CHECKING:
     from daq.checks import CheckReport
     from daq.findings import Finding
+    from daq.session_models import Session
 
 
 def check_whole(session: str) -> CheckReport:
@@ -26,7 +27,7 @@ def check_whole(session: str) -> CheckReport:
     return replace(report, findings=(*model_findings(session), *report.findings)) if report.ok else report
 
 
-def model_findings(path: str) -> list[Finding]:
+def model_findings(given: str | Session) -> list[Finding]:
     """What makes a sound session unusable for its finger: joints, tendons, budget, a straight posture."""
     from daq.findings import finding
     from daq.sessions import read_session
@@ -35,7 +36,7 @@ def model_findings(path: str) -> list[Finding]:
     from fingermodel.model import Model
     from fingermodel.observations import require_usable
 
-    session = read_session(path)
+    session = read_session(given) if isinstance(given, str) else given
     try:
         finger = read_finger(session.finger, session.folder)
         require_usable(session, finger)

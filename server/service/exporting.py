@@ -142,13 +142,12 @@ def _readings(
     """Formats that hold the readings: they are written to a folder of the session first."""
     from daq.export import sources_of
     from daq.export_formats import write_c3d
-    from daq.sessions import SESSION_FILE, read_session
+    from daq.sessions import SESSION_FILE
 
     name, hidden = measured.record.id, blinded(measured)
     suffix = "-supplement" if file_format == "supplement" else ""
     file = into / f"{name}{suffix}{ENDINGS[file_format][0]}"
-    with session_folder(parts, measured) as (folder, _):
-        session = read_session(folder)
+    with session_folder(parts, measured) as (folder, session):
         if file_format == "c3d":
             write_c3d(session, file)
             return file

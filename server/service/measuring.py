@@ -22,6 +22,7 @@ from daq.session_models import LoadCase, Session, TensionEstimate
 from daq.windows import Span
 from server.service.records import Record
 from server.service.sessions import Sessions
+from server.service.turns import Turns
 from server.service.windows import Reduced, Windows
 
 State = Literal["measured", "waiting", "failed", "excluded"]
@@ -122,7 +123,7 @@ class Measuring:
     def __init__(self, sessions: Sessions, windows: Windows) -> None:
         self._sessions, self._windows = sessions, windows
         self._known: OrderedDict[str, Measured] = OrderedDict()
-        self._lock = threading.Lock()
+        self._lock, self._turns = threading.Lock(), Turns()
 
     def of(self, name: str) -> Measured:
         """Return what is measured of a session.
@@ -131,8 +132,19 @@ class Measuring:
             ProblemError: 404 there is none.
         """
         version = self._sessions.version(name)
+        found = self._found(name)
+        if found is not None and found.record.version == version and not found.waits:
+            return found
+        with self._turns.of(name):
+            return self._anew(name)
+
+    def _found(self, name: str) -> Measured | None:
         with self._lock:
-            found = self._known.get(name)
+            return self._known.get(name)
+
+    def _anew(self, name: str) -> Measured:
+        """Measure a session, unless somebody has while its turn was awaited."""
+        version, found = self._sessions.version(name), self._found(name)
         if found is not None and found.record.version == version and not found.waits:
             return found
         record = found.record if found is not None and found.record.version == version else self._sessions.read(name)
@@ -152,7 +164,7 @@ class Measuring:
             whole = record.session()
         except InputError as error:
             return Measured(record, None, None, {}, {}, error)
-        if record.stream is None:
+        if record.stream is None and self._sessions.streams(record.id):
             record = self._sessions.read(record.id)
         reduced = self._windows.reduce(record.id, record.stream, windows_of(whole.amended))
         states = {c.id: _state(c, reduced) for c in whole.amended.cases}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -50,10 +50,17 @@ class Telling:
 
     def tell(self, kind: str, session: str | None, body: dict[str, Any]) -> None:
         """Keep a message in this transaction, and tell it afterwards."""
-        at, body = now_utc(), plain(body)
-        row = {"session": session, "kind": kind, "created_utc": at, "body": body}
-        number = self.connection.execute(insert(messages).values(row).returning(messages.c.id)).scalar_one()
-        self.told.append(Message(kind, session, body, number, at))
+        self.tell_all(kind, session, [body])
+
+    def tell_all(self, kind: str, session: str | None, bodies: Sequence[dict[str, Any]]) -> None:
+        """Keep messages in this transaction, and tell them afterwards, in their order."""
+        if not bodies:
+            return
+        at, told = now_utc(), [plain(body) for body in bodies]
+        rows = [{"session": session, "kind": kind, "created_utc": at, "body": body} for body in told]
+        numbered = insert(messages).returning(messages.c.id, sort_by_parameter_order=True)
+        numbers = self.connection.execute(numbered, rows).scalars()
+        self.told += [Message(kind, session, body, n, at) for body, n in zip(told, numbers, strict=True)]
 
     def record(self, what: str, about: str | None, details: Mapping[str, Any]) -> None:
         """Add a change to the audit trail, in this transaction."""

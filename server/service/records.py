@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -168,8 +167,8 @@ def read_record(connection: Connection, name: str) -> Record:
 
 
 def apply_edits(document: Mapping[str, Any], changes: Sequence[Edit]) -> dict[str, Any]:
-    """Return a document with those edits that nobody took back."""
-    out = deepcopy(dict(document))
+    """Return a document with those edits that nobody took back; what no edit changes is shared with the given one."""
+    out = dict(document)
     cases: dict[str, dict[str, Any]] = {c["id"]: c for c in out["cases"]}
     amended: list[dict[str, Any]] = list(out.get("amendments", ()))
     for edit in live_edits(changes):

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import plotly.graph_objects as go
 
     from daq.findings import Finding
+    from daq.session_models import Session
     from fingermodel.comparison import Comparison
     from server.figures.arrows import Spread
     from server.figures.report import Section
@@ -39,15 +40,15 @@ def checked(parts: Services, session: str) -> dict[str, Any]:
         ProblemError: there is no such session.
     """
     measured = parts.measuring.of(session)
-    with session_folder(parts, measured) as (folder, _):
-        report = check(folder)
+    with session_folder(parts, measured, described=False) as (_, kept):
+        report = check(kept)
         if report.ok:
-            found = _model_findings(parts, measured, str(folder))
+            found = _model_findings(parts, measured, kept)
             report = replace(report, findings=(*found, *report.findings))
     return {"schema": "fingertwin/check/1"} | {k: v for k, v in report.as_dict().items() if k != "schema"}
 
 
-def _model_findings(parts: Services, measured: Measured, folder: str) -> Sequence[Finding]:
+def _model_findings(parts: Services, measured: Measured, kept: Session) -> Sequence[Finding]:
     from server.application.checking import model_findings
 
     try:
@@ -58,7 +59,7 @@ def _model_findings(parts: Services, measured: Measured, folder: str) -> Sequenc
         return [finding("error", "not_predictable", "session", body["found"], body["expected"], body["remedy"])]
     except InputError as error:
         return [finding("error", "not_predictable", "session", error.found, error.expected, error.remedy)]
-    return model_findings(folder)
+    return model_findings(kept)
 
 
 @dataclass(frozen=True)

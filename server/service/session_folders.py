@@ -15,7 +15,7 @@ from daq.files import replacing
 from daq.protocols import protocol_names
 from daq.readings import write_readings
 from daq.session_models import Session
-from daq.sessions import parse_session, read_session, write_session
+from daq.sessions import parse_session, write_session
 from daq.windows import Span
 from server.service.measuring import Measured
 from server.service.records import FINGER_DOCUMENT
@@ -26,40 +26,31 @@ READINGS = "readings.parquet"
 
 
 @contextmanager
-def session_folder(
-    parts: Services, measured: Measured, revision: str | None = None
-) -> Iterator[tuple[Path, Path | None]]:
+def session_folder(parts: Services, measured: Measured, *, described: bool = True) -> Iterator[tuple[Path, Session]]:
     """Write a session into a temporary folder.
 
     Args:
         parts: of the service.
         measured: the session.
-        revision: that is put beside it.
+        described: whether its `session.yaml` is written too, which takes a second for 5,000 cases.
 
     Yields:
-        the folder, and the revision's file; both are gone afterwards.
+        the folder, which is gone afterwards, and the session as kept in it.
 
     Raises:
         InputError: the session cannot be used, or has no readings for its windows.
-        ProblemError: 404 there is no such revision.
     """
     with TemporaryDirectory(prefix="fingertwin-") as temporary:
         folder = Path(temporary) / measured.record.id
         folder.mkdir()
-        write_folder(parts, measured, folder)
-        model = None
-        if revision is not None:
-            model = folder.parent / "revision.json"
-            model.write_text(json.dumps(parts.revisions.read(revision)["document"]), encoding="utf-8")
-        yield folder, model
+        session = _beside_readings(parts, measured, folder)
+        if described:
+            write_session(session, folder)
+        yield folder, session
 
 
-def write_folder(parts: Services, measured: Measured, folder: Path) -> Session:
-    """Write a session, its readings, and the finger that it brings with it.
-
-    Raises:
-        InputError: the session cannot be used, or has no readings for its windows.
-    """
+def _beside_readings(parts: Services, measured: Measured, folder: Path) -> Session:
+    """Write a session's readings and the finger that it brings with it; return the session as kept in that folder."""
     record = measured.record
     whole = record.session()
     data = json.loads(json.dumps(record.document))
@@ -82,5 +73,4 @@ def write_folder(parts: Services, measured: Measured, folder: Path) -> Session:
     session, faults = parse_session(data, folder)
     if session is None:
         raise faults[0]
-    write_session(session, folder)
-    return read_session(folder)
+    return session

@@ -20,11 +20,10 @@ from server.service.problems import ProblemError, not_found, shortened
 from server.service.purge import erase
 from server.service.records import EDIT_KINDS, Record, read_record, undone_edits
 from server.service.schema import edits, sessions, streams
-from server.service.sizes import require_case_id, require_sizes
+from server.service.sizes import MOST_CASES, require_case_id, require_sizes
 
 # Goes into addresses and names of files that are exported.
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
-_MOST_CASES = 5000
 
 
 @dataclass(frozen=True)
@@ -136,6 +135,12 @@ class Sessions:
         if found is None:
             raise not_found("session", name, "/api/v1/sessions")
         return int(found)
+
+    def streams(self, name: str) -> int:
+        """Return how many streams of readings a session has."""
+        with self._database.reading() as connection:
+            count = select(func.count()).where(streams.c.session == name)
+            return int(connection.execute(count).scalar_one())
 
     def listed(self, specimen: str | None = None, limit: int = 100, after: str = "") -> list[Listed]:
         """Return sessions by id, after one of them."""
@@ -274,8 +279,8 @@ class Sessions:
         elif kind == "case":
             if case in names:
                 raise ProblemError(409, f"case {case} is there already", "a new id", "A repeat is added, none replaced")
-            if len(names) >= _MOST_CASES:
-                raise ProblemError(409, f"{len(names)} cases", f"at most {_MOST_CASES}")
+            if len(names) >= MOST_CASES:
+                raise ProblemError(409, f"{len(names)} cases", f"at most {MOST_CASES}")
         elif case not in names:
             raise not_found("case", str(case), f"{where}/cases")
         if kind == "exclude" and record.source == "bench" and not record.closed:

@@ -8,6 +8,8 @@ from typing import Any
 from server.service.problems import ProblemError, shortened
 
 MOST_NAME, MOST_TEXT = 100, 10_000
+# Load cases of a session, and how often posture or cell may be set anew: each has error parameters of its own.
+MOST_CASES, MOST_SETTINGS = 5000, 500
 # Beyond any force, angle, mass and time, and far from where squares overflow.
 MOST = 1e12
 
@@ -23,8 +25,16 @@ def require_sizes(document: Mapping[str, Any]) -> None:
     if isinstance(name, str) and len(name) > MOST_NAME:
         raise ProblemError(422, f"a specimen's id of {len(name)} characters", f"at most {MOST_NAME}")
     cases = document.get("cases")
-    for case in cases if isinstance(cases, list) else ():
+    listed = cases if isinstance(cases, list) else []
+    if len(listed) > MOST_CASES:
+        raise ProblemError(422, f"{len(listed)} load cases", f"at most {MOST_CASES}", "Make two sessions of it")
+    for case in listed:
         require_case_id(case.get("id") if isinstance(case, Mapping) else None)
+    plain = [case for case in listed if isinstance(case, Mapping)]
+    for what, keys in (("settings of postures", ("posture", "setting")), ("mountings", ("location", "mounting"))):
+        count = len({tuple(str(case.get(key)) for key in keys) for case in plain})
+        if count > MOST_SETTINGS:
+            raise ProblemError(422, f"{count} {what}", f"at most {MOST_SETTINGS}", "Make several sessions of it")
     for where, value in _leaves(document, ""):
         if isinstance(value, str) and len(value) > MOST_TEXT:
             raise ProblemError(422, f"{shortened(where)}: a text of {len(value)} characters", f"at most {MOST_TEXT}")

@@ -23,6 +23,7 @@ from server.service.records import FINGER_DOCUMENT
 from server.service.revisions import Revisions
 from server.service.schema import chunks, streams
 from server.service.search_fits import asked, fit_revision
+from server.service.turns import Turns
 
 if TYPE_CHECKING:
     from fingermodel.comparison import Comparison
@@ -73,7 +74,7 @@ class Twins:
         self._benches: OrderedDict[Hashable, Bench] = OrderedDict()
         self._compared: OrderedDict[Hashable, Compared] = OrderedDict()
         self._predictors: OrderedDict[str, Predictor] = OrderedDict()
-        self._lock = threading.Lock()
+        self._lock, self._turns = threading.Lock(), Turns()
 
     def model(self, name: str | None, measured: Measured | None = None) -> Revision | Finger | str | None:
         """Return the model that a request names.
@@ -149,18 +150,19 @@ class Twins:
         found = self.model(model, measured)
         named = found if found is None or isinstance(found, str) else found.id
         key = (measured.key, named, None if effects is None else tuple(effects))
-        with self._lock:
-            known = self._benches.get(key)
-        if known is not None:
-            return known
-        bench = replace(
-            bench_of(forces, found, catalogue=effects is not None, effects=effects or ()),
-            findings=measured.findings,
-        )
-        with self._lock:
-            self._benches[key] = bench
-            while len(self._benches) > _MOST_BENCHES:
-                self._benches.popitem(last=False)
+        with self._turns.of(key):
+            with self._lock:
+                known = self._benches.get(key)
+            if known is not None:
+                return known
+            bench = replace(
+                bench_of(forces, found, catalogue=effects is not None, effects=effects or ()),
+                findings=measured.findings,
+            )
+            with self._lock:
+                self._benches[key] = bench
+                while len(self._benches) > _MOST_BENCHES:
+                    self._benches.popitem(last=False)
         return bench
 
     def predictor(self, model: str) -> Predictor:

@@ -123,8 +123,7 @@ class Watch:
                 news[case["id"]] = (digest, case)
         if news:
             with self._messages.writing() as telling:
-                for _, case in news.values():
-                    telling.tell("case", session, case)
+                telling.tell_all("case", session, [case for _, case in news.values()])
             before |= {name: digest for name, (digest, _) in news.items()}
         self._seen[session] = measured.key
 

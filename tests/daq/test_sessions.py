@@ -319,3 +319,18 @@ def test_reading_changes_nothing_in_the_data() -> None:
     before = copy.deepcopy(data)
     parse_session(data, None)
     assert data == before
+
+
+def test_thousands_of_slips_are_all_told_and_the_first_are_helped_with() -> None:
+    data = averaged()
+    first = case(data)
+    data["cases"] = [{**first, "id": f"c{i:04d}", "repeat_of": f"c{i:04d}x", "posture": f"q{i}"} for i in range(1500)]
+    data["postures_deg"] = {f"p{i}": data["postures_deg"]["hook"] for i in range(1500)}
+    data["amendments"] = [{"case": f"d{i}", "posture": "r", "why": "x", "at": "now"} for i in range(1500)]
+    session, faults = parse_session(data, None)
+    assert session is None
+    assert len(faults) == 4 * 1500
+    said = [str(f) for f in faults]
+    assert all(len(line) < 500 for line in said)
+    assert "and 1480 more" in said[0]
+    assert 20 <= sum("Did you mean" in line for line in said) <= 60
