@@ -117,7 +117,7 @@ def test_an_entry_that_the_disk_has_no_room_for_leaves_the_trail_as_it_was(
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(audit.os, "fsync", full)
+        patch.setattr("daq.audit.os.fsync", full)
         with pytest.raises(InputError, match="No space left"):
             note(folder, "amend", "S1", {})
     assert (folder / FILE).read_bytes() == before

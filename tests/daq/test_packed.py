@@ -9,7 +9,7 @@ import pytest
 
 from daq.errors import ReadingsError
 from daq.lab import packed
-from daq.lab.channels import open_channels
+from daq.lab.opened import open_channels
 from daq.lab.packed import require_modest
 
 MAIN = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"

@@ -22,7 +22,7 @@ ROWS = 1_000_000
 
 def coded(value: int, length: int = 0) -> bytes:
     """A number as Thrift's compact protocol has it, with as many bytes as are wanted."""
-    left, out = 2 * value, []
+    left, out = 2 * value, list[int]()
     while left or not out or len(out) < length:
         out.append(left & 0x7F)
         left >>= 7
