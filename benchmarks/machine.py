@@ -20,7 +20,7 @@ _THREADS = (
     "VECLIB_MAXIMUM_THREADS",
     "NUMEXPR_NUM_THREADS",
 )
-_XLA = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+_XLA = "--xla_cpu_multi_thread_eigen=false"
 # Below this share of the core, something else was running: the figure is of the machine, not of the program.
 OWN_SHARE = 0.97
 

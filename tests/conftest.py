@@ -32,7 +32,7 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "0")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    # Workers have it from the process that started them. XLA reads no further than to a word without dashes.
+    # Workers have it from the process that started them.
     if config.getoption("markexpr") == "not full" and HURRIED not in os.environ["XLA_FLAGS"]:
         os.environ["XLA_FLAGS"] = HURRIED + os.environ["XLA_FLAGS"]
     # Only the process that started the workers of pytest-xdist has where to write.
