@@ -330,7 +330,7 @@ def export(
         str, typer.Argument(help="Name a session or a revision of a model; for osim and mjcf also a finger.")
     ],
     file_format: Annotated[
-        Literal["csv", "parquet", "hdf5", "c3d", "mat", "supplement", "osim", "mjcf"],
+        Literal["csv", "parquet", "xlsx", "hdf5", "c3d", "mat", "supplement", "osim", "mjcf"],
         typer.Option(
             "--format",
             help="Choose what to write: supplement is one archive for a paper, without private names; "

@@ -15,7 +15,15 @@ from fingertwin.client.exchange import Body, Exchange, reading
 from fingertwin.client.summaries import Floats
 
 # Formats by the ends of names; others have to be named.
-ENDS = {".csv": "csv", ".parquet": "parquet", ".h5": "hdf5", ".c3d": "c3d", ".mat": "mat", ".json": "json"}
+ENDS = {
+    ".csv": "csv",
+    ".parquet": "parquet",
+    ".xlsx": "xlsx",
+    ".h5": "hdf5",
+    ".c3d": "c3d",
+    ".mat": "mat",
+    ".json": "json",
+}
 CHANNELS = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nmm", "Ty_Nmm", "Tz_Nmm")
 
 

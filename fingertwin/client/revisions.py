@@ -133,7 +133,8 @@ class Revision:
 
         Args:
             path: of the file.
-            file_format: json (the document, which `--model` takes), csv, columns or parquet; by default by its name.
+            file_format: json (the document, which `--model` takes), csv, columns, parquet or xlsx; by default by
+                its name.
         """
         asked = {"format": format_of(Path(path), file_format)}
         return fetched(self._exchange, path_of("revisions", self.id, "export"), Path(path), asked)

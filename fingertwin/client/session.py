@@ -232,7 +232,8 @@ class Session:
 
         Args:
             path: of the file.
-            file_format: csv, columns, parquet, hdf5, c3d, mat, supplement or folder; by default by the file's name.
+            file_format: csv, columns, parquet, xlsx, hdf5, c3d, mat, supplement or folder; by default by the
+                file's name.
             model: whose predictions go along, where the format has any.
         """
         asked = {"format": format_of(Path(path), file_format), "model": model_name(model)}

@@ -89,7 +89,7 @@ def _export_session(
     session = bench.measured.session
     path = _path(out, session.id, file_format)
     about = about_bench(bench, sources_of(session, find_session(source)))
-    if file_format in ("csv", "parquet"):
+    if file_format in OF_MODELS:
         return _table(bench_columns(bench), path, file_format, about)
     with writing(path):
         rows = write_whole(bench, session, path, file_format, about)

@@ -20,12 +20,13 @@ if TYPE_CHECKING:
 ENDINGS: Mapping[str, tuple[str, ...]] = {
     "csv": (".csv",),
     "parquet": (".parquet",),
+    "xlsx": (".xlsx",),
     "hdf5": (".h5", ".hdf5"),
     "c3d": (".c3d",),
     "mat": (".mat",),
     "supplement": (".zip",),
 }
-OF_MODELS = ("csv", "parquet")
+OF_MODELS = ("csv", "parquet", "xlsx")
 
 
 @contextmanager
@@ -44,11 +45,16 @@ def writing(path: Path, remedy: str = "Choose another --out") -> Iterator[None]:
 def write_table_file(
     columns: Mapping[str, list[Any]], path: Path, file_format: str, about: Mapping[str, Any]
 ) -> Path | None:
-    """Write columns as `csv`, with what they are beside it, or as `parquet`; return the file beside it."""
+    """Write columns as `csv`, with what they are beside it, as `parquet` or as `xlsx`; return the file beside it."""
     from daq.export import write_columns, write_table
 
     if file_format == "csv":
         return write_table(columns, path, about)
+    if file_format == "xlsx":
+        from daq.export_excel import write_excel
+
+        write_excel(columns, path, about)
+        return None
     write_columns(columns, path, file_format)
     return None
 

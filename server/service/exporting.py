@@ -17,6 +17,7 @@ from server.application.exchange import ENDINGS as FINGER_ENDINGS
 from server.application.exchange import written_finger
 from server.application.exporting import (
     ENDINGS,
+    OF_MODELS,
     about_bench,
     about_revision,
     bench_columns,
@@ -36,11 +37,13 @@ from server.service.session_folders import session_folder
 if TYPE_CHECKING:
     from daq.session_models import Session
 
+EXCEL = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"
 # Formats with their media types; columns tells what those of csv are, folder is the session as the command line has it.
 SESSION_FORMATS: Mapping[str, str] = {
     "csv": "text/csv",
     "columns": "application/json",
     "parquet": "application/vnd.apache.parquet",
+    "xlsx": EXCEL,
     "hdf5": "application/x-hdf5",
     "c3d": "application/octet-stream",
     "mat": "application/x-matlab-data",
@@ -52,6 +55,7 @@ REVISION_FORMATS: Mapping[str, str] = {
     "csv": "text/csv",
     "columns": "application/json",
     "parquet": "application/vnd.apache.parquet",
+    "xlsx": EXCEL,
     "osim": "application/xml",
     "mjcf": "application/xml",
 }
@@ -82,7 +86,7 @@ def session_export(parts: Services, session: str, file_format: str, model: str |
         raise ProblemError(422, f"format {file_format} with a model", "no model", f"A {file_format} holds none")
     if file_format == "folder":
         return lambda folder: _zipped(parts, measured, folder)
-    if file_format in ("csv", "columns", "parquet"):
+    if file_format in ("columns", *OF_MODELS):
         return lambda folder: _cases(parts, measured, file_format, named, folder)
 
     def write(folder: Path) -> Path:
@@ -130,7 +134,7 @@ def _cases(parts: Services, measured: Measured, file_format: str, model: str | N
 
 
 def _table(columns: Mapping[str, list[Any]], about: Mapping[str, Any], file_format: str, stem: Path) -> Path:
-    kind = "parquet" if file_format == "parquet" else "csv"
+    kind = "csv" if file_format == "columns" else file_format
     file = stem.parent / f"{stem.name}{ENDINGS[kind][0]}"
     beside = write_table_file(columns, file, kind, about)
     return beside if file_format == "columns" and beside is not None else file

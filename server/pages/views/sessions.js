@@ -5,7 +5,7 @@ import { when } from "../format.js";
 import { dropZone, importing } from "./importing.js";
 import { handed } from "./new.js";
 
-const FORMATS = [["csv", "cases, CSV"], ["columns", "what the CSV's columns are"], ["parquet", "cases, Parquet"], ["hdf5", "cases and readings, HDF5"], ["mat", "cases and readings, MATLAB"],
+const FORMATS = [["csv", "cases, CSV"], ["columns", "what the CSV's columns are"], ["xlsx", "cases, Excel"], ["parquet", "cases, Parquet"], ["hdf5", "cases and readings, HDF5"], ["mat", "cases and readings, MATLAB"],
   ["c3d", "the six channels, C3D"], ["folder", "the session's folder"], ["supplement", "supplement for a paper"]];
 
 const EXAMPLE = "DEV-02";

@@ -22,20 +22,21 @@ router = APIRouter(route_class=StrictRoute, tags=["exports"])
 
 RevisionId = Annotated[str, Path(max_length=200, description="Id of the revision.")]
 SessionFormat = Annotated[
-    Literal["csv", "columns", "parquet", "hdf5", "c3d", "mat", "supplement", "folder"],
+    Literal["csv", "columns", "parquet", "xlsx", "hdf5", "c3d", "mat", "supplement", "folder"],
     Query(
         alias="format",
-        description="csv, parquet: measured and predicted force of every load case; columns: unit, frame and meaning "
-        "of the csv's columns, and what it came from (JSON); hdf5, mat: cases and readings; c3d: the six channels; "
-        "supplement: one archive for a paper, without private names; folder: the session as the command line has it.",
+        description="csv, parquet, xlsx: measured and predicted force of every load case; columns: unit, frame and "
+        "meaning of the csv's columns, and what it came from (JSON); hdf5, mat: cases and readings; c3d: the six "
+        "channels; supplement: one archive for a paper, without private names; folder: the session as the command line "
+        "has it.",
     ),
 ]
 RevisionFormat = Annotated[
-    Literal["json", "csv", "columns", "parquet", "osim", "mjcf"],
+    Literal["json", "csv", "columns", "parquet", "xlsx", "osim", "mjcf"],
     Query(
         alias="format",
-        description="json: the document; csv, parquet: its parameters; columns: of the csv; osim, mjcf: its finger "
-        "without its effects, for OpenSim or MuJoCo.",
+        description="json: the document; csv, parquet, xlsx: its parameters; columns: of the csv; osim, mjcf: its "
+        "finger without its effects, for OpenSim or MuJoCo.",
     ),
 ]
 Job = Annotated[str | None, Query(max_length=200, description="A diagnosis of the session that is done.")]

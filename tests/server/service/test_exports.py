@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import re
 import tempfile
@@ -14,6 +15,7 @@ from typing import Any
 import anyio
 import ezc3d
 import numpy as np
+import pandas as pd
 import pytest
 
 from daq.bench.run import BenchRun
@@ -35,7 +37,15 @@ from tests.server.service.test_bench_sessions import Played
 
 RECORDED, PUBLISHED, MEAN = "DEV-01", "synek2019_H01", "synek2019_HMEAN"
 AT = "/api/v1/sessions"
-ENDING = {"csv": "csv", "parquet": "parquet", "hdf5": "h5", "c3d": "c3d", "mat": "mat", "supplement": "zip"}
+ENDING = {
+    "csv": "csv",
+    "parquet": "parquet",
+    "xlsx": "xlsx",
+    "hdf5": "h5",
+    "c3d": "c3d",
+    "mat": "mat",
+    "supplement": "zip",
+}
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +88,13 @@ def test_tables_are_those_of_the_command_line_to_the_last_byte(
     service: ServiceReceiver, name: str, file_format: str, tmp_path: Path
 ) -> None:
     assert exported(service, name, file_format) == by_command_line(name, file_format, tmp_path)
+
+
+def test_an_excel_table_holds_what_the_others_hold(service: ServiceReceiver) -> None:
+    sheet = pd.read_excel(io.BytesIO(exported(service, PUBLISHED, "xlsx")), engine="calamine")
+    table = pd.read_parquet(io.BytesIO(exported(service, PUBLISHED, "parquet")))
+    assert list(sheet["id"]) == list(table["id"])
+    assert list(sheet["Fx_N"]) == list(table["Fx_N"])
 
 
 def test_what_columns_are_is_told_of_this_very_table(service: ServiceReceiver) -> None:
