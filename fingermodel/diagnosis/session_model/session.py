@@ -363,6 +363,13 @@ def session_of(
             "at least one to fit to",
             "Give cases role: identification; validation cases are never fitted",
         )
+    hung = np.asarray(observations.inputs.tension)[rows[fitted] // 6]
+    if not hung.any():
+        raise SessionError(
+            "no weight hangs in any identification case",
+            "a load on at least one tendon",
+            "Give masses_g, or add cases that load a tendon",
+        )
     known = observations.noise.variance[rows] > 0.0
     if not known.all():
         raise SessionError(

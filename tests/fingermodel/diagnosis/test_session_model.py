@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from daq.errors import SessionError
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.session import Session, session_of, whitened
 from fingermodel.diagnosis.settings import BAD_N, P_NOTHING
@@ -30,6 +34,13 @@ def test_all_moments_at_the_tip_are_fitted_and_none_at_the_bone(session: Session
     places = np.array(session.observations.locations)[session.rows // 6]
     assert set(session.rows[places == "tip"] % 6) == set(range(6))
     assert set(session.rows[places == "bone"] % 6) == {0, 1, 2}
+
+
+def test_a_session_in_which_nothing_hangs_is_refused_in_words(bench: Bench) -> None:
+    inputs = bench.observations.inputs
+    empty = replace(bench.observations, inputs=inputs._replace(tension=jnp.zeros_like(inputs.tension)))
+    with pytest.raises(SessionError, match="no weight hangs in any identification case"):
+        session_of(bench.model, empty)
 
 
 def test_validation_cases_are_predicted_and_never_fitted(session: Session) -> None:
