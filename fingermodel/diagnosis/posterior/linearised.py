@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.sparse import csr_array
 
 from fingermodel.diagnosis.posterior.gaussian import Quadratic, add_one
 from fingermodel.diagnosis.posterior.hyper import FAMILIES, NOISE, SCATTER, Hyperparameters, Node
@@ -43,6 +44,7 @@ class Inner:
         products: (k, l) of two blocks.
         beside: the same with the weights of what always acts left open.
         across: (always, k) of each block, turned by the root of what always acts.
+        always: (always, n) whitened columns of what always acts, transposed.
     """
 
     smooth: WhitenedSmooth
@@ -50,6 +52,7 @@ class Inner:
     products: dict[tuple[str, str], Floats] = field(default_factory=dict)
     beside: dict[tuple[str, str], Floats] = field(default_factory=dict)
     across: dict[str, Floats] = field(default_factory=dict)
+    always: csr_array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,6 +269,7 @@ class Linearised:
         for other, made in self._inner.items():
             if other != key:
                 made.blocks.clear()
+                made.always = None
         return self._inner[key]
 
     def _whitened(self, inner: Inner, name: str) -> Floats:
@@ -291,7 +295,14 @@ class Linearised:
         if (b, a) in inner.products:
             return inner.products[b, a].T
         if (a, b) not in inner.products:
-            inner.products[a, b] = self._whitened(inner, a).T @ self._whitened(inner, b)
+            right = self._whitened(inner, b)
+            if a == ALWAYS:
+                if inner.always is None:
+                    # A tare is one of a few cases: of the columns hardly anything is not zero.
+                    inner.always = csr_array(self._whitened(inner, a).T)
+                inner.products[a, b] = inner.always @ right
+            else:
+                inner.products[a, b] = self._whitened(inner, a).T @ right
         return inner.products[a, b]
 
     def noise_roots(self, node: Node) -> list[tuple[Rows, Floats]]:
