@@ -2,8 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# One more than cores: benches, browsers and services are waited for.
-SPREAD := -n 3 --dist loadfile --no-loadscope-reorder
+# Longest files first; more workers than two would make jobs of services miss what tests wait for on two cores.
+SPREAD := -n 2 --dist loadfile --no-loadscope-reorder
 
 .PHONY: help demo test test-full check docs bench lock sbom clean
 help:  ## List the tasks
