@@ -262,14 +262,13 @@ class Linearised:
 
     def _inner_at(self, node: Node, bad: frozenset[int]) -> Inner:
         key = (node[SCATTER], node[NOISE], bad)
-        scatter, noise = (float(self.hyper.axes[axis].values[node[axis]]) for axis in (SCATTER, NOISE))
-        smooth = self.session.whitened_smooth(scatter, noise, bad)
         if key not in self._inner:
-            self._inner[key] = Inner(smooth)
-        for other, made in self._inner.items():
-            if other != key:
+            # Columns are many times as large as their inner products, and made again in no time.
+            for made in self._inner.values():
                 made.blocks.clear()
                 made.always = None
+            scatter, noise = (float(self.hyper.axes[axis].values[node[axis]]) for axis in (SCATTER, NOISE))
+            self._inner[key] = Inner(self.session.whitened_smooth(scatter, noise, bad))
         return self._inner[key]
 
     def _whitened(self, inner: Inner, name: str) -> Floats:

@@ -133,10 +133,6 @@ class WhitenedSmooth:
             self._whitened[family] = whitened(self.roots, self.parts[family])
         return self._whitened[family]
 
-    def forget_columns(self) -> None:
-        """Let go of the whitened columns, but not of their inner products."""
-        self._whitened.clear()
-
     def inner(self, a: int, b: int) -> Floats:
         """(k, k) inner products of two families."""
         if (a, b) not in self._inner:
@@ -253,10 +249,6 @@ class Session:
         if key not in self._kept:
             roots, log_det = self.fitted_noise.whitening(scatter, multiple, bad)
             self._kept[key] = WhitenedSmooth(roots, log_det, self._fitted_smooth)
-        # Columns are many times as large as their inner products, and made again in no time.
-        for other, made in self._kept.items():
-            if other != key:
-                made.forget_columns()
         return self._kept[key]
 
     @cached_property
