@@ -77,6 +77,24 @@ class ReadingSource(ColumnFile):
             raise ReadingsError(f"{self.path.name} has a header and no readings", "at least one row of readings")
 
 
+def first_bytes(file: Path, count: int, expected: str) -> bytes:
+    """Read how a file begins, which tells its kind.
+
+    Args:
+        file: to look at.
+        count: of bytes, or fewer where the file is shorter.
+        expected: what it should be, in words.
+
+    Raises:
+        ReadingsError: it cannot be read.
+    """
+    try:
+        with file.open("rb") as stream:
+            return stream.read(count)
+    except OSError as error:
+        raise ReadingsError(f"{file.name} cannot be read ({error.strerror})", expected, "Check the path") from error
+
+
 def open_readings(path: str | Path) -> ReadingSource:
     """Read a readings file's header and match its columns.
 
@@ -89,13 +107,7 @@ def open_readings(path: str | Path) -> ReadingSource:
     from daq import reading_files
 
     file = Path(path)
-    try:
-        with file.open("rb") as stream:
-            start = stream.read(4)
-    except OSError as error:
-        raise ReadingsError(
-            f"{file.name} cannot be read ({error.strerror})", "a readings file", "Check the path"
-        ) from error
+    start = first_bytes(file, 4, "a readings file")
     if not start:
         raise ReadingsError(f"{file.name} is empty", f"a header {','.join(HEADERS)} and readings")
     if start == b"PAR1":

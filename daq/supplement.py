@@ -20,7 +20,7 @@ from typing import Any
 
 import yaml
 
-from daq import session_models
+from daq import plain_json, session_models
 from daq.checks import check
 from daq.corrections import windows_of
 from daq.errors import InputError, SessionError
@@ -258,16 +258,5 @@ def _without_unknown(value: Any) -> Any:
     return [_without_unknown(v) for v in value] if isinstance(value, list | tuple) else value
 
 
-def _plain(value: Any) -> Any:
-    """Return plain JSON: NaN and infinities as null."""
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def _json(value: Any) -> str:
-    return json.dumps(_plain(value), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(plain_json.clean(value), indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -148,18 +149,18 @@ def diagnose(session: Session, *, thorough: bool = False, progress: Progress | N
         >>> after < before / 2
         True
     """
-    from fingermodel.diagnosis.answer.answer import answer
     from fingermodel.diagnosis.diagnose import diagnose as search
 
-    details = search(
-        session.model,
-        session.observations,
-        held=session.loaded.added,
-        start=session.theta if session.refitted else None,
-        thorough=thorough,
-        progress=progress,
+    return Diagnosis(
+        search(
+            session.model,
+            session.observations,
+            held=session.loaded.added,
+            start=session.theta if session.refitted else None,
+            thorough=thorough,
+            progress=progress,
+        )
     )
-    return Diagnosis(answer(details), details)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,15 +168,20 @@ class Diagnosis:
     """What is missing from a session's model.
 
     Attributes:
-        answer: everything that is known, as `fingertwin diagnose --json` gives it: plain values, units in the names.
-        details: fits, posterior and checks that the answer was made of.
+        details: fits, posterior and checks that the answer is made of.
     """
 
-    answer: Mapping[str, Any] = field(repr=False)
     details: Details = field(repr=False)
 
     def __str__(self) -> str:
         return self.sentence
+
+    @cached_property
+    def answer(self) -> Mapping[str, Any]:
+        """Everything that is known, as `fingertwin diagnose --json` gives it: plain values, units in the names."""
+        from fingermodel.diagnosis.answer.answer import answer
+
+        return answer(self.details)
 
     @property
     def verdict(self) -> str:

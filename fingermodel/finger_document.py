@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, PositiveFloat
 
 from daq.documents import Document
-from fingermodel.hood.files import ElasticHoodBlock
+from fingermodel.hood.files import ElasticHoodBlock, Fraction
 from fingermodel.isometric.blocks import HeldPosture, Over, PassiveBlock, SurfaceBlock
 from fingermodel.sourced import Sourced
 
@@ -48,12 +48,6 @@ class _Segment(Sourced):
     over: Over | None = None
 
 
-class _Fraction(Sourced):
-    value: float = Field(ge=0, le=1)
-    sd: float | None = Field(default=None, ge=0)
-    centre: float | None = Field(default=None, ge=0, le=1)
-
-
 class _Hood(Document):
     kind: Literal["winslow_rhombus"]
     radial: list[str]
@@ -64,7 +58,7 @@ class _Hood(Document):
     radial_band: str
     ulnar_band: str
     terminal_slip: str
-    fractions: dict[str, _Fraction]
+    fractions: dict[str, Fraction]
 
 
 class _LoadPoint(Sourced):

@@ -10,6 +10,7 @@ from daq.lab.lvm import LvmChannels
 from daq.lab.tables import ExcelChannels, ParquetChannels
 from daq.lab.tdms import TDMS, TdmsChannels
 from daq.lab.text import TextChannels
+from daq.readings import first_bytes
 
 _LVM = b"LabVIEW Measurement"
 
@@ -24,13 +25,7 @@ def open_channels(path: str | Path) -> LabChannels:
         ReadingsError: it is none of these, or torn.
     """
     file = Path(path)
-    try:
-        with file.open("rb") as stream:
-            start = stream.read(32)
-    except OSError as error:
-        raise ReadingsError(
-            f"{file.name} cannot be read ({error.strerror})", "a recording", "Check the path"
-        ) from error
+    start = first_bytes(file, 32, "a recording")
     if start[:4] in TDMS:
         return TdmsChannels(file)
     if start.removeprefix(b"\xef\xbb\xbf").startswith(_LVM):

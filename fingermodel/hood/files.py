@@ -57,7 +57,9 @@ class HoodFile(Document):
     groups: dict[str, list[str]] = Field(default_factory=dict)
 
 
-class _Fraction(Sourced):
+class Fraction(Sourced):
+    """A share with what is known of it."""
+
     value: float = Field(ge=0, le=1)
     sd: float | None = Field(default=None, ge=0)
     centre: float | None = Field(default=None, ge=0, le=1)
@@ -75,7 +77,7 @@ class ElasticHoodBlock(Document):
     radial_band: str
     ulnar_band: str
     terminal_slip: str
-    fractions: dict[str, _Fraction]
+    fractions: dict[str, Fraction]
 
 
 def hood_names() -> list[str]:

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fingermodel.api import diagnose
 from fingermodel.diagnosis.answer.answer import answer as body_of
 from fingermodel.diagnosis.answer.answer import nulls_beside
-from fingermodel.diagnosis.diagnose import Diagnosis, diagnose
+from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.frozen import Confirmation, read_frozen, score
 from fingermodel.diagnosis.next_cases.next_cases import name_of, plan_next
 from server.application.workflow import Bench, at_fit, provenance
@@ -19,14 +20,7 @@ if TYPE_CHECKING:
 
 def run_diagnosis(bench: Bench, thorough: bool = False, tell: Any = None) -> Diagnosis:
     """Diagnose a bench; effects that its model holds already are part of the base model."""
-    return diagnose(
-        bench.model,
-        bench.observations,
-        held=bench.loaded.added,
-        start=bench.theta if bench.refitted else None,
-        thorough=thorough,
-        progress=tell,
-    )
+    return diagnose(bench, thorough=thorough, progress=tell).details
 
 
 def diagnosis_body(bench: Bench, diagnosis: Diagnosis, frozen: list[Path] | None = None) -> dict[str, Any]:
