@@ -56,6 +56,14 @@ def test_no_module_of_physics_loads_hardware_web_or_drawing() -> None:
     assert loaded_by(*every_module_of(fingermodel.__path__, "fingermodel")).isdisjoint(HARDWARE_WEB_DRAWING)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only there a process can ask which cores it may use")
+def test_what_tests_import_of_the_benchmarks_leaves_them_all_cores() -> None:
+    code = "import os; had = os.sched_getaffinity(0); import benchmarks.recovery; print(os.sched_getaffinity(0) == had)"
+    asked = [sys.executable, "-c", code]
+    done = subprocess.run(asked, capture_output=True, text=True, check=True, timeout=120, cwd=ROOT)  # noqa: S603
+    assert done.stdout.split() == ["True"]
+
+
 def test_no_module_of_the_bench_loads_an_array_compiler_or_the_web() -> None:
     modules = every_module_of(daq.__path__, "daq")
     assert "daq.corrections" in modules
