@@ -19,6 +19,11 @@ from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED
 Floats = NDArray[np.float64]
 
 
+def weighed(log_posterior: float, log_prior: float) -> float:
+    """Log of a hypothesis' probability, up to a constant: its prior times its evidence to a power."""
+    return log_prior + EVIDENCE_POWER * (log_posterior - log_prior)
+
+
 @dataclass(frozen=True, eq=False)
 class Entry:
     """One explanation at one node of the hyperparameters.
@@ -54,7 +59,7 @@ class Posterior:
         fits: the optimum of each explanation that was fitted.
         entries: every explanation at every node that matters.
         weights: log of the probability of each explanation, up to a constant: prior times evidence to a power.
-        log_norm: log of prior times evidence of all of them together, without that power.
+        log_norm: log of the sum of all of them.
     """
 
     fits: dict[Explanation, Optimum]
@@ -79,7 +84,7 @@ class Posterior:
         values_of = {e: fit.nodes for e, fit in fits.items()} if nodes is None else nodes
         known = {e: (float(logsumexp(list(values_of[e].values()))), fit.log_prior) for e, fit in fits.items()}
         known |= promised
-        weights = {e: prior + EVIDENCE_POWER * (value - prior) for e, (value, prior) in known.items()}
+        weights = {e: weighed(value, prior) for e, (value, prior) in known.items()}
         total, entries = float(logsumexp(list(weights.values()))), []
         for explanation, fit in fits.items():
             sizes, less = fit.sizes_newton, known[explanation][0] - weights[explanation] + total
@@ -89,7 +94,7 @@ class Posterior:
         for explanation in promised:
             named = frozenset(m.candidate.name for m in explanation.members if not m.candidate.outside)
             entries.append(Entry(explanation, None, None, named, 0.0, float(np.exp(weights[explanation] - total))))
-        return cls(fits, tuple(entries), weights, float(logsumexp([value for value, _ in known.values()])))
+        return cls(fits, tuple(entries), weights, total)
 
     def probability(self, holds: Callable[[Entry], bool]) -> float:
         """Of all entries for which something holds."""

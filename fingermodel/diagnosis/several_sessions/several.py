@@ -19,10 +19,10 @@ from scipy.special import logsumexp
 from fingermodel.diagnosis.diagnose import Diagnosis, diagnose
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.gaussian import Quadratic, log_mass
-from fingermodel.diagnosis.posterior.marginals import Posterior
+from fingermodel.diagnosis.posterior.marginals import Posterior, weighed
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
-from fingermodel.diagnosis.settings import P_NOTHING, PERMUTATIONS, SURE
+from fingermodel.diagnosis.settings import EVIDENCE_POWER, P_NOTHING, PERMUTATIONS, SURE
 from fingermodel.diagnosis.several_sessions.several_verdict import (
     InSession,
     PooledVerdict,
@@ -129,24 +129,24 @@ class _Specimen:
             members.append(Member(own, m.form))
         return self.diagnosis.candidates.joined(members)
 
-    @property
-    def log_posterior(self) -> float:
-        """Of whatever may act here, if nothing is shared."""
-        return self.posterior.log_norm
-
     def log_prior(self, explanation: Explanation) -> float:
         """Of what acts here alone."""
         return self.diagnosis.candidates.log_prior(explanation)
 
     def promise(self, shared: Explanation) -> float:
-        """Log posterior that the leading explanation promises if something shared acts beside it."""
+        """Log weight that the leading explanation promises if something shared acts beside it."""
         here, leader = self.here(shared), self.posterior.leader
         both = None if here is None else self._beside(here, leader.explanation)
         if both is None:
             return -np.inf
         values = leader.promises([leader.explanation, both[0]], [leader.best])
         gain = float(values[1] - values[0])
-        return leader.log_posterior - leader.log_prior + gain + self.log_prior(both[1])
+        return self._weight(leader.log_posterior - leader.log_prior + gain, both[1])
+
+    def _weight(self, log_evidence: float, own: Explanation) -> float:
+        """Log weight of what acts here alone; the prior of what is shared is counted once for all sessions."""
+        prior = self.log_prior(own)
+        return weighed(prior + log_evidence, prior)
 
     def _beside(self, here: Explanation, other: Explanation) -> tuple[Explanation, Explanation] | None:
         """Something shared and what is left of another explanation beside it; and that rest alone."""
@@ -155,7 +155,7 @@ class _Specimen:
         return None if both is None else (both, Explanation(own))
 
     def acting(self, shared: Explanation) -> tuple[float, InSession] | None:
-        """Log posterior that something shared acts here, beside nothing or what else does; and what is said of it."""
+        """Log weight of something shared acting here, beside nothing or what else does; and what is said of it."""
         here = self.here(shared)
         if here is None:
             return None
@@ -164,11 +164,11 @@ class _Specimen:
         each = []
         for both, own in offers:
             fit = self._fitted(both)
-            each.append((fit.log_posterior - fit.log_prior + self.log_prior(own), fit, own))
+            each.append((self._weight(fit.log_posterior - fit.log_prior, own), fit, own))
         total = float(logsumexp([v for v, _, _ in each]))
         _, fit, own = max(each, key=lambda e: e[0])
         without = self.posterior.probability(lambda e: not set(here.names) & set(e.explanation.names))
-        gain = total - (self.log_posterior + float(np.log(max(without, 1e-300))))
+        gain = total - (self.posterior.log_norm + float(np.log(max(without, 1e-300))))
         theta, covariance, index = fit.parameter_posterior(fit.best)
         at = [int(np.flatnonzero(index == i)[0]) for i in here.parameters]
         sd = np.sqrt(np.diag(covariance))[at] * fit.session.problem.scale[list(here.parameters)]
@@ -219,7 +219,7 @@ class _Pooling:
         """Fit the singles that promise most in all sessions together, and pairs of the best of them."""
         self._fit(self._candidates.singles, _SINGLES)
         tell(0.6)
-        best = sorted(self._each, key=lambda e: -self.log_posterior(e, range(len(self._sessions))))[:_PAIRS]
+        best = sorted(self._each, key=lambda e: -self.log_weight(e, range(len(self._sessions))))[:_PAIRS]
         pairs = [self._candidates.joined((*a.members, *b.members)) for a, b in combinations(best, 2)]
         self._fit([p for p in pairs if p is not None], _PAIRS)
         tell(1.0)
@@ -238,8 +238,8 @@ class _Pooling:
                 self._each[explanation] = [f for f in found if f is not None]
 
     def apart(self, sessions: Sequence[int]) -> float:
-        """Log posterior of nothing being shared."""
-        return float(np.log(P_NOTHING)) + sum(self._sessions[k].log_posterior for k in sessions)
+        """Log weight of nothing being shared."""
+        return float(np.log(P_NOTHING)) + sum(self._sessions[k].posterior.log_norm for k in sessions)
 
     def tied(self, explanation: Explanation, sessions: Sequence[int]) -> tuple[float, Floats, Floats]:
         """What is gained by one size in all of some sessions, that size (k,) and its sd (k,), in prior widths."""
@@ -256,10 +256,11 @@ class _Pooling:
             0.0, np.sum([q.gradient for q in sizes], axis=0), np.sum([q.hessian for q in sizes], axis=0), 0.0
         )
         whole, mean, sd = evidence(summed)
-        return whole - sum(evidence(q)[0] for q in sizes), np.where(sided, np.maximum(mean, 0.0), mean), sd
+        gained = EVIDENCE_POWER * (whole - sum(evidence(q)[0] for q in sizes))
+        return gained, np.where(sided, np.maximum(mean, 0.0), mean), sd
 
-    def log_posterior(self, explanation: Explanation, sessions: Sequence[int]) -> float:
-        """Of one thing shared by some sessions, with one size or with one in each."""
+    def log_weight(self, explanation: Explanation, sessions: Sequence[int]) -> float:
+        """Log weight of one thing shared by some sessions, with one size or with one in each."""
         own = sum(self._each[explanation][k][0] for k in sessions)
         ways = float(np.logaddexp(0.0, self.tied(explanation, sessions)[0]) - np.log(2.0))
         return self._candidates.log_prior(explanation) + own + ways
@@ -268,7 +269,7 @@ class _Pooling:
         self, found: Sequence[Explanation], sessions: Sequence[int]
     ) -> tuple[tuple[SharedEffect, ...], float]:
         """The ranking by some sessions, and the probability that they share nothing."""
-        values = {e: self.log_posterior(e, sessions) for e in found}
+        values = {e: self.log_weight(e, sessions) for e in found}
         total = float(logsumexp([self.apart(sessions), *values.values()]))
         out = []
         for e, value in values.items():

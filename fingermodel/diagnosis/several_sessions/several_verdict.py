@@ -23,7 +23,7 @@ class InSession:
     """What one session says of what is shared.
 
     Attributes:
-        gain: log evidence that it acts there, over what else may act.
+        gain: log evidence that it acts there, over what else may act, to the power to which it counts.
         values: (k,) of its parameters, in their units, by this session alone.
         sd: (k,) of them.
         own: candidates that act beside it there alone; None is something unknown.
@@ -49,10 +49,10 @@ class SharedEffect:
         one_size: whether one size serves all sessions better than one in each.
         value: (k,) size by all sessions together, in the parameters' units.
         sd: (k,) of it.
-        log_evidence_shared: that it acts in all over that it acts in none, with one size for all.
+        log_evidence_shared: that it acts in all over that it acts in none, with one size for all; to the same power.
         log_evidence_own: the same with a size for each session.
         each: by session.
-        log_posterior: its prior included.
+        log_weight: its prior included.
         probability: of this explanation among all pooled ones.
     """
 
@@ -64,7 +64,7 @@ class SharedEffect:
     log_evidence_shared: float
     log_evidence_own: float
     each: tuple[InSession, ...]
-    log_posterior: float
+    log_weight: float
     probability: float = 0.0
 
     @property

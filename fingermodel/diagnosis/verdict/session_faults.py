@@ -19,7 +19,7 @@ from scipy.special import logsumexp
 
 from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.posterior.fitting import Fitter
-from fingermodel.diagnosis.posterior.marginals import Posterior
+from fingermodel.diagnosis.posterior.marginals import Posterior, weighed
 from fingermodel.diagnosis.session_model.bad_cases import gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
 from fingermodel.diagnosis.session_model.session import Session, session_of
@@ -93,7 +93,7 @@ def session_faults(session: Session, candidates: Candidates, posterior: Posterio
     as_entered = _missed(session, session.observations)
     nearest = [offer for offer in sorted(offers, key=lambda o: missed[o]) if missed[offer] < as_entered]
     found += [
-        ((offer.kind, offer.words), share[offer.kind] + _log_posterior(session, candidates, posterior, offer))
+        ((offer.kind, offer.words), share[offer.kind] + _log_weight(session, candidates, posterior, offer))
         for offer in [*_frames(session), *nearest[:_FITTED]]
     ]
     total = float(logsumexp([posterior.log_norm, *(log for _, log in found)]))
@@ -101,8 +101,8 @@ def session_faults(session: Session, candidates: Candidates, posterior: Posterio
     return sorted((f for f in out if f.probability >= SUSPECT), key=lambda f: -f.probability)
 
 
-def _log_posterior(session: Session, candidates: Candidates, posterior: Posterior, offer: _Corrected) -> float:
-    """Of the base model with a fault put right, and of one effect beside it."""
+def _log_weight(session: Session, candidates: Candidates, posterior: Posterior, offer: _Corrected) -> float:
+    """Log weight of the base model with a fault put right, and of one effect beside it; without the fault's share."""
     other = session_of(session.model, offer.observations, session.plane)
     other = replace(other, problem=replace(other.problem, free=session.problem.free))
     nothing = posterior.nothing
@@ -110,14 +110,15 @@ def _log_posterior(session: Session, candidates: Candidates, posterior: Posterio
     first = fitter.fit(NOTHING, session.problem.centre, nothing.hyper.start(0))
     again = replace(fitter, session=other.seen_from(first.theta))
     base = again.fit(NOTHING, first.theta, first.mode)
-    if base.log_posterior + offer.log_density < nothing.log_posterior:
-        return base.log_posterior + offer.log_density
+    alone = weighed(base.log_posterior + offer.log_density, base.log_prior)
+    if alone < posterior.weight(nothing):
+        return alone
     # An effect may act as well: the one that the base promises most.
     node = base.hyper.without_smooth(base.best)
     promised = base.promises(candidates.singles, [base.best, node])
     best = candidates.singles[int(np.argmax(promised + [candidates.log_prior(e) for e in candidates.singles]))]
     beside = again.fit(best, base.expected(best, node), node)
-    return float(np.logaddexp(base.log_posterior, beside.log_posterior)) + offer.log_density
+    return float(np.logaddexp(alone, weighed(beside.log_posterior + offer.log_density, beside.log_prior)))
 
 
 def _missed(session: Session, observations: Observations) -> float:
@@ -134,7 +135,7 @@ def _missed(session: Session, observations: Observations) -> float:
 
 
 def _gains(session: Session, posterior: Posterior) -> Iterator[tuple[tuple[Kind, str], float]]:
-    """Log posterior of another gain of either mount alone, beside the base model."""
+    """Log weight of another gain of either mount alone, beside the base model; without the fault's share."""
     nothing = posterior.nothing
     observations, rows = session.observations, session.rows[session.fitted]
     predicted = np.asarray(session.model.predict(observations.inputs, nothing.theta).reading).reshape(-1)[rows]
@@ -147,7 +148,7 @@ def _gains(session: Session, posterior: Posterior) -> Iterator[tuple[tuple[Kind,
         gain = float(gain_if_bad(information[:, None] * width**2, score * width))
         value = 1.0 + float(score[0] / (information[0] + width**-2))
         words = f"the cell at the {place} has a gain of {value:.2f}"
-        yield ("gain", words), nothing.log_posterior + gain
+        yield ("gain", words), weighed(nothing.log_posterior + gain, nothing.log_prior)
 
 
 def _corrected(session: Session) -> Iterator[_Corrected]:
