@@ -82,9 +82,9 @@ def _cost(act: Callable[[], object]) -> tuple[float, float]:
 
 
 def service(folder: Path, cases: int, sessions: int) -> list[Row]:
-    from server.service.exporting import session_export
-    from server.service.reports import checked, report_page
-    from server.service.watch import case_bodies
+    from server.service.exports.exporting import session_export
+    from server.service.exports.reports import checked, report_page
+    from server.service.models.watch import case_bodies
     from tests.server.service.running import ServiceReceiver
 
     receiver = ServiceReceiver(folder)

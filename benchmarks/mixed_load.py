@@ -26,7 +26,7 @@ from benchmarks.machine import commit, publish, use_all_cores
 from benchmarks.service import CHUNK_S, RATE_HZ, SESSION, service
 from daq.blocks import Chunk
 from daq.uplink.wire import COUNT, EPOCH, SHA256, stream_path
-from server.service.checksums import digest_of
+from server.service.storage.checksums import digest_of
 
 HERE = Path(__file__).parent
 _OF = f"/api/v1/sessions/{SESSION}"

@@ -17,9 +17,9 @@ from server.commands.console import answer, progress, say, table
 
 if TYPE_CHECKING:
     from daq.audit import Entry
-    from server.service.database import Database
+    from server.service.security.tokens import Role, Token
     from server.service.settings import Settings, What
-    from server.service.tokens import Role, Token
+    from server.service.storage.database import Database
 
 Given = Mapping[str, Any]
 
@@ -47,8 +47,8 @@ def serve(given: Given, json: str | None) -> None:
 @privately
 def create_token(given: Given, name: str, role: Role, days: float | None, json: str | None) -> None:
     """Make a token and print it."""
-    from server.service.audit import acting
-    from server.service.tokens import create
+    from server.service.security.tokens import create
+    from server.service.storage.audit import acting
 
     with database_of(settings_of(given), new=True) as database, acting(local_user(), platform.node()):
         token, text = create(database, name, role, days)
@@ -61,7 +61,7 @@ def create_token(given: Given, name: str, role: Role, days: float | None, json: 
 
 def list_tokens(given: Given, json: str | None) -> None:
     """Show the tokens."""
-    from server.service.tokens import listed
+    from server.service.security.tokens import listed
 
     with database_of(settings_of(given)) as database:
         found = listed(database)
@@ -73,8 +73,8 @@ def list_tokens(given: Given, json: str | None) -> None:
 
 def revoke_token(given: Given, number: str, json: str | None) -> None:
     """Make a token useless."""
-    from server.service.audit import acting
-    from server.service.tokens import revoke
+    from server.service.security.tokens import revoke
+    from server.service.storage.audit import acting
 
     with database_of(settings_of(given)) as database, acting(local_user(), platform.node()):
         token = revoke(database, number)
@@ -85,7 +85,7 @@ def revoke_token(given: Given, number: str, json: str | None) -> None:
 @privately
 def backup(given: Given, target: Path, json: str | None) -> None:
     """Copy the service's database into one file."""
-    from server.service.backup import backup as run
+    from server.service.operation.backup import backup as run
 
     with progress("Copying and checking"):
         done = run(settings_of(given), target)
@@ -96,8 +96,8 @@ def backup(given: Given, target: Path, json: str | None) -> None:
 @privately
 def restore(given: Given, source: Path, force: bool, json: str | None) -> None:
     """Put a backup in the place of the service's database."""
-    from server.service.audit import acting
-    from server.service.backup import restore as run
+    from server.service.operation.backup import restore as run
+    from server.service.storage.audit import acting
 
     with acting(local_user(), platform.node()), progress("Checking and copying"):
         done, aside = run(settings_of(given), source, force=force)
@@ -111,10 +111,10 @@ def restore(given: Given, source: Path, force: bool, json: str | None) -> None:
 @privately
 def purge(given: Given, what: What, older_days: float, session: str | None, dry_run: bool, json: str | None) -> None:
     """Remove what is older than so many days, and give its space back."""
-    from server.service.audit import acting
-    from server.service.folder import HeldError, alone, folder_of, held
-    from server.service.purge import give_back
-    from server.service.purge import purge as run
+    from server.service.operation.folder import HeldError, alone, folder_of, held
+    from server.service.storage.audit import acting
+    from server.service.storage.purge import give_back
+    from server.service.storage.purge import purge as run
 
     settings, given_back = settings_of(given), False
     with (
@@ -143,7 +143,7 @@ def purge(given: Given, what: What, older_days: float, session: str | None, dry_
 
 def entries_of(given: Given) -> list[Entry]:
     """Read the service's trail, oldest entry first."""
-    from server.service.audit import entries
+    from server.service.storage.audit import entries
 
     with database_of(settings_of(given)) as database:
         return list(entries(database))
@@ -176,9 +176,9 @@ def database_of(settings: Settings, *, new: bool = False) -> Iterator[Database]:
     Raises:
         InputError: there is none and none is to be made, or it cannot be used.
     """
-    from server.service.database import Database
-    from server.service.folder import alone, folder_of, held, made, sqlite_of
-    from server.service.migrate import check, expected, explained, upgrade
+    from server.service.operation.folder import alone, folder_of, held, made, sqlite_of
+    from server.service.operation.migrate import check, expected, explained, upgrade
+    from server.service.storage.database import Database
 
     file = sqlite_of(settings)
     if new:

@@ -16,16 +16,16 @@ from starlette.exceptions import HTTPException
 
 from daq.errors import InputError
 from daq.uplink.wire import API
-from server.service import problems
 from server.service.answers import JsonAnswer
-from server.service.checksums import DamagedError
-from server.service.guard import protect
-from server.service.health import Health
-from server.service.metrics import Metrics
-from server.service.openapi import answer_wrong_method, document_of
+from server.service.operation.health import Health
+from server.service.security.guard import protect
+from server.service.security.tokens import TokenBook
 from server.service.services import Services, build
 from server.service.settings import Settings
-from server.service.tokens import TokenBook
+from server.service.storage.checksums import DamagedError
+from server.service.web import problems
+from server.service.web.metrics import Metrics
+from server.service.web.openapi import answer_wrong_method, document_of
 
 _LOG = logging.getLogger(__name__)
 # So long a compilation that has begun may hold up the end of the service.

@@ -18,13 +18,13 @@ from sqlalchemy.exc import DBAPIError
 from uvicorn.server import HANDLED_SIGNALS
 
 from daq.errors import LATER, InputError, LaterError
-from server.service import logs
-from server.service.database import Database
-from server.service.folder import alone, folder_of, held, made
-from server.service.migrate import upgrade
+from server.service.operation.folder import alone, folder_of, held, made
+from server.service.operation.migrate import upgrade
+from server.service.security.tokens import listed
 from server.service.settings import Settings
-from server.service.tokens import listed
-from server.service.wire import Wire
+from server.service.storage.database import Database
+from server.service.web import logs
+from server.service.web.wire import Wire
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send

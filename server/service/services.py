@@ -13,24 +13,24 @@ from daq.bench.forces import Predict
 from daq.bench.record import BenchSetup
 from daq.blocks import Chunk
 from daq.errors import ModelError
-from server.service.database import Database
-from server.service.ingest import Ingest
-from server.service.measuring import Measuring
-from server.service.messages import Messages
-from server.service.purge import retain
-from server.service.revisions import Revisions
-from server.service.scrub import Scrub
-from server.service.sessions import Sessions
+from server.service.ingest.ingest import Ingest
+from server.service.ingest.windows import Windows
+from server.service.models.revisions import Revisions
+from server.service.operation.scrub import Scrub
+from server.service.sessions.measuring import Measuring
+from server.service.sessions.sessions import Sessions
 from server.service.settings import Settings
-from server.service.windows import Windows
+from server.service.storage.database import Database
+from server.service.storage.messages import Messages
+from server.service.storage.purge import retain
 
 if TYPE_CHECKING:
-    from server.service.effects import OwnEffects
     from server.service.jobs.service import JobService
     from server.service.live.estimate import MakePredict
     from server.service.live.hub import LiveHub
-    from server.service.twins import Twins
-    from server.service.watch import Watch
+    from server.service.models.effects import OwnEffects
+    from server.service.models.twins import Twins
+    from server.service.models.watch import Watch
 
 
 @dataclass(eq=False)
@@ -97,14 +97,14 @@ def build(settings: Settings) -> Services:
     import fingermodel.effects.catalogue
     import fingermodel.model  # noqa: F401
     from fingermodel.finger_files import finger_names
-    from server.service.effects import OwnEffects
     from server.service.jobs.service import JobService
     from server.service.jobs.supervisor import Supervisor
+    from server.service.jobs.task_kinds import task_kinds
     from server.service.live.hub import LiveHub
-    from server.service.migrate import upgrade
-    from server.service.task_kinds import task_kinds
-    from server.service.twins import Twins
-    from server.service.watch import Watch
+    from server.service.models.effects import OwnEffects
+    from server.service.models.twins import Twins
+    from server.service.models.watch import Watch
+    from server.service.operation.migrate import upgrade
 
     if settings.database_url is None:
         settings.data.mkdir(parents=True, exist_ok=True)

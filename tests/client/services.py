@@ -15,7 +15,7 @@ import uvicorn
 from server.service.app import create_app
 from server.service.serve import bound
 from server.service.settings import Settings
-from server.service.wire import Wire
+from server.service.web.wire import Wire
 from tests.server.service.running import URL, ServiceReceiver
 
 __all__ = ["URL", "InProcess", "receiver_in", "running", "said", "scripted"]

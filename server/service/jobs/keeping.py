@@ -13,12 +13,12 @@ from sqlalchemy.exc import OperationalError
 
 from daq.errors import InputError
 from server.service.answers import plain
-from server.service.database import now_utc
 from server.service.jobs.kinds import CANCELLED, DONE, FAILED, QUEUED, RUNNING, Job, TaskKind
 from server.service.jobs.orders import Outcome
-from server.service.messages import Message, Messages, Telling
-from server.service.problems import ProblemError
-from server.service.schema import job_parts, jobs
+from server.service.storage.database import now_utc
+from server.service.storage.messages import Message, Messages, Telling
+from server.service.storage.schema import job_parts, jobs
+from server.service.web.problems import ProblemError
 
 _log = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from sqlalchemy import Row
 
-from server.service.messages import Telling
+from server.service.storage.messages import Telling
 
 SCHEMA = "fingertwin/job/1"
 QUEUED, RUNNING, DONE, FAILED, CANCELLED = STATES = ("queued", "running", "done", "failed", "cancelled")

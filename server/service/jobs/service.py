@@ -12,14 +12,14 @@ from sqlalchemy import ColumnElement, func, insert, select, update
 
 from daq.errors import InputError
 from server.service.answers import plain
-from server.service.database import Database, now_utc
 from server.service.jobs.keeping import Keeper, problem_of
 from server.service.jobs.kinds import FAILED, QUEUED, RUNNING, STATES, Job, TaskKind
 from server.service.jobs.orders import Order, Outcome
 from server.service.jobs.supervisor import Supervisor, Workers
-from server.service.messages import Messages, Telling
-from server.service.problems import ProblemError, not_found, shortened
-from server.service.schema import jobs
+from server.service.storage.database import Database, now_utc
+from server.service.storage.messages import Messages, Telling
+from server.service.storage.schema import jobs
+from server.service.web.problems import ProblemError, not_found, shortened
 
 # A job that was running when the service stopped unasked so often is at fault itself, most likely.
 _MOST_ATTEMPTS = 3

@@ -15,7 +15,7 @@ from server.service.live.bodies import BenchMessage
 from server.service.live.clients import BAD_PARAMETERS, NOT_FOUND, RESTART
 from server.service.live.hub import HEARTBEAT_S, TRUSTED_S, LiveHub
 from server.service.live.route import Exists
-from server.service.wire import wire_of
+from server.service.web.wire import wire_of
 
 
 async def take(hub: LiveHub, socket: WebSocket, session: str, exists: Exists) -> None:

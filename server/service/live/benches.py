@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from server.service.live.bodies import Answer, BenchShown
-from server.service.messages import Message
-from server.service.problems import ProblemError, shortened
+from server.service.storage.messages import Message
+from server.service.web.problems import ProblemError, shortened
 
 # A bench answers in its next turn; closing a session takes it longest.
 ANSWER_S = 10.0

@@ -16,7 +16,7 @@ from functools import cached_property
 from websockets import frames
 
 from server.service.answers import dumps
-from server.service.messages import Message
+from server.service.storage.messages import Message
 
 # Half a second at 30 Hz: what is older is no longer live.
 FRAMES_WAITING = 15

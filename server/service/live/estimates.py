@@ -17,7 +17,7 @@ import numpy as np
 from daq.journal.rows import Event
 from server.service.live.estimate import MakePredict, Predictions, SessionEstimate, Tares
 from server.service.live.traces import Rows
-from server.service.messages import Message, Messages
+from server.service.storage.messages import Message, Messages
 
 __all__ = ["EVERY_S", "Estimates", "MakePredict", "Tares"]
 

@@ -11,7 +11,7 @@ import numpy as np
 from server.service.answers import dumps
 from server.service.live.clients import Client, Frame, Kept, Subscription
 from server.service.live.traces import Rows, as_columns, decimated
-from server.service.messages import Message
+from server.service.storage.messages import Message
 
 # Frames that are due so soon go at once. Benches send as often as clients look, never quite in step: with less, most
 # frames would wait for a timer, with two envelopes in some and none in others.

@@ -15,7 +15,6 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from daq.blocks import Chunk
-from server.service.database import now_utc
 from server.service.live.benches import Benches
 from server.service.live.bodies import LiveMessage
 from server.service.live.clients import RESTART, Client, Subscription
@@ -23,7 +22,8 @@ from server.service.live.estimates import Estimates, MakePredict, Tares
 from server.service.live.groups import SLACK_S, Counters, Groups
 from server.service.live.order import InOrder
 from server.service.live.traces import Rows, Traces, rows_of, rows_of_chunk
-from server.service.messages import Message, Messages
+from server.service.storage.database import now_utc
+from server.service.storage.messages import Message, Messages
 
 TICK_S, HEARTBEAT_S = 1.0 / 30.0, 5.0
 # A kept message that was told before its predecessor: so long the other thread is waited for, then the database asked.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from server.service.messages import Message
+from server.service.storage.messages import Message
 
 
 class InOrder:

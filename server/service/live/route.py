@@ -37,8 +37,8 @@ from daq.errors import InputError
 from server.service.live.clients import BAD_PARAMETERS, NOT_FOUND, Subscription
 from server.service.live.connection import serve
 from server.service.live.hub import LiveHub
-from server.service.problems import ProblemError, problem_answer, shortened
-from server.service.wire import wire_of
+from server.service.web.problems import ProblemError, problem_answer, shortened
+from server.service.web.wire import wire_of
 
 PARAMETERS = ("session", "after", "rate_hz", "traces")
 LEAST_HZ, MOST_HZ, USUAL_HZ = 1.0, 60.0, 30.0

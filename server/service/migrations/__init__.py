@@ -1,1 +1,4 @@
-"""Steps from one version of the database's schema to the next; Alembic runs them, `server.service.migrate` calls it."""
+"""Steps from one version of the database's schema to the next.
+
+Alembic runs them; `server.service.operation.migrate` calls it.
+"""

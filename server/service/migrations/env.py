@@ -1,10 +1,10 @@
-"""Alembic's environment: steps run on the connection that `server.service.migrate` has opened and locked."""
+"""Alembic's environment: steps run on the connection that `server.service.operation.migrate` has opened and locked."""
 
 from __future__ import annotations
 
 from alembic import context
 
-from server.service.schema import metadata
+from server.service.storage.schema import metadata
 
 context.configure(
     connection=context.config.attributes["connection"],

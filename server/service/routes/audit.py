@@ -10,11 +10,11 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import Field
 
 from server.service.answers import JsonAnswer
-from server.service.audit import entries, faults_of
 from server.service.routes.exports import files
 from server.service.schemas.common import Plain, Shown, documented
 from server.service.services import of
-from server.service.strict import StrictRoute
+from server.service.storage.audit import entries, faults_of
+from server.service.web.strict import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, prefix="/audit", tags=["operation"])
 

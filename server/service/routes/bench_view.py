@@ -7,13 +7,13 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request
 
 from server.service.answers import JsonAnswer
-from server.service.bench_finger import bench_finger
-from server.service.bench_view import bench_view
+from server.service.figures.bench_finger import bench_finger
 from server.service.routes.readings import readers
 from server.service.schemas.bench_view import FINGER_EXAMPLE, STATE_EXAMPLE, BenchShown, FingerDrawn
 from server.service.schemas.common import ModelName, SessionId, documented
 from server.service.services import of
-from server.service.strict import StrictRoute
+from server.service.sessions.bench_view import bench_view
+from server.service.web.strict import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, prefix="/sessions/{session}/bench", tags=["bench"])
 

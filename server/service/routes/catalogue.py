@@ -9,10 +9,10 @@ from pydantic import Field
 
 from daq.locations import data_dir
 from server.service.answers import JsonAnswer
-from server.service.problems import not_found
 from server.service.schemas.common import Form, Plain, Shown, documented
 from server.service.services import of
-from server.service.strict import StrictRoute
+from server.service.web.problems import not_found
+from server.service.web.strict import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, tags=["catalogue"])
 

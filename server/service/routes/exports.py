@@ -9,14 +9,14 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import Field
 
 from server.service.answers import JsonAnswer
-from server.service.downloads import FileAnswer, attachment, download
-from server.service.exporting import REVISION_FORMATS, SESSION_FORMATS, revision_export, session_export
-from server.service.reports import checked, report_page, report_sheet
+from server.service.exports.exporting import REVISION_FORMATS, SESSION_FORMATS, revision_export, session_export
+from server.service.exports.reports import checked, report_page, report_sheet
 from server.service.schemas.common import ModelName, SessionId, Shown, documented
 from server.service.schemas.figures import PlotlyFigure
 from server.service.services import of
-from server.service.strict import StrictRoute
-from server.service.workers import run
+from server.service.web.downloads import FileAnswer, attachment, download
+from server.service.web.strict import StrictRoute
+from server.service.web.workers import run
 
 router = APIRouter(route_class=StrictRoute, tags=["exports"])
 

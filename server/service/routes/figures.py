@@ -9,13 +9,13 @@ from fastapi import APIRouter, Header, Path, Query, Request, Response
 
 from daq.uplink.wire import API
 from server.service.answers import JsonAnswer
-from server.service.comparison_figures import Only, Plane
-from server.service.figure_answer import Theme
-from server.service.figures import COMPARISON, DIAGNOSIS, REVISIONS, SHARED, Drawn, Figures, SearchFit
+from server.service.figures.answer import Theme
+from server.service.figures.comparison import Only, Plane
+from server.service.figures.figures import COMPARISON, DIAGNOSIS, REVISIONS, SHARED, Drawn, Figures, SearchFit
 from server.service.schemas.common import ModelName, documented
 from server.service.schemas.figures import EXAMPLE, FigureList, FigureShown
 from server.service.services import of
-from server.service.strict import StrictRoute
+from server.service.web.strict import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, prefix="/figures", tags=["figures"])
 

@@ -7,9 +7,8 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Path, Query, Request, Response
 
 from server.service.answers import JsonAnswer
-from server.service.downloads import attachment
-from server.service.figure_answer import Theme
-from server.service.fingers import compared, exported, finger_shown, formats, imported, known_finger, scaled
+from server.service.figures.answer import Theme
+from server.service.figures.fingers import compared, exported, finger_shown, formats, imported, known_finger, scaled
 from server.service.routes.exports import files
 from server.service.schemas.common import documented
 from server.service.schemas.fingers import (
@@ -23,8 +22,9 @@ from server.service.schemas.fingers import (
     FingersCompared,
     Scaled,
 )
-from server.service.strict import StrictRoute
-from server.service.workers import run
+from server.service.web.downloads import attachment
+from server.service.web.strict import StrictRoute
+from server.service.web.workers import run
 
 router = APIRouter(route_class=StrictRoute, prefix="/fingers", tags=["fingers"])
 

@@ -7,8 +7,8 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request
 
 from server.service.answers import JsonAnswer
-from server.service.figure_answer import Theme
-from server.service.forces import activation, invertible, movement, movement_choices
+from server.service.figures.answer import Theme
+from server.service.figures.forces import activation, invertible, movement, movement_choices
 from server.service.schemas.common import ModelName, SessionId, documented
 from server.service.schemas.forces import (
     Activated,
@@ -20,8 +20,8 @@ from server.service.schemas.forces import (
     MovementChoices,
 )
 from server.service.services import of
-from server.service.strict import StrictRoute
-from server.service.workers import run
+from server.service.web.strict import StrictRoute
+from server.service.web.workers import run
 
 router = APIRouter(route_class=StrictRoute, tags=["forces"])
 

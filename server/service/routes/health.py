@@ -8,11 +8,11 @@ from fastapi import APIRouter, Request
 from pydantic import BaseModel
 from starlette.responses import Response
 
-from server.service.health import Health, HealthAnswer
-from server.service.metrics import CONTENT_TYPE, Metrics
-from server.service.problems import ProblemError
+from server.service.operation.health import Health, HealthAnswer
 from server.service.schemas.common import documented
-from server.service.workers import run
+from server.service.web.metrics import CONTENT_TYPE, Metrics
+from server.service.web.problems import ProblemError
+from server.service.web.workers import run
 
 router = APIRouter(prefix="/health", tags=["health"])
 # Beside the interface: Prometheus asks for it at the root.

@@ -9,11 +9,11 @@ from pydantic import Field
 
 from daq.uplink.wire import COUNT, EPOCH, SHA256
 from server.service.answers import JsonAnswer
-from server.service.ingest import Sent
+from server.service.ingest.ingest import Sent
 from server.service.schemas.common import SessionId, Shown, documented
 from server.service.services import of
-from server.service.strict import IngestRoute
-from server.service.workers import run
+from server.service.web.strict import IngestRoute
+from server.service.web.workers import run
 
 router = APIRouter(route_class=IngestRoute, prefix="/sessions/{session}", tags=["ingest"])
 

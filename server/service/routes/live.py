@@ -9,12 +9,12 @@ from starlette.websockets import WebSocket
 from server.service.live.bench_socket import take
 from server.service.live.bodies import LiveMessage
 from server.service.live.route import live_router, refuse
-from server.service.problems import ProblemError
 from server.service.schemas.benches import BenchCommand, Done
 from server.service.schemas.common import SessionId, Shown, documented
 from server.service.services import of
-from server.service.strict import IngestRoute
-from server.service.workers import run
+from server.service.web.problems import ProblemError
+from server.service.web.strict import IngestRoute
+from server.service.web.workers import run
 
 router = APIRouter(route_class=IngestRoute, tags=["live"])
 

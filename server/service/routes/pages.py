@@ -12,7 +12,7 @@ from typing import Annotated
 from fastapi import APIRouter, Header, Path, Request
 from starlette.responses import RedirectResponse, Response
 
-from server.service.problems import not_found
+from server.service.web.problems import not_found
 
 router = APIRouter(include_in_schema=False)
 

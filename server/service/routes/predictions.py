@@ -9,11 +9,11 @@ from fastapi import APIRouter, Header, Query, Request, Response
 
 from fingermodel.predicting import predict as evaluate
 from server.service.answers import JsonAnswer
-from server.service.problems import ProblemError
 from server.service.schemas.common import ModelName, SessionId, Shown, documented
 from server.service.schemas.predictions import Asked, Compared, Predicted
 from server.service.services import of
-from server.service.strict import StrictRoute
+from server.service.web.problems import ProblemError
+from server.service.web.strict import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, tags=["comparison"])
 

@@ -15,16 +15,16 @@ from daq.export import CELL_FRAME
 from daq.plateaus import Plateau
 from daq.readings import HEADERS
 from server.service.answers import JsonAnswer
-from server.service.envelopes import Envelopes, Samples, Window
-from server.service.ingest import body_of_event
-from server.service.problems import ProblemError, not_found
-from server.service.records import WINDOWS
-from server.service.schema import events
+from server.service.ingest.envelopes import Envelopes, Samples, Window
+from server.service.ingest.ingest import body_of_event
+from server.service.ingest.windows import Windows
 from server.service.schemas.common import CaseId, Limit, SessionId, documented
 from server.service.schemas.readings import CaseReadingsShown, EventsShown, ReadingsShown
 from server.service.services import of
-from server.service.strict import StrictRoute
-from server.service.windows import Windows
+from server.service.sessions.records import WINDOWS
+from server.service.storage.schema import events
+from server.service.web.problems import ProblemError, not_found
+from server.service.web.strict import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, prefix="/sessions/{session}", tags=["readings"])
 

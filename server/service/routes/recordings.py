@@ -5,14 +5,14 @@ from __future__ import annotations
 from fastapi import APIRouter, Request
 
 from server.service.answers import JsonAnswer
-from server.service.new_sessions import draft, keep, lay, look
 from server.service.routes.sessions import shown_session
 from server.service.schemas.common import documented
 from server.service.schemas.recordings import AskedLaying, AskedLook, Drafted, Laid, LookedAt, NewFromRecordings
 from server.service.schemas.sessions import SessionImported
 from server.service.services import of
-from server.service.strict import StrictRoute
-from server.service.workers import run
+from server.service.uploads.new_sessions import draft, keep, lay, look
+from server.service.web.strict import StrictRoute
+from server.service.web.workers import run
 
 looking = APIRouter(route_class=StrictRoute, prefix="/recordings", tags=["sessions"])
 keeping = APIRouter(route_class=StrictRoute, prefix="/imports", tags=["sessions"])

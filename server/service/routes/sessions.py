@@ -10,11 +10,7 @@ from sqlalchemy import select
 from daq.amendments import amendment, case_of, exchanged
 from daq.errors import InputError
 from server.service.answers import JsonAnswer
-from server.service.importing import import_example, import_folder
-from server.service.planned import planned_steps
-from server.service.problems import ProblemError
-from server.service.records import steps_of, undone_edits
-from server.service.schema import streams
+from server.service.models.watch import case_bodies
 from server.service.schemas.common import CaseId, Limit, SessionId, Shown, documented
 from server.service.schemas.sessions import (
     Amended,
@@ -35,10 +31,14 @@ from server.service.schemas.sessions import (
     Windows,
 )
 from server.service.services import Services, of
-from server.service.sizes import require_case_id
-from server.service.strict import StrictRoute
-from server.service.watch import case_bodies
-from server.service.workers import run
+from server.service.sessions.planned import planned_steps
+from server.service.sessions.records import steps_of, undone_edits
+from server.service.sessions.sizes import require_case_id
+from server.service.storage.schema import streams
+from server.service.uploads.importing import import_example, import_folder
+from server.service.web.problems import ProblemError
+from server.service.web.strict import StrictRoute
+from server.service.web.workers import run
 
 kept = APIRouter(route_class=StrictRoute, prefix="/sessions", tags=["sessions"])
 imports = APIRouter(route_class=StrictRoute, prefix="/imports", tags=["sessions"])

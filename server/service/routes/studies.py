@@ -8,12 +8,12 @@ from fastapi import APIRouter, Path, Request
 
 from server.reproduce.study import STUDIES, Study
 from server.service.answers import JsonAnswer
+from server.service.jobs.studies import last_of, study_named
 from server.service.schemas.common import documented
 from server.service.schemas.jobs import JobShown
 from server.service.schemas.studies import STUDY, AskedReproduction, StudyComputed, StudyList
 from server.service.services import of
-from server.service.strict import StrictRoute
-from server.service.studies import last_of, study_named
+from server.service.web.strict import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, prefix="/studies", tags=["studies"])
 

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query, Request
 
 from server.service.answers import JsonAnswer
-from server.service.problems import ProblemError
 from server.service.schemas.common import Limit, SessionId, Shown, documented
 from server.service.schemas.jobs import JobList, JobShown
 from server.service.schemas.twins import (
@@ -24,7 +23,8 @@ from server.service.schemas.twins import (
     SpecimenList,
 )
 from server.service.services import Services, of
-from server.service.strict import StrictRoute
+from server.service.web.problems import ProblemError
+from server.service.web.strict import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, tags=["twin"])
 

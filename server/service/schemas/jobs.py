@@ -6,8 +6,8 @@ from typing import Any, Literal
 
 from pydantic import ConfigDict, Field
 
-from server.service.problems import Problem
 from server.service.schemas.common import Plain, Shown
+from server.service.web.problems import Problem
 
 State = Literal["queued", "running", "done", "failed", "cancelled"]
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from server.service.figure_answer import Theme
+from server.service.figures.answer import Theme
 from server.service.schemas.common import SESSION_ID, Form, Plain, Shown
 from server.service.schemas.sessions import FolderFile, Name
 

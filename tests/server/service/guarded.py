@@ -11,14 +11,14 @@ from sqlalchemy.exc import OperationalError
 from starlette.responses import StreamingResponse
 
 from daq.errors import InputError
-from server.service import problems
-from server.service.database import Database
-from server.service.guard import protect
-from server.service.metrics import Metrics
-from server.service.migrate import upgrade
+from server.service.operation.migrate import upgrade
+from server.service.security.guard import protect
+from server.service.security.tokens import Role, TokenBook, create
 from server.service.settings import DATABASE_FILE, Settings
-from server.service.tokens import Role, TokenBook, create
-from server.service.wire import Wire, wire_of
+from server.service.storage.database import Database
+from server.service.web import problems
+from server.service.web.metrics import Metrics
+from server.service.web.wire import Wire, wire_of
 
 MOST_BYTES = 1 << 16
 

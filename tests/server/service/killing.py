@@ -25,8 +25,8 @@ from daq.uplink.events import encoded
 from daq.uplink.link import open_client
 from daq.uplink.thread import Uplink
 from daq.uplink.wire import SHA256
-from server.service.database import Database
-from server.service.schema import chunks, events, jobs, messages, revisions, sessions, streams
+from server.service.storage.database import Database
+from server.service.storage.schema import chunks, events, jobs, messages, revisions, sessions, streams
 from tests.contracts.ingest import made
 from tests.server.service.processes import PATIENCE_S, Process, whole
 from tests.server.service.recorded import upload

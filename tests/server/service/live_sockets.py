@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from server.service.database import Database
 from server.service.live.clients import Subscription
 from server.service.live.connection import serve
 from server.service.live.hub import LiveHub
-from server.service.messages import Messages
-from server.service.schema import metadata
+from server.service.storage.database import Database
+from server.service.storage.messages import Messages
+from server.service.storage.schema import metadata
 
 PATIENCE_S = 20.0
 Told = dict[str, Any]

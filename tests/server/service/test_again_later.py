@@ -17,18 +17,19 @@ from sqlalchemy.exc import OperationalError
 
 from daq.errors import InputError, LaterError
 from server import cli
-from server.service import app, watch
-from server.service.database import Database
-from server.service.folder import made
-from server.service.migrate import unusable, upgrade
+from server.service import app
+from server.service.models import watch
+from server.service.operation.folder import made
+from server.service.operation.migrate import unusable, upgrade
 from server.service.settings import Settings
+from server.service.storage.database import Database
 
 ROOT = Path(__file__).parents[3]
 UNIT, IMAGE = ROOT / "docs/deploy/fingertwin.service", ROOT / "docs/deploy/Dockerfile"
 
 
 def ended(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
-    monkeypatch.setattr("server.service.logs.configure", lambda settings: None)
+    monkeypatch.setattr("server.service.web.logs.configure", lambda settings: None)
     monkeypatch.setattr("sys.argv", ["fingertwin", *words])
     with pytest.raises(SystemExit) as caught:
         cli.main()
@@ -62,7 +63,7 @@ def test_a_disk_that_is_full_while_the_database_is_made_leaves_nothing_and_is_fo
 
     database = Database(f"sqlite:///{tmp_path / 'a.db'}")
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("server.service.migrate.os.link", full)
+        patched.setattr("server.service.operation.migrate.os.link", full)
         patched.setattr(Path, "rename", full)
         with pytest.raises(LaterError, match="No space left"):
             upgrade(database)

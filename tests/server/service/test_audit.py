@@ -11,8 +11,8 @@ from sqlalchemy import text
 from sqlalchemy.exc import DatabaseError
 
 from daq.audit import Entry, faults
-from server.service.audit import entries, faults_of
-from server.service.tokens import create, revoke
+from server.service.security.tokens import create, revoke
+from server.service.storage.audit import entries, faults_of
 from tests.server.command_line import run
 from tests.server.service.running import ServiceReceiver
 from tests.server.service.test_sessions import small

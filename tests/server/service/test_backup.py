@@ -14,15 +14,15 @@ from sqlalchemy import func, insert, select
 
 from daq.errors import InputError
 from server import cli
-from server.service import backup as module
-from server.service.audit import entries, faults_of
-from server.service.backup import backup, restore
-from server.service.checksums import digest_of
-from server.service.database import Database, now_utc
-from server.service.folder import held
-from server.service.migrate import expected, upgrade
-from server.service.schema import events, sessions
+from server.service.operation import backup as module
+from server.service.operation.backup import backup, restore
+from server.service.operation.folder import held
+from server.service.operation.migrate import expected, upgrade
 from server.service.settings import DATABASE_FILE, Settings
+from server.service.storage.audit import entries, faults_of
+from server.service.storage.checksums import digest_of
+from server.service.storage.database import Database, now_utc
+from server.service.storage.schema import events, sessions
 
 
 def service(folder: Path, count: int) -> Settings:

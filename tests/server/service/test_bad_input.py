@@ -21,8 +21,8 @@ from sqlalchemy import event
 from daq.blocks import Chunk
 from daq.errors import JournalError
 from daq.uplink.wire import EPOCH, SHA256
-from server.service.problems import PROBLEM
 from server.service.schemas.sessions import CASE, DOCUMENT
+from server.service.web.problems import PROBLEM
 from tests.contracts.ingest import made
 from tests.server.service.postgres import postgres_url
 from tests.server.service.recorded import EPOCH_1, describe, put

@@ -15,14 +15,14 @@ from sqlalchemy import insert, select
 
 from daq.blocks import Chunk
 from daq.errors import InputError
-from server.service.backup import backup, restore
-from server.service.checksums import DamagedError, Sealed, digest_of, sealed
-from server.service.database import Database
-from server.service.ingest import STORED, chunk_of
-from server.service.migrate import expected, known, upgrade
-from server.service.schema import chunks, events, metadata, streams
-from server.service.scrub import Scrub, damage_of
+from server.service.ingest.ingest import STORED, chunk_of
+from server.service.operation.backup import backup, restore
+from server.service.operation.migrate import expected, known, upgrade
+from server.service.operation.scrub import Scrub, damage_of
 from server.service.settings import DATABASE_FILE, Settings
+from server.service.storage.checksums import DamagedError, Sealed, digest_of, sealed
+from server.service.storage.database import Database
+from server.service.storage.schema import chunks, events, metadata, streams
 from tests.server.service.recorded import DESCRIPTION, STREAM, chunks_of, document_of, put
 from tests.server.service.running import ServiceReceiver
 from tests.server.service.test_migrations import value_of

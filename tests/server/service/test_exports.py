@@ -26,9 +26,9 @@ from server.application.drawing import draw_comparison
 from server.application.workflow import compare_bench, open_bench, refit_bench, save_revision
 from server.commands.files import export_source
 from server.figures.report import Section
-from server.service import exporting
-from server.service.database import now_utc
-from server.service.downloads import FileAnswer, attachment
+from server.service.exports import exporting
+from server.service.storage.database import now_utc
+from server.service.web.downloads import FileAnswer, attachment
 from tests.daq.bench_plays import Bench, case, predicted, setup, tared, whole
 from tests.server.service.exported import OF_PREDICTIONS, cells, datasets, exported, from_csv, from_mat, members
 from tests.server.service.recorded import STREAM, upload

@@ -20,10 +20,10 @@ from server.figures.comparison import comparison_figures
 from server.figures.dark import for_dark, turned
 from server.figures.diagnosis_revisions import revisions_figure
 from server.figures.style import INK, MUTED, TENDONS
-from server.service.blinding import HIDDEN
-from server.service.database import now_utc
-from server.service.figures import COMPARISON, DIAGNOSIS
-from server.service.schema import jobs
+from server.service.figures.figures import COMPARISON, DIAGNOSIS
+from server.service.sessions.blinding import HIDDEN
+from server.service.storage.database import now_utc
+from server.service.storage.schema import jobs
 from tests.daq.bench_plays import PROTOCOL, case, tared, whole
 from tests.server.diagnosis_answers import found as missing_effect
 from tests.server.service.recorded import upload

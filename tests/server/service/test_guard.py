@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from server.service import guard
-from server.service.edge import HEADERS
-from server.service.origins import authority, is_loopback, is_ours, is_same, scheme_of
-from server.service.tokens import FRESH_S, listed, revoke
+from server.service.security import guard
+from server.service.security.origins import authority, is_loopback, is_ours, is_same, scheme_of
+from server.service.security.tokens import FRESH_S, listed, revoke
+from server.service.web.edge import HEADERS
 from tests.server.service.asks import Answer, ask, open_socket
 from tests.server.service.guarded import MOST_BYTES, Guarded
 
@@ -221,7 +221,7 @@ def test_a_body_that_grows_too_large_is_refused_once_and_its_rest_is_thrown_away
 
 
 def test_of_an_endless_body_only_so_much_is_thrown_away(here: Guarded, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("server.service.body_limit._DRAINED_BYTES", 10_000)
+    monkeypatch.setattr("server.service.security.body_limit._DRAINED_BYTES", 10_000)
     answer = upload(here, [bytes(MOST_BYTES + 1)] + [bytes(1000)] * 1000)
     assert answer.status == 413
     assert answer.taken == 1 + 10
@@ -297,7 +297,7 @@ def test_a_websocket_takes_its_token_as_a_header_or_as_a_protocol(elsewhere: Gua
 
 def test_a_websocket_ends_with_its_token(elsewhere: Guarded, monkeypatch: pytest.MonkeyPatch) -> None:
     token = elsewhere.token("read")
-    monkeypatch.setattr("server.service.tokens.FRESH_S", 0.0)
+    monkeypatch.setattr("server.service.security.tokens.FRESH_S", 0.0)
     send = guard._Socket.send
     sent: list[str] = []
 

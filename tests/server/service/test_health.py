@@ -12,16 +12,16 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 from sqlalchemy import insert
 
-from server.service import logs
-from server.service.database import Database, now_utc
-from server.service.health import LITTLE_BYTES, Health
 from server.service.jobs.supervisor import Workers
-from server.service.metrics import Metrics
-from server.service.migrate import expected
+from server.service.operation.health import LITTLE_BYTES, Health
+from server.service.operation.migrate import expected
+from server.service.operation.scrub import Scrub
 from server.service.routes import health as routes
-from server.service.schema import jobs
-from server.service.scrub import Scrub
 from server.service.settings import Settings
+from server.service.storage.database import Database, now_utc
+from server.service.storage.schema import jobs
+from server.service.web import logs
+from server.service.web.metrics import Metrics
 from tests.server.service.asks import Answer, ask
 from tests.server.service.guarded import Guarded
 from tests.server.service.postgres import postgres_url

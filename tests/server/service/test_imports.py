@@ -22,15 +22,15 @@ from starlette.types import Message
 from daq.columns import HEADERS
 from daq.sessions import find_session, read_yaml
 from server.application.workflow import compare_bench, open_bench
-from server.service import importing
-from server.service.edge import Edge
-from server.service.importing import import_folder
-from server.service.ingest import Ingest
-from server.service.metrics import Metrics
-from server.service.problems import ProblemError
-from server.service.schema import chunks, sessions
-from server.service.strict import StrictRoute
-from server.service.workers import GoneError, require_client
+from server.service.ingest.ingest import Ingest
+from server.service.storage.schema import chunks, sessions
+from server.service.uploads import importing
+from server.service.uploads.importing import import_folder
+from server.service.web.edge import Edge
+from server.service.web.metrics import Metrics
+from server.service.web.problems import ProblemError
+from server.service.web.strict import StrictRoute
+from server.service.web.workers import GoneError, require_client
 from tests.server.service.asks import scope_of
 from tests.server.service.running import ServiceReceiver
 

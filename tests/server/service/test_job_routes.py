@@ -11,9 +11,9 @@ from fastapi import FastAPI
 from starlette.testclient import TestClient
 
 from daq.errors import InputError
-from server.service.problems import ProblemError, answer_input_error, answer_problem
 from server.service.routes import jobs as routes
 from server.service.schemas.jobs import JobList, JobShown
+from server.service.web.problems import ProblemError, answer_input_error, answer_problem
 from tests.server.service.test_jobs import Running
 
 

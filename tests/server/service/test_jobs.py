@@ -15,13 +15,13 @@ import pytest
 from sqlalchemy import func, insert, select, update
 
 from daq.errors import InputError
-from server.service.database import Database, now_utc
 from server.service.jobs.kinds import Job, TaskKind
 from server.service.jobs.service import JobService
 from server.service.jobs.supervisor import Supervisor
-from server.service.messages import Message, Messages, Telling
-from server.service.problems import ProblemError
-from server.service.schema import job_parts, jobs, metadata, own_effects
+from server.service.storage.database import Database, now_utc
+from server.service.storage.messages import Message, Messages, Telling
+from server.service.storage.schema import job_parts, jobs, metadata, own_effects
+from server.service.web.problems import ProblemError
 from tests.server.service.work import HERE
 
 LONG_S = 60.0

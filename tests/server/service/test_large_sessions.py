@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-from server.service.measuring import Measured, Measuring
-from server.service.records import Edit, Record, apply_edits
-from server.service.reports import checked
-from server.service.sizes import MOST_CASES, MOST_SETTINGS
-from server.service.watch import case_bodies
+from server.service.exports.reports import checked
+from server.service.models.watch import case_bodies
+from server.service.sessions.measuring import Measured, Measuring
+from server.service.sessions.records import Edit, Record, apply_edits
+from server.service.sessions.sizes import MOST_CASES, MOST_SETTINGS
 from tests.daq.benches import averaged
 from tests.server.service.running import ServiceReceiver
 

@@ -18,7 +18,7 @@ from websockets.uri import parse_uri
 from server.service.live import clients
 from server.service.live.clients import Client, Frame, Kept, Subscription
 from server.service.live.order import InOrder
-from server.service.messages import Message
+from server.service.storage.messages import Message
 
 
 def told(number: int) -> Message:

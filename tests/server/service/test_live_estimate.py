@@ -24,7 +24,7 @@ from daq.windows import Span
 from server.service.live.estimate import Predictions, SessionEstimate
 from server.service.live.estimates import Estimates
 from server.service.live.traces import rows_of_chunk
-from server.service.messages import Message, Messages
+from server.service.storage.messages import Message, Messages
 from tests.daq.bench_plays import QUIET, Bench, Line, case, hung, load, predicted, setup, tared, truth, wait, whole
 from tests.server.service.live_sockets import PATIENCE_S, hub_of, keep, messages_in
 

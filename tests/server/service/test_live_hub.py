@@ -14,11 +14,11 @@ import pytest
 
 from daq.blocks import Chunk
 from daq.uplink.live_tail import WINDOW_S
-from server.service.checksums import sealed
 from server.service.live import clients, hub
 from server.service.live.clients import FRAMES_WAITING, TRY_AGAIN
 from server.service.live.connection import MOST_CLIENTS
-from server.service.messages import Message, Messages
+from server.service.storage.checksums import sealed
+from server.service.storage.messages import Message, Messages
 from tests.server.service.live_sockets import FakeSocket, Served, hub_of, keep, messages_in, posted
 
 Play = Callable[[Served, Messages], Coroutine[Any, Any, None]]

@@ -19,9 +19,9 @@ from websockets.sync.client import ClientConnection, connect
 from server.service.live.bench_socket import take
 from server.service.live.hub import LiveHub
 from server.service.live.route import Allow, anyone, live_router
-from server.service.messages import Messages
-from server.service.problems import ProblemError
-from server.service.wire import Wire
+from server.service.storage.messages import Messages
+from server.service.web.problems import ProblemError
+from server.service.web.wire import Wire
 from tests.server.service.listening import listening
 from tests.server.service.live_sockets import PATIENCE_S, keep, messages_in, posted
 

@@ -19,11 +19,11 @@ from sqlalchemy import Boolean, Column, Connection, Float, Integer, LargeBinary,
 from sqlalchemy.types import JSON
 
 from daq.errors import InputError
-from server.service import migrate
-from server.service.checksums import Sealed
-from server.service.database import Database
-from server.service.migrate import check, expected, known, upgrade
-from server.service.schema import metadata
+from server.service.operation import migrate
+from server.service.operation.migrate import check, expected, known, upgrade
+from server.service.storage.checksums import Sealed
+from server.service.storage.database import Database
+from server.service.storage.schema import metadata
 from tests.server.service.postgres import postgres_url
 
 
@@ -230,7 +230,7 @@ def test_a_broken_step_leaves_the_database_as_it_was(tmp_path: Path, monkeypatch
         connection.execute(text("CREATE TABLE half (a TEXT)"))
         raise RuntimeError("power cut")
 
-    monkeypatch.setattr("server.service.migrate._run", fails)
+    monkeypatch.setattr("server.service.operation.migrate._run", fails)
     with pytest.raises(RuntimeError, match="power cut"):
         upgrade(database)
     database.close()

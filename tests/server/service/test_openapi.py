@@ -11,9 +11,9 @@ import pytest
 from jsonschema_rs import Draft202012Validator
 
 from server.service.app import create_app
-from server.service.openapi import methods_of
-from server.service.problems import PROBLEM
 from server.service.settings import Settings
+from server.service.web.openapi import methods_of
+from server.service.web.problems import PROBLEM
 from tests.server.service.asking import asked, prepared
 from tests.server.service.postgres import postgres_url
 from tests.server.service.processes import running, whole

@@ -16,12 +16,13 @@ from sqlalchemy import func, insert, select
 
 from daq.blocks import Chunk
 from server import cli
-from server.service.checksums import digest_of
-from server.service.database import Database
-from server.service.folder import held
-from server.service.migrate import upgrade
-from server.service.purge import Purged, give_back, purge, retain, reusable_bytes
-from server.service.schema import (
+from server.service.operation.folder import held
+from server.service.operation.migrate import upgrade
+from server.service.operation.scrub import Scrub, damage_of
+from server.service.storage.checksums import digest_of
+from server.service.storage.database import Database
+from server.service.storage.purge import Purged, give_back, purge, retain, reusable_bytes
+from server.service.storage.schema import (
     chunks,
     edits,
     events,
@@ -34,7 +35,6 @@ from server.service.schema import (
     sessions,
     streams,
 )
-from server.service.scrub import Scrub, damage_of
 from tests.server.service.postgres import postgres_url
 
 COUNT = 40

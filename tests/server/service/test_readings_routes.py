@@ -14,7 +14,7 @@ from daq.blocks import Chunk
 from daq.corrections import measure
 from daq.readings import HEADERS
 from daq.sessions import read_session
-from server.service import envelopes
+from server.service.ingest.ingest import envelopes
 from tests.daq.bench_plays import case, tared
 from tests.server.service.postgres import postgres_url
 from tests.server.service.recorded import STREAM, chunks_of, describe, document_of, put, upload

@@ -14,7 +14,7 @@ import pytest
 
 from daq.lab.drafts import posture_of
 from daq.sessions import plain_document, read_session, read_yaml
-from server.service import new_sessions
+from server.service.uploads import new_sessions
 from tests.fingermodel.test_exchange_cli import answered
 from tests.server.lab import POSTURE, SOURCE, lab_files
 from tests.server.service.running import ServiceReceiver
@@ -212,7 +212,7 @@ def test_a_calibration_is_looked_for_among_the_files_alone(
 
 
 def test_who_may_only_read_can_look_and_not_keep(service: ServiceReceiver, run: Any, whole: Any) -> None:
-    from server.service.tokens import create
+    from server.service.security.tokens import create
 
     text = create(service.parts.database, "reader", "read")[1]
     away = {"Authorization": f"Bearer {text}"}

@@ -22,12 +22,12 @@ from websockets.sync.client import connect
 from daq.errors import InputError
 from server import cli
 from server.service import serve
-from server.service.database import Database
-from server.service.folder import alone, held, made
-from server.service.migrate import upgrade
+from server.service.operation.folder import alone, held, made
+from server.service.operation.migrate import upgrade
+from server.service.security.tokens import Role, create
 from server.service.serve import bound
 from server.service.settings import DATABASE_FILE
-from server.service.tokens import Role, create
+from server.service.storage.database import Database
 from tests.server.service.guarded import MOST_BYTES
 from tests.server.service.postgres import postgres_url
 from tests.server.service.processes import Process, running, small, whole
@@ -111,7 +111,7 @@ def test_what_cannot_be_had_is_one_line_and_exit_2(
     token(tmp_path / "newer")
     with closing(sqlite3.connect(tmp_path / "newer" / DATABASE_FILE)) as connection, connection:
         connection.execute("UPDATE alembic_version SET version_num = '9999'")
-    monkeypatch.setattr("server.service.logs.configure", lambda settings: None)
+    monkeypatch.setattr("server.service.web.logs.configure", lambda settings: None)
     data = str(tmp_path / "data")
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

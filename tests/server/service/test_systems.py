@@ -21,10 +21,10 @@ from fingermodel.studies.inversion import invert_bench
 from fingermodel.studies.movement import move
 from server.application.workflow import open_bench
 from server.reproduce.study import STUDIES
-from server.service.database import now_utc
 from server.service.jobs import tasks
 from server.service.jobs.worker import Tell
-from server.service.schema import jobs
+from server.service.storage.database import now_utc
+from server.service.storage.schema import jobs
 from tests.server.service.recorded import upload
 from tests.server.service.running import ServiceReceiver
 

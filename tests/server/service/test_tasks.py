@@ -24,7 +24,7 @@ from server.service.jobs.kinds import TaskKind
 from server.service.jobs.service import JobService
 from server.service.jobs.supervisor import Supervisor
 from server.service.jobs.worker import Tell
-from server.service.records import FINGER_DOCUMENT as RECORDED_FINGER
+from server.service.sessions.records import FINGER_DOCUMENT as RECORDED_FINGER
 from tests.server.service.few_effects import HERE, few_effects
 from tests.server.service.shipped import bench_input
 from tests.server.service.test_jobs import Running

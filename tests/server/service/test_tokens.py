@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 
 from daq.errors import InputError
 from server import cli
-from server.service.database import Database
-from server.service.folder import held
-from server.service.migrate import upgrade
+from server.service.operation.folder import held
+from server.service.operation.migrate import upgrade
+from server.service.security.tokens import FRESH_S, NEW_S, PATTERN, TokenBook, create, listed, revoke
 from server.service.settings import DATABASE_FILE
-from server.service.tokens import FRESH_S, NEW_S, PATTERN, TokenBook, create, listed, revoke
+from server.service.storage.database import Database
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 from websockets.sync.client import connect
 
-from server.service.wire import Wire, wire_of
+from server.service.web.wire import Wire, wire_of
 from tests.server.service.guarded import Guarded
 from tests.server.service.listening import PATIENCE_S, listening
 

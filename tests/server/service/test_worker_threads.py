@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from server.service.sessions import Sessions
-from server.service.workers import AT_ONCE
+from server.service.sessions.sessions import Sessions
+from server.service.web.workers import AT_ONCE
 from tests.contracts.ingest import made
 from tests.server.service.recorded import describe, put
 from tests.server.service.running import URL, ServiceReceiver

@@ -1,0 +1,188 @@
+"""What is found in a session as it is stored, and its report as one page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import orjson
+
+from daq.checks import check
+from daq.errors import InputError
+from daq.findings import finding
+from server.application.workflow import Bench, compare_bench, origin_of
+from server.service.exports.session_folders import session_folder
+from server.service.figures.comparison import Only, drawn_comparison
+from server.service.figures.figures import diagnosed
+from server.service.figures.parts import resolved, spread_members, spread_of
+from server.service.services import Services
+from server.service.sessions.blinding import require_closed, seen
+from server.service.sessions.measuring import Measured
+from server.service.web.problems import ProblemError
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+    from daq.findings import Finding
+    from daq.session_models import Session
+    from fingermodel.comparison import Comparison
+    from server.figures.arrows import Spread
+    from server.figures.report import Section
+
+
+def checked(parts: Services, session: str) -> dict[str, Any]:
+    """Return what `fingertwin check` says of a session: of its description, recording, windows, weights and finger.
+
+    Raises:
+        InputError: the session has no load case, or no readings for its windows.
+        ProblemError: there is no such session.
+    """
+    measured = parts.measuring.of(session)
+    with session_folder(parts, measured, described=False) as (_, kept):
+        report = check(kept)
+        if report.ok:
+            found = _model_findings(parts, measured, kept)
+            report = replace(report, findings=(*found, *report.findings))
+    return {"schema": "fingertwin/check/1"} | {k: v for k, v in report.as_dict().items() if k != "schema"}
+
+
+def _model_findings(parts: Services, measured: Measured, kept: Session) -> Sequence[Finding]:
+    from server.application.checking import model_findings
+
+    try:
+        # A finger that is a file of the bench is not looked for here.
+        parts.twins.model(None, measured)
+    except ProblemError as error:
+        body = error.body
+        return [finding("error", "not_predictable", "session", body["found"], body["expected"], body["remedy"])]
+    except InputError as error:
+        return [finding("error", "not_predictable", "session", error.found, error.expected, error.remedy)]
+    return model_findings(kept)
+
+
+@dataclass(frozen=True)
+class Report:
+    """The report of a session, to be written as a page or shown in one."""
+
+    title: str
+    subtitle: str
+    sections: list[Section]
+
+
+def report_of(parts: Services, session: str, model: str | None, job: str | None) -> Report:
+    """Return the report of a session: what a search found on the first page, then the comparison and all details.
+
+    While a bench is running, validation cases are left out.
+
+    Args:
+        parts: of the service.
+        session: its id.
+        model: that it is compared with; of a diagnosis by default the model that was diagnosed.
+        job: of a diagnosis of the session that is done; None for none.
+
+    Raises:
+        InputError: the session or the model cannot be used.
+        ProblemError: there is no such session, model or job; 409 the session is still running, or the job.
+    """
+    from server.application.diagnosis_report import diagnosis_sections, subtitle
+    from server.application.drawing import comparison_notes
+    from server.figures.comparison import comparison_sections, report_title
+    from server.figures.report_front import closing_sections, folded
+
+    measured = parts.measuring.of(session)
+    found: list[Section] = []
+    answer: dict[str, Any] = {}
+    history: Sequence[Mapping[str, Any]] | None = None
+    if job is not None:
+        require_closed(measured)
+        _, answer, history = diagnosed(parts, job, session)
+        model = str(answer.get("model")) if model is None else model
+    named = resolved(parts, measured, model)
+    bench = parts.twins.bench(measured, named)
+    history = list(bench.loaded.history) or history
+    comparison = seen(measured, compare_bench(bench))
+    spread = spread_of(parts, spread_members(parts, measured), comparison)
+    if job is not None:
+        figures: dict[str, go.Figure] = {}
+        if (finger := _finger(parts, measured, job, answer)) is not None:
+            figures["finger"] = finger
+        found = diagnosis_sections(answer, history, figures)
+    notes = comparison_notes(bench)
+    if len(comparison.cases) < len(bench.measured.cases):
+        notes.append("Validation cases are left out until the session is closed.")
+    compared, _ = comparison_sections(
+        bench.model,
+        bench.observations,
+        comparison,
+        None,
+        bench.loaded.name,
+        spread,
+        theta=bench.theta,
+        model_name=bench.loaded.name,
+        notes=notes,
+    )
+    if measured.record.closed:
+        compared[1:1] = folded(_beside(parts, measured, bench, comparison, spread))
+    readings = parts.twins.provenance(measured, bench, digest=True)["readings"]
+    origin = origin_of(bench, None if readings is None else readings["sha256_of_chunks"])
+    closing = closing_sections(origin)
+    if job is None:
+        return Report(report_title(session), f"Model: {bench.loaded.name}", [*compared, *closing])
+    below = subtitle(answer | {"origin": origin})
+    return Report(f"Report of {session}", below, [*found, *folded(compared), *closing])
+
+
+def report_page(parts: Services, session: str, model: str | None, job: str | None) -> str:
+    """Return the report as a page that stands alone; arguments and errors as of `report_of`."""
+    from server.figures.report import report_html
+
+    report = report_of(parts, session, model, job)
+    return report_html(report.sections, report.title, report.subtitle)
+
+
+def report_sheet(parts: Services, session: str, model: str | None, job: str | None) -> dict[str, Any]:
+    """Return the report for the pages, its figures apart; arguments and errors as of `report_of`."""
+    from server.figures.report import report_body, report_header
+
+    report = report_of(parts, session, model, job)
+    body, figures = report_body(report.sections)
+    return {
+        "schema": "fingertwin/report/1",
+        "session": session,
+        "html": report_header(report.title, report.subtitle, alone=False) + body,
+        "figures": [{"data": f["data"], "layout": f["layout"]} for f in (orjson.loads(g.to_json()) for g in figures)],
+    }
+
+
+def _finger(parts: Services, measured: Measured, job: str, answer: Mapping[str, Any]) -> go.Figure | None:
+    """The finger with what the verdict would add; None where that is nothing, or the answer has no fit of it."""
+    from server.figures.effect_on_finger import effect_on_finger
+    from server.figures.style import NothingToDrawError
+
+    added = (answer.get("where_after") or {}).get("added")
+    if not added:
+        return None
+    with suppress(NothingToDrawError, ProblemError):
+        return effect_on_finger(parts.twins.bench(measured, f"{job}/{'+'.join(added)}"), added)
+    return None
+
+
+def _beside(
+    parts: Services, measured: Measured, bench: Bench, comparison: Comparison, spread: Mapping[str, Spread] | None
+) -> list[Section]:
+    """The predictions of a revision on the finger beside those of what it was made from."""
+    from server.figures.report import Picture, Section
+    from server.figures.style import NothingToDrawError
+
+    if not bench.loaded.history:
+        return []
+    with suppress(NothingToDrawError, ProblemError):
+        parent = str(parts.revisions.read(bench.loaded.name)["parent"])
+        known = parent in parts.sessions.fingers or parent in [h["id"] for h in bench.loaded.history[1:]]
+        other = parts.twins.bench(measured, parent if known else None)
+        before = (other.loaded.name, other, compare_bench(other))
+        figure, caption = drawn_comparison("vectors", bench, comparison, Only(), before, spread)
+        return [Section("Before and after, on the finger", [Picture(figure, caption)])]
+    return []

@@ -1,0 +1,63 @@
+"""A figure as it is answered: Plotly's data in the page's colours, with the same in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import orjson
+
+from server.service.figures.cases import Told, cases_of
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+    from server.figures.plot import Plot
+
+Theme = Literal["light", "dark"]
+
+SCHEMA = "fingertwin/figure/1"
+
+
+def shown(
+    name: str, figure: go.Figure | None, caption: str, about: dict[str, Any], known: Sequence[Told] = ()
+) -> dict[str, Any]:
+    """The answer's plain data, in the colours of paper."""
+    head: dict[str, Any] = {"schema": SCHEMA, "name": name}
+    if figure is None:
+        return head | {"title": None, "caption": None, "text": caption, "figure": None, "cases": None} | about
+    data = orjson.loads(figure.to_json())
+    return shown_data(name, data, caption, about, known)
+
+
+def shown_data(
+    name: str, data: dict[str, Any], caption: str, about: dict[str, Any], known: Sequence[Told] = ()
+) -> dict[str, Any]:
+    """The same of a figure's plain data."""
+    from server.figures.alternative import plain_text, text_of
+
+    head: dict[str, Any] = {"schema": SCHEMA, "name": name}
+    title = plain_text(str(((data["layout"].get("title")) or {}).get("text") or name))
+    cases = cases_of(data, known) if known else None
+    words = text_of(data, caption)
+    return head | {"title": title, "caption": caption, "text": words, "figure": data, "cases": cases} | about
+
+
+def on_page(shown: dict[str, Any], theme: Theme) -> dict[str, Any]:
+    """Let the page show through, and turn the colours over where it is dark."""
+    from server.figures.dark import for_dark
+
+    figure = shown["figure"]
+    if figure is None:
+        return shown
+    figure["layout"] |= {"paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)"}
+    if theme == "light":
+        return shown
+    return shown | {"figure": for_dark(figure)}
+
+
+def drawn_plots(plots: Sequence[Plot], theme: Theme) -> list[dict[str, Any]]:
+    """Figures that go along with the answer whose numbers they show."""
+    return [
+        on_page(shown(p.name, p.figure, p.caption, {"heading": p.heading}), theme) | {"theme": theme} for p in plots
+    ]

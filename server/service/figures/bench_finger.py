@@ -1,0 +1,205 @@
+"""The finger as it is held at the bench, as lines to be drawn, so that a page can put live forces beside it.
+
+Lengths are in mm in the axes of the first bone: x proximal, y dorsal, z radial. Two views are told, each with the
+matrix that lays a vector of these axes on the paper: from the radial side, and from above. Joint centres, load point
+and tendon points are the model's; the bones' outlines are schematic, as the model knows no bone surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.calibration import mount_transform
+from daq.session_models import Mount
+from server.service.figures.finger_drawing import held_finger
+from server.service.services import Services
+from server.service.sessions.measuring import Measured
+
+if TYPE_CHECKING:
+    from fingermodel.fingers import Finger, FingerValues, Topology
+    from server.figures.poses import FingerPose
+
+Floats = NDArray[np.float64]
+
+# Seen from the radial side y is up; seen from above the radial side is below, where it is nearest to who looks so.
+_VIEWS: Mapping[str, Floats] = {
+    "side": np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+    "above": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
+}
+# Radius of a joint against the length of the bone beyond it: about 8, 5 and 3 mm from MCP to DIP.
+_ROUND = 0.17
+_WAIST = 0.3
+
+
+def bench_finger(
+    parts: Services, measured: Measured, posture: str | None, case: str | None, model: str | None
+) -> dict[str, Any]:
+    """Return the finger in a posture with what hangs on it, and the forces that may be seen.
+
+    Args:
+        parts: of the service.
+        measured: the session.
+        posture: its name; by default that of the case.
+        case: taken or planned; None for the finger alone.
+        model: a revision, a finger that comes with the software, or None for the session's own finger.
+
+    Raises:
+        InputError: the posture or the model cannot be used.
+        ProblemError: 404 there is no such posture or case, 409 nothing is known of the session yet, 422 neither is
+            given, or they do not belong together.
+    """
+    from server.figures.poses import finger_pose, reach_mm, stub_mm
+
+    held = held_finger(parts, measured, posture, case, model)
+    finger, found, hung = held.finger, held.case, held.hung
+    pose = finger_pose(finger, finger.values, held.angles)
+    masses = {} if found is None else {m: float(g) for m, g in found.masses_g.items() if g}
+    gravity = float(held.document.get("gravity_m_s2", 9.81))
+    return {
+        "session": measured.record.id,
+        "model": held.loaded.id,
+        "posture": held.posture,
+        "angles_deg": dict(zip(finger.topology.rotations, np.rad2deg(held.angles).tolist(), strict=True)),
+        "case": None if found is None else found.id,
+        "role": None if found is None else found.role,
+        "location": None if found is None else found.location,
+        "masses_g": masses,
+        "weight_N": 1e-3 * gravity * sum(masses.values()),
+        "reach_mm": reach_mm(finger.values),
+        "stub_mm": stub_mm(finger.values),
+        "views": {k: _view(finger, pose, p, masses) for k, p in _VIEWS.items()},
+        "places": _places(held.document, finger, pose),
+        "measured_N": None if hung is None or hung.measured_N is None else hung.measured_N.tolist(),
+        "measured_sd_N": None if hung is None or hung.measured_sd_N is None else hung.measured_sd_N.tolist(),
+        "predicted_N": None if hung is None or hung.predicted_N is None else np.asarray(hung.predicted_N).tolist(),
+        "note": "" if hung is None else hung.note,
+    }
+
+
+def _places(document: Mapping[str, Any], finger: Finger, pose: FingerPose) -> dict[str, Any]:
+    """Where the cell sits, and what takes a force from mount axes, and from the cell's own, to those of the drawing."""
+    mounts = (document.get("load_cell") or {}).get("mounts") or {}
+    side = str((document.get("specimen") or {}).get("side"))
+    first = pose.origins[finger.topology.joints[0].child]
+    out = {}
+    for name, point, rotation in (("tip", pose.load_point, pose.tip_rotation), ("bone", first, np.eye(3))):
+        mount = Mount.model_validate(mounts[name]) if mounts.get(name) else None
+        turned = rotation @ mount_transform(mount, side).matrix[:3, :3]
+        out[name] = {"at_mm": point.tolist(), "from_mount": rotation.tolist(), "from_cell": turned.tolist()}
+    return out
+
+
+def _view(finger: Finger, pose: FingerPose, paper: Floats, masses_g: Mapping[str, float]) -> dict[str, Any]:
+    from server.figures.tendon_lines import tendon_paths
+
+    values, topology = finger.values, finger.topology
+    pulled = _pulled(topology, masses_g)
+    near = [pose.place(s.proximal_bone, values.proximal_point[k]) for k, s in enumerate(topology.segments)]
+    far = [pose.place(s.distal_bone, values.distal_point[k]) for k, s in enumerate(topology.segments)]
+    tendons = []
+    for k, (segment, path) in enumerate(zip(topology.segments, tendon_paths(finger, values, pose), strict=True)):
+        across = np.linspace(near[k][2], far[k][2], len(path))
+        tendons.append(_tendon(segment.slip, segment.slip in pulled, np.column_stack([path, across]) @ paper.T))
+        # Along the bone to the next segment, its own or one that it pulls.
+        for i, following in enumerate(topology.segments):
+            if following.proximal_bone != segment.distal_bone:
+                continue
+            if following.slip == segment.slip or following.slip in _pulls(topology, segment.slip):
+                loaded = segment.slip in pulled and following.slip in pulled
+                tendons.append(_tendon(following.slip, loaded, np.stack([far[k], near[i]]) @ paper.T))
+    centres = pose.origins[[j.child for j in topology.joints]] @ paper.T
+    return {
+        "paper": paper.tolist(),
+        "bones_mm": [o.round(2).tolist() for o in _outlines(finger, values, pose, paper)],
+        "joints": [
+            {"joint": j.name, "at_mm": c.round(2).tolist()} for j, c in zip(topology.joints, centres, strict=True)
+        ],
+        "tendons": tendons,
+        "strings": [
+            {"tendon": m, "mass_g": g, "line_mm": (_string(finger, pose, m) @ paper.T).round(2).tolist()}
+            for m, g in masses_g.items()
+        ],
+    }
+
+
+def _tendon(name: str, loaded: bool, line: Floats) -> dict[str, Any]:
+    return {"tendon": name, "loaded": loaded, "line_mm": line.round(2).tolist()}
+
+
+def _pulls(topology: Topology, slip: str) -> set[str]:
+    """What a tendon or a slip of the hood pulls."""
+    hood = topology.hood
+    if hood is None:
+        return set()
+    bands = {hood.central_slip: hood.members, hood.terminal_slip: (hood.radial_band, hood.ulnar_band)}
+    bands |= {hood.radial_band: (*hood.radial, *hood.extensors), hood.ulnar_band: (*hood.ulnar, *hood.extensors)}
+    return {name for name, sources in bands.items() if slip in sources}
+
+
+def _pulled(topology: Topology, masses_g: Mapping[str, float]) -> set[str]:
+    """All that the weights pull, through the hood too."""
+    out, new = set(masses_g), list(masses_g)
+    while new:
+        more = _pulls(topology, new.pop()) - out
+        out |= more
+        new += more
+    return out
+
+
+def _string(finger: Finger, pose: FingerPose, muscle: str) -> Floats:
+    """A loaded tendon's course (2, 3) along the metacarpal, to where it leaves the drawing proximally [mm]."""
+    from server.figures.poses import stub_mm
+
+    values, topology = finger.values, finger.topology
+    stub = stub_mm(values)
+    for index, segment in enumerate(topology.segments):
+        if segment.slip == muscle and segment.proximal_bone == 0:
+            begin = pose.place(0, values.proximal_point[index])
+            suture = np.asarray(values.suture[topology.muscles.index(muscle)])
+            return np.stack([begin, begin + suture * max(stub - float(begin[0]), 0.0)])
+    return np.array([[stub, 0.0, 0.0], [stub, 0.0, 0.0]])
+
+
+def _outlines(finger: Finger, values: FingerValues, pose: FingerPose, paper: Floats) -> list[Floats]:
+    """Closed outlines of all bones on the paper, that of the clamped one first."""
+    from server.figures.poses import bone_lengths, stub_mm
+
+    lengths = bone_lengths(values)
+    radii = [_ROUND * length for length in lengths]
+    centres = [pose.origins[j.child] for j in finger.topology.joints]
+    last = 0.7 * radii[-1]
+    along = pose.load_point - centres[-1]
+    tip = centres[-1] + along * (lengths[-1] - last) / max(float(np.linalg.norm(along)), 1e-9)
+    ends, heads = [*centres[1:], tip], [*radii[1:], last]
+    stub = centres[0] + np.array([stub_mm(values), 0.0, 0.0])
+    shapes = [_outline(paper @ stub, paper @ centres[0], radii[0], radii[0])]
+    for begin, end, base, head in zip(centres, ends, radii, heads, strict=True):
+        shapes.append(_outline(paper @ begin, paper @ end, base, head))
+    return shapes
+
+
+def _outline(begin: Floats, end: Floats, base: float, head: float) -> Floats:
+    """Outline (n, 2) of a bone between two round ends, narrower between them where it is long enough on the paper."""
+    length = float(np.linalg.norm(end - begin))
+    if length <= abs(base - head) + 1e-6:
+        centre, radius = (begin, base) if base >= head else (end, head)
+        turn = np.linspace(0.0, 2.0 * np.pi, 33)
+        return np.asarray(centre + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1))
+    lean = np.arccos((base - head) / length)
+    t = np.linspace(0.0, 1.0, 13)
+    narrow = _WAIST * min(length / (3.0 * max(base, head)), 1.0)
+    a, b = base * np.array([np.cos(lean), np.sin(lean)]), head * np.array([np.cos(lean), np.sin(lean)])
+    upper = np.stack([a[0] + (length + b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t], axis=1)
+    upper[:, 1] *= 1.0 - narrow * np.sin(np.pi * t) ** 2
+    turn = np.linspace(lean, -lean, 17)[1:-1]
+    far = np.stack([length + head * np.cos(turn), head * np.sin(turn)], axis=1)
+    turn = np.linspace(-lean, lean - 2.0 * np.pi, 17)[1:]
+    near = np.stack([base * np.cos(turn), base * np.sin(turn)], axis=1)
+    local = np.concatenate([upper, far, upper[::-1] * [1.0, -1.0], near])
+    axis = (end - begin) / length
+    side = np.array([-axis[1], axis[0]])
+    return np.asarray(begin + local[:, :1] * axis + local[:, 1:] * side)

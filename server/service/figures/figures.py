@@ -1,0 +1,411 @@
+"""Figures as the command line draws them, as Plotly JSON with words for who cannot see them; each is drawn once."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import suppress
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+from server.application.workflow import Bench, compare_bench
+from server.service.answers import dumps
+from server.service.figures.answer import Theme, on_page, shown, shown_data
+from server.service.figures.cases import Told, told_of
+from server.service.figures.comparison import Only, drawn_comparison
+from server.service.figures.finger_drawing import draw_finger
+from server.service.figures.parts import resolved, spread_members, spread_of
+from server.service.figures.parts import settings_of as effect_settings
+from server.service.jobs.studies import last_of, study_named
+from server.service.services import Services
+from server.service.sessions.blinding import blinded, require_closed, seen
+from server.service.sessions.measuring import Measured
+from server.service.web.problems import ProblemError, not_found
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+Drawing = tuple["go.Figure | None", str]
+SearchFit = Literal["before", "after"]
+
+COMPARISON = ("scatter", "scatter_validation", "vectors", "bone", "errors", "z")
+DIAGNOSIS = (
+    "sensitivity",
+    "residual_map",
+    "missing_torque",
+    "ranking",
+    "size",
+    "confounding",
+    "revisions",
+    "held_out",
+    "own_curve",
+)
+REVISIONS = ("waterfall",)
+SHARED = ("shared_curve", "shared_chance", "shared_law")
+_MOST = 512
+_NONE = "No figure: "
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure as it is answered.
+
+    Attributes:
+        body: JSON.
+        tag: of the body, for clients that have it already.
+    """
+
+    body: bytes
+    tag: str
+
+
+class Figures:
+    """Draws figures, and keeps them as long as what they show is the same.
+
+    Args:
+        parts: of the service.
+    """
+
+    def __init__(self, parts: Services) -> None:
+        self.parts = parts
+        self._drawn: OrderedDict[Hashable, Drawn] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def comparison(
+        self, name: str, session: str, model: str | None, before: str | None, only: Only, theme: Theme
+    ) -> Drawn:
+        """Draw a figure of predicted against measured forces; while a bench is running, without validation cases.
+
+        Args:
+            name: of the figure, one of COMPARISON.
+            session: that is compared.
+            model: with which it is compared.
+            before: model that this one is held against; None for none.
+            only: which cases and components.
+            theme: of the page.
+
+        Raises:
+            InputError: the session or a model cannot be used.
+            ProblemError: there is no such figure, session or model.
+        """
+        _require(name, COMPARISON)
+        parts, measured = self.parts, self.parts.measuring.of(session)
+        named = resolved(parts, measured, model)
+        earlier = resolved(parts, measured, before) if before is not None else None
+        others = spread_members(parts, measured)
+        key = ("comparison", name, measured.key, named, before is not None, earlier, only, tuple(o.key for o in others))
+
+        def draw() -> dict[str, Any]:
+            from server.figures.style import NothingToDrawError
+
+            bench = parts.twins.bench(measured, named)
+            comparison = seen(measured, compare_bench(bench))
+            held = None
+            if before is not None:
+                other = parts.twins.bench(measured, earlier)
+                held = (other.loaded.name, other, seen(measured, compare_bench(other)))
+            about = _about(measured, bench) | {"before": None if held is None else held[0]}
+            try:
+                figure, caption = drawn_comparison(
+                    name, bench, comparison, only, held, spread_of(parts, others, comparison)
+                )
+            except NothingToDrawError as nothing:
+                return shown(name, None, _nothing(nothing), about)
+            return shown(name, figure, caption, about, _told(measured))
+
+        return self._kept(key, theme, draw)
+
+    def effect(self, effect: str, session: str, model: str | None, theme: Theme) -> Drawn:
+        """Draw what an effect would change in a session's cases, beside what the model misses in them.
+
+        Args:
+            effect: of the catalogue or a user's, one of its candidates, or one of its parameters.
+            session: whose cases are drawn; while a bench is running, without validation cases.
+            model: as it is without the effect.
+            theme: of the page.
+
+        Raises:
+            InputError: the session or the model cannot be used.
+            ProblemError: there is no such effect, session or model.
+        """
+        parts, measured = self.parts, self.parts.measuring.of(session)
+        named = resolved(parts, measured, model)
+        own = parts.effects.named([effect])
+
+        def draw() -> dict[str, Any]:
+            from fingermodel.comparison import compare
+            from server.figures.effect_change import effect_figure
+            from server.figures.style import NothingToDrawError
+
+            bench = parts.twins.bench(measured, named, own)
+            title, settings = effect_settings(bench, effect, parts.twins.found(named, measured))
+            table, without = bench.model.parameters, bench.theta.copy()
+            within = without.copy()
+            for setting in settings:
+                at = table.index[setting.name]
+                without[at], within[at] = table.initial[at], setting.value
+            before = seen(measured, compare(bench.model, bench.observations, without))
+            after = seen(measured, compare(bench.model, bench.observations, within))
+            about = _about(measured, bench) | {"effect": effect, "parameters": [vars(s) for s in settings]}
+            try:
+                drawn = effect_figure(title, before, after, settings, plane=bench.model.finger.judged_in)
+            except NothingToDrawError as nothing:
+                return shown(effect, None, _nothing(nothing), about)
+            caption = (
+                f"Model: {bench.loaded.fitted}. The circles are what it misses with the effect taken out; bars that "
+                "follow them take it up."
+            )
+            return shown(effect, drawn, caption, about, _told(measured))
+
+        return self._kept(("effect", effect, measured.key, named), theme, draw)
+
+    def finger(
+        self,
+        session: str,
+        posture: str | None,
+        case: str | None,
+        model: str | None,
+        without: str | None,
+        theme: Theme,
+    ) -> Drawn:
+        """Draw the finger in a posture, or with the weights and forces of a load case.
+
+        Args:
+            session: whose finger it is.
+            posture: of the session; by default that of the case.
+            case: taken or planned; None for the finger alone.
+            model: whose finger and prediction are drawn.
+            without: effect of the model without which its case is predicted beside.
+            theme: of the page.
+
+        Raises:
+            InputError: the session or the model cannot be used.
+            ProblemError: there is no such session, posture, case or model.
+        """
+        measured = self.parts.measuring.of(session)
+        named = resolved(self.parts, measured, model)
+
+        def draw() -> dict[str, Any]:
+            figure, about = draw_finger(self.parts, measured, posture, case, named)
+            if without is not None and case is not None and case not in blinded(measured):
+                from server.figures.effect_on_finger import effect_on_finger
+                from server.figures.style import NothingToDrawError
+
+                with suppress(NothingToDrawError):
+                    figure = effect_on_finger(self.parts.twins.bench(measured, named), [without], case)
+            caption = "Joint centres and tendon points are the model's; outlines, clamp and pulleys are schematic."
+            head = {"session": session, "session_version": measured.record.version, "blinded": _hidden(measured)}
+            return shown("finger", figure, caption, head | about, _told(measured))
+
+        return self._kept(("finger", measured.key, posture, case, named, without), theme, draw)
+
+    def diagnosis(self, name: str, job: str, session: str | None, fit: SearchFit, theme: Theme) -> Drawn:
+        """Draw a figure of a diagnosis that is done.
+
+        Args:
+            name: of the figure, one of DIAGNOSIS.
+            job: of the kinds diagnose or pooled.
+            session: of a pooled diagnosis.
+            fit: after which residuals are drawn: the refit with nothing added, or with what the verdict would add.
+            theme: of the page.
+
+        Raises:
+            ProblemError: 404 there is no such figure, job or session, 409 the job is not done, or another.
+        """
+        _require(name, DIAGNOSIS)
+        session, answer, history = diagnosed(self.parts, job, session)
+
+        def draw() -> dict[str, Any]:
+            after = answer.get("where_after")
+            seen = answer if fit == "before" or after is None else answer | {"where": after}
+            figure, caption = _diagnosis_drawings(seen, history)[name]
+            about = {"session": session, "model": answer.get("model"), "job": job}
+            taken = {c["id"] for c in answer.get("cases", ())}
+            known = [c for c in _told(self.parts.measuring.of(session)) if c.id in taken]
+            return shown(name, figure, caption, about, known)
+
+        return self._kept(("diagnosis", name, job, session, fit), theme, draw)
+
+    def shared(self, name: str, job: str, theme: Theme) -> Drawn:
+        """Draw what several sessions share beyond the catalogue.
+
+        Args:
+            name: of the figure, one of SHARED.
+            job: of the kind pooled, that is done.
+            theme: of the page.
+
+        Raises:
+            ProblemError: 404 there is no such figure or job, 409 the job is not done, or another.
+        """
+        _require(name, SHARED)
+        found = self.parts.jobs.get(job)
+        if found.kind != "pooled":
+            raise ProblemError(409, f"job {job} is a {found.kind}", "a diagnosis of several sessions")
+        if found.state != "done" or found.result is None:
+            raise ProblemError(409, f"job {job} is {found.state}", "a job that is done")
+        answer = found.result
+        for session in answer["sessions"]:
+            require_closed(self.parts.measuring.of(session))
+
+        def draw() -> dict[str, Any]:
+            from server.figures.shared_law import chance_figure, curve_figure, law_figure
+            from server.figures.style import NothingToDrawError
+
+            about = {"job": job}
+            try:
+                figure = (curve_figure, chance_figure, law_figure)[SHARED.index(name)](answer)
+            except NothingToDrawError as nothing:
+                return shown(name, None, _nothing(nothing), about)
+            captions = (
+                "Beside each session's anatomy, budget, noise and scatter.",
+                "Chance gains as much in any order.",
+                "Where the two part, the law is not all of the curve.",
+            )
+            return shown(name, figure, captions[SHARED.index(name)], about)
+
+        return self._kept(("shared", name, job), theme, draw)
+
+    def revisions(self, name: str, revision: str | None, specimen: str | None, theme: Theme) -> Drawn:
+        """Draw how the error fell with every step up to a revision.
+
+        Args:
+            name: of the figure, one of REVISIONS.
+            revision: its id.
+            specimen: or that whose revision in force is meant.
+            theme: of the page.
+
+        Raises:
+            ProblemError: there is no such figure, revision or specimen, or not one of both is given.
+        """
+        _require(name, REVISIONS)
+        if (revision is None) == (specimen is None):
+            raise ProblemError(422, "not one of revision and specimen", "one of the two")
+        if revision is None:
+            revision = self.parts.revisions.in_force(specimen or "")
+            if revision is None:
+                raise not_found("revision of specimen", specimen or "", "/api/v1/specimens")
+        found = self.parts.revisions.read(revision)
+
+        def draw() -> dict[str, Any]:
+            from server.figures.diagnosis_revisions import revisions_figure
+            from server.figures.style import NothingToDrawError
+
+            about = {"revision": found["id"], "specimen": found["specimen"], "session": found["session"]}
+            try:
+                figure = revisions_figure({}, found["history"])
+            except NothingToDrawError as nothing:
+                return shown(name, None, _nothing(nothing), about)
+            return shown(name, figure, "Identification cases are fitted, validation cases never.", about)
+
+        return self._kept(("revisions", name, revision), theme, draw)
+
+    def study(self, study: str, name: str, theme: Theme) -> Drawn:
+        """Draw a figure of a published study as it was computed last.
+
+        Raises:
+            ProblemError: 404 there is no such study or figure, 409 the study was not computed yet.
+        """
+        found = study_named(study)
+        done = last_of(self.parts.jobs, found.name, done=True)
+        if done is None or done.result is None:
+            raise ProblemError(
+                409, f"{study} was not computed yet", "a study that was", f"POST /api/v1/studies/{study}/reproductions"
+            )
+        figures = {f["name"]: f for f in done.result["figures"]}
+        _require(name, list(figures))
+
+        def draw() -> dict[str, Any]:
+            return shown_data(name, deepcopy(figures[name]["figure"]), figures[name]["caption"], {"study": study})
+
+        return self._kept(("study", name, done.id), theme, draw)
+
+    def _kept(self, key: Hashable, theme: Theme, draw: Callable[[], dict[str, Any]]) -> Drawn:
+        """A figure that is kept already, or is drawn now and kept."""
+        key = (key, theme)
+        with self._lock:
+            if key in self._drawn:
+                self._drawn.move_to_end(key)
+                return self._drawn[key]
+        body = dumps(on_page(draw(), theme) | {"theme": theme})
+        drawn = Drawn(body, hashlib.sha256(body).hexdigest()[:32])
+        with self._lock:
+            self._drawn[key] = drawn
+            while len(self._drawn) > _MOST:
+                self._drawn.popitem(last=False)
+        return drawn
+
+
+def diagnosed(
+    parts: Services, job: str, session: str | None
+) -> tuple[str, dict[str, Any], Sequence[Mapping[str, Any]] | None]:
+    """Return the session of a diagnosis that is done, its answer, and the history of the model that it began with.
+
+    Raises:
+        ProblemError: 404 there is no such job or session, 409 the job is not done or of another kind.
+    """
+    found = parts.jobs.get(job)
+    if found.kind not in ("diagnose", "pooled"):
+        raise ProblemError(409, f"job {job} is a {found.kind}", "a diagnosis")
+    if found.state != "done" or found.result is None:
+        raise ProblemError(409, f"job {job} is {found.state}", "a job that is done")
+    if found.kind == "pooled":
+        each = found.result.get("each") or {}
+        if session not in each:
+            raise ProblemError(
+                404, f"job {job} has no session {session or '(none given)'}"[:300], f"session: one of {', '.join(each)}"
+            )
+        name, answer = session, each[session]
+    else:
+        name, answer = str(found.session), found.result
+        if session not in (None, name):
+            raise ProblemError(404, f"job {job} is of session {name}", f"session: {name}, or left out")
+    require_closed(parts.measuring.of(str(name)))
+    history = None
+    with suppress(ProblemError):  # a finger has none
+        history = parts.revisions.read(str(answer.get("model")))["history"] or None
+    return str(name), answer, history
+
+
+def _diagnosis_drawings(answer: dict[str, Any], history: Any) -> dict[str, Drawing]:
+    """Every figure of a diagnosis with its caption; None with a sentence where there is nothing to draw."""
+    from server.application.diagnosis_report import diagnosis_sections
+    from server.figures.report import Picture
+
+    sections = diagnosis_sections(answer, history, {})
+    places = [p for s in sections for p in s.parts if isinstance(p, Picture) or str(p).startswith(_NONE)]
+    return {
+        name: (p.figure, p.caption) if isinstance(p, Picture) else (None, str(p))
+        for name, p in zip(DIAGNOSIS, places, strict=True)
+    }
+
+
+def _require(name: str, known: Sequence[str]) -> None:
+    if name not in known:
+        raise not_found("figure", name, f"/api/v1/figures: {', '.join(known)}")
+
+
+def _nothing(error: Exception) -> str:
+    text = str(error)
+    return f"{_NONE}{text[:1].lower()}{text[1:]}"
+
+
+def _hidden(measured: Measured) -> list[str]:
+    return sorted(blinded(measured))
+
+
+def _about(measured: Measured, bench: Bench) -> dict[str, Any]:
+    return {
+        "session": measured.record.id,
+        "session_version": measured.record.version,
+        "model": bench.loaded.name,
+        "blinded": _hidden(measured),
+    }
+
+
+def _told(measured: Measured) -> list[Told]:
+    """The cases that a figure may lead to: while a bench is running, none of validation."""
+    hidden = blinded(measured)
+    return [c for c in told_of(measured.record.amended_cases) if c.id not in hidden]

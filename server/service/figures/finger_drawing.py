@@ -1,0 +1,188 @@
+"""The finger of a session in a posture, with the weights of a load case and the forces that may be seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.bench.result import PUBLISHED_TENSION_FACTOR
+from daq.errors import InputError
+from fingermodel.predicting import Predictor
+from server.application.workflow import compare_bench
+from server.service.services import Services
+from server.service.sessions.blinding import HIDDEN
+from server.service.sessions.measuring import Measured
+from server.service.web.problems import ProblemError, not_found
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+    from fingermodel.fingers import Finger
+    from fingermodel.model_files import Revision
+    from server.figures.bench_finger import Hung
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DrawnCase:
+    """A load case that was taken, or is planned."""
+
+    id: str
+    role: str
+    posture: str
+    location: str
+    masses_g: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class HeldFinger:
+    """A finger as it is held.
+
+    Attributes:
+        document: of the session.
+        loaded: the model.
+        finger: of it.
+        posture: its name.
+        angles: (rotations,) of it [rad].
+        case: that is shown; None for the finger alone.
+        hung: what hangs in it.
+    """
+
+    document: Mapping[str, Any]
+    loaded: Finger | Revision
+    finger: Finger
+    posture: str
+    angles: Floats
+    case: DrawnCase | None
+    hung: Hung | None
+
+
+def draw_finger(
+    parts: Services, measured: Measured, posture: str | None, case: str | None, model: str | None
+) -> tuple[go.Figure, dict[str, Any]]:
+    """Draw the finger.
+
+    Args:
+        parts: of the service.
+        measured: the session.
+        posture: its name; by default that of the case.
+        case: taken or planned; None for the finger alone.
+        model: a revision, a finger that comes with the software, or None for the session's own finger.
+
+    Returns:
+        the figure, and what it shows.
+
+    Raises:
+        InputError: the posture or the model cannot be used.
+        ProblemError: 404 there is no such posture or case, 422 neither is given, or they do not belong together.
+    """
+    from server.figures.bench_finger import Hung, finger_figure
+
+    held = held_finger(parts, measured, posture, case, model)
+    finger, about = held.finger, {"model": held.loaded.id, "posture": held.posture, "case": held.case and held.case.id}
+    hung = held.hung or Hung({})
+    return finger_figure(finger, finger.values, held.posture, held.angles, hung, held.loaded.id), about
+
+
+def held_finger(
+    parts: Services, measured: Measured, posture: str | None, case: str | None, model: str | None
+) -> HeldFinger:
+    """Put together what a drawing shows; arguments and errors as of `draw_finger`."""
+    from fingermodel.observations import posture_rad
+
+    name, document = measured.record.id, measured.record.document
+    if document is None:
+        raise ProblemError(409, f"session {name} has no record yet", "a document, or a bench's events")
+    found = None if case is None else _case(measured, case)
+    if found is not None and posture not in (None, found.posture):
+        raise ProblemError(422, f"case {found.id} in another posture", f"posture {found.posture}, or none")
+    wanted = posture if found is None else found.posture
+    if wanted is None:
+        raise ProblemError(422, "neither posture nor case", "one of the two")
+    postures = _postures(measured)
+    if wanted not in postures:
+        raise not_found("posture", wanted, f"/api/v1/sessions/{name}/document")
+    loaded = _model(parts, measured, model)
+    finger = loaded if not hasattr(loaded, "finger") else loaded.finger
+    angles = posture_rad(finger.topology, postures[wanted], f"posture {wanted}")
+    hung = None if found is None else _hung(parts, measured, found, model, loaded, angles)
+    return HeldFinger(document, loaded, finger, wanted, angles, found, hung)
+
+
+def _model(parts: Services, measured: Measured, model: str | None) -> Finger | Revision:
+    """The model that a drawing is asked for with; by default the session's own finger."""
+    from fingermodel.finger_files import read_finger
+
+    found = parts.twins.model(model, measured)
+    if found is None:
+        # Only a name that comes with the software is left here.
+        found = str((measured.record.document or {}).get("finger"))
+    return read_finger(found) if isinstance(found, str) else found
+
+
+def _postures(measured: Measured) -> dict[str, Mapping[str, Any]]:
+    """Postures of a session and of the protocol that it follows, by name [deg]."""
+    record = measured.record
+    planned = {} if record.bench is None else record.bench.setup.protocol.postures_deg
+    return {**planned, **(record.document or {}).get("postures_deg", {})}
+
+
+def _case(measured: Measured, case: str) -> DrawnCase:
+    """A load case that was taken, or is planned.
+
+    Raises:
+        ProblemError: 404 there is none.
+    """
+    record = measured.record
+    for taken in record.amended_cases:
+        if taken["id"] == case:
+            known = {k: taken.get(k) for k in ("role", "posture", "location")}
+            return DrawnCase(case, **{k: str(v) for k, v in known.items()}, masses_g=dict(taken.get("masses_g") or {}))
+    for planned in () if record.bench is None else record.bench.setup.cases():
+        if planned.id == case:
+            return DrawnCase(case, str(planned.role), planned.posture, str(planned.location), dict(planned.masses_g))
+    raise not_found("case", case, f"/api/v1/sessions/{record.id}/cases")
+
+
+def _hung(
+    parts: Services, measured: Measured, case: DrawnCase, model: str | None, loaded: Finger | Revision, angles: Floats
+) -> Hung:
+    """What hangs in a case, with its forces as far as they may be seen."""
+    from server.figures.bench_finger import Hung
+
+    force = measured.force(case.id) or {"measured_N": None, "measured_sd_N": None}
+    blind = case.role == "validation" and not measured.record.closed
+    predicted, note = None, HIDDEN if blind else ""
+    if not blind:
+        try:
+            predicted = _predicted(parts, measured, case, model, loaded, angles)
+        except InputError as error:
+            note = f"No prediction: {error}"
+    measured_N, sd_N = (None if v is None else np.array(v) for v in (force["measured_N"], force["measured_sd_N"]))
+    return Hung(case.masses_g, case.location, case.id, case.role, measured_N, sd_N, predicted, note)
+
+
+def _predicted(
+    parts: Services, measured: Measured, case: DrawnCase, model: str | None, loaded: Finger | Revision, angles: Floats
+) -> Floats | None:
+    """Predict the force on the cell: of a measured case as the comparison does, of others from what will hang."""
+    if measured.force(case.id) is not None:
+        cases = compare_bench(parts.twins.bench(measured, model)).cases
+        return next((np.asarray(c.predicted_N) for c in cases if c.id == case.id), None)
+    document = measured.record.document or {}
+    factor = document.get("tension_factor")
+    stated = float(factor) if isinstance(factor, int | float) else PUBLISHED_TENSION_FACTOR
+    weight = float(document.get("gravity_m_s2", 9.81)) * 1e-3 * stated
+    predictor = Predictor(loaded)
+    unknown = [m for m in case.masses_g if m not in predictor.topology.muscles]
+    if unknown:
+        return None
+    hung = np.array([[float(case.masses_g.get(m, 0.0)) for m in predictor.topology.muscles]])
+    forces = predictor.predict(angles[None], hung * weight, weight)
+    force = forces["tip_force_N" if case.location == "tip" else "bone_force_N"][0]
+    return force if np.isfinite(force).all() else None

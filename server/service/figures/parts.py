@@ -1,0 +1,114 @@
+"""What figures of the service are drawn from: the model that is meant, an average's members, an effect's values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from server.application.workflow import Bench, compare_bench
+from server.service.models.twins import IN_FORCE
+from server.service.services import Services
+from server.service.sessions.measuring import Measured
+from server.service.web.problems import ProblemError, not_found
+
+if TYPE_CHECKING:
+    from fingermodel.comparison import Comparison
+    from fingermodel.stages import Effect
+    from server.figures.arrows import Spread
+    from server.figures.effect_change import Setting
+
+_MOST_MEMBERS = 20
+
+
+def resolved(parts: Services, measured: Measured, model: str | None) -> str | None:
+    """Return the model that a request names, with the revision itself instead of `in_force`.
+
+    Raises:
+        ProblemError: 422 there is no such model.
+    """
+    if model == IN_FORCE:
+        document = measured.record.document or {}
+        model = parts.revisions.in_force(str((document.get("specimen") or {}).get("id")))
+    if model is not None:
+        parts.twins.model(model, measured)
+    return model
+
+
+def spread_members(parts: Services, measured: Measured) -> list[Measured]:
+    """Return the sessions that a session is the mean of, as far as the service has them."""
+    session = measured.session
+    provenance = None if session is None else session.provenance
+    named = provenance.get("mean_of") if isinstance(provenance, Mapping) else None
+    out = []
+    for name in named[:_MOST_MEMBERS] if isinstance(named, Sequence) and not isinstance(named, str) else []:
+        try:
+            member = parts.measuring.of(str(name))
+        except ProblemError:
+            continue
+        if member.record.closed and member.measured is not None:
+            out.append(member)
+    return out
+
+
+def spread_of(parts: Services, members: Sequence[Measured], comparison: Comparison) -> Mapping[str, Spread] | None:
+    """Return the standard deviation between the members of an average by case; None where there are none."""
+    if not members:
+        return None
+    from server.figures.arrows import spread_between
+
+    return spread_between(comparison, [compare_bench(parts.twins.bench(m)) for m in members])
+
+
+def settings_of(bench: Bench, name: str, found: Mapping[str, float]) -> tuple[str, list[Setting]]:
+    """Return the title of an effect, and the values that its parameters are given for a picture of what it changes.
+
+    A parameter that the model has fitted keeps its value; others take the upper end of their plausible range, or
+    their prior's standard deviation.
+
+    Args:
+        bench: whose model holds the effect.
+        name: of the effect (all its candidates at once), of a candidate or of a parameter.
+        found: values that a search has found, by parameter.
+
+    Raises:
+        ProblemError: 404 the effect has no such candidate and no such parameter.
+    """
+    from server.figures.effect_change import Setting
+
+    model = bench.model
+    effect = next((e for e in model.effects if e.name == name.split(".", maxsplit=1)[0]), None)
+    if effect is None:
+        raise not_found("effect", name, "/api/v1/effects")
+    topology, layout = model.finger.topology, model.layout
+    settings = []
+    for parameter in _chosen(effect, name, bench):
+        index = model.parameters.index[parameter]
+        declared = model.parameters.parameters[index]
+        if parameter in bench.loaded.added:
+            value, why = found.get(parameter, float(bench.theta[index])), "as fitted"
+        elif declared.plausible is not None:
+            value, why = declared.plausible[1], "upper end of the plausible range"
+        else:
+            value, why = declared.initial + declared.sd, "one standard deviation of the prior"
+        settings.append(Setting(parameter, float(value), declared.unit, why))
+    known = len(effect.parameters(topology, layout))
+    if not settings and known:
+        places = ", ".join([*effect.variants(topology, layout), *(p.name for p in effect.parameters(topology, layout))])
+        raise ProblemError(404, f"effect {effect.name} has no {name[:200]}", f"{effect.name}, or one of {places}"[:500])
+    return effect.title or effect.name, settings
+
+
+def _chosen(effect: Effect, name: str, bench: Bench) -> list[str]:
+    topology, layout = bench.model.finger.topology, bench.model.layout
+    variants = effect.variants(topology, layout)
+    declared = [p.name for p in effect.parameters(topology, layout)]
+    held = [p for p in bench.loaded.added if p in declared]
+    if name in declared:
+        return [name]
+    if name == effect.name and held:
+        return held
+    if name in variants:
+        return list(variants[name][0])
+    if name == effect.name:
+        return list(dict.fromkeys(p for alternatives in variants.values() for p in alternatives[0]))
+    return []

@@ -1,0 +1,412 @@
+"""Readings and events of benches, taken in: once, whole, and never another in their place.
+
+Chunk and cursor go into one transaction, and only then comes an answer. What is sent again is a success and changes
+nothing; what would lie over something else is a conflict that names what is stored.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from sqlalchemy import Column, Connection, Row, func, insert, select, update
+
+from daq.blocks import Chunk
+from daq.errors import JournalError, ReadingsError
+from daq.journal.rows import Event
+from daq.windows import require_increasing
+from server.service.storage.audit import record
+from server.service.storage.checksums import digest_of, sound
+from server.service.storage.database import Database, now_utc
+from server.service.storage.messages import Messages
+from server.service.storage.schema import chunks, events, sessions, streams
+from server.service.web.problems import ProblemError, not_found, shortened
+from server.service.web.strict import read_json
+
+# What a chunk is read from.
+STORED: tuple[Column[Any], ...] = (
+    chunks.c.session,
+    chunks.c.stream,
+    chunks.c.first_seq,
+    chunks.c.sha256,
+    chunks.c.payload,
+)
+# A name of a stream or an epoch goes into keys and addresses.
+_NAME = re.compile(r"[A-Za-z0-9._:-]{1,100}")
+_MOST_COUNT = 1 << 53
+# A chunk is some hundred milliseconds; beyond a minute at 10 kHz it is none.
+MOST_SAMPLES = 1 << 20
+_MOST_EVENT_BYTES = 1 << 18
+
+
+@dataclass(frozen=True)
+class Sent:
+    """What a bench says of a body that it sends.
+
+    Attributes:
+        body: the bytes.
+        sha256: of them, in hexadecimal.
+        epoch: history of the journal that they come from.
+    """
+
+    body: bytes
+    sha256: str
+    epoch: str
+
+    def require_sound(self) -> None:
+        """Refuse a body that is not what it is said to be.
+
+        Raises:
+            ProblemError: its SHA-256 differs, or it has no epoch.
+        """
+        if not _NAME.fullmatch(self.epoch):
+            raise ProblemError(422, f"epoch {shortened(self.epoch)!r}", "the X-Fingertwin-Epoch of the journal")
+        if digest_of(self.body) != self.sha256:
+            raise ProblemError(
+                422, "the body is not what its SHA-256 says", "X-Fingertwin-SHA256 of these very bytes", "Send it again"
+            )
+
+
+class Ingest:
+    """Takes in what benches send.
+
+    Args:
+        database: where it is kept.
+        messages: are told of events.
+        on_chunk: is called with session, stream and chunk once it is kept, from the thread of the request.
+    """
+
+    def __init__(
+        self, database: Database, messages: Messages, on_chunk: Callable[[str, str, Chunk], None] | None = None
+    ) -> None:
+        self._database, self._messages = database, messages
+        self._on_chunk = on_chunk or (lambda *_: None)
+        # Is told of each new chunk: samples and bytes.
+        self.stored: Callable[[int, int], None] = lambda *_: None
+
+    def describe(self, session: str, stream: str, body: bytes, *, hidden: bool = False) -> dict[str, Any]:
+        """Say what a stream is; the same again is a success.
+
+        Args:
+            session: that it belongs to.
+            stream: its id.
+            body: its description.
+            hidden: whether the session is one that is arriving.
+
+        Returns:
+            its cursor.
+
+        Raises:
+            ProblemError: 404 no such session, 409 it is described otherwise, 422 no JSON object.
+        """
+        if not _NAME.fullmatch(stream):
+            raise ProblemError(422, f"stream {shortened(stream)!r}", "letters, digits, and . _ : -, at most 100")
+        description = _object(body, "a stream's description")
+        digest = digest_of(description.encode())
+        with self._database.writing() as connection:
+            _require_session(connection, session, hidden=hidden)
+            found = _stream(connection, session, stream)
+            if found is not None and found.sha256 != digest:
+                raise ProblemError(
+                    409, f"stream {stream} is described otherwise", "the description it has", "Begin another stream"
+                )
+            if found is None:
+                highest = select(func.coalesce(func.max(streams.c.number), -1)).where(streams.c.session == session)
+                number = connection.execute(highest).scalar_one() + 1
+                row = {"session": session, "id": stream, "number": number, "description": description, "sha256": digest}
+                connection.execute(insert(streams).values(row))
+                record(connection, "stream begun", session, {"stream": stream, "description_sha256": row["sha256"]})
+                raise_version(connection, session)
+            return self._cursor_of(connection, session, stream)
+
+    def cursor(self, session: str, stream: str) -> dict[str, Any]:
+        """Return how far a stream is, and what is missing of it.
+
+        Raises:
+            ProblemError: 404 no such session or stream.
+        """
+        with self._database.reading() as connection:
+            _require_session(connection, session)
+            return self._cursor_of(connection, session, stream)
+
+    def put_chunk(
+        self, session: str, stream: str, first_seq: int, count: int, sent: Sent, *, hidden: bool = False
+    ) -> dict[str, Any]:
+        """Keep a chunk.
+
+        Args:
+            session: that it belongs to.
+            stream: of the session.
+            first_seq: number of its first sample, as the address says.
+            count: of its samples, as its header says.
+            sent: the packed chunk.
+            hidden: whether the session is one that is arriving, of which nobody is told yet.
+
+        Returns:
+            the cursor of the stream.
+
+        Raises:
+            ProblemError: 404 no such session or stream, 409 it would lie over others, 422 it is not as said or damaged.
+        """
+        sent.require_sound()
+        try:
+            chunk = Chunk.from_bytes(sent.body)
+        except JournalError as error:
+            raise ProblemError(422, error.found, error.expected, "Send what was read") from error
+        if (chunk.first_seq, len(chunk)) != (first_seq, count):
+            found = f"{len(chunk)} samples from {chunk.first_seq} on"
+            raise ProblemError(422, found, f"{count} from {first_seq} on, as its address and header say")
+        if len(chunk) > MOST_SAMPLES or chunk.next_seq >= _MOST_COUNT:
+            raise ProblemError(422, f"{len(chunk)} samples to number {chunk.next_seq}", f"at most {MOST_SAMPLES}")
+        _require_rising(chunk)
+        with self._database.writing() as connection:
+            _require_session(connection, session, hidden=hidden)
+            row = _stream(connection, session, stream)
+            if row is None:
+                raise not_found("stream", stream, f"/api/v1/sessions/{session}")
+            over = _overlapping(connection, session, stream, chunk)
+            fresh = not over
+            if over and over != [(first_seq, count, sent.sha256)]:
+                raise ProblemError(
+                    409,
+                    f"other samples are stored from {over[0][0]} on",
+                    "samples that are not there yet, or the very same chunk",
+                    stored=[{"first_seq": f, "count": n, "sha256": s} for f, n, s in over],
+                )
+            if fresh:
+                _require_between(connection, session, stream, chunk)
+                connection.execute(insert(chunks).values(_chunk_row(session, stream, chunk, sent)))
+            change: dict[str, Any] = {
+                "next_seq": max(row.next_seq, chunk.next_seq),
+                "held": row.held + (len(chunk) if fresh else 0),
+                "ended": bool(row.ended) or len(chunk) == 0,
+                "epoch": sent.epoch,
+            }
+            here = (streams.c.session == session) & (streams.c.id == stream)
+            connection.execute(update(streams).where(here).values(change))
+            answer = self._answer(connection, session, stream, change)
+        if fresh:
+            self.stored(count, len(sent.body))
+        if fresh and not hidden:
+            self._on_chunk(session, stream, chunk)
+        return answer
+
+    def event_cursor(self, session: str, epoch: str) -> dict[str, Any]:
+        """Return which events of an epoch are there.
+
+        Raises:
+            ProblemError: 404 no such session.
+        """
+        with self._database.reading() as connection:
+            _require_session(connection, session)
+            return _event_cursor(connection, session, epoch)
+
+    def put_event(self, session: str, epoch: str, number: int, sent: Sent) -> dict[str, Any]:
+        """Keep an event of a journal.
+
+        Returns:
+            which events of the epoch are there.
+
+        Raises:
+            ProblemError: 404 no such session, 409 another has this number, 422 it is not as said, or no event.
+        """
+        sent.require_sound()
+        event = event_of(sent.body)
+        if number >= _MOST_COUNT or sent.epoch != epoch:
+            raise ProblemError(422, f"event {number} of epoch {shortened(sent.epoch)}", f"one of epoch {epoch}")
+        with self._messages.writing() as telling:
+            connection = telling.connection
+            _require_session(connection, session)
+            here = (events.c.session == session) & (events.c.epoch == epoch) & (events.c.number == number)
+            found = connection.execute(select(events.c.sha256).where(here)).scalar()
+            if found is not None and found != sent.sha256:
+                raise ProblemError(409, f"event {number} is another", "the one that is stored", "Begin another epoch")
+            if found is None:
+                last = select(func.coalesce(func.max(events.c.arrival), 0)).where(events.c.session == session)
+                arrival = connection.execute(last).scalar_one() + 1
+                row = {"session": session, "epoch": epoch, "number": number, "arrival": arrival}
+                row |= {"sha256": sent.sha256, "body": sent.body.decode()}
+                connection.execute(insert(events).values(row))
+                raise_version(connection, session, **({"closed_utc": now_utc()} if event.kind == "closed" else {}))
+                told = read_json(sent.body) | {"epoch": epoch, "number": number}
+                telling.tell("event", session, told)
+            return _event_cursor(connection, session, epoch)
+
+    def _cursor_of(self, connection: Connection, session: str, stream: str) -> dict[str, Any]:
+        row = _stream(connection, session, stream)
+        if row is None:
+            raise not_found("stream", stream, f"/api/v1/sessions/{session}")
+        values = {"next_seq": row.next_seq, "held": row.held, "ended": bool(row.ended), "epoch": row.epoch}
+        return self._answer(connection, session, stream, values)
+
+    @staticmethod
+    def _answer(connection: Connection, session: str, stream: str, row: dict[str, Any]) -> dict[str, Any]:
+        missing: list[list[int]] = []
+        if row["held"] != row["next_seq"]:
+            query = select(chunks.c.first_seq, chunks.c.n).where(chunks.c.session == session)
+            query = query.where(chunks.c.stream == stream).order_by(chunks.c.first_seq)
+            missing = gaps((r.first_seq, r.n) for r in connection.execute(query))
+        return {"next_seq": row["next_seq"], "missing": missing, "ended": row["ended"], "epoch": row["epoch"]}
+
+
+def chunk_of(row: Row[Any]) -> Chunk:
+    """Return a stored chunk of a row with the columns STORED.
+
+    Raises:
+        DamagedError: it is not what was sent.
+    """
+    place = f"chunk {row.first_seq} of stream {row.stream} of session {row.session}"
+    return Chunk.from_bytes(sound(row.payload, row.sha256, place))
+
+
+def raise_version(connection: Connection, session: str, **values: Any) -> None:
+    """Raise a session's version, by which everybody sees that what was computed of it is old; set other columns too."""
+    raised = {"version": sessions.c.version + 1} | values
+    connection.execute(update(sessions).where(sessions.c.id == session).values(raised))
+
+
+def gaps(ranges: Iterable[tuple[int, int]]) -> list[list[int]]:
+    """Return [from, to) between ranges (first, count) that are in order, from 0 on."""
+    out, at = [], 0
+    for first, count in ranges:
+        if first > at:
+            out.append([at, first])
+        at = first + count
+    return out
+
+
+def stored_events(connection: Connection, session: str) -> list[Event]:
+    """Return a session's events in order: epoch by epoch as they came, each as far as it has no gap."""
+    rows = connection.execute(select(events).where(events.c.session == session).order_by(events.c.arrival)).all()
+    first: dict[str, int] = {}
+    for row in rows:
+        first.setdefault(row.epoch, row.arrival)
+    out, expected = [], dict.fromkeys(first, 0)
+    for row in sorted(rows, key=lambda r: (first[r.epoch], r.number)):
+        if row.number == expected[row.epoch]:
+            expected[row.epoch] += 1
+            out.append(event_of(body_of_event(row)))
+    return out
+
+
+def body_of_event(row: Row[Any]) -> bytes:
+    """Return a stored event as it was sent.
+
+    Raises:
+        DamagedError: it is no longer that.
+    """
+    return sound(row.body.encode(), row.sha256, f"event {row.number} of epoch {row.epoch} of session {row.session}")
+
+
+def event_of(body: bytes) -> Event:
+    """Return an event as a bench sends it.
+
+    Raises:
+        ProblemError: it is none.
+    """
+    value = json.loads(_object(body, "an event", _MOST_EVENT_BYTES))
+    kind, at_s, more, stream = (value.get(k) for k in ("kind", "at_s", "value", "stream"))
+    utc_s = value.get("utc_s")
+    sound = (
+        isinstance(kind, str)
+        and 0 < len(kind) <= 60
+        and isinstance(more if more is not None else {}, dict)
+        and (stream is None or (isinstance(stream, str) and len(stream) <= 100))
+        and all(n is None or (isinstance(n, int | float) and not isinstance(n, bool)) for n in (at_s, utc_s))
+    )
+    if not sound:
+        raise ProblemError(422, "no event", "an object with kind, at_s, value, and stream or null")
+    return Event(str(kind), float(at_s or 0.0), more or {}, stream, float(utc_s or 0.0))
+
+
+def _object(body: bytes, what: str, most: int = 1 << 20) -> str:
+    """Return the canonical JSON of an object."""
+    if len(body) > most:
+        raise ProblemError(413, f"{what} of {len(body)} bytes", f"at most {most}")
+    try:
+        value = read_json(body)
+        if not isinstance(value, dict):
+            raise ValueError("no object")
+        return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    except ValueError as error:
+        raise ProblemError(422, f"{what} that is no JSON object ({shortened(error)})", "a JSON object") from error
+
+
+def _require_session(connection: Connection, session: str, *, hidden: bool = False) -> None:
+    query = select(sessions.c.deleted_utc, sessions.c.arriving).where(sessions.c.id == session)
+    row = connection.execute(query).first()
+    if row is None or (row.deleted_utc is not None and not (hidden and row.arriving)):
+        raise not_found("session", session, "/api/v1/sessions")
+
+
+def _stream(connection: Connection, session: str, stream: str) -> Any:
+    return connection.execute(select(streams).where((streams.c.session == session) & (streams.c.id == stream))).first()
+
+
+def _overlapping(connection: Connection, session: str, stream: str, chunk: Chunk) -> list[tuple[int, int, str]]:
+    """What a chunk would lie over, in order; an empty one has a place as if it held one sample."""
+    first, end = chunk.first_seq, chunk.first_seq + max(len(chunk), 1)
+    columns = select(chunks.c.first_seq, chunks.c.n, chunks.c.sha256)
+    mine = columns.where((chunks.c.session == session) & (chunks.c.stream == stream))
+    # Stored chunks never lie over each other, so of those before only the last can reach into this one.
+    before = mine.where(chunks.c.first_seq <= first).order_by(chunks.c.first_seq.desc()).limit(1)
+    within = mine.where((chunks.c.first_seq > first) & (chunks.c.first_seq < end)).order_by(chunks.c.first_seq)
+    rows = [*connection.execute(before).all(), *connection.execute(within).all()]
+    return [(r.first_seq, r.n, r.sha256) for r in rows if r.first_seq + max(r.n, 1) > first]
+
+
+def _require_rising(chunk: Chunk) -> None:
+    if not np.isfinite(chunk.t_s).all():
+        raise ProblemError(422, "a time that is no number", "times in s")
+    try:
+        if len(chunk):
+            require_increasing(chunk.t_s, -math.inf, chunk.first_seq, "the stream")
+    except ReadingsError as error:
+        raise ProblemError(422, error.found, error.expected, "Send what was read") from error
+
+
+def _require_between(connection: Connection, session: str, stream: str, chunk: Chunk) -> None:
+    """Refuse a chunk whose times do not lie between those of its neighbours."""
+    if not len(chunk):
+        return
+    mine = (chunks.c.session == session) & (chunks.c.stream == stream) & (chunks.c.n > 0)
+    last = select(chunks.c.last_s).where(mine & (chunks.c.first_seq < chunk.first_seq))
+    first = select(chunks.c.first_s).where(mine & (chunks.c.first_seq > chunk.first_seq))
+    before = connection.execute(last.order_by(chunks.c.first_seq.desc()).limit(1)).scalar()
+    after = connection.execute(first.order_by(chunks.c.first_seq).limit(1)).scalar()
+    if (before is not None and before >= chunk.t_s[0]) or (after is not None and after <= chunk.t_s[-1]):
+        raise ProblemError(
+            422,
+            f"samples from {chunk.first_seq} on at {chunk.t_s[0]:.6g} to {chunk.t_s[-1]:.6g} s, "
+            f"between others at {before} and {after} s",
+            "time that increases from sample to sample",
+            "Begin another stream",
+        )
+
+
+def _chunk_row(session: str, stream: str, chunk: Chunk, sent: Sent) -> dict[str, Any]:
+    times = chunk.t_s
+    return {
+        "session": session,
+        "stream": stream,
+        "first_seq": chunk.first_seq,
+        "n": len(chunk),
+        "first_s": float(times[0]) if len(times) else None,
+        "last_s": float(times[-1]) if len(times) else None,
+        "sha256": sent.sha256,
+        "payload": sent.body,
+    }
+
+
+def _event_cursor(connection: Connection, session: str, epoch: str) -> dict[str, Any]:
+    here = (events.c.session == session) & (events.c.epoch == epoch)
+    last, count = connection.execute(select(func.max(events.c.number), func.count()).where(here)).one()
+    if last is not None and count == last + 1:
+        return {"next_seq": count, "missing": []}
+    numbers = connection.execute(select(events.c.number).where(here).order_by(events.c.number)).scalars().all()
+    return {"next_seq": numbers[-1] + 1 if numbers else 0, "missing": gaps([(n, 1) for n in numbers])}

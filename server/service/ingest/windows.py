@@ -1,0 +1,191 @@
+"""Windows of a session, reduced from the readings that are stored, as soon as they are all there."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from sqlalchemy import ColumnElement, Connection, func, select
+
+from daq.errors import ReadingsError
+from daq.plateaus import Plateau
+from daq.readings import ReadingBlock
+from daq.windows import Span, gather
+from server.service.ingest.ingest import STORED, chunk_of
+from server.service.storage.database import Database
+from server.service.storage.schema import chunks, streams
+from server.service.web.workers import require_client
+
+_MOST_CACHED = 20_000
+# So many windows are read in one pass over the whole stream, instead of by a look-up each.
+_MANY = 16
+_WHERE = "the stored readings"
+_Key = tuple[str, str, Span]
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """What has become of a session's windows.
+
+    Attributes:
+        plateaus: those that could be reduced.
+        waiting: those whose readings are not all there yet, and what is missing.
+        failed: those that cannot be reduced, and why.
+    """
+
+    plateaus: dict[Span, Plateau] = field(default_factory=dict)
+    waiting: dict[Span, str] = field(default_factory=dict)
+    failed: dict[Span, ReadingsError] = field(default_factory=dict)
+
+
+class Windows:
+    """Reduces windows, and remembers them: readings that are stored never change.
+
+    Args:
+        database: that holds the readings.
+    """
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._known: OrderedDict[_Key, Plateau | ReadingsError] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def reduce(self, session: str, stream: str | None, windows: Mapping[Span, str]) -> Reduced:
+        """Reduce windows of a stream.
+
+        Args:
+            session: that the stream belongs to.
+            stream: None where the session has none: all windows wait.
+            windows: [start, end] in s, and a name for messages.
+        """
+        out = Reduced()
+        new = []
+        for window in windows:
+            with self._lock:
+                found = self._known.get((session, stream or "", window))
+            if isinstance(found, Plateau):
+                out.plateaus[window] = found
+            elif found is not None:
+                out.failed[window] = found
+            else:
+                new.append(window)
+        if new:
+            with self._database.reading() as connection:
+                state = None
+                if stream is not None:
+                    here = (streams.c.session == session) & (streams.c.id == stream)
+                    state = connection.execute(select(streams).where(here)).first()
+                if stream is None or state is None:
+                    return replace(out, waiting=dict.fromkeys(new, "no readings are there yet"))
+                whole = bool(state.ended) and state.held == state.next_seq
+                if whole and self._together(connection, session, stream, {w: windows[w] for w in new}, out):
+                    return out
+                for window in new:
+                    self._reduce(connection, session, stream, window, windows[window], out, whole=whole)
+        return out
+
+    def one(self, session: str, stream: str | None, window: Span) -> Plateau | None:
+        """Reduce a window where all its readings are there."""
+        return self.reduce(session, stream, {window: "window"}).plateaus.get(window)
+
+    def _together(
+        self, connection: Connection, session: str, stream: str, windows: Mapping[Span, str], out: Reduced
+    ) -> bool:
+        """Reduce many windows of a whole stream in one pass; False where there are few, or one has a fault."""
+        if len(windows) < _MANY:
+            return False
+        around = min(start for start, _ in windows), max(end for _, end in windows)
+        try:
+            found = gather(blocks_of(connection, session, stream, around), windows, _WHERE).plateaus
+        except ReadingsError:
+            return False  # one by one, each is told what is wrong with it
+        out.plateaus.update(found)
+        self._remember({(session, stream, window): plateau for window, plateau in found.items()})
+        return True
+
+    def _reduce(
+        self,
+        connection: Connection,
+        session: str,
+        stream: str,
+        window: Span,
+        name: str,
+        out: Reduced,
+        *,
+        whole: bool,
+    ) -> None:
+        lacks = _lacking(connection, session, stream, window, whole)
+        if lacks:
+            out.waiting[window] = lacks
+            return
+        found: Plateau | ReadingsError
+        try:
+            found = gather(blocks_of(connection, session, stream, window), {window: name}, _WHERE).plateaus[window]
+            out.plateaus[window] = found
+        except ReadingsError as error:
+            # Without what it was raised in: it is kept.
+            found = out.failed[window] = error.with_traceback(None)
+        self._remember({(session, stream, window): found})
+
+    def _remember(self, found: Mapping[_Key, Plateau | ReadingsError]) -> None:
+        with self._lock:
+            self._known.update(found)
+            while len(self._known) > _MOST_CACHED:
+                self._known.popitem(last=False)
+
+
+def _lacking(connection: Connection, session: str, stream: str, window: Span, whole: bool) -> str:
+    """What of a window is still to come, in words; nothing where it can be reduced."""
+    if whole:
+        return ""
+    mine = (chunks.c.session == session) & (chunks.c.stream == stream)
+    last_s = connection.execute(select(func.max(chunks.c.last_s)).where(mine)).scalar()
+    if last_s is None or last_s <= window[1]:
+        return f"readings until {window[1]:g} s are to come" + ("" if last_s is None else f" (now at {last_s:.1f} s)")
+    low, high = _ends(connection, mine, window)
+    columns = select(chunks.c.first_seq, chunks.c.n, chunks.c.first_s, chunks.c.last_s)
+    near = columns.where(mine & chunks.c.first_seq.between(low, high)).order_by(chunks.c.first_seq)
+    rows = connection.execute(near).all()
+    if rows and rows[0].first_seq > 0 and rows[0].first_s > window[0]:
+        return f"readings before {rows[0].first_s:.2f} s are missing"
+    for before, row in pairwise(rows):
+        if row.first_seq != before.first_seq + before.n:
+            return f"readings from {before.last_s:.2f} to {row.first_s:.2f} s are missing"
+    if not rows or rows[-1].last_s <= window[1]:
+        return f"readings until {window[1]:g} s are missing"
+    return ""
+
+
+def _ends(connection: Connection, mine: ColumnElement[bool], window: Span) -> tuple[int, int]:
+    """Numbers of the chunks in which the last reading before a window and the first one after it lie."""
+    before = select(chunks.c.first_seq).where(mine & (chunks.c.first_s <= window[0]))
+    after = select(chunks.c.first_seq).where(mine & (chunks.c.last_s > window[1]))
+    low = connection.execute(before.order_by(chunks.c.first_s.desc()).limit(1)).scalar()
+    high = connection.execute(after.order_by(chunks.c.last_s).limit(1)).scalar()
+    first, last = connection.execute(
+        select(func.min(chunks.c.first_seq), func.max(chunks.c.first_seq)).where(mine)
+    ).one()
+    return (first or 0) if low is None else low, (last or 0) if high is None else high
+
+
+def blocks_of(connection: Connection, session: str, stream: str, window: Span | None = None) -> Iterator[ReadingBlock]:
+    """Yield a stream's readings in order, or those of the chunks about a window.
+
+    Raises:
+        DamagedError: a chunk is not as it was sent.
+    """
+    mine = (chunks.c.session == session) & (chunks.c.stream == stream)
+    if window is not None:
+        mine &= chunks.c.first_seq.between(*_ends(connection, mine, window))
+    query = select(*STORED).where(mine).order_by(chunks.c.first_seq)
+    with connection.execute(query.execution_options(yield_per=16)) as rows:
+        for chunk in map(chunk_of, rows):
+            require_client()
+            if len(chunk):
+                # A reading beyond the range is flagged also where the device has no status of its own.
+                status = np.where(chunk.overload & (chunk.status == 0), 1, chunk.status)
+                yield ReadingBlock(chunk.t_s, chunk.wrench, status)

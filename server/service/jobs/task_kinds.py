@@ -1,0 +1,184 @@
+"""What each kind of job is given, and what is kept of its result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import insert, select
+
+from daq.errors import InputError
+from daq.session_models import TensionEstimate
+from server.service.answers import plain
+from server.service.jobs.bench_input import BenchInput
+from server.service.jobs.executors import ExecutorSettings
+from server.service.jobs.kinds import Job, TaskKind
+from server.service.jobs.population import PopulationInput
+from server.service.jobs.tasks import AddInput, DiagnoseInput, NextInput, PooledInput, RefitInput, ReproduceInput
+from server.service.models.effects import OwnEffects
+from server.service.models.revisions import Revisions
+from server.service.models.twins import Twins
+from server.service.sessions.measuring import Measured, Measuring
+from server.service.settings import Settings
+from server.service.storage.database import Database, now_utc
+from server.service.storage.messages import Telling
+from server.service.storage.schema import frozen
+
+_TASKS = "server.service.jobs.tasks"
+Request = Mapping[str, Any]
+
+
+def task_kinds(
+    settings: Settings,
+    database: Database,
+    measuring: Measuring,
+    twins: Twins,
+    revisions: Revisions,
+    effects: OwnEffects,
+) -> list[TaskKind]:
+    """Every kind of job that the service does."""
+    inputs = Inputs(settings, database, measuring, twins, effects)
+
+    def kept_revision(telling: Telling, job: Job, result: Any) -> dict[str, Any]:
+        document = result["revision"]
+        specimen = result["provenance"]["specimen"]
+        why = _why(job)
+        revisions.keep(telling, document, specimen, result["provenance"] | {"job": job.id}, why)
+        return _body(result)
+
+    return [
+        TaskKind("refit", inputs.refit, f"{_TASKS}.refit", kept_revision),
+        TaskKind("add", inputs.add, f"{_TASKS}.add", kept_revision),
+        TaskKind("diagnose", inputs.diagnose, f"{_TASKS}.diagnose", lambda _, __, result: _body(result)),
+        TaskKind("pooled", inputs.pooled, f"{_TASKS}.pooled", lambda _, __, result: _body(result)),
+        TaskKind("next", inputs.next_cases, f"{_TASKS}.next_cases", _kept_frozen),
+        TaskKind("population", inputs.population, "server.service.jobs.population.run"),
+        TaskKind("reproduce", _study, f"{_TASKS}.reproduce", lambda _, __, result: plain(result["body"])),
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """Makes of a request what a worker is given: values, never a place to look them up."""
+
+    settings: Settings
+    database: Database
+    measuring: Measuring
+    twins: Twins
+    effects: OwnEffects
+
+    def refit(self, request: Request) -> RefitInput:
+        """Of `fingertwin refit`."""
+        return RefitInput(self.bench(request), request["method"], request["plane"])
+
+    def add(self, request: Request) -> AddInput:
+        """Of `fingertwin add`."""
+        return AddInput(self.bench(request, request["add"]), tuple(request["add"]), tuple(request["without"]))
+
+    def diagnose(self, request: Request) -> DiagnoseInput:
+        """Of `fingertwin diagnose`, with what was frozen of this specimen before."""
+        bench = self.bench(request, request["effects"])
+        query = select(frozen.c.document).where(frozen.c.specimen == bench.provenance["specimen"])
+        with self.database.reading() as connection:
+            documents = connection.execute(query.order_by(frozen.c.created_utc)).scalars().all()
+        return DiagnoseInput(bench, request["thorough"], tuple(documents))
+
+    def pooled(self, request: Request) -> PooledInput:
+        """Of `fingertwin diagnose` with several sessions."""
+        benches = [self.bench(dict(request) | {"session": s}, request["effects"]) for s in request["sessions"]]
+        return PooledInput(tuple(benches), request["thorough"])
+
+    def next_cases(self, request: Request) -> NextInput:
+        """Of `fingertwin next`."""
+        return NextInput(self.bench(request, request["effects"]), request["freeze"])
+
+    def population(self, request: Request) -> PopulationInput:
+        """Of a population run."""
+        used = [name for names in request["effects"] for name in names]
+        benches = [self.bench(dict(request) | {"session": s}, used) for s in request["sessions"]]
+        place = ExecutorSettings(self.settings.executor, self.settings.worker_count, self.settings.dask_scheduler)
+        return PopulationInput(
+            tuple(benches),
+            tuple(tuple(names) for names in request["effects"]),
+            request["bootstrap"],
+            request["seed"],
+            executor=place,
+        )
+
+    def bench(self, request: Request, used: list[str] | tuple[str, ...] = ()) -> BenchInput:
+        """A session as it stands, with its model and users' effects.
+
+        Raises:
+            InputError: the session cannot be used.
+            ProblemError: there is no such session, model or effect.
+        """
+        from fingermodel.effects.user import effect_document
+        from fingermodel.model_files import Revision
+
+        measured = self.measuring.of(request["session"])
+        bench = self.twins.bench(measured, request["model"])
+        model = self.twins.model(request["model"], measured)
+        provenance = self.twins.provenance(measured, bench, digest=True)
+        readings = provenance["readings"]
+        whole = measured.session
+        return BenchInput(
+            session=_document(measured),
+            plateaus=dict(measured.plateaus),
+            notes=measured.require().notes,
+            model=model.document if isinstance(model, Revision) else model if isinstance(model, str) else None,
+            effects=tuple(effect_document(e) for e in self.effects.named([n for n in used if "=" not in n])),
+            readings_sha256=None if readings is None else readings["sha256_of_chunks"],
+            provenance=provenance | {"specimen": "" if whole is None else whole.specimen.id},
+        )
+
+
+def _study(request: Request) -> ReproduceInput:
+    return ReproduceInput(request["study"])
+
+
+def _document(measured: Measured) -> dict[str, Any]:
+    """The session's document with what is measured of it."""
+    document, session = measured.record.document, measured.session
+    if document is None or session is None:
+        raise InputError(f"session {measured.record.id} has no measured load case", "at least one")
+    done = {c.id for c in session.cases}
+    kept = [w.model_dump(mode="json") for w in session.checks]
+    out = document | {"cases": [c for c in document["cases"] if c["id"] in done]}
+    if "amendments" in out:
+        out["amendments"] = [a for a in out["amendments"] if a["case"] in done]
+    out |= {"checks": [{k: v for k, v in w.items() if v is not None} for w in kept]} if kept else {}
+    if not kept:
+        out.pop("checks", None)
+    if not isinstance(session.tension_factor, TensionEstimate):
+        # Where it could not be estimated, the published one stands in.
+        out["tension_factor"] = session.tension_factor
+    return out
+
+
+def _why(job: Job) -> str:
+    request = job.request
+    if job.kind == "refit":
+        return f"refitted to session {job.session} by {request['method']}"
+    changes = [f"+{n}" for n in request["add"]] + [f"-{n}" for n in request["without"]]
+    return f"{' '.join(changes)}, refitted to session {job.session}"
+
+
+def _body(result: Any) -> dict[str, Any]:
+    return plain(result["body"] | {"provenance": result["provenance"]})
+
+
+def _kept_frozen(telling: Telling, job: Job, result: Any) -> dict[str, Any]:
+    document = result["frozen"]
+    if document is not None:
+        known = select(frozen.c.sha256).where(frozen.c.sha256 == document["sha256"])
+        if telling.connection.execute(known).first() is None:
+            row = {
+                "sha256": document["sha256"],
+                "specimen": document["specimen"],
+                "session": job.session,
+                "created_utc": now_utc(),
+                "document": document,
+            }
+            telling.connection.execute(insert(frozen).values(row))
+    return _body(result)

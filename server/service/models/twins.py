@@ -1,0 +1,283 @@
+"""Sessions held against models: the benches and comparisons that every answer of the service is made of."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections import OrderedDict
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+from sqlalchemy import select
+
+from fingermodel.predicting import Predictor
+from server.application.workflow import Bench, bench_of, compare_bench
+from server.service.answers import dumps
+from server.service.models.effects import OwnEffects
+from server.service.models.revisions import Revisions
+from server.service.models.search_fits import asked, fit_revision
+from server.service.sessions.measuring import Measured, Measuring
+from server.service.sessions.records import FINGER_DOCUMENT
+from server.service.sessions.turns import Turns
+from server.service.storage.database import Database
+from server.service.storage.schema import chunks, streams
+from server.service.web.problems import ProblemError, shortened
+
+if TYPE_CHECKING:
+    from fingermodel.comparison import Comparison
+    from fingermodel.fingers import Finger
+    from fingermodel.model_files import Revision
+    from fingermodel.stages import Effect
+
+_MOST_BENCHES, _MOST_COMPARISONS = 32, 256
+# Of `model`: the revision in force for the session's specimen, or the session's own finger where there is none.
+IN_FORCE = "in_force"
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A comparison as it is answered.
+
+    Attributes:
+        body: JSON.
+        tag: of the body, for clients that have it already.
+    """
+
+    body: bytes
+    tag: str
+
+
+class Twins:
+    """Holds sessions against models, each pair once.
+
+    Args:
+        database: that holds the readings.
+        measuring: gives measured forces.
+        revisions: that may be asked for as models.
+        effects: of the users, which a search may have fitted.
+        fingers: names of the fingers that come with the software.
+    """
+
+    def __init__(
+        self,
+        database: Database,
+        measuring: Measuring,
+        revisions: Revisions,
+        effects: OwnEffects,
+        fingers: frozenset[str],
+    ) -> None:
+        self._database, self._measuring, self._revisions = database, measuring, revisions
+        self._effects, self._fingers = effects, fingers
+        self._fits: OrderedDict[Hashable, Revision] = OrderedDict()
+        self._benches: OrderedDict[Hashable, Bench] = OrderedDict()
+        self._compared: OrderedDict[Hashable, Compared] = OrderedDict()
+        self._predictors: OrderedDict[str, Predictor] = OrderedDict()
+        self._lock, self._turns = threading.Lock(), Turns()
+
+    def model(self, name: str | None, measured: Measured | None = None) -> Revision | Finger | str | None:
+        """Return the model that a request names.
+
+        Args:
+            name: of a revision, of a search's refit or of a finger that comes with the software, IN_FORCE, or None for
+                the session's own.
+            measured: the session.
+
+        Raises:
+            ProblemError: 422 there is no such model.
+        """
+        if name == IN_FORCE and measured is not None and measured.session is not None:
+            name = self._revisions.in_force(measured.session.specimen.id)
+        if name is None:
+            return None if measured is None else self._own_finger(measured)
+        if name in self._fingers:
+            return name
+        if measured is not None and "/" in name:
+            return self._search_fit(name, measured)
+        try:
+            return self._revisions.loaded(name)
+        except ProblemError as error:
+            if error.status != 404:
+                raise
+            raise ProblemError(
+                422, f"model {shortened(name)!r}", "a revision's id, or a finger of GET /api/v1/fingers", "List them"
+            ) from None
+
+    def found(self, name: str | None, measured: Measured) -> dict[str, float]:
+        """Return the values that a search gives with an explanation, by parameter; none for any other model."""
+        if name is None or "/" not in name:
+            return {}
+        _, row = asked(self._database, name, measured.record.id)
+        return {p["name"]: p["value"] for p in row["parameters"]}
+
+    def _search_fit(self, name: str, measured: Measured) -> Revision:
+        key = (measured.key, name)
+        with self._lock:
+            known = self._fits.get(key)
+        if known is not None:
+            return known
+        answer, found = asked(self._database, name, measured.record.id)
+        searched = str(answer.get("model"))
+        if searched not in self._fingers:
+            try:
+                self._revisions.loaded(searched)
+            except ProblemError:
+                searched = ""  # the finger that the session brings
+        names = {c.split(".")[0] for c in found["candidates"]}
+        bench = self.bench(measured, searched or None, [e for e in self._effects.all() if e.name in names])
+        made = fit_revision(bench, name, found)
+        with self._lock:
+            self._fits[key] = made
+            while len(self._fits) > _MOST_BENCHES:
+                self._fits.popitem(last=False)
+        return made
+
+    def bench(self, measured: Measured, model: str | None = None, effects: Sequence[Effect] | None = None) -> Bench:
+        """Hold a session against a model.
+
+        Args:
+            measured: the session.
+            model: as in `model`.
+            effects: of the user's own that the model shall hold beside the catalogue, at their null; None leaves out
+                the catalogue as well.
+
+        Raises:
+            InputError: the session or the model cannot be used.
+            ProblemError: there is no such model.
+        """
+        forces = measured.require()
+        found = self.model(model, measured)
+        named = found if found is None or isinstance(found, str) else found.id
+        key = (measured.key, named, None if effects is None else tuple(effects))
+        with self._turns.of(key):
+            with self._lock:
+                known = self._benches.get(key)
+            if known is not None:
+                return known
+            bench = replace(
+                bench_of(forces, found, catalogue=effects is not None, effects=effects or ()),
+                findings=measured.findings,
+            )
+            with self._lock:
+                self._benches[key] = bench
+                while len(self._benches) > _MOST_BENCHES:
+                    self._benches.popitem(last=False)
+        return bench
+
+    def predictor(self, model: str) -> Predictor:
+        """Return what predicts with a finger or revision.
+
+        Raises:
+            ProblemError: there is no such model.
+        """
+        with self._lock:
+            known = self._predictors.get(model)
+        if known is not None:
+            return known
+        found = self.model(model)
+        if found is None or isinstance(found, str):
+            from fingermodel.finger_files import read_finger
+
+            found = read_finger(model)
+        made = Predictor(found)
+        with self._lock:
+            self._predictors[model] = made
+            while len(self._predictors) > _MOST_BENCHES:
+                self._predictors.popitem(last=False)
+        return made
+
+    def comparison(self, name: str, model: str | None = None) -> Compared:
+        """Compare a session with a model; predictions of validation cases are left out while a bench is running.
+
+        Raises:
+            InputError: the session or the model cannot be used.
+            ProblemError: there is no such session or model.
+        """
+        measured = self._measuring.of(name)
+        asked = model
+        if model == IN_FORCE and measured.session is not None:
+            asked = self._revisions.in_force(measured.session.specimen.id)
+        key = (measured.key, asked)
+        with self._lock:
+            known = self._compared.get(key)
+            if known is not None:
+                self._compared.move_to_end(key)
+                return known
+        bench = self.bench(measured, asked)
+        body = dumps(self.compared_body(measured, bench, compare_bench(bench)))
+        out = Compared(body, hashlib.sha256(body).hexdigest()[:32])
+        with self._lock:
+            self._compared[key] = out
+            while len(self._compared) > _MOST_COMPARISONS:
+                self._compared.popitem(last=False)
+        return out
+
+    def compared_body(self, measured: Measured, bench: Bench, comparison: Comparison) -> dict[str, Any]:
+        """The contract's comparison, blind where it has to be, with what it came from."""
+        from fingermodel.comparison import Comparison as Cases
+        from server.application.workflow import provenance
+
+        blinded = []
+        if not measured.record.closed:
+            blinded = [c.id for c in comparison.cases if c.role == "validation"]
+            seen = tuple(c for c in comparison.cases if c.role != "validation")
+            comparison = Cases(seen, comparison.noise_assumed)
+        states = measured.states
+        rest = {s: {i: c.why for i, c in states.items() if c.state == s} for s in ("waiting", "failed", "excluded")}
+        body = {"schema": "fingertwin/compare/1"} | provenance(bench) | comparison.as_dict() | rest
+        return body | {"blinded": blinded, "provenance": self.provenance(measured, bench)}
+
+    def provenance(self, measured: Measured, bench: Bench, *, digest: bool = False) -> dict[str, Any]:
+        """Say which readings, corrections, model and software a number came from.
+
+        Args:
+            measured: the session.
+            bench: held against the model.
+            digest: whether the readings are to be named by a digest of their chunks, which takes a moment.
+        """
+        record = measured.record
+        readings = None
+        if record.stream is not None:
+            readings = self._readings(record.id, record.stream, digest)
+        return {
+            "session": record.id,
+            "session_version": record.version,
+            "readings": readings,
+            "edits": [e.number for e in record.edits],
+            "model": bench.loaded.name,
+            "model_parent": bench.loaded.parent,
+            "tension_factor": measured.require().tension_factor,
+            "tension_factor_source": measured.require().tension_factor_source,
+            "software": version("fingertwin"),
+        }
+
+    def _readings(self, session: str, stream: str, digest: bool) -> dict[str, Any]:
+        mine = (chunks.c.session == session) & (chunks.c.stream == stream)
+        with self._database.reading() as connection:
+            here = (streams.c.session == session) & (streams.c.id == stream)
+            row = connection.execute(select(streams.c.next_seq, streams.c.held).where(here)).one()
+            out: dict[str, Any] = {"stream": stream, "samples": row.held}
+            if digest:
+                query = select(chunks.c.first_seq, chunks.c.sha256).where(mine).order_by(chunks.c.first_seq)
+                text = "\n".join(f"{r.first_seq} {r.sha256}" for r in connection.execute(query))
+                out["sha256_of_chunks"] = hashlib.sha256(text.encode()).hexdigest()
+        return out
+
+    def _own_finger(self, measured: Measured) -> Finger | None:
+        """The finger that a session brings with it; None where it names one that the service has."""
+        document = measured.record.document or {}
+        finger = document.get(FINGER_DOCUMENT)
+        if finger is not None:
+            from fingermodel.finger_files import finger_from_dict
+
+            return finger_from_dict(finger, f"the finger of {measured.record.id}")
+        name = document.get("finger")
+        if name not in self._fingers:
+            raise ProblemError(
+                422,
+                f"session {measured.record.id} names finger {shortened(name)!r}, which is a file of the bench",
+                f"one of {', '.join(sorted(self._fingers))}, or its document as {FINGER_DOCUMENT}",
+                "Ask with ?model=",
+            )
+        return None

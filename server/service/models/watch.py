@@ -1,0 +1,180 @@
+"""Load cases computed by themselves: as soon as the readings of a case's windows are there, its force is told."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import threading
+from collections.abc import Hashable
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.exc import SQLAlchemyError
+
+from daq.errors import InputError
+from server.application.workflow import compare_bench
+from server.service.answers import dumps
+from server.service.models.twins import Twins
+from server.service.sessions.measuring import Measured, Measuring
+from server.service.storage.database import Database
+from server.service.storage.messages import Message, Messages
+from server.service.storage.schema import messages as kept
+from server.service.web.problems import ProblemError
+
+_LOG = logging.getLogger(__name__)
+# After so long what failed for want of space or files is looked at again [s].
+_AGAIN_S = 5.0
+
+
+class Watch:
+    """Looks at sessions that changed, in a thread of its own.
+
+    Args:
+        database: holds what was told before.
+        messages: are told of each case.
+        measuring: gives measured forces.
+        twins: gives predictions.
+    """
+
+    def __init__(self, database: Database, messages: Messages, measuring: Measuring, twins: Twins) -> None:
+        self._database, self._messages, self._measuring, self._twins = database, messages, measuring, twins
+        self._dirty: dict[str, None] = {}
+        self._waiting: set[str] = set()
+        self._told: dict[str, dict[str, str]] = {}
+        self._seen: dict[str, Hashable] = {}
+        self._some = threading.Condition()
+        self._busy = self._halt = False
+        self._thread = threading.Thread(target=self._run, name="cases", daemon=True)
+
+    def start(self) -> None:
+        """Look from now on."""
+        self._messages.listen(self._heard)
+        self._thread.start()
+
+    def touch(self, session: str) -> None:
+        """Look at a session soon."""
+        with self._some:
+            self._dirty[session] = None
+            self._some.notify_all()
+
+    def on_readings(self, session: str) -> None:
+        """Look at a session whose windows may have waited for readings that are there now."""
+        if session in self._waiting:
+            self.touch(session)
+
+    def settle(self, timeout_s: float) -> bool:
+        """Wait until nothing is left to look at; return whether that came in time."""
+        with self._some:
+            return self._some.wait_for(lambda: not self._dirty and not self._busy, timeout_s)
+
+    def close(self) -> None:
+        """Stop; what was not looked at is looked at after the next start."""
+        with self._some:
+            self._halt = True
+            self._some.notify_all()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _heard(self, message: Message) -> None:
+        if message.session is not None and message.kind in ("event", "session"):
+            self.touch(message.session)
+
+    def _run(self) -> None:
+        while True:
+            with self._some:
+                self._busy = False
+                self._some.notify_all()
+                self._some.wait_for(lambda: self._halt or bool(self._dirty))
+                if self._halt:
+                    return
+                session = next(iter(self._dirty))
+                del self._dirty[session]
+                self._busy = True
+            try:
+                self._look(session)
+            except ProblemError:
+                self._waiting.discard(session)  # deleted meanwhile
+            except (SQLAlchemyError, OSError):
+                # A full disk, too many open files: looked at again, and nobody has to ask for it.
+                _LOG.exception("the cases of session %s are not computed yet", session)
+                with self._some:
+                    self._some.wait_for(lambda: self._halt, _AGAIN_S)
+                self.touch(session)
+            except Exception:
+                _LOG.exception("the cases of session %s were not computed", session)
+
+    def _look(self, session: str) -> None:
+        measured = self._measuring.of(session)
+        if measured.waits:
+            self._waiting.add(session)
+            # A chunk may have come between the two.
+            measured = self._measuring.of(session)
+        if not measured.waits:
+            self._waiting.discard(session)
+        # Most of what arrives while a bench runs is not what a case waits for.
+        if self._seen.get(session) == measured.key:
+            return
+        before = self._before(session)
+        news = {}
+        for case in case_bodies(measured, self._twins):
+            digest = _digest(case)
+            # That a case waits is no news before anything else was told of it.
+            if before.get(case["id"]) != digest and (case["id"] in before or case["state"] != "waiting"):
+                news[case["id"]] = (digest, case)
+        if news:
+            with self._messages.writing() as telling:
+                telling.tell_all("case", session, [case for _, case in news.values()])
+            before |= {name: digest for name, (digest, _) in news.items()}
+        self._seen[session] = measured.key
+
+    def _before(self, session: str) -> dict[str, str]:
+        """Digests of what was told of each case."""
+        if session not in self._told:
+            query = select(kept.c.body).where((kept.c.session == session) & (kept.c.kind == "case"))
+            with self._database.reading() as connection:
+                bodies = connection.execute(query.order_by(kept.c.id)).scalars().all()
+            self._told[session] = {b["id"]: _digest(b) for b in bodies}
+        return self._told[session]
+
+
+def _digest(case: dict[str, Any]) -> str:
+    """Tells whether a case has changed; how far its readings are is no news."""
+    said = {k: v for k, v in case.items() if k != "why" or case["state"] in ("failed", "excluded")}
+    return hashlib.sha256(dumps(said)).hexdigest()
+
+
+def case_bodies(measured: Measured, twins: Twins) -> list[dict[str, Any]]:
+    """Each case of a session: what hangs, its state and force, and the prediction where that may be seen."""
+    compared, problem = {}, None
+    if measured.measured is not None:
+        try:
+            bench = twins.bench(measured)
+            compared = {c.id: c for c in compare_bench(bench).cases}
+        except (InputError, ProblemError) as error:
+            problem = str(error)
+    out = []
+    amended = measured.record.amendments
+    for entry, case in zip(measured.record.cases, measured.record.amended_cases, strict=True):
+        name = case["id"]
+        state = measured.states.get(name)
+        body: dict[str, Any] = {k: case.get(k) for k in ("id", "role", "posture", "location", "masses_g")}
+        body |= {"state": "waiting" if state is None else state.state, "why": "" if state is None else state.why}
+        if state is None and measured.problem is not None:
+            body |= {"state": "failed", "why": str(measured.problem)}
+        body |= {k: case[k] for k in ("repeat_of", "direction", "note") if case.get(k) is not None}
+        body |= {"amended": amended[name], "entered": entry["masses_g"]} if name in amended else {}
+        body |= {"windows": {k: case[k] for k in ("unloaded_s", "loaded_s", "unloaded_after_s") if case.get(k)}}
+        force = measured.force(name) if body["state"] == "measured" else None
+        body |= force or {"measured_N": None, "measured_sd_N": None, "measured_Nmm": None, "steady": None}
+        blinded = case.get("role") == "validation" and not measured.record.closed
+        found = None if blinded else compared.get(name)
+        body |= {
+            "predicted_N": None if found is None else found.predicted_N.tolist(),
+            "residual_N": None if found is None else (found.measured_N - found.predicted_N).tolist(),
+            "predicted_Nmm": None if found is None or found.predicted_Nmm is None else found.predicted_Nmm.tolist(),
+            "z": None if found is None else found.z,
+            "blinded": blinded,
+            "no_prediction": problem,
+        }
+        out.append(body)
+    return out

@@ -1,0 +1,44 @@
+"""What may be seen while a bench is running: nothing that a model says of validation cases."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from server.service.sessions.measuring import Measured
+from server.service.web.problems import ProblemError
+
+if TYPE_CHECKING:
+    from fingermodel.comparison import Comparison
+
+HIDDEN = "The prediction is hidden until the session is closed."
+
+
+def blinded(measured: Measured) -> frozenset[str]:
+    """Ids of the cases of a session whose predictions may not be seen yet."""
+    if measured.record.closed:
+        return frozenset()
+    return frozenset(str(c["id"]) for c in measured.record.cases if c.get("role") == "validation")
+
+
+def seen(measured: Measured, comparison: Comparison) -> Comparison:
+    """Return a comparison without the cases that may not be seen yet."""
+    from fingermodel.comparison import Comparison as Cases
+
+    if measured.record.closed:
+        return comparison
+    return Cases(tuple(c for c in comparison.cases if c.role != "validation"), comparison.noise_assumed)
+
+
+def require_closed(measured: Measured) -> None:
+    """Refuse what would tell of validation cases.
+
+    Raises:
+        ProblemError: 409 the session's bench is still running.
+    """
+    if not measured.record.closed:
+        raise ProblemError(
+            409,
+            f"session {measured.record.id} is still running",
+            "a session that its bench has closed",
+            "Close it at the bench",
+        )

@@ -1,0 +1,256 @@
+"""What the service knows of a session, put together from what was posted or sent by a bench, and from edits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from sqlalchemy import Connection, select
+
+from daq.bench.record import STARTED, BenchRecord
+from daq.bench.steps import Steps
+from daq.errors import InputError, SessionError
+from daq.journal.rows import Event
+from daq.session_models import AMENDABLE, Session
+from daq.sessions import FINGER_DOCUMENT, parse_session
+from server.service.ingest.ingest import stored_events
+from server.service.storage.schema import edits, sessions, streams
+from server.service.web.problems import not_found
+
+__all__ = [
+    "EDIT_KINDS",
+    "FINGER_DOCUMENT",
+    "WINDOWS",
+    "Edit",
+    "Record",
+    "apply_edits",
+    "live_edits",
+    "read_record",
+    "steps_of",
+    "undone_edits",
+]
+
+# What an edit may do to a session.
+EDIT_KINDS = ("case", "windows", "exclude", "include", "amend", "undo")
+WINDOWS = ("unloaded_s", "loaded_s", "unloaded_after_s")
+
+
+@dataclass(frozen=True)
+class Edit:
+    """A change that somebody made after the bench.
+
+    Attributes:
+        number: grows with each edit of any session.
+        kind: one of EDIT_KINDS.
+        case: that it is about.
+        body: the case, its windows, or the reason.
+        undoes: number of the edit that it takes back.
+    """
+
+    number: int
+    created_utc: str
+    author: str | None
+    kind: str
+    case: str | None
+    body: Mapping[str, Any]
+    undoes: int | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return dict(vars(self)) | {"body": dict(self.body)}
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A session as it stands.
+
+    Attributes:
+        id: of the session.
+        version: raised by every change.
+        source: document, bench, or nothing yet.
+        document: plain data of a bench-session/1, its cases possibly none; None where nothing is known.
+        bench: the fold of the bench's events, where they are the source.
+        closed: whether predictions of validation cases may be seen.
+        edits: all, in order.
+        stream: that windows are told in; None where the session has none.
+        created_utc: when the service first heard of it.
+        problem: why the document cannot be used.
+    """
+
+    id: str
+    version: int
+    source: str
+    document: dict[str, Any] | None
+    bench: BenchRecord | None
+    closed: bool
+    edits: tuple[Edit, ...]
+    stream: str | None
+    created_utc: str
+    problem: InputError | None = None
+    _session: list[Session] = field(default_factory=list)
+
+    @property
+    def cases(self) -> list[dict[str, Any]]:
+        """Plain data of each case."""
+        return [] if self.document is None else self.document["cases"]
+
+    @cached_property
+    def amendments(self) -> dict[str, list[dict[str, Any]]]:
+        """Plain data of the amendments, by case."""
+        out: dict[str, list[dict[str, Any]]] = {}
+        for one in (self.document or {}).get("amendments", ()):
+            out.setdefault(one["case"], []).append(one)
+        return out
+
+    @cached_property
+    def amended_cases(self) -> list[dict[str, Any]]:
+        """Plain data of each case as it really was: what is shown, drawn and counted; `cases` are the entries."""
+        out = []
+        for entry in self.cases:
+            case = entry
+            for one in self.amendments.get(entry["id"], ()):
+                case = case | {k: one[k] for k in AMENDABLE if k in one}
+            out.append(case)
+        return out
+
+    def session(self) -> Session:
+        """Return the session, checked.
+
+        Raises:
+            SessionError: it has no case, or cannot be used.
+        """
+        if not self._session:
+            self._session.append(self._parsed())
+        return self._session[0]
+
+    def _parsed(self) -> Session:
+        if self.problem is not None:
+            raise self.problem
+        if not self.cases:
+            raise SessionError(f"session {self.id} has no load case yet", "a case with its windows or its force")
+        session, faults = parse_session(self.document, None)
+        if session is None:
+            raise faults[0]
+        return session
+
+
+def read_record(connection: Connection, name: str) -> Record:
+    """Put a session together.
+
+    Raises:
+        ProblemError: 404 there is none.
+    """
+    row = connection.execute(select(sessions).where(sessions.c.id == name)).first()
+    if row is None or row.deleted_utc is not None:
+        raise not_found("session", name, "/api/v1/sessions")
+    happened = [] if row.document is not None else stored_events(connection, name)
+    changes = tuple(_edits(connection, name))
+    source, document, bench, problem = _base(row.document, happened)
+    if document is not None:
+        document = apply_edits(document, changes)
+    mine = select(streams.c.id).where(streams.c.session == name).order_by(streams.c.number)
+    known = list(connection.execute(mine).scalars())
+    return Record(
+        id=name,
+        version=row.version,
+        source=source,
+        document=document,
+        bench=bench,
+        closed=source == "document" or row.closed_utc is not None,
+        edits=changes,
+        stream=_stream(happened, known),
+        created_utc=row.created_utc,
+        problem=problem,
+    )
+
+
+def apply_edits(document: Mapping[str, Any], changes: Sequence[Edit]) -> dict[str, Any]:
+    """Return a document with those edits that nobody took back; what no edit changes is shared with the given one."""
+    out = dict(document)
+    cases: dict[str, dict[str, Any]] = {c["id"]: c for c in out["cases"]}
+    amended: list[dict[str, Any]] = list(out.get("amendments", ()))
+    for edit in live_edits(changes):
+        name = edit.case or ""
+        if edit.kind == "case":
+            cases[name] = dict(edit.body)
+        elif name not in cases:
+            continue
+        elif edit.kind == "windows":
+            # A window of null is taken away.
+            merged = cases[name] | {k: edit.body[k] for k in WINDOWS if k in edit.body}
+            cases[name] = {k: v for k, v in merged.items() if v is not None}
+        elif edit.kind == "exclude":
+            cases[name] = cases[name] | {"excluded": edit.body["reason"]}
+        elif edit.kind == "include":
+            cases[name] = {k: v for k, v in cases[name].items() if k != "excluded"}
+        elif edit.kind == "amend":
+            said = {"at": edit.created_utc, **({"by": edit.author} if edit.author else {})}
+            amended += [dict(a) | said for a in edit.body["amendments"]]
+    return out | {"cases": list(cases.values())} | ({"amendments": amended} if amended else {})
+
+
+def steps_of(record: Record) -> list[dict[str, str]]:
+    """Return each step with what is hung where, and whether it is done."""
+    cases = {c["id"]: c for c in record.amended_cases}
+    planned = Steps.of(record.bench.setup.cases()).all if record.bench is not None else []
+    weighed = {str(c.get("when")) for c in (record.document or {}).get("checks", [])}
+    out = []
+    for step in planned:
+        done = step.when in weighed if step.case is None else step.id in cases
+        excluded = "excluded" in cases.get(step.id, {})
+        out.append({"id": step.id, "text": step.text, "state": "excluded" if excluded else "done" if done else "open"})
+    known = {s["id"] for s in out}
+    for name, case in cases.items():
+        if name not in known:
+            masses = " ".join(f"{tendon} {mass:g} g" for tendon, mass in (case.get("masses_g") or {}).items())
+            again = f", repeat of {case['repeat_of']}" if case.get("repeat_of") else ""
+            text = f"{masses or 'no weight'}, {case.get('posture')}, {case.get('location')}{again}"
+            out.append({"id": name, "text": text, "state": "excluded" if "excluded" in case else "done"})
+    return out
+
+
+def undone_edits(changes: Sequence[Edit]) -> set[int]:
+    """Numbers of the edits that are taken back; an undo may be undone too."""
+    undone: set[int] = set()
+    for edit in reversed(changes):
+        if edit.kind == "undo" and edit.number not in undone and edit.undoes is not None:
+            undone.add(edit.undoes)
+    return undone
+
+
+def live_edits(changes: Sequence[Edit]) -> list[Edit]:
+    """Those that are in force."""
+    undone = undone_edits(changes)
+    return [e for e in changes if e.kind != "undo" and e.number not in undone]
+
+
+def _base(
+    posted: dict[str, Any] | None, happened: Sequence[Event]
+) -> tuple[str, dict[str, Any] | None, BenchRecord | None, InputError | None]:
+    if posted is not None:
+        return "document", posted, None, None
+    if not any(e.kind == STARTED for e in happened):
+        return "none", None, None, None
+    try:
+        bench = BenchRecord.of(happened)
+        document = bench.document() if bench.cases else bench.setup.header() | {"cases": []}
+    except InputError as error:
+        return "bench", None, None, error
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        # Events of another software, or of a newer one.
+        problem = SessionError(f"the bench's events cannot be read ({error!r:.200})", "events of fingertwin log")
+        return "bench", None, None, problem
+    # Readings are streams here; a file that the document names stays with whoever has it.
+    return "bench", document | {"readings": "readings.parquet"}, bench, None
+
+
+def _stream(happened: Sequence[Event], known: Sequence[str]) -> str | None:
+    told = [e.stream for e in happened if e.kind == STARTED and e.stream in known]
+    return told[-1] if told else (known[0] if known else None)
+
+
+def _edits(connection: Connection, name: str) -> list[Edit]:
+    rows = connection.execute(select(edits).where(edits.c.session == name).order_by(edits.c.number)).all()
+    return [Edit(r.number, r.created_utc, r.author, r.kind, r.case, r.body or {}, r.undoes) for r in rows]

@@ -1,0 +1,343 @@
+"""Sessions as they are kept: begun, edited with an undo, closed, and hidden instead of deleted."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import delete, func, insert, select, update
+
+from daq.sessions import FINGER_DOCUMENT, parse_session, plain_document
+from server.service.ingest.ingest import raise_version
+from server.service.sessions.planned import PLAN, edit_of, proposal
+from server.service.sessions.records import EDIT_KINDS, Record, read_record, undone_edits
+from server.service.sessions.sizes import MOST_CASES, require_case_id, require_sizes
+from server.service.storage.audit import actor
+from server.service.storage.checksums import fingerprint
+from server.service.storage.database import Database, now_utc
+from server.service.storage.messages import Messages, Telling
+from server.service.storage.purge import erase
+from server.service.storage.schema import edits, sessions, streams
+from server.service.web.problems import ProblemError, not_found, shortened
+
+# Goes into addresses and names of files that are exported.
+_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A session in a list."""
+
+    id: str
+    specimen: str | None
+    source: str
+    version: int
+    created_utc: str
+    closed_utc: str | None
+    streams: int
+
+
+class Sessions:
+    """Keeps sessions.
+
+    Args:
+        database: where they are kept.
+        messages: are told of every change.
+        fingers: names of the fingers that a session may name.
+
+    Attributes:
+        fingers: those names.
+    """
+
+    def __init__(self, database: Database, messages: Messages, fingers: frozenset[str]) -> None:
+        self._database, self._messages, self.fingers = database, messages, fingers
+
+    def create(self, name: str, document: Mapping[str, Any] | None, *, arriving: bool = False) -> bool:
+        """Begin a session.
+
+        Args:
+            name: its id.
+            document: a bench-session/1 that is known already; None where a bench will send its record.
+            arriving: whether it is hidden until `arrive`, and gone where that never comes.
+
+        Returns:
+            False where the very same session is there already.
+
+        Raises:
+            ProblemError: 409 another session has the id, or a deleted one had it.
+            InputError: the document cannot be used.
+        """
+        if not _ID.fullmatch(name):
+            raise ProblemError(
+                422,
+                f"session id {shortened(name)!r}",
+                "letters, digits and . _ -, at most 100, a letter or digit first",
+            )
+        kept = None if document is None else self._sound(name, document)
+        with self._messages.writing() as telling:
+            connection = telling.connection
+            row = connection.execute(select(sessions).where(sessions.c.id == name)).first()
+            if row is not None:
+                if row.deleted_utc is None and row.document == kept:
+                    return False
+                what = "was deleted, and ids are not used twice" if row.deleted_utc else "is there, and differs"
+                what = "is being taken in" if row.arriving else what
+                raise ProblemError(409, f"session {name} {what}", "the same document, or another id")
+            specimen = None if kept is None else kept["specimen"]["id"]
+            values = {"id": name, "created_utc": now_utc(), "document": kept, "specimen": specimen}
+            if arriving:
+                values |= {"arriving": True, "deleted_utc": now_utc()}
+            else:
+                telling.record("session created", name, _fingerprint(kept))
+                telling.tell("session", name, {"change": "created"})
+            connection.execute(insert(sessions).values(values))
+        return True
+
+    def arrive(self, name: str) -> None:
+        """Show a session that was arriving, since all of it is there."""
+        with self._messages.writing() as telling:
+            here = (sessions.c.id == name) & sessions.c.arriving.is_(True)
+            document = telling.connection.execute(select(sessions.c.document).where(here)).scalar()
+            telling.record("session created", name, _fingerprint(document))
+            telling.connection.execute(update(sessions).where(here).values(arriving=None, deleted_utc=None))
+            telling.tell("session", name, {"change": "created"})
+
+    def forget_arrivals(self, name: str | None = None) -> None:
+        """Remove sessions that were arriving when their import ended, one of them or all, with what came of them."""
+        query = select(sessions.c.id).where(sessions.c.arriving.is_(True))
+        with self._database.reading() as connection:
+            left = connection.execute(query if name is None else query.where(sessions.c.id == name)).scalars().all()
+        for one in left:
+            erase(self._database, one)
+            with self._database.writing() as connection:
+                connection.execute(delete(sessions).where(sessions.c.id == one))
+
+    def read(self, name: str) -> Record:
+        """Return a session as it stands.
+
+        Raises:
+            ProblemError: 404 there is none.
+        """
+        with self._database.reading() as connection:
+            return read_record(connection, name)
+
+    def version(self, name: str) -> int:
+        """Return the version of a session, which every change raises.
+
+        Raises:
+            ProblemError: 404 there is none.
+        """
+        with self._database.reading() as connection:
+            query = select(sessions.c.version).where((sessions.c.id == name) & sessions.c.deleted_utc.is_(None))
+            found = connection.execute(query).scalar()
+        if found is None:
+            raise not_found("session", name, "/api/v1/sessions")
+        return int(found)
+
+    def streams(self, name: str) -> int:
+        """Return how many streams of readings a session has."""
+        with self._database.reading() as connection:
+            count = select(func.count()).where(streams.c.session == name)
+            return int(connection.execute(count).scalar_one())
+
+    def listed(self, specimen: str | None = None, limit: int = 100, after: str = "") -> list[Listed]:
+        """Return sessions by id, after one of them."""
+        count = select(func.count()).where(streams.c.session == sessions.c.id).scalar_subquery()
+        # Documents may have megabytes, and are not read for this.
+        shown = [sessions.c[name] for name in ("id", "specimen", "version", "created_utc", "closed_utc")]
+        posted = sessions.c.document.is_not(None).label("posted")
+        query = select(*shown, posted, count.label("streams")).where(sessions.c.deleted_utc.is_(None))
+        query = query.where(sessions.c.id > after).order_by(sessions.c.id).limit(limit)
+        if specimen is not None:
+            query = query.where(sessions.c.specimen == specimen)
+        with self._database.reading() as connection:
+            rows = connection.execute(query).all()
+        return [
+            Listed(
+                r.id,
+                r.specimen,
+                "document" if r.posted else "bench",
+                r.version,
+                r.created_utc,
+                r.closed_utc,
+                r.streams,
+            )
+            for r in rows
+        ]
+
+    def close(self, name: str) -> None:
+        """Close a session: predictions of its validation cases may be seen from here on.
+
+        Raises:
+            ProblemError: 404 there is none, 409 a bench is the one to close it.
+        """
+        with self._messages.writing() as telling:
+            record = read_record(telling.connection, name)
+            if record.closed:
+                return
+            if record.source == "bench":
+                raise ProblemError(
+                    409,
+                    f"session {name} is held by a bench",
+                    "the bench to close it",
+                    "Close it there (fingertwin log)",
+                )
+            raise_version(telling.connection, name, closed_utc=now_utc())
+            telling.record("session closed", name, {})
+            telling.tell("session", name, {"change": "closed"})
+
+    def delete(self, name: str) -> None:
+        """Hide a session; what it holds is kept, and so is its id.
+
+        Raises:
+            ProblemError: 404 there is none.
+        """
+        with self._messages.writing() as telling:
+            read_record(telling.connection, name)
+            raise_version(telling.connection, name, deleted_utc=now_utc())
+            telling.record("session deleted", name, {})
+            telling.tell("session", name, {"change": "deleted"})
+
+    def edit(
+        self,
+        name: str,
+        kind: str,
+        case: str | None,
+        body: Mapping[str, Any],
+        *,
+        undoes: int | None = None,
+    ) -> int:
+        """Add an edit, unless it would make the session unusable.
+
+        Returns:
+            its number.
+
+        Raises:
+            ProblemError: 404 no such session, case or edit; 409 it is undone already, or the bench is still running.
+            InputError: the session could not be used with it.
+        """
+        if kind not in EDIT_KINDS:
+            raise ProblemError(422, f"edit {shortened(kind)!r}", f"one of {', '.join(EDIT_KINDS)}")
+        require_sizes(body)
+        if kind == "case":
+            require_case_id(case)
+        with self._messages.writing() as telling:
+            connection = telling.connection
+            record = read_record(connection, name)
+            self._require_possible(record, kind, case, undoes)
+            number = _keep(telling, name, kind, case, body, undoes)
+            # Before it is kept: what the session would be.
+            changed = read_record(connection, name)
+            if changed.cases:
+                changed.session()
+        return number
+
+    def propose(self, name: str, body: Mapping[str, Any]) -> int:
+        """Propose a load case to be measured; it stands on the checklist until it is, or is taken back.
+
+        Args:
+            name: of the session.
+            body: posture, location, masses_g [g] and why.
+
+        Returns:
+            the number of the edit.
+
+        Raises:
+            ProblemError: 404 no such session, 409 it has no record, 422 the case could not be measured with it.
+        """
+        require_sizes(body)
+        with self._messages.writing() as telling:
+            case, kept = proposal(read_record(telling.connection, name), body)
+            return _keep(telling, name, PLAN, case, kept, None)
+
+    def withdraw(self, name: str, case: str) -> int:
+        """Take a proposed load case back.
+
+        Returns:
+            the number of the edit that does so, which can be undone.
+
+        Raises:
+            ProblemError: 404 no such session, or no such proposal.
+        """
+        with self._messages.writing() as telling:
+            number = edit_of(read_record(telling.connection, name), case)
+            return _keep(telling, name, "undo", case, {}, number)
+
+    def _require_possible(self, record: Record, kind: str, case: str | None, undoes: int | None) -> None:
+        where = f"/api/v1/sessions/{record.id}"
+        if record.document is None:
+            raise ProblemError(409, f"session {record.id} has no record yet", "a document, or a bench's events")
+        names = {c["id"] for c in record.cases}
+        if kind == "undo":
+            known = {e.number for e in record.edits}
+            if undoes not in known:
+                raise not_found("edit", str(undoes), f"{where}/edits")
+            if undoes in undone_edits(record.edits):
+                raise ProblemError(409, f"edit {undoes} is undone already", "one that is in force")
+        elif kind == "case":
+            if case in names:
+                raise ProblemError(409, f"case {case} is there already", "a new id", "A repeat is added, none replaced")
+            if len(names) >= MOST_CASES:
+                raise ProblemError(409, f"{len(names)} cases", f"at most {MOST_CASES}")
+        elif case not in names:
+            raise not_found("case", str(case), f"{where}/cases")
+        if kind == "exclude" and record.source == "bench" and not record.closed:
+            raise ProblemError(
+                409, f"session {record.id} is held by a bench", "an exclusion at the bench, before predictions are seen"
+            )
+
+    def _sound(self, name: str, document: Mapping[str, Any]) -> dict[str, Any]:
+        """A document that can be used, with nothing that would reach a file."""
+        given = dict(document)
+        if given.get("id") != name:
+            raise ProblemError(422, f"the document's id is {shortened(given.get('id'))!r}", repr(name))
+        require_sizes(given)
+        session, faults = parse_session(given, None)
+        if session is None:
+            more = [{"where": "document", "found": shortened(f)} for f in faults[:50]]
+            raise ProblemError(422, faults[0].found, faults[0].expected, faults[0].remedy, errors=more)
+        finger = given.get(FINGER_DOCUMENT)
+        if finger is not None:
+            from fingermodel.finger_files import finger_from_dict
+
+            finger_from_dict(finger, f"the finger of {name}")
+        elif session.finger not in self.fingers:
+            raise ProblemError(
+                422,
+                f"finger {shortened(session.finger)!r}",
+                f"one of {', '.join(sorted(self.fingers))}, or its document as {FINGER_DOCUMENT}",
+            )
+        return plain_document(session)
+
+
+def _fingerprint(document: Mapping[str, Any] | None) -> dict[str, Any]:
+    return {"document_sha256": None if document is None else fingerprint(document)}
+
+
+def _keep(
+    telling: Telling,
+    session: str,
+    kind: str,
+    case: str | None,
+    body: Mapping[str, Any],
+    undoes: int | None,
+) -> int:
+    """Add an edit, raise the version and tell of it; return its number."""
+    connection = telling.connection
+    values = {
+        "session": session,
+        "created_utc": now_utc(),
+        "author": actor().who,
+        "kind": kind,
+        "case": case,
+        "body": dict(body),
+        "undoes": undoes,
+    }
+    number = int(connection.execute(insert(edits).values(values).returning(edits.c.number)).scalar_one())
+    raise_version(connection, session)
+    told = {"edit": number, "kind": kind, "case": case, "body": dict(body), "undoes": undoes}
+    telling.record("session edited", session, told)
+    telling.tell("session", session, {"change": "edited", "edit": number, "kind": kind, "case": case})
+    return number

@@ -1,0 +1,341 @@
+"""Recordings and a notebook that were sent: looked at, laid onto each other, made a session.
+
+Every step is sent the files again. So the service holds nothing for somebody who goes away in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from daq.checks import measure_and_check
+from daq.columns import QUANTITIES
+from daq.documents import validated
+from daq.errors import InputError, ReadingsError
+from daq.lab.drafts import Choice, is_readings_file, joined, still_missing
+from daq.lab.files import AXES, WANTED, Increment, LabFileMap, Taken
+from daq.lab.notebook import Note
+from daq.lab.opened import open_channels
+from daq.lab.proposals import grounds, propose_mapping, stated_unit
+from daq.lab.traces import Traces, read_traces
+from daq.readings import ReadingBlock
+from daq.session_models import Session
+from daq.sessions import read_session, read_yaml
+from daq.units import COMMON
+from server.application.new_session import (
+    MASSES_IN_GRAMS,
+    LaidNotes,
+    document_of,
+    lay_notes,
+    levels_of,
+    notes_of,
+    said,
+    session_of,
+    suspects,
+    write_new,
+)
+from server.service.figures.answer import Theme, on_page, shown
+from server.service.figures.fingers import known_finger
+from server.service.services import Services
+from server.service.uploads.importing import (
+    MOST_ROWS,
+    keep_session,
+    require_plain,
+    require_unpacked,
+    too_large,
+    write_files,
+)
+from server.service.web.problems import ProblemError, shortened
+from server.service.web.workers import require_client
+
+if TYPE_CHECKING:
+    from server.service.schemas.recordings import NewFromRecordings
+
+SCHEMA = "fingertwin/recordings/1"
+# Of a recording unpacked, whose text becomes up to four times as many bytes of numbers.
+MOST_UNPACKED = 1 << 27
+_MAPPINGS, _CALIBRATIONS = (".yaml", ".yml"), (".cal",)
+Sent = Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class Held:
+    """Files that were sent, for as long as they are looked at.
+
+    Attributes:
+        folder: in which they lie.
+        recordings: in the order in which they were sent.
+        mapping: which channel is which, sent with them or in the request; None where there is none yet.
+    """
+
+    folder: Path
+    recordings: tuple[Path, ...]
+    mapping: LabFileMap | None
+
+    @property
+    def foreign(self) -> Path | None:
+        """The first recording that needs a mapping; None where every one is a readings file."""
+        return next((path for path in self.recordings if not is_readings_file(path)), None)
+
+
+@contextmanager
+def held(files: Sent, mapping: Mapping[str, Any] | None) -> Iterator[Held]:
+    """Lay files into a folder of their own.
+
+    Raises:
+        InputError: the mapping is none.
+        ProblemError: 413 they are too large unpacked; 422 a name that cannot be, or no recording among them.
+    """
+    with TemporaryDirectory(prefix="fingertwin-", ignore_cleanup_errors=True) as temporary:
+        folder = Path(temporary)
+        write_files(folder, files)
+        paths = [folder / name for name, _ in files]
+        recordings = tuple(p for p in paths if p.suffix.lower() not in (*_MAPPINGS, *_CALIBRATIONS))
+        if not recordings:
+            raise ProblemError(422, "no recording among the files", "CSV, TDMS, LVM, Parquet, Excel or readings")
+        for path in recordings:
+            require_unpacked(path, MOST_UNPACKED)
+        raw: Any = mapping
+        if mapping is None:
+            sent = [p for p in paths if p.suffix.lower() in _MAPPINGS]
+            raw = read_yaml(sent[0]) if sent else None
+            require_plain(raw, sent[0].name if sent else "")
+        known = None if raw is None else validated(LabFileMap, raw, "the mapping", WANTED, ReadingsError)
+        yield Held(folder, recordings, _within(known, folder, {p.name for p in paths}))
+
+
+def _within(mapping: LabFileMap | None, folder: Path, names: set[str]) -> LabFileMap | None:
+    """The mapping with its calibration among the files: nothing outside of the folder is looked at."""
+    if mapping is None or mapping.calibration is None:
+        return mapping
+    name = mapping.calibration
+    if name not in names:
+        raise ProblemError(
+            422, f"the calibration {shortened(name)}, which is not among the files", "the cell's .cal beside them"
+        )
+    return mapping.model_copy(update={"calibration": str(folder / name)})
+
+
+def look(files: Sent, mapping: Mapping[str, Any] | None, theme: Theme) -> dict[str, Any]:
+    """What is in recordings, and which channel is proposed for what.
+
+    Raises:
+        InputError: one cannot be read, or the mapping does not fit.
+        ProblemError: the files cannot be taken.
+    """
+    from server.figures.traces import traces_figure
+
+    with held(files, mapping) as given:
+        rows = []
+        for path in given.recordings:
+            require_client()
+            traces = read_traces(path)
+            plateaus = traces.plateaus()
+            figure = shown(path.name, traces_figure(traces, plateaus, path.name), "", {"theme": theme})
+            channels = [{"name": c.name, "unit": stated_unit(c) or None} for c in open_channels(path).channels]
+            rows.append(
+                {"name": path.name, "readings": len(traces.t), "plateaus": len(plateaus), "time_unit": traces.unit}
+                | {"channels": channels, "recording_notes": list(traces.notes), "figure": on_page(figure, theme)}
+            )
+        proposed = None if given.foreign is None else _proposed(given.foreign, given)
+        units = {kind: list(COMMON[kind]) for kind in ("time", "force", "torque", "voltage")}
+        return {"schema": SCHEMA, "recordings": rows, "proposal": proposed, "units": units}
+
+
+def _proposed(path: Path, given: Held) -> dict[str, Any]:
+    """A mapping, line by line with how sure each is; of a saved one what it says."""
+    saved = given.mapping
+    found = None
+    if saved is None:
+        calibration = next((p for p in sorted(given.folder.iterdir()) if p.suffix.lower() in _CALIBRATIONS), None)
+        try:
+            found = propose_mapping(path, None if calibration is None else str(calibration))
+        except ReadingsError as error:
+            # Nothing tells which is which: whoever knows says it by hand.
+            return {"mapping": None, "lines": _unknown(), "doubts": [str(error)], "saved": False}
+    else:
+        found = saved
+        for taken in found.channels.values():
+            open_channels(path).readable(taken.channel)
+    rests = grounds(path, found)
+    lines = []
+    places: dict[str, Taken | Increment] = {"t": found.time, **found.channels}
+    for key, place in places.items():
+        line: dict[str, Any] = {"is": key, "channel": None, "unit": None, "increment_s": None}
+        if isinstance(place, Increment):
+            line["increment_s"] = place.increment_s
+        else:
+            line |= {"channel": place.channel, "unit": place.unit}
+        ground = rests[key]
+        sure, why = (1.0, "as the saved mapping says") if saved and saved.confirmed else (ground.sure, ground.why)
+        lines.append(line | {"sure": sure, "why": why})
+    return {"mapping": _plain(found), "lines": lines, "doubts": list(found.doubts), "saved": saved is not None}
+
+
+def _unknown() -> list[dict[str, Any]]:
+    why = "the names and units tell nothing"
+    rest = {"channel": None, "unit": None, "increment_s": None, "sure": 0.0, "why": why}
+    return [{"is": key} | rest for key in ("t", *AXES)]
+
+
+def _plain(mapping: LabFileMap) -> dict[str, Any]:
+    """A mapping as it is sent and saved: its calibration by name."""
+    plain = mapping.model_dump(mode="json", exclude_none=True)
+    if mapping.calibration is not None:
+        plain["calibration"] = Path(mapping.calibration).name
+    return plain
+
+
+def lay(files: Sent, mapping: Mapping[str, Any] | None, notes: str, finger: str, theme: Theme) -> dict[str, Any]:
+    """Plateaus of recordings in newtons, and what each is taken for by a notebook.
+
+    Args:
+        files: that were sent.
+        mapping: confirmed, of those that are no readings files.
+        notes: the notebook; nothing where there is none yet.
+        finger: whose tendons it names.
+        theme: of the page.
+
+    Raises:
+        InputError: a recording, the mapping or the notebook cannot be used.
+        ProblemError: the files or the finger cannot be taken.
+    """
+    from fingermodel.finger_files import read_finger
+    from server.figures.traces import traces_figure
+
+    tendons = read_finger(known_finger(finger)).topology.muscles
+    lines = notes_of(notes, tendons) if notes.strip() else ()
+    with held(files, mapping) as given:
+        blocks, told = _joined(given)
+        laid = lay_notes(levels_of(blocks), lines)
+        t, wrench = np.concatenate([b.t_s for b in blocks]), np.concatenate([b.wrench for b in blocks])
+        traces = Traces(t, "s", QUANTITIES[1:], ("N",) * 3 + ("N mm",) * 3, wrench, ())
+        spans = [level.window_s for level in laid.levels]
+        drawn = shown(
+            "plateaus",
+            traces_figure(traces, spans, "Plateaus", "each in the colour of what it is taken for"),
+            "",
+            {"theme": theme},
+        )
+        rows = _rows(laid, lines)
+        body: dict[str, Any] = {"schema": SCHEMA, "tendons": list(tendons), "plateaus": rows}
+        body |= {"lines": [_line(note) for note in lines], "lost": laid.lost}
+        return body | {"laid_notes": [*told, MASSES_IN_GRAMS], "figure": on_page(drawn, theme)}
+
+
+def _joined(given: Held) -> tuple[list[ReadingBlock], list[str]]:
+    if given.mapping is None and given.foreign is not None:
+        raise InputError(f"which channel of {given.foreign.name} is which is not known", "a mapping")
+
+    def seen(rows: int) -> None:
+        require_client()
+        if rows > MOST_ROWS:
+            raise too_large(f"more than {MOST_ROWS} rows", MOST_UNPACKED)
+
+    return joined(given.recordings, given.mapping, seen)
+
+
+def _rows(laid: LaidNotes, lines: Sequence[Note]) -> list[dict[str, Any]]:
+    rows, tare = [], None
+    for level, choice in zip(laid.levels, laid.choices, strict=True):
+        mean = level.plateau.mean
+        if choice.kind == "tare":
+            tare = mean
+        change = None if tare is None or choice.kind != "load" else float(np.linalg.norm((mean - tare)[:3]))
+        at = next((i for i, note in enumerate(lines) if note is choice.note), None)
+        rows.append(
+            {"window_s": list(level.window_s), "mean_N": mean[:3].tolist(), "change_N": change, "kind": choice.kind}
+            | {"line": at, "sure": choice.sure, "steady": level.plateau.steady}
+        )
+    return rows
+
+
+def _line(note: Note) -> dict[str, Any]:
+    return {
+        "line": note.line,
+        "said": said(note),
+        "kind": note.kind,
+        "masses_g": dict(note.masses_g),
+        "posture": note.posture,
+        "location": note.location,
+        "role": note.role,
+        "repeats": note.repeats,
+    }
+
+
+def draft(body: NewFromRecordings) -> dict[str, Any]:
+    """What a session would be: what is wrong with it, what a diagnosis would lack, and which case looks like another.
+
+    Raises:
+        InputError: it cannot be used.
+        ProblemError: the files cannot be taken.
+    """
+
+    def judged(session: Session, document: Mapping[str, Any]) -> dict[str, Any]:
+        measured, findings = measure_and_check(session)
+        return {
+            "schema": SCHEMA,
+            "cases": len(document["cases"]),
+            "findings": [{"level": f.level, "where": f.where, "text": f.text} for f in findings],
+            "missing": still_missing(document),
+            "looked_at": None,
+            "suspects": [],
+        } | _suspects(measured)
+
+    return _made(body, judged)
+
+
+def _suspects(measured: Any) -> dict[str, Any]:
+    from server.application.workflow import bench_of
+
+    try:
+        found = suspects(bench_of(measured))
+    except InputError as error:
+        return {"looked_at": str(error)}
+    return {"suspects": [vars(s) for s in found]}
+
+
+def keep(parts: Services, body: NewFromRecordings) -> tuple[str, bool]:
+    """Make the session and keep it; what it returns and raises as of `import_folder`."""
+    return _made(body, lambda session, _: keep_session(parts, session, None))
+
+
+def _made(body: NewFromRecordings, use: Callable[[Session, Mapping[str, Any]], Any]) -> Any:
+    with held(body.sent, body.mapping) as given:
+        finger = known_finger(body.header.finger)
+        blocks, _ = _joined(given)
+        laid = LaidNotes(levels_of(blocks), _choices(body), [])
+        if len(laid.levels) != len(laid.choices):
+            raise ProblemError(
+                422,
+                f"{len(laid.choices)} choices for {len(laid.levels)} plateaus",
+                "one for each plateau",
+                "Lay the notebook onto the plateaus again",
+            )
+        provenance: dict[str, Any] = {"made_by": "fingertwin, in the browser"}
+        provenance["recordings"] = [path.name for path in given.recordings]
+        if given.mapping is not None:
+            provenance["mapping"] = _plain(given.mapping)
+        header = body.header.model_dump(exclude_none=True) | {"finger": finger}
+        document = document_of(body.id, header, body.postures_deg, laid, provenance)
+        folder = given.folder / "made"
+        # The mapping is kept with the session's provenance: a folder's would name a file that is gone.
+        write_new(folder, session_of(document), blocks, None)
+        return use(read_session(folder), document)
+
+
+def _choices(body: NewFromRecordings) -> list[Choice]:
+    out = []
+    for line, choice in enumerate(body.choices, 1):
+        note = None
+        if choice.kind == "load":
+            masses = tuple(choice.masses_g.items())
+            note = Note("load", line, masses, choice.posture, choice.location, choice.role, choice.repeats)
+        out.append(Choice(choice.kind, note, 1.0))
+    return out

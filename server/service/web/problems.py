@@ -1,0 +1,182 @@
+"""What the service answers when something is wrong: `application/problem+json` (RFC 9457) with what to do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import Request
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
+from daq.errors import InputError
+from server.service.answers import JsonAnswer
+from server.service.storage.checksums import DamagedError
+
+PROBLEM = "application/problem+json"
+# Longer texts of a client's are not sent back, nor are longer parts of a problem.
+_SHOWN, _SAID = 200, 1000
+
+
+class Problem(BaseModel):
+    """A refusal or a failure."""
+
+    model_config = ConfigDict(
+        extra="allow",
+        json_schema_extra={
+            "example": {
+                "type": "about:blank",
+                "title": "Not Found",
+                "status": 404,
+                "detail": "There is no session DEV-99; expected one of GET /api/v1/sessions.",
+                "found": "no session DEV-99",
+                "expected": "one of GET /api/v1/sessions",
+                "remedy": "",
+            }
+        },
+    )
+
+    type: str = "about:blank"
+    title: str = Field(description="What the status means.")
+    status: int = Field(description="The HTTP status.")
+    detail: str = Field(description="What was found, what was expected, what to do, in one line.")
+    found: str | None = None
+    expected: str | None = None
+    remedy: str | None = None
+    errors: list[dict[str, Any]] | None = Field(default=None, description="Each fault of a body, with its place.")
+
+
+class ProblemError(Exception):
+    """To be answered with a status and a problem.
+
+    Args:
+        status: of HTTP.
+        found: what was found.
+        expected: what was expected.
+        remedy: what to do.
+        headers: of the answer.
+        more: further members of the problem.
+    """
+
+    def __init__(
+        self,
+        status: int,
+        found: str,
+        expected: str = "",
+        remedy: str = "",
+        *,
+        headers: dict[str, str] | None = None,
+        **more: Any,
+    ) -> None:
+        found, expected, remedy = (shortened(t, _SAID) for t in (found, expected, remedy))
+        error = InputError(found, expected, remedy)
+        super().__init__(str(error))
+        self.status, self.headers = status, headers
+        self.body = body_of(status, str(error)) | {"found": found, "expected": expected, "remedy": remedy} | more
+
+
+def body_of(status: int, detail: str) -> dict[str, Any]:
+    """Plain data of a problem."""
+    try:
+        title = HTTPStatus(status).phrase
+    except ValueError:
+        title = "Error"
+    return {"type": "about:blank", "title": title, "status": status, "detail": detail}
+
+
+def not_found(what: str, name: str, where: str) -> ProblemError:
+    """A problem about something that is not there."""
+    return ProblemError(404, f"there is no {what} {shortened(name)}", f"one of GET {where}")
+
+
+def shortened(text: object, most: int = _SHOWN) -> str:
+    """A client's text, not too long to be sent back."""
+    shown = str(text)
+    return shown if len(shown) <= most else f"{shown[:most]}… ({len(shown)} characters)"
+
+
+def problem_answer(status: int, body: dict[str, Any], headers: dict[str, str] | None = None) -> Response:
+    """Return a problem as an answer."""
+    return JsonAnswer(body, status, headers, media_type=PROBLEM)
+
+
+async def answer_problem(_: Request, error: Exception) -> Response:
+    """Answer with a problem that was raised."""
+    assert isinstance(error, ProblemError)  # noqa: S101 - the handler is registered for no other
+    return problem_answer(error.status, error.body, error.headers)
+
+
+async def answer_input_error(_: Request, error: Exception) -> Response:
+    """Answer that what was given cannot be used."""
+    assert isinstance(error, InputError)  # noqa: S101
+    problem = ProblemError(422, error.found, error.expected, error.remedy)
+    return problem_answer(422, problem.body)
+
+
+async def answer_damaged(request: Request, error: Exception) -> Response:
+    """Answer that what was stored is damaged; the health says so from then on."""
+    assert isinstance(error, DamagedError)  # noqa: S101
+    request.app.state.services.scrub.note((error.what,))
+    problem = ProblemError(
+        500,
+        str(error),
+        "what was stored",
+        "Restore a backup (fingertwin restore), or leave out the load case; GET /api/v1/health names what is damaged",
+    )
+    return problem_answer(500, problem.body)
+
+
+async def answer_http(_: Request, error: Exception) -> Response:
+    """Answer what the framework refuses, such as an unknown address."""
+    assert isinstance(error, HTTPException)  # noqa: S101
+    headers = dict(error.headers or {}) or None
+    return problem_answer(error.status_code, body_of(error.status_code, shortened(error.detail)), headers)
+
+
+async def answer_invalid(_: Request, error: Exception) -> Response:
+    """Answer that a request does not have the form that is documented."""
+    assert isinstance(error, RequestValidationError)  # noqa: S101
+    faults = [_fault(e) for e in error.errors()]
+    problem = next((e for e in error.errors() if e.get("type") == "json_invalid"), None)
+    if problem is not None:
+        found = (
+            f"the body cannot be read as JSON: {problem.get('ctx', {}).get('error', '')} at byte {problem['loc'][-1]}"
+        )
+        said = ProblemError(422, found, "JSON without NaN, zero characters and lone surrogates, at most 32 levels deep")
+        return problem_answer(422, said.body | {"errors": faults})
+    first = faults[0] if faults else {"where": "the request", "found": "not readable"}
+    more = f" ({len(faults)} faults)" if len(faults) > 1 else ""
+    detail = f"{first['where']}: {first['found']}{more}."
+    return problem_answer(422, body_of(422, detail) | {"errors": faults[:50]})
+
+
+def failure() -> Response:
+    """Return that the fault is ours."""
+    text = "The service has failed; the fault is in its log, nothing that was acknowledged is lost."
+    return problem_answer(500, body_of(500, text))
+
+
+async def answer_failure(_: Request, __: Exception) -> Response:
+    """Answer that the fault is ours."""
+    return failure()
+
+
+def _fault(error: Any) -> dict[str, Any]:
+    where: Sequence[object] = error.get("loc", ())
+    value = error.get("input")
+    shown = None if isinstance(value, dict | list | bytes) or value is None else shortened(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        shown = str(value)
+    place = shortened(".".join(str(w) for w in where))
+    return {"where": place, "found": shortened(error.get("msg", "")), "value": shown}
+
+
+def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """Return the documentation of refusals, for a route's `responses`."""
+    # As a reference: a model for each refusal of each route would take half a second of the service's start.
+    content = {PROBLEM: {"schema": {"$ref": f"#/components/schemas/{Problem.__name__}"}}}
+    return {s: {"description": HTTPStatus(s).phrase, "content": content} for s in statuses}

@@ -1,0 +1,120 @@
+"""Requests read strictly: JSON as the standard has it, with nothing that a database cannot keep, nor too deep."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Coroutine, Iterable
+from typing import Any
+
+import orjson
+from fastapi import Request, Response
+from fastapi.routing import APIRoute
+from starlette.datastructures import Headers
+from starlette.requests import ClientDisconnect
+
+from daq.documents import unique_keys
+from server.service.web.problems import ProblemError, shortened
+from server.service.web.workers import GoneError, Kind, run, threaded, watched
+
+# Nothing that is sent has a reason to be nested so deeply, and what answers is written has a limit too.
+MOST_LEVELS = 32
+# JSON of so many bytes is read beside the event loop, which others wait for.
+_LARGE = 1 << 16
+Handler = Callable[[Request], Coroutine[Any, Any, Response]]
+
+
+class StrictRequest(Request):
+    """A request whose JSON has neither NaN nor infinities, nor halves of surrogate pairs, nor zero bytes."""
+
+    async def json(self) -> Any:
+        """Return the body.
+
+        Raises:
+            json.JSONDecodeError: it is no JSON, or has a character that cannot be kept.
+        """
+        if not hasattr(self, "_json"):
+            body = await self.body()
+            self._json = read_json(body) if len(body) < _LARGE else await run("readers", read_json, body)
+        return self._json
+
+
+def read_json(body: bytes) -> Any:
+    """Read JSON without NaN, infinities, halves of surrogate pairs, zero characters, many levels or a key given twice.
+
+    Raises:
+        json.JSONDecodeError: it is no JSON, or has what cannot be kept.
+    """
+    value = orjson.loads(body)
+    if b"\\u0000" in body and _holds_zero(value):
+        raise json.JSONDecodeError("a zero character, which cannot be kept", "", body.index(b"\\u0000"))
+    if body.count(b"[") + body.count(b"{") > MOST_LEVELS and _levels(value) > MOST_LEVELS:
+        raise json.JSONDecodeError(f"more than {MOST_LEVELS} levels", "", 0)
+    json.loads(body, object_pairs_hook=unique_keys)
+    return value
+
+
+def _levels(value: Any) -> int:
+    level, levels = [value], 0
+    while level := [v for item in level for v in _within(item)]:
+        levels += 1
+    return levels
+
+
+def _within(value: Any) -> Iterable[Any]:
+    if isinstance(value, dict):
+        return value.values()
+    return value if isinstance(value, list) else ()
+
+
+def _holds_zero(value: Any) -> bool:
+    if isinstance(value, dict):
+        return any("\0" in k for k in value) or any(map(_holds_zero, value.values()))
+    return any(map(_holds_zero, value)) if isinstance(value, list) else isinstance(value, str) and "\0" in value
+
+
+def _require_json(headers: Headers) -> None:
+    kind = headers.get("content-type")
+    base = (kind or "").partition(";")[0].strip().lower()
+    empty = headers.get("content-length", "0") == "0" and "transfer-encoding" not in headers
+    if base == "application/json" or (base.startswith("application/") and base.endswith("+json")) or empty:
+        return
+    raise ProblemError(415, f"a body of type {shortened(kind or 'unknown')!r}", "Content-Type: application/json")
+
+
+class StrictRoute(APIRoute):
+    """A route that reads its requests strictly, and answers in a thread of its kind.
+
+    Attributes:
+        workers: that kind.
+    """
+
+    workers: Kind = "readers"
+
+    def __init__(self, path: str, endpoint: Callable[..., Any], **more: Any) -> None:
+        super().__init__(path, threaded(self.workers, endpoint), **more)
+
+    def get_route_handler(self) -> Handler:
+        """Return what answers a request."""
+        handle = super().get_route_handler()
+        takes_json = self.body_field is not None
+
+        async def strictly(request: Request) -> Response:
+            if "\0" in request.url.path or "%00" in request.url.path or "%00" in request.url.query:
+                raise ProblemError(422, "a zero character in the address", "text without it")
+            if takes_json:
+                _require_json(request.headers)
+            asked = StrictRequest(request.scope, request.receive)
+            try:
+                await asked.body()
+            except ClientDisconnect as error:
+                raise GoneError from error
+            async with watched(asked.receive):
+                return await handle(asked)
+
+        return strictly
+
+
+class IngestRoute(StrictRoute):
+    """A route that benches send to while they run."""
+
+    workers = "ingest"
