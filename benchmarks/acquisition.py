@@ -31,7 +31,7 @@ HERE = Path(__file__).parent
 
 def played(minutes: float) -> Iterator[Any]:
     """A slow wave on all axes, in blocks of ten seconds."""
-    from daq.readings import ReadingBlock
+    from daq.recordings.readings import ReadingBlock
 
     n = int(10 * RATE_HZ)
     for k in range(int(minutes * 6) + 6):
@@ -54,10 +54,10 @@ def play(end: Connection, minutes: float) -> None:
 
 def logged(minutes: float, folder: Path) -> dict[str, Any]:
     """Log and measure."""
-    from daq.acquire import Acquisition
+    from daq.acquisition.acquire import Acquisition
+    from daq.acquisition.transports import connect
     from daq.drivers import driver
     from daq.journal.writer import Journal
-    from daq.transports import connect
     from server.commands.log import Logging
 
     ours, theirs = multiprocessing.Pipe()
@@ -89,9 +89,9 @@ def logged(minutes: float, folder: Path) -> dict[str, Any]:
 
 def replayed(path: Path) -> dict[str, float]:
     """Decode a journal's bytes again, as fast as it goes."""
-    from daq.acquire import Acquisition
-    from daq.replay import JournalReplay
-    from daq.transports import connect
+    from daq.acquisition.acquire import Acquisition
+    from daq.acquisition.transports import connect
+    from daq.journal.replay import JournalReplay
 
     cell = JournalReplay(path, speed=0.0)
     began, count = time.perf_counter(), 0
@@ -108,11 +108,11 @@ def replayed(path: Path) -> dict[str, float]:
 
 def from_file(folder: Path) -> float:
     """Readings a second of a readings file (1 kHz, ten minutes) through the replay driver into a journal."""
-    from daq.acquire import Acquisition
+    from daq.acquisition.acquire import Acquisition
+    from daq.acquisition.transports import connect
     from daq.drivers import driver
     from daq.journal.writer import Journal
-    from daq.readings import ReadingBlock, write_readings
-    from daq.transports import connect
+    from daq.recordings.readings import ReadingBlock, write_readings
     from server.commands.log import Logging
 
     t_s = np.arange(600_000) / 1000.0

@@ -38,7 +38,7 @@ def main() -> None:
                 rows.append(_row(f"{name}, {length}", made, runs, session / file))
                 (session / file).unlink()
     table(
-        f"Corrections: {RATE_HZ:g} Hz × 6 through `daq.corrections.measure` (target: {TARGET:,.0f} × real time)",
+        f"Corrections: {RATE_HZ:g} Hz × 6 through `daq.signals.corrections` (target: {TARGET:,.0f} × real time)",
         [
             "",
             "recorded [s]",
@@ -78,8 +78,8 @@ def _measure(folder: Path, write: list[str]) -> dict[str, float]:
     for module in ("pyarrow.csv", "pyarrow.parquet", "scipy.fft", "scipy.special"):
         import_module(module)
 
-    from daq.corrections import measure
     from daq.sessions import read_session
+    from daq.signals.corrections import measure
 
     session = read_session(folder)
     before = most_memory_bytes()
@@ -88,8 +88,8 @@ def _measure(folder: Path, write: list[str]) -> dict[str, float]:
 
 
 def _simulate(folder: Path, file: str, seconds: float) -> dict[str, float]:
-    from daq.protocols import plan, read_protocol
-    from daq.simulated import SimulatedCell
+    from daq.sessions.protocols import plan, read_protocol
+    from daq.standins.simulated import SimulatedCell
     from fingermodel.finger_files import read_finger
     from fingermodel.rig import simulate_session
 

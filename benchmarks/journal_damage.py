@@ -28,7 +28,7 @@ import numpy as np
 from benchmarks.machine import commit, publish
 from benchmarks.recovery import wilson
 from benchmarks.uplink_parts import surroundings
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.errors import JournalError
 from daq.journal.check import check, recover
 from daq.journal.lock import lock_file

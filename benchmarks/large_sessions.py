@@ -49,7 +49,7 @@ def averaged_session(name: str, count: int) -> dict[str, Any]:
 
 def record(folder: Path, rows: int, ending: str) -> Path:
     """A recording of a tare and a load for each of many cases."""
-    from daq.readings import ReadingBlock, write_readings
+    from daq.recordings.readings import ReadingBlock, write_readings
 
     rng, span = np.random.default_rng(0), rows / RATE_HZ / RECORDED
     data = averaged_session("LONG", RECORDED)

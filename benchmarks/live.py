@@ -143,7 +143,7 @@ class Events:
 def setup() -> Any:
     """A bench of one case, with the timing of a real one."""
     from daq.bench.record import BenchSetup
-    from daq.protocols import Protocol
+    from daq.sessions.protocols import Protocol
 
     protocol = {
         "format": "protocol/1", "id": "one", "postures_deg": {"hook": {"MCP": 0, "PIP": 65, "DIP": 50}},

@@ -24,7 +24,7 @@ import numpy as np
 
 from benchmarks.machine import commit, publish, use_all_cores
 from benchmarks.service import CHUNK_S, RATE_HZ, SESSION, service
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.uplink.wire import COUNT, EPOCH, SHA256, stream_path
 from server.service.storage.checksums import digest_of
 

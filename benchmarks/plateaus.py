@@ -3,7 +3,7 @@
     python -m benchmarks.plateaus [--windows 2000] [--out FILE]
 
 Each window has six axes of independent first-order autoregressions of unit variance about zero, so that each tries six
-intervals; what is tried is `daq.plateaus.reduce_window`, as a session and the bench use it.
+intervals; what is tried is `daq.recordings.plateaus.reduce_window`, as a session and the bench use it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from benchmarks.machine import commit, describe_machine, publish
-from daq.plateaus import reduce_window
+from daq.recordings.plateaus import reduce_window
 
 Floats = NDArray[np.float64]
 

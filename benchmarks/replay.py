@@ -21,15 +21,15 @@ import numpy as np
 
 from benchmarks.machine import commit, use_all_cores, wait_until_quiet
 from benchmarks.uplink_parts import SETTINGS, surroundings
-from daq.acquire import Acquisition
-from daq.blocks import Chunk
+from daq.acquisition.acquire import Acquisition
+from daq.acquisition.blocks import Chunk
+from daq.acquisition.transports import connect
 from daq.drivers import driver
 from daq.drivers.base import LoadCell
+from daq.journal.replay import JournalReplay
 from daq.journal.writer import Journal
-from daq.readings import ReadingBlock, write_readings
-from daq.replay import JournalReplay
+from daq.recordings.readings import ReadingBlock, write_readings
 from daq.standins import stand_in
-from daq.transports import connect
 from server.commands.log import Logging
 
 HERE = Path(__file__).parent

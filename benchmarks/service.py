@@ -65,7 +65,7 @@ def used(pid: int) -> tuple[float, float]:
 
 def bench(url: str, name: str, seconds: float) -> None:
     """Put chunks at the rate of a fast cell; the last one ends the stream."""
-    from daq.blocks import Chunk
+    from daq.acquisition.blocks import Chunk
     from daq.uplink.wire import COUNT, EPOCH, SHA256, stream_path
 
     n, path = int(RATE_HZ * CHUNK_S), stream_path(name, "a" * 32)

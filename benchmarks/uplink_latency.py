@@ -42,11 +42,11 @@ LIVE_AIM_MS, STORED_AIM_MS = 60.0, 600.0
 
 def log(end: Connection, address: str, rate_hz: float, seconds: float, url: str, session: str, folder: Path) -> None:
     """The logger's process: sends (moment, Fx of the first, of the last, number) of what was shown and acknowledged."""
-    from daq.acquire import Acquisition
-    from daq.blocks import Chunk
+    from daq.acquisition.acquire import Acquisition
+    from daq.acquisition.blocks import Chunk
+    from daq.acquisition.transports import connect
     from daq.drivers import driver
     from daq.journal.writer import Journal
-    from daq.transports import connect
     from daq.uplink.live_tail import LiveTail
     from daq.uplink.thread import Uplink
     from server.commands.log import Logging

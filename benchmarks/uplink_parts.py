@@ -31,7 +31,7 @@ CATCH_UP_S = 120.0
 
 def stamped(rate_hz: float, seconds: float) -> Iterator[Any]:
     """Blocks of readings whose Fx is their time [s]; the other axes a slow wave."""
-    from daq.readings import ReadingBlock
+    from daq.recordings.readings import ReadingBlock
 
     n = int(BLOCK_S * rate_hz)
     for k in range(int(seconds / BLOCK_S) + 2):
@@ -199,7 +199,7 @@ class Compared:
 
 def compared(journal: Path, received: Path, session: str) -> Compared:
     """Compare a journal with the receiver's file, sample by sample and byte by byte."""
-    from daq.blocks import Chunk
+    from daq.acquisition.blocks import Chunk
     from daq.journal.reader import JournalReader
     from daq.uplink.events import encoded
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.plateaus import Plateau
-from daq.session_models import LoadCase, Session
+from daq.recordings.plateaus import Plateau
+from daq.sessions.models import LoadCase, Session
 
 Floats = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """Field types of a bench session that refuse bad values in the user's words.
 
 Each type checks what a YAML file may hold and raises a pydantic error whose context carries found, expected and remedy;
-`daq.session_errors` puts the place in the file before it.
+`daq.sessions.faults` puts the place in the file before it.
 """
 
 from __future__ import annotations

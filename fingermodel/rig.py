@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import InputError
-from daq.protocols import PlannedCase, Protocol, plan
-from daq.readings import write_readings
+from daq.recordings.readings import write_readings
 from daq.sessions import Session, parse_session, read_session, write_session
-from daq.simulated import LoadStep, SimulatedCell, readings
+from daq.sessions.protocols import PlannedCase, Protocol, plan
+from daq.standins.simulated import LoadStep, SimulatedCell, readings
 from fingermodel.budget import CERTIFICATE, Budget
 from fingermodel.fingers import Finger
 from fingermodel.model import Model

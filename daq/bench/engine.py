@@ -9,19 +9,19 @@ from typing import Any, Literal
 
 import numpy as np
 
+from daq.acquisition.blocks import Chunk
 from daq.bench.forces import Forces, Predict, Result, zero_moved
 from daq.bench.plateau_finder import Offer, PlateauFinder, PlateauRules
 from daq.bench.record import STARTED, BenchRecord, BenchSetup
 from daq.bench.standing import Standing
 from daq.bench.steps import Step
-from daq.blocks import Chunk
 from daq.cells import cell_spec
 from daq.errors import SessionError
 from daq.journal.rows import Event
-from daq.plateaus import LEAST_READINGS, Plateau, reduce_window
-from daq.protocols import PlannedCase
-from daq.session_models import LoadCase
-from daq.windows import Span
+from daq.recordings.plateaus import LEAST_READINGS, Plateau, reduce_window
+from daq.recordings.windows import Span
+from daq.sessions.models import LoadCase
+from daq.sessions.protocols import PlannedCase
 
 Events = tuple[Event, ...]
 Phase = Literal["idle", "unloaded", "loaded"]

@@ -9,14 +9,14 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.calibration import mount_transform
-from daq.check_cases import AXES, TARE_CHANGE
-from daq.check_weights import weight_findings
-from daq.corrections import assemble
+from daq.checks.cases import AXES, TARE_CHANGE
+from daq.checks.weights import weight_findings
 from daq.measured import MeasuredCheck
-from daq.plateaus import Plateau
-from daq.session_models import KnownWeight, LoadCase, Session
-from daq.windows import Span
+from daq.recordings.plateaus import Plateau
+from daq.recordings.windows import Span
+from daq.sessions.models import KnownWeight, LoadCase, Session
+from daq.signals.calibration import mount_transform
+from daq.signals.corrections import assemble
 
 Floats = NDArray[np.float64]
 Predict = Callable[[LoadCase], tuple[Floats, Floats] | None]
@@ -104,7 +104,7 @@ class Forces:
         return self._compared(case, force, np.sqrt(np.diag(covariance)[:3]), blind)
 
     def measured(self, session: Session, wanted: Sequence[str], blind: bool) -> list[Result]:
-        """Measure cases as `daq.corrections` does, with all tares that bracket them and what they share."""
+        """Measure cases as `daq.signals.corrections` does, with all tares that bracket them and what they share."""
         everything = assemble(session, self._plateaus)
         out = []
         for index, m in enumerate(everything.cases):

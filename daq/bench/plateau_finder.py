@@ -13,10 +13,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.plateaus import LEAST_READINGS, TOLERANCE, Plateau, reduce_window, smallest_step
-from daq.protocols import Timing
-from daq.readings import HEADERS
-from daq.windows import Span
+from daq.recordings.plateaus import LEAST_READINGS, TOLERANCE, Plateau, reduce_window, smallest_step
+from daq.recordings.readings import HEADERS
+from daq.recordings.windows import Span
+from daq.sessions.protocols import Timing
 
 Floats = NDArray[np.float64]
 

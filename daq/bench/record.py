@@ -6,12 +6,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from daq.check_session import session_findings
+from daq.checks.description import session_findings
 from daq.errors import SessionError
 from daq.journal.rows import Event
-from daq.protocols import PlannedCase, Protocol, plan
-from daq.session_models import FORMAT, Session
 from daq.sessions import parse_session
+from daq.sessions.models import FORMAT, Session
+from daq.sessions.protocols import PlannedCase, Protocol, plan
 from daq.vocabulary import EVENT_KINDS
 
 STARTED, RESUMED = "bench_started", "bench_resumed"

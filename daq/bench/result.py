@@ -11,16 +11,16 @@ import numpy as np
 import yaml
 
 from daq.bench.record import STARTED, BenchRecord
-from daq.corrections import assemble, windows_of
 from daq.errors import InputError, JournalError, SessionError
 from daq.files import replacing
 from daq.journal.reader import JournalReader
 from daq.locations import data_dir
-from daq.protocols import Protocol, read_protocol
-from daq.readings import ReadingBlock, write_readings
-from daq.session_models import Session
+from daq.recordings.readings import ReadingBlock, write_readings
+from daq.recordings.windows import gather
 from daq.sessions import SESSION_FILE, parse_session, read_session, write_session
-from daq.windows import gather
+from daq.sessions.models import Session
+from daq.sessions.protocols import Protocol, read_protocol
+from daq.signals.corrections import assemble, windows_of
 
 READINGS = "readings.csv.gz"
 PROTOCOL = "protocol.yaml"

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from daq.bench.record import STARTED, BenchRecord, BenchSetup
-from daq.corrections import windows_of
 from daq.errors import SessionError
 from daq.journal.reader import JournalReader
 from daq.journal.rows import Event, Stream
-from daq.plateaus import Plateau
-from daq.readings import ReadingBlock
+from daq.recordings.plateaus import Plateau
+from daq.recordings.readings import ReadingBlock
+from daq.recordings.windows import Span, gather
+from daq.signals.corrections import windows_of
 from daq.vocabulary import shown
-from daq.windows import Span, gather
 
 # Time goes on by so much at least, whatever the wall clock says.
 LEAST_AWAY_S = 1.0

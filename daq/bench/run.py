@@ -17,7 +17,7 @@ from daq.bench.record import RESUMED, STARTED
 from daq.bench.status import BenchStatus, Next, next_of
 from daq.bench.steps import Step
 from daq.errors import SessionError
-from daq.session_models import KnownWeight
+from daq.sessions.models import KnownWeight
 
 
 class BenchRun(BenchEngine):

@@ -8,8 +8,8 @@ from typing import NamedTuple
 from daq.bench.forces import Result
 from daq.bench.standing import Standing
 from daq.bench.steps import worded
-from daq.protocols import PlannedCase
-from daq.windows import Span
+from daq.recordings.windows import Span
+from daq.sessions.protocols import PlannedCase
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from daq.protocols import PlannedCase
+from daq.sessions.protocols import PlannedCase
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from daq.drivers.base import (
     samples,
 )
 from daq.errors import DriverError
-from daq.gauges import GaugeCalibration, read_calibration, saturated, voltages
+from daq.signals.gauges import GaugeCalibration, read_calibration, saturated, voltages
 
 Floats = NDArray[np.float64]
 

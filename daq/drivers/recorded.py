@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from daq.drivers.base import LoadCell, Samples, Setting, Transport, samples
 from daq.drivers.frames import FrameStream
 from daq.errors import DriverError, ReadingsError
-from daq.readings import ReadingBlock, open_readings
+from daq.recordings.readings import ReadingBlock, open_readings
 
 HEADER = b"FTRW"
 # Header, check of the eight words after it, time, six components, status.

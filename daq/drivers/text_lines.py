@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from daq.columns import find_columns
 from daq.drivers.base import BOOT_S, LoadCell, Samples, Setting, Transport, samples
 from daq.errors import DriverError, ReadingsError
+from daq.recordings.columns import find_columns
 
 AUTO = "auto"
 # Tried in this order: a comma may be a decimal mark, and spaces may pad the fields of the others.

@@ -11,7 +11,7 @@ from daq.errors import JournalError
 from daq.files import replacing
 from daq.journal.reader import JournalReader
 from daq.journal.rows import as_utc
-from daq.readings import ReadingBlock, write_readings
+from daq.recordings.readings import ReadingBlock, write_readings
 
 SCHEMA = "fingertwin/journal-events/1"
 

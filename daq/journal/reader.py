@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.errors import JournalError
 from daq.files import replacing
 from daq.journal.rows import UNDECODED, Event, Stream, chunk_checksum, disk_full, require_journal, said

@@ -16,7 +16,7 @@ from daq.lab.files import LabFileMap, open_recording
 from daq.lab.layout import Layout
 from daq.lab.levels import Level
 from daq.lab.notebook import Note
-from daq.readings import ReadingBlock, open_readings
+from daq.recordings.readings import ReadingBlock, open_readings
 
 Floats = NDArray[np.float64]
 

@@ -16,14 +16,14 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import Field, StrictBool, model_validator
 
-from daq.columns import HEADERS, KINDS, QUANTITIES
 from daq.documents import Document, read_document, validated
 from daq.errors import ReadingsError
 from daq.files import replacing
-from daq.gauges import GaugeCalibration, read_calibration, saturated
 from daq.lab.channels import TIMESTAMP, Channel, LabChannels
 from daq.lab.opened import open_channels
-from daq.readings import ReadingBlock, write_readings
+from daq.recordings.columns import HEADERS, KINDS, QUANTITIES
+from daq.recordings.readings import ReadingBlock, write_readings
+from daq.signals.gauges import GaugeCalibration, read_calibration, saturated
 from daq.units import COMMON, Kind, factor_of
 from daq.vocabulary import did_you_mean
 

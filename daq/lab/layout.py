@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from daq.lab.levels import Level
 from daq.lab.notebook import Note
-from daq.plateaus import TOLERANCE
+from daq.recordings.plateaus import TOLERANCE
 
 Floats = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.plateaus import LEAST_READINGS, TOLERANCE, Plateau, reduce_window
-from daq.windows import Span
+from daq.recordings.plateaus import LEAST_READINGS, TOLERANCE, Plateau, reduce_window
+from daq.recordings.windows import Span
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from daq.lab.lvm import LvmChannels
 from daq.lab.tables import ExcelChannels, ParquetChannels
 from daq.lab.tdms import TDMS, TdmsChannels
 from daq.lab.text import TextChannels
-from daq.readings import first_bytes
+from daq.recordings.readings import first_bytes
 
 _LVM = b"LabVIEW Measurement"
 

@@ -7,11 +7,11 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from daq.columns import KINDS, QUANTITIES
 from daq.errors import ReadingsError
 from daq.lab.channels import TIMESTAMP, Channel, LabChannels
 from daq.lab.files import AXES, GAUGES, Increment, LabFileMap, Taken
 from daq.lab.opened import open_channels
+from daq.recordings.columns import KINDS, QUANTITIES
 from daq.units import COMMON, Kind, factor_of
 
 _FORCE = "f|forces?|kraft|kraefte|kräfte|kracht|fuerza|forza|for[cç]a|siła"

@@ -18,7 +18,7 @@ from daq.lab.channels import BLOCK_ROWS, TIMESTAMP, Channel, LabChannels
 from daq.lab.packed import require_modest
 from daq.lab.table import SAMPLE_ROWS, find_table, number_of
 from daq.lab.text import TableChannels
-from daq.parquet_pages import unpacked_bytes
+from daq.recordings.parquet_pages import unpacked_bytes
 
 Floats = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ from daq.lab.files import Increment
 from daq.lab.levels import still_spans
 from daq.lab.opened import open_channels
 from daq.lab.proposals import propose_time, stated_unit
+from daq.recordings.windows import Span
 from daq.units import factor_of
-from daq.windows import Span
 
 Floats = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
-from daq.readings import ReadingBlock
+from daq.recordings.readings import ReadingBlock
 from daq.standins.base import Floats, Integers, StandIn
 from daq.standins.faults import Faults, FaultyWire
 from daq.standins.noise import Disturbance, Disturber

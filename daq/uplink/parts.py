@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.uplink.wire import Range
 
 

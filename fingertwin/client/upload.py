@@ -14,8 +14,8 @@ from fingertwin.client.exchange import Exchange, path_of, reading
 from fingertwin.client.jobs import Progress
 
 if TYPE_CHECKING:
-    from daq.blocks import Chunk
-    from daq.session_models import Session
+    from daq.acquisition.blocks import Chunk
+    from daq.sessions.models import Session
 
 # The address of a request has no room for more.
 _ENDLESS = 1 << 62
@@ -53,8 +53,8 @@ def upload(exchange: Exchange, path: str | Path, name: str | None, progress: Pro
 def _send_readings(
     exchange: Exchange, session: str, recorded: Session, file: Path, last_s: float, tell: Progress
 ) -> None:
-    from daq.export import sha256_of
-    from daq.readings import open_readings
+    from daq.export.tables import sha256_of
+    from daq.recordings.readings import open_readings
 
     source, digest = open_readings(file), sha256_of(file)
     address = stream_path(session, STREAM)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from daq.amendments import case_of, write_amendments
 from daq.audit import note
 from daq.errors import SessionError
 from daq.locations import data_dir
-from daq.session_models import Amendment, Session
 from daq.sessions import find_session, parse_session, read_amendments, read_session, session_data
+from daq.sessions.amendments import case_of, write_amendments
+from daq.sessions.models import Amendment, Session
 
 
 def amendable(session: str, read: Session, case: str) -> Path:

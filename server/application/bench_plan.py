@@ -12,7 +12,7 @@ import yaml
 from daq.errors import InputError
 from daq.files import replacing
 from daq.lab.notebook import Note
-from daq.protocols import PlannedCase, Protocol, plan
+from daq.sessions.protocols import PlannedCase, Protocol, plan
 from daq.vocabulary import did_you_mean
 from fingermodel.fingers import Finger
 from fingermodel.observations import posture_rad

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from daq.bench.forces import Predict
 from daq.bench.record import BenchSetup
 from daq.bench.result import PUBLISHED_TENSION_FACTOR
-from daq.session_models import LoadCase, TensionEstimate
+from daq.sessions.models import LoadCase, TensionEstimate
 
 Floats = NDArray[np.float64]
 Masses = tuple[tuple[str, float], ...]
@@ -91,7 +91,7 @@ def _question(hung: Masses, entered: Masses) -> str:
 
 
 def _predicted(setup: BenchSetup, model: str | None) -> Mapping[Key, Floats]:
-    from daq.corrections import assemble
+    from daq.signals.corrections import assemble
     from fingermodel.budget import budget_of
     from fingermodel.model_files import load_model
     from fingermodel.observations import layout_of, observe

@@ -10,7 +10,7 @@ from daq.errors import InputError
 if TYPE_CHECKING:
     from daq.checks import CheckReport
     from daq.findings import Finding
-    from daq.session_models import Session
+    from daq.sessions.models import Session
 
 
 def check_whole(session: str) -> CheckReport:

@@ -71,7 +71,7 @@ def read_foreign(source: Path, load_point_mm: Floats | None) -> Imported:
     Raises:
         ModelError: it cannot be read, or holds no finger chain that a finger/1 file can hold.
     """
-    from daq.export import sha256_of
+    from daq.export.tables import sha256_of
     from fingermodel.exchange.read_mjcf import read_mjcf
     from fingermodel.exchange.read_osim import read_osim
 

@@ -7,11 +7,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from daq.corrections import measure
 from daq.errors import InputError
-from daq.export import sha256_of, sources_of
-from daq.export_formats import write_c3d
+from daq.export.formats import write_c3d
+from daq.export.tables import sha256_of, sources_of
 from daq.sessions import find_session, read_session
+from daq.signals.corrections import measure
 from fingermodel.model_files import read_revision
 from server.application.exporting import (
     ENDINGS,

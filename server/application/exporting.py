@@ -12,7 +12,7 @@ from server.application.workflow import Bench, compare_bench
 
 if TYPE_CHECKING:
     from daq.measured import MeasuredSession
-    from daq.session_models import Session
+    from daq.sessions.models import Session
     from fingermodel.comparison import Comparison
     from fingermodel.model_files import Revision
 
@@ -46,12 +46,12 @@ def write_table_file(
     columns: Mapping[str, list[Any]], path: Path, file_format: str, about: Mapping[str, Any]
 ) -> Path | None:
     """Write columns as `csv`, with what they are beside it, as `parquet` or as `xlsx`; return the file beside it."""
-    from daq.export import write_columns, write_table
+    from daq.export.tables import write_columns, write_table
 
     if file_format == "csv":
         return write_table(columns, path, about)
     if file_format == "xlsx":
-        from daq.export_excel import write_excel
+        from daq.export.excel import write_excel
 
         write_excel(columns, path, about)
         return None
@@ -67,7 +67,7 @@ def parameter_columns(revision: Revision) -> dict[str, list[Any]]:
 
 def about_revision(revision: Revision, sources: Mapping[str, str]) -> dict[str, Any]:
     """What a table of parameters came from; `sources` are SHA-256 by name."""
-    from daq.export import software
+    from daq.export.tables import software
 
     return {
         "software": software(),
@@ -84,7 +84,7 @@ def bench_columns(bench: Bench, hidden: Collection[str] = ()) -> dict[str, list[
         bench: session and model.
         hidden: cases whose predictions are left empty.
     """
-    from daq.export import case_columns
+    from daq.export.tables import case_columns
 
     columns = {**case_columns(bench.measured), **_predicted_columns(compare_bench(bench), hidden)}
     return columns | {"model": [bench.loaded.name] * len(columns["id"])}
@@ -92,7 +92,7 @@ def bench_columns(bench: Bench, hidden: Collection[str] = ()) -> dict[str, list[
 
 def about_bench(bench: Bench, sources: Mapping[str, Any], hidden: Collection[str] = ()) -> dict[str, Any]:
     """What a table of cases came from; `sources` are fingerprints by name."""
-    from daq.export import software
+    from daq.export.tables import software
 
     measured = bench.measured
     notes = list(measured.notes)
@@ -126,8 +126,8 @@ def write_whole(
         about: of `about_bench`.
         hidden: cases whose predictions are left empty.
     """
-    from daq.export import window_columns
-    from daq.export_formats import write_hdf5, write_mat
+    from daq.export.formats import write_hdf5, write_mat
+    from daq.export.tables import window_columns
 
     columns = {**bench_columns(bench, hidden), **window_columns(bench.measured)}
     (write_hdf5 if file_format == "hdf5" else write_mat)(session, columns, path, about)
@@ -155,8 +155,8 @@ def write_paper(
     Returns:
         the number of cases, and how many private things were replaced, by kind.
     """
-    from daq.export import case_columns, software
-    from daq.supplement import write_supplement
+    from daq.export.supplement import write_supplement
+    from daq.export.tables import case_columns, software
 
     about = {"software": software()}
     if bench is None:
@@ -188,7 +188,7 @@ def own_finger(session: Session) -> dict[str, Any] | None:
 
 def _commands(models: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Seeds, and what makes every figure and revision again, run beside the supplement's session.yaml."""
-    from daq.supplement import model_members
+    from daq.export.supplement import model_members
     from fingermodel.diagnosis import settings
     from fingermodel.identification import SEED
 

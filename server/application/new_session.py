@@ -15,9 +15,9 @@ from daq.lab.files import LabFileMap, write_mapping
 from daq.lab.layout import lay
 from daq.lab.levels import Level, find_levels
 from daq.lab.notebook import Note, read_notes
-from daq.readings import ReadingBlock, write_readings
-from daq.session_models import Session
+from daq.recordings.readings import ReadingBlock, write_readings
 from daq.sessions import parse_session, write_session
+from daq.sessions.models import Session
 from daq.vocabulary import did_you_mean
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 from daq.errors import InputError
-from daq.protocols import read_protocol
-from daq.session_models import Session
-from daq.simulated import SimulatedCell
+from daq.sessions.models import Session
+from daq.sessions.protocols import read_protocol
+from daq.standins.simulated import SimulatedCell
 from fingermodel.finger_files import read_finger
 from fingermodel.model_files import read_revision
 from fingermodel.rig import simulate_session

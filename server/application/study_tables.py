@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.export import defused
+from daq.export.tables import defused
 from daq.files import replacing
 from fingermodel.studies.activation_result import ActivationResult
 from fingermodel.studies.movement import MovementResult

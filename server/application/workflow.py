@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daq.amendments import listed
+from daq.sessions.amendments import listed
 from fingermodel.compilation import prepare_jax
 from fingermodel.revisions import describe_revision, held_by, save_revision
 from fingermodel.session import Progress, Session, held_effects, readings_digest

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from daq.amendments import amendment, exchanged, listed, words
 from daq.errors import InputError
-from daq.session_models import Amendment, Session
 from daq.sessions import read_session
+from daq.sessions.amendments import amendment, exchanged, listed, words
+from daq.sessions.models import Amendment, Session
 from server.application.amending import amendable, keep_amendments, take_back
 from server.commands.console import answer, say
 

@@ -8,7 +8,7 @@ from server.application.checking import check_whole
 from server.commands.console import answer, progress, say, table
 
 if TYPE_CHECKING:
-    from daq.friction_bands import BandMean, FrictionBand
+    from daq.signals.friction_bands import BandMean, FrictionBand
 
 
 def check_session(session: str, json: str | None) -> int:
@@ -30,9 +30,9 @@ def check_session(session: str, json: str | None) -> int:
 
 def friction_of(sessions: list[str], json: str | None) -> None:
     """Balance forces at tip and bone over sessions."""
-    from daq.corrections import measure
-    from daq.friction import friction
     from daq.sessions import read_session
+    from daq.signals.corrections import measure
+    from daq.signals.friction import friction
 
     with progress("Reading"):
         result = friction([measure(read_session(s)) for s in sessions])

@@ -12,7 +12,7 @@ from daq.uplink.live_tail import LiveTail
 from daq.uplink.thread import Uplink, UplinkStatus
 
 if TYPE_CHECKING:
-    from daq.acquire import Acquisition
+    from daq.acquisition.acquire import Acquisition
     from daq.journal.writer import Journal
 
 # At the end of a log, for what is not at the service yet; the rest waits in the journal.

@@ -8,7 +8,7 @@ from typing import Any
 
 from daq.audit import note
 from daq.errors import InputError
-from daq.export import sha256_of
+from daq.export.tables import sha256_of
 from daq.lab.files import Increment, LabFileMap, convert_recording, write_mapping
 from daq.lab.proposals import propose_mapping
 from server.commands.console import answer, progress, say, table

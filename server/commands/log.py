@@ -9,14 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daq.acquire import Acquisition, Record, StreamEvent
+from daq.acquisition.acquire import Acquisition, Record, StreamEvent
+from daq.acquisition.transports import connect
 from daq.drivers import driver, drivers
 from daq.drivers.looks import looks_like
 from daq.errors import DriverError, InputError, JournalError
+from daq.journal.replay import JournalReplay, is_journal
 from daq.private import privately
-from daq.replay import JournalReplay, is_journal
 from daq.sessions import find_session, read_session, whole_document
-from daq.transports import connect
 from server.bench.ending import Told, ended_by_signals
 from server.commands.closing_copy import Closed, copied_at_end
 from server.commands.console import answer, say, table

@@ -14,8 +14,8 @@ from daq.bench.run import BenchRun
 from daq.errors import InputError, SessionError
 from daq.journal.reader import JournalReader
 from daq.journal.rows import Event
-from daq.protocols import read_protocol
 from daq.sessions import read_yaml
+from daq.sessions.protocols import read_protocol
 from server.application.bench_prediction import predictor
 from server.bench.keys import KeyInput, terminal_keys, typed_lines
 from server.bench.loop import BenchLoop, from_keys, from_lines
@@ -27,10 +27,10 @@ from server.commands.forwarding import forwarding
 from server.commands.log_parts import JOURNAL, LogOptions, about_cell, acquiring
 
 if TYPE_CHECKING:
-    from daq.acquire import Acquisition
+    from daq.acquisition.acquire import Acquisition
     from daq.drivers.base import LoadCell
     from daq.journal.writer import Journal
-    from daq.session_models import Session
+    from daq.sessions.models import Session
     from server.commands.closing_copy import Closed
 
 FORMAT = "bench-setup/1"

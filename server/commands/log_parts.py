@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from daq.acquire import Acquisition
+from daq.acquisition.acquire import Acquisition
 from daq.drivers.base import LoadCell
-from daq.gauges import read_calibration
 from daq.journal.writer import Journal
 from daq.memory import keep_flat
+from daq.signals.gauges import read_calibration
 from server.commands.closing_copy import Closed
 
 JOURNAL = "journal.sqlite3"

@@ -13,7 +13,7 @@ from typing import Any
 from daq.drivers import driver
 from daq.errors import InputError
 from daq.locations import data_dir
-from daq.readings import ReadingBlock, open_readings
+from daq.recordings.readings import ReadingBlock, open_readings
 from daq.sessions import read_session
 from daq.standins import REGISTRY, stand_in
 from daq.standins.faults import Faults
@@ -120,8 +120,8 @@ def _readings(options: Options) -> Iterator[Iterable[ReadingBlock]]:
     elif path.is_dir() or (data_dir() / "sessions" / options.play).is_dir():
         yield open_readings(_readings_of(options.play)).blocks()
     else:
-        from daq.protocols import read_protocol
-        from daq.simulated import SimulatedCell
+        from daq.sessions.protocols import read_protocol
+        from daq.standins.simulated import SimulatedCell
         from fingermodel.finger_files import read_finger
         from fingermodel.rig import simulate_session
 

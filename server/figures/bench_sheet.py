@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from daq.files import replacing
-from daq.protocols import PlannedCase, Protocol
+from daq.sessions.protocols import PlannedCase, Protocol
 
 # A4 upright; margins, heights of lines and places of columns from the left [mm].
 _WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 210.0, 297.0, 14.0, 196.0, 16.0, 16.0

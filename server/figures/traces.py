@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from daq.lab.traces import Traces
-from daq.windows import Span
+from daq.recordings.windows import Span
 from server.figures.style import axis, domain, figure, load_styles, plain
 
 Floats = NDArray[np.float64]

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from daq.corrections import measure
-from daq.friction import friction
 from daq.sessions import read_session
+from daq.signals.corrections import measure
+from daq.signals.friction import friction
 from fingermodel import api
 from fingermodel.comparison import Comparison, compare
 from fingermodel.scaling import mean_moment_arms

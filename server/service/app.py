@@ -162,7 +162,7 @@ def _warm(parts: Services) -> None:
     """Compile what the first request would wait for, and only then take up queued jobs, whose workers compile too."""
     import numpy as np
 
-    from daq.plateaus import reduce_window
+    from daq.recordings.plateaus import reduce_window
 
     def model() -> None:
         predictor = parts.twins.predictor("an1979_middle")

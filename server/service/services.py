@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from starlette.requests import HTTPConnection
 
+from daq.acquisition.blocks import Chunk
 from daq.bench.forces import Predict
 from daq.bench.record import BenchSetup
-from daq.blocks import Chunk
 from daq.errors import ModelError
 from server.service.ingest.ingest import Ingest
 from server.service.ingest.windows import Windows

@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from daq.protocols import Protocol
-from daq.readings import ReadingBlock
+from daq.recordings.readings import ReadingBlock
+from daq.sessions.protocols import Protocol
 from daq.standins import stand_in
 from daq.standins.run import TICK_S, Player
 from daq.standins.wires import PtyWire

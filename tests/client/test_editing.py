@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daq.corrections import measure
 from daq.errors import InputError
-from daq.friction import friction
 from daq.sessions import read_session
+from daq.signals.corrections import measure
+from daq.signals.friction import friction
 from fingertwin.client import Client, ServiceError
 
 CASE = "c001"

@@ -9,7 +9,7 @@ import pytest
 
 from daq.checks import check
 from daq.errors import InputError
-from daq.readings import open_readings
+from daq.recordings.readings import open_readings
 from daq.sessions import read_session
 from fingertwin.client import Client, ServiceError
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import yaml
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.locations import data_dir
-from daq.readings import open_readings
+from daq.recordings.readings import open_readings
 from daq.sessions import find_session, read_session
 from daq.uplink.recording import STREAM
 from fingertwin.client import Client, ServiceError, ServiceUnreachableError

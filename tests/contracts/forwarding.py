@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import httpx
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.journal.writer import Event, Journal
 from daq.uplink.thread import Uplink
 from tests.contracts.ingest import URL, SmallReceiver, made

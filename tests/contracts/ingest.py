@@ -20,7 +20,7 @@ from urllib.parse import unquote
 import httpx
 import numpy as np
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.errors import JournalError
 from daq.uplink.wire import API, COUNT, EPOCH, SHA256, events_path, stream_path
 

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from daq import drivers, standins
+from daq.acquisition.sample_clock import SampleClock
 from daq.drivers.base import Decoder, LoadCell, Samples
 from daq.errors import DriverError
-from daq.sample_clock import SampleClock
 from daq.standins.base import StandIn
 from tests.contracts.mutations import KINDS, Damaged, damage_datagrams, damage_stream, held_bytes
 

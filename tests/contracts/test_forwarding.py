@@ -14,7 +14,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.journal.writer import Event
 from tests.contracts.forwarding import FAULTS, Bench, fill, joined
 from tests.contracts.ingest import Put, made

@@ -66,7 +66,7 @@ def test_what_tests_import_of_the_benchmarks_leaves_them_all_cores() -> None:
 
 def test_no_module_of_the_bench_loads_an_array_compiler_or_the_web() -> None:
     modules = every_module_of(daq.__path__, "daq")
-    assert "daq.corrections" in modules
+    assert "daq.signals.corrections" in modules
     assert loaded_by(*modules).isdisjoint(
         {"jax", "jaxlib", "fingermodel", "server", "fastapi", "typer", "rich", "plotly", "matplotlib"}
     )

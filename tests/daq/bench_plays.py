@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.acquisition.blocks import Chunk
 from daq.bench.commands import perform_line
 from daq.bench.forces import Predict
 from daq.bench.record import BenchSetup
 from daq.bench.resume import broken_off
 from daq.bench.run import BenchRun
-from daq.blocks import Chunk
 from daq.journal.reader import JournalReader
 from daq.journal.rows import Event
 from daq.journal.writer import Journal
-from daq.protocols import Protocol
-from daq.session_models import LoadCase
-from daq.simulated import LoadStep, SimulatedCell, readings
+from daq.sessions.models import LoadCase
+from daq.sessions.protocols import Protocol
+from daq.standins.simulated import LoadStep, SimulatedCell, readings
 
 Floats = NDArray[np.float64]
 

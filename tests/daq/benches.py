@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from daq.readings import ReadingBlock, write_readings
+from daq.recordings.readings import ReadingBlock, write_readings
 from daq.sessions import Session, read_session
 
 Floats = NDArray[np.float64]

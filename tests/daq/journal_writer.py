@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.journal.writer import Event, Journal
 
 

@@ -16,7 +16,7 @@ from daq.lab.files import (
     LabFileMap,
     Taken,
 )
-from daq.readings import ReadingBlock
+from daq.recordings.readings import ReadingBlock
 
 Floats = NDArray[np.float64]
 WRENCH = np.array([[1.0, -2.0, 3.5, 10.0, -20.0, 30.0], [1.5, -2.5, 4.0, 11.0, -21.0, 31.0], [0.0] * 6])

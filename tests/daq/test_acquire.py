@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.acquire import Acquisition, Record
+from daq.acquisition.acquire import Acquisition, Record
 from daq.drivers.base import LoadCell, Samples, Transport, samples
 from daq.drivers.looks import looks_like
 from daq.errors import DriverError, LinkLostError
@@ -160,7 +160,7 @@ def test_a_pulled_cable_is_told_and_comes_back() -> None:
 
 
 def test_silence_is_told_and_then_a_new_connection_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("daq.acquire.GIVEN_UP_S", 0.2)
+    monkeypatch.setattr("daq.acquisition.acquire.GIVEN_UP_S", 0.2)
     links: list[Portions | DriverError] = [Portions([bytes([1]), 0.15, bytes([2]), 9.0]), Portions([bytes([5])])]
     records, _ = taken(links, stale_s=0.1)
     assert kinds(records) == ["started", "stale", "stale", "stale", "disconnected", "reconnected", "ended"]
@@ -217,7 +217,7 @@ class Deaf(Counting):
 
 
 def test_bytes_that_never_make_a_sample_are_said_and_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("daq.acquire.UNDECODED_S", 0.02)
+    monkeypatch.setattr("daq.acquisition.acquire.UNDECODED_S", 0.02)
     sent: list[bytes | float | None] = [bytes([k]) for k in range(100)]
     run = Acquisition(Deaf(), lambda: Portions(sent), chunk_s=0.005)
     run.start()
@@ -242,7 +242,7 @@ def test_each_time_that_bytes_are_not_understood_is_said(monkeypatch: pytest.Mon
         def decoder(self) -> CountingDecoder:
             return self._Decoder()
 
-    monkeypatch.setattr("daq.acquire.UNDECODED_S", 0.02)
+    monkeypatch.setattr("daq.acquisition.acquire.UNDECODED_S", 0.02)
     run = Acquisition(Picky(), lambda: Portions([*[b"?"] * 60, bytes([1]), bytes([2]), *[b"?"] * 60]), chunk_s=0.005)
     run.start()
     records = list(run.records())

@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 import yaml
 
-from daq.amendments import amendment, exchanged, listed, write_amendments
 from daq.checks import check, measure_and_check
-from daq.corrections import measure
 from daq.errors import InputError, SessionError
 from daq.locations import data_dir
 from daq.sessions import (
     AMENDMENTS_FILE as FILE,
 )
 from daq.sessions import parse_session, plain_document, read_amendments, read_session, write_session
+from daq.sessions.amendments import amendment, exchanged, listed, write_amendments
+from daq.signals.corrections import measure
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from daq.bench.result import write_bench_session
 from daq.bench.run import BenchRun
 from daq.checks import check
 from daq.errors import InputError
-from daq.protocols import Protocol
+from daq.sessions.protocols import Protocol
 from tests.daq.bench_plays import (
     PROTOCOL,
     Bench,

@@ -11,13 +11,13 @@ import pytest
 
 from daq.bench.result import write_bench_session
 from daq.checks import check
-from daq.corrections import measure
 from daq.errors import JournalError, SessionError
 from daq.journal.reader import JournalReader
 from daq.journal.writer import Journal
-from daq.protocols import Protocol, read_protocol
-from daq.readings import open_readings
+from daq.recordings.readings import open_readings
 from daq.sessions import read_session
+from daq.sessions.protocols import Protocol, read_protocol
+from daq.signals.corrections import measure
 from server.commands.bench import check_session
 from tests.daq.bench_plays import Bench, Line, case, journalled, load, setup, tared, truth, wait, whole
 

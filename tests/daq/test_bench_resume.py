@@ -10,21 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.acquire import Acquisition
+from daq.acquisition.acquire import Acquisition
 from daq.bench.forces import Result
 from daq.bench.record import BenchRecord
 from daq.bench.result import write_bench_session
 from daq.bench.resume import LEAST_AWAY_S, broken_off
 from daq.bench.run import BenchRun
 from daq.checks import check
-from daq.corrections import measure
 from daq.drivers.recorded import Feed, Replay
 from daq.errors import InputError
 from daq.journal.reader import JournalReader
 from daq.journal.writer import Journal
-from daq.protocols import Protocol
-from daq.readings import ReadingBlock, open_readings
-from daq.session_models import LoadCase
+from daq.recordings.readings import ReadingBlock, open_readings
+from daq.sessions.models import LoadCase
+from daq.sessions.protocols import Protocol
+from daq.signals.corrections import measure
 from tests.daq.bench_plays import (
     PROTOCOL,
     WEIGHT,

@@ -13,9 +13,9 @@ from daq.bench.plateau_finder import PlateauFinder, PlateauRules
 from daq.bench.record import BenchRecord
 from daq.bench.run import BenchRun
 from daq.errors import InputError
-from daq.protocols import Timing
-from daq.session_models import LoadCase
-from daq.simulated import SimulatedCell
+from daq.sessions.models import LoadCase
+from daq.sessions.protocols import Timing
+from daq.standins.simulated import SimulatedCell
 from tests.daq.bench_lines import BEGUN, bench, refused
 from tests.daq.bench_plays import (
     NOTHING,

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from daq.calibration import cross_matrix, intrinsic_xyz, mount_transform
 from daq.cells import cell_spec
-from daq.corrections import measure
 from daq.sessions import Mount
+from daq.signals.calibration import cross_matrix, intrinsic_xyz, mount_transform
+from daq.signals.corrections import measure
 from tests.daq.benches import WRENCH, Floats, bench, record, recorded
 
 vectors = arrays(np.float64, 3, elements=st.floats(-50, 50, width=32))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from daq.checks import CheckReport, check
 from daq.locations import data_dir
-from daq.readings import ReadingBlock
+from daq.recordings.readings import ReadingBlock
 from daq.sessions import parse_session, session_names
 from tests.daq.benches import averaged, record, recorded, save, window
 

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.corrections import assemble, measure, windows_of
 from daq.errors import ReadingsError, SessionError
 from daq.measured import MeasuredSession
-from daq.readings import ReadingBlock, open_readings, write_readings
+from daq.recordings.readings import ReadingBlock, open_readings, write_readings
+from daq.recordings.windows import gather
 from daq.sessions import parse_session, read_session
-from daq.windows import gather
+from daq.signals.corrections import assemble, measure, windows_of
 from tests.daq.benches import RATE_HZ, SEGMENT_S, WRENCH, Floats, averaged, bench, in_blocks, record, recorded
 
 TRUTH = Path(__file__).parents[1] / "truth"

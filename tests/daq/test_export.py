@@ -16,9 +16,9 @@ import pyarrow.parquet
 import pytest
 from scipy.io import loadmat
 
-from daq.corrections import measure
 from daq.errors import InputError
-from daq.export import (
+from daq.export.formats import write_c3d, write_hdf5, write_mat
+from daq.export.tables import (
     MOUNT_FRAME,
     case_columns,
     describe_columns,
@@ -28,9 +28,9 @@ from daq.export import (
     write_columns,
     write_table,
 )
-from daq.export_formats import write_c3d, write_hdf5, write_mat
-from daq.readings import ReadingBlock, open_readings
+from daq.recordings.readings import ReadingBlock, open_readings
 from daq.sessions import Session, find_session, read_session
+from daq.signals.corrections import measure
 from tests.daq.benches import RATE_HZ, WRENCH, averaged, bench, record, recorded, window
 
 ABOUT = {"software": "fingertwin 9", "sources": {"readings.csv": "ab"}}

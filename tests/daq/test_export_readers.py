@@ -11,12 +11,12 @@ import pandas as pd
 import polars as pl
 import pytest
 
-from daq import export_excel
-from daq.corrections import measure
 from daq.errors import InputError
-from daq.export import case_columns, describe_columns, export_cases
-from daq.export_excel import write_excel
+from daq.export.excel import write_excel
+from daq.export.tables import case_columns, describe_columns, export_cases
+from daq.export.tables import excel as export_excel
 from daq.sessions import read_session
+from daq.signals.corrections import measure
 
 ABOUT = {"software": "fingertwin 9", "sources": {"readings.csv": "ab"}, "notes": []}
 

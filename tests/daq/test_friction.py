@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.corrections import measure
 from daq.errors import SessionError
-from daq.friction import friction, tip_to_metacarpal
 from daq.measured import MeasuredSession
 from daq.sessions import Posture, parse_session, read_session
+from daq.signals.corrections import measure
+from daq.signals.friction import friction, tip_to_metacarpal
 from tests.daq.benches import averaged, bench, record, recorded
 
 SPECIMENS = ("H01", "H02", "H03", "B01")

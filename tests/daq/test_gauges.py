@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from daq.errors import DriverError
-from daq.gauges import read_calibration, saturated, voltages
+from daq.signals.gauges import read_calibration, saturated, voltages
 from tests.daq.cal_files import SIX, nano17, numbers, write_cal
 
 

@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.acquire import StreamEvent
-from daq.blocks import Chunk
+from daq.acquisition.acquire import StreamEvent
+from daq.acquisition.blocks import Chunk
 from daq.errors import JournalError
 from daq.journal.check import check, recover
 from daq.journal.export import export
 from daq.journal.writer import Event, Journal, JournalReader
-from daq.readings import open_readings
+from daq.recordings.readings import open_readings
 from server.commands import journal as commands
 from tests.daq.journal_kills import kill_many
 from tests.daq.journal_writer import made_chunk

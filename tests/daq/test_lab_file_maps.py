@@ -19,7 +19,7 @@ from daq.lab.files import (
     write_mapping,
 )
 from daq.lab.proposals import propose_mapping
-from daq.readings import open_readings
+from daq.recordings.readings import open_readings
 from tests.daq.cal_files import nano17, numbers, write_cal
 from tests.daq.lab_files import (
     FROM_VOLTS,

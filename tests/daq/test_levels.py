@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daq.lab.levels import find_levels
-from daq.readings import open_readings
+from daq.recordings.readings import open_readings
 from daq.sessions import read_session
 
 

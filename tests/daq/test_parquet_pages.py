@@ -14,8 +14,8 @@ import pytest
 
 from daq.errors import ReadingsError
 from daq.lab.tables import ParquetChannels
-from daq.parquet_pages import unpacked_bytes
-from daq.readings import HEADERS, open_readings
+from daq.recordings.parquet_pages import unpacked_bytes
+from daq.recordings.readings import HEADERS, open_readings
 
 ROWS = 1_000_000
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from daq.plateaus import (
+from daq.recordings.plateaus import (
     Plateau,
     largest_shift,
     quantisation_variance,

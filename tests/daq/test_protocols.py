@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.errors import InputError
-from daq.protocols import TAPPED, Protocol, plan, read_protocol
+from daq.sessions.protocols import TAPPED, Protocol, plan, read_protocol
 from tests.daq.bench_plays import PROTOCOL
 
 ACTIONS = [

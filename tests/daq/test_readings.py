@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.errors import ReadingsError
-from daq.readings import HEADERS, ReadingBlock, open_readings, write_readings
+from daq.recordings.readings import HEADERS, ReadingBlock, open_readings, write_readings
 from tests.daq.benches import in_blocks
 
 HEADER = ",".join(HEADERS)
@@ -290,7 +290,7 @@ def test_blocks_stay_small_however_long_the_file(name: str, tmp_path: Path) -> N
 )
 @settings(deadline=None, max_examples=40)
 def test_the_place_of_a_fault_hangs_on_no_start(lines: list[str], end: str, bad: str, zipped: bool) -> None:
-    from daq.reading_files import _first_fault
+    from daq.recordings.files import _first_fault
 
     with TemporaryDirectory() as folder:
         file = Path(folder) / "readings.csv"
@@ -303,7 +303,7 @@ def test_the_place_of_a_fault_hangs_on_no_start(lines: list[str], end: str, bad:
 
 
 def test_a_line_end_inside_quotes_does_not_shift_the_place(tmp_path: Path) -> None:
-    from daq.reading_files import _first_fault
+    from daq.recordings.files import _first_fault
 
     file = tmp_path / "readings.csv"
     file.write_text(f'{HEADER},note\n{ROW},"a\nb"\n{ROW},c\n0.03,1,2,abc,4,5,6,d\n', encoding="utf-8")

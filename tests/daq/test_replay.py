@@ -10,22 +10,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.acquire import Acquisition
-from daq.blocks import Chunk
+from daq.acquisition.acquire import Acquisition
+from daq.acquisition.blocks import Chunk
+from daq.acquisition.transports import connect
 from daq.drivers.base import LoadCell, Transport
 from daq.drivers.gauge_lines import GaugeLines
 from daq.drivers.robotiq import Robotiq
 from daq.errors import DriverError
 from daq.journal.reader import JournalReader
+from daq.journal.replay import JournalReplay, _reads, is_journal
 from daq.journal.rows import Event
 from daq.journal.writer import Journal
-from daq.readings import ReadingBlock
-from daq.replay import JournalReplay, _reads, is_journal
+from daq.recordings.readings import ReadingBlock
 from daq.standins.faults import Faults
 from daq.standins.robotiq import RobotiqStandIn
 from daq.standins.run import Player
 from daq.standins.wires import TcpWire
-from daq.transports import connect
 from server.commands.log_parts import about_cell
 from tests.daq.cal_files import nano17
 from tests.daq.test_acquire import Portions
@@ -113,7 +113,7 @@ class Odd(Robotiq):
 
 
 def test_what_was_not_understood_is_replayed_in_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("daq.acquire.UNDECODED_S", 0.02)
+    monkeypatch.setattr("daq.acquisition.acquire.UNDECODED_S", 0.02)
     frames = RobotiqStandIn().encode(np.outer(np.arange(40.0), np.ones(6)), np.arange(40), np.zeros(40))
     # The first frame is cut by reads; two ends of frames stand around bytes that make no sense for a while.
     portions = [

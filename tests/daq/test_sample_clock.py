@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from daq.acquisition.sample_clock import SampleClock
 from daq.drivers.base import Samples, samples
-from daq.sample_clock import SampleClock
 
 RATE = 1000.0
 

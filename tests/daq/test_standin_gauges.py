@@ -10,7 +10,7 @@ import pytest
 from daq import drivers, standins
 from daq.drivers.base import Samples
 from daq.errors import DriverError
-from daq.gauges import read_calibration
+from daq.signals.gauges import read_calibration
 from daq.standins.base import Floats, StandIn
 from tests.daq.cal_files import nano17, numbers, write_cal
 

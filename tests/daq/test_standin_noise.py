@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from daq import drivers, standins
 from daq.errors import InputError
-from daq.readings import ReadingBlock
+from daq.recordings.readings import ReadingBlock
 from daq.standins.faults import Faults
 from daq.standins.noise import Disturbance, Disturber
 from daq.standins.run import Player

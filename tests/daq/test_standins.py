@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.acquire import Acquisition, Record
+from daq.acquisition.acquire import Acquisition, Record
+from daq.acquisition.transports import connect
 from daq.drivers.robotiq import Robotiq
 from daq.errors import DriverError
-from daq.readings import ReadingBlock
+from daq.recordings.readings import ReadingBlock
 from daq.standins.faults import Faults
 from daq.standins.robotiq import RobotiqStandIn
 from daq.standins.run import Player, resampled
 from daq.standins.wires import PtyWire, TcpWire, Wire
-from daq.transports import connect
 
 RATE = 100.0
 

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 import yaml
 
-from daq.corrections import measure
 from daq.errors import InputError
-from daq.export import case_columns
-from daq.readings import ReadingBlock
-from daq.redaction import Redactor
+from daq.export.redaction import Redactor
+from daq.export.supplement import versions, write_supplement
+from daq.export.tables import case_columns
+from daq.recordings.readings import ReadingBlock
 from daq.sessions import Session, read_session
-from daq.supplement import versions, write_supplement
+from daq.signals.corrections import measure
 from server.application.workflow import compare_bench, open_bench, refit_bench, save_revision
 from server.commands.files import export_source
 from tests.daq.benches import WRENCH, bench, record, recorded, save

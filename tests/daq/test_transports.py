@@ -8,10 +8,10 @@ import time
 
 import pytest
 
+from daq.acquisition.transports import SerialTransport, UdpTransport, connect
 from daq.drivers.base import Transport
 from daq.drivers.robotiq import Robotiq
 from daq.errors import DriverError, LinkLostError
-from daq.transports import SerialTransport, UdpTransport, connect
 
 
 def read_often(link: Transport) -> None:

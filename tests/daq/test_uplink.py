@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.drivers.robotiq import HEADER, Robotiq, with_crc
 from daq.errors import InputError
 from daq.journal.writer import Event, Journal

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from daq.checks import check
-from daq.corrections import measure
-from daq.friction import friction
-from daq.protocols import plan, read_protocol
-from daq.readings import open_readings
+from daq.recordings.readings import open_readings
 from daq.sessions import read_session
-from daq.simulated import SimulatedCell
+from daq.sessions.protocols import plan, read_protocol
+from daq.signals.corrections import measure
+from daq.signals.friction import friction
+from daq.standins.simulated import SimulatedCell
 from fingermodel.finger_files import read_finger
 from fingermodel.rig import simulate_session
 from server.commands.bench import friction_of

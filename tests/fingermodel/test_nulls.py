@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.protocols import read_protocol
-from daq.simulated import SimulatedCell
+from daq.sessions.protocols import read_protocol
+from daq.standins.simulated import SimulatedCell
 from fingermodel.diagnosis.model_free.budget import readings_of
 from fingermodel.diagnosis.model_free.nulls import Null, moments_violated, nulls
 from fingermodel.finger_files import read_finger

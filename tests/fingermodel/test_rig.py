@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from daq.checks import check
-from daq.corrections import measure
 from daq.errors import InputError
 from daq.measured import MeasuredCheck
-from daq.protocols import plan, read_protocol
-from daq.readings import open_readings
-from daq.simulated import LoadStep, SimulatedCell, readings
+from daq.recordings.readings import open_readings
+from daq.sessions.protocols import plan, read_protocol
+from daq.signals.corrections import measure
+from daq.standins.simulated import LoadStep, SimulatedCell, readings
 from fingermodel.finger_files import read_finger
 from fingermodel.identification import refit_map
 from fingermodel.observations import observe

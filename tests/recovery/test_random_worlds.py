@@ -15,8 +15,8 @@ from benchmarks import random_worlds_scores as scores
 from benchmarks.random_worlds import base_seed
 from benchmarks.random_worlds_report import comparison, report
 from daq.checks import check
-from daq.corrections import measure
 from daq.sessions import read_session
+from daq.signals.corrections import measure
 from tests.random_worlds import Settings, draw_world, write_drawn, write_truth, write_world
 from tests.random_worlds.engines import NAMES, loads
 from tests.random_worlds.laws import LARGEST, Law, Stage, draw_law, same_as

@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from daq.protocols import read_protocol
-from daq.simulated import SimulatedCell
+from daq.sessions.protocols import read_protocol
+from daq.standins.simulated import SimulatedCell
 from fingermodel.budget import CERTIFICATE, SYNEK2019
 from fingermodel.eq5 import refit_slsqp
 from fingermodel.finger_files import read_finger

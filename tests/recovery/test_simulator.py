@@ -12,8 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from daq.checks import check
-from daq.corrections import measure
 from daq.sessions import read_session
+from daq.signals.corrections import measure
 from fingermodel.finger_files import read_finger
 from fingermodel.model import clamp_forces_batch, jax_values
 from server.application.workflow import open_bench

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import yaml
 
-from daq.readings import open_readings
+from daq.recordings.readings import open_readings
 from daq.sessions import plain_document, read_session
 
 SOURCE, POSTURE = "DEV-02", "minor_flexion: MCP 40 PIP 55 DIP 35 abduction 0"

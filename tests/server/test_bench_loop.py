@@ -10,15 +10,15 @@ from typing import Any
 
 import pytest
 
-from daq.acquire import Acquisition
+from daq.acquisition.acquire import Acquisition
+from daq.acquisition.blocks import Chunk
 from daq.bench.result import write_bench_session
 from daq.bench.run import BenchRun
-from daq.blocks import Chunk
 from daq.drivers.recorded import Feed, Replay
 from daq.errors import JournalError
 from daq.journal.writer import Journal
-from daq.readings import ReadingBlock
-from daq.simulated import LoadStep, readings
+from daq.recordings.readings import ReadingBlock
+from daq.standins.simulated import LoadStep, readings
 from server.bench.keys import KeyInput, Pressed
 from server.bench.loop import BenchLoop, from_keys
 from server.bench.meter import StreamMeter

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from daq.bench.forces import Likens
-from daq.protocols import Protocol
-from daq.session_models import LoadCase
 from daq.sessions import read_session
+from daq.sessions.models import LoadCase
+from daq.sessions.protocols import Protocol
 from fingermodel.finger_files import read_finger
 from fingermodel.rig import simulate_session
 from server.application.bench_prediction import predictor

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 import yaml
 
-from daq.corrections import measure
 from daq.journal.reader import JournalReader
-from daq.readings import ReadingBlock, write_readings
+from daq.recordings.readings import ReadingBlock, write_readings
 from daq.sessions import read_session
+from daq.signals.corrections import measure
 from tests.server.test_log_cli import played, run
 
 PROTOCOL = {

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from daq.acquire import Record, StreamEvent
+from daq.acquisition.acquire import Record, StreamEvent
+from daq.acquisition.blocks import Chunk
 from daq.bench.run import BenchRun
-from daq.blocks import Chunk
 from daq.errors import SessionError
 from daq.journal.rows import Event
-from daq.simulated import LoadStep
+from daq.standins.simulated import LoadStep
 from server.bench.keys import ESCAPE, KEYS, KeyInput, Pressed, terminal_keys, typed_lines
 from server.bench.loop import from_lines
 from server.bench.meter import POINTS, StreamMeter

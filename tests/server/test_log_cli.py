@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.journal.reader import JournalReader
 from daq.journal.writer import Journal
-from daq.readings import ReadingBlock, open_readings, write_readings
+from daq.recordings.readings import ReadingBlock, open_readings, write_readings
 from server.cli import main
 from tests.contracts.ingest import SmallReceiver, serving
 from tests.daq.cal_files import nano17

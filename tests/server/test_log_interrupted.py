@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.acquire import Acquisition
+from daq.acquisition.acquire import Acquisition
 from daq.drivers.recorded import Replay
 from daq.journal.check import check
 from daq.journal.writer import Journal
-from daq.readings import ReadingBlock, write_readings
+from daq.recordings.readings import ReadingBlock, write_readings
 from server.bench.ending import ENDING
 from server.commands.log import Logging
 

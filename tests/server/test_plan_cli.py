@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from daq.lab.notebook import read_notes
-from daq.protocols import plan, read_protocol
+from daq.sessions.protocols import plan, read_protocol
 from fingermodel.finger_files import read_finger
 from tests.fingermodel.test_exchange_cli import answered, refused
 

@@ -35,7 +35,7 @@ from server.service.storage.audit import entries
 from server.service.web.problems import ProblemError
 
 if TYPE_CHECKING:
-    from daq.session_models import Session
+    from daq.sessions.models import Session
 
 EXCEL = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"
 # Formats with their media types; columns tells what those of csv are, folder is the session as the command line has it.
@@ -144,8 +144,8 @@ def _readings(
     parts: Services, measured: Measured, file_format: str, model: str | None, into: Path, *, with_model: bool
 ) -> Path:
     """Formats that hold the readings: they are written to a folder of the session first."""
-    from daq.export import sources_of
-    from daq.export_formats import write_c3d
+    from daq.export.formats import write_c3d
+    from daq.export.tables import sources_of
     from daq.sessions import SESSION_FILE
 
     name, hidden = measured.record.id, blinded(measured)

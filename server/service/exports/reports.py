@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import plotly.graph_objects as go
 
     from daq.findings import Finding
-    from daq.session_models import Session
+    from daq.sessions.models import Session
     from fingermodel.comparison import Comparison
     from server.figures.arrows import Spread
     from server.figures.report import Section

@@ -12,11 +12,11 @@ import yaml
 
 from daq.errors import SessionError
 from daq.files import replacing
-from daq.protocols import protocol_names
-from daq.readings import write_readings
-from daq.session_models import Session
+from daq.recordings.readings import write_readings
+from daq.recordings.windows import Span
 from daq.sessions import parse_session, write_session
-from daq.windows import Span
+from daq.sessions.models import Session
+from daq.sessions.protocols import protocol_names
 from server.service.ingest.windows import blocks_of
 from server.service.services import Services
 from server.service.sessions.measuring import Measured

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.calibration import mount_transform
-from daq.session_models import Mount
+from daq.sessions.models import Mount
+from daq.signals.calibration import mount_transform
 from server.service.figures.finger_drawing import held_finger
 from server.service.services import Services
 from server.service.sessions.measuring import Measured

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import ColumnElement, Connection, func, select
 
-from daq.blocks import Chunk
-from daq.windows import Span
+from daq.acquisition.blocks import Chunk
+from daq.recordings.windows import Span
 from server.service.ingest.ingest import STORED, chunk_of
 from server.service.storage.database import Database
 from server.service.storage.schema import chunks, streams

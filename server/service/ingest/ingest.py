@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from sqlalchemy import Column, Connection, Row, func, insert, select, update
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.errors import JournalError, ReadingsError
 from daq.journal.rows import Event
-from daq.windows import require_increasing
+from daq.recordings.windows import require_increasing
 from server.service.storage.audit import record
 from server.service.storage.checksums import digest_of, sound
 from server.service.storage.database import Database, now_utc

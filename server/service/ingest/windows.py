@@ -12,9 +12,9 @@ import numpy as np
 from sqlalchemy import ColumnElement, Connection, func, select
 
 from daq.errors import ReadingsError
-from daq.plateaus import Plateau
-from daq.readings import ReadingBlock
-from daq.windows import Span, gather
+from daq.recordings.plateaus import Plateau
+from daq.recordings.readings import ReadingBlock
+from daq.recordings.windows import Span, gather
 from server.service.ingest.ingest import STORED, chunk_of
 from server.service.storage.database import Database
 from server.service.storage.schema import chunks, streams

@@ -9,13 +9,13 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import ModelError
-from daq.plateaus import Plateau
+from daq.recordings.plateaus import Plateau
+from daq.recordings.windows import Span
 from daq.sessions import FINGER_DOCUMENT
-from daq.windows import Span
 
 if TYPE_CHECKING:
     from daq.measured import MeasuredSession
-    from daq.session_models import Session
+    from daq.sessions.models import Session
     from fingermodel.fingers import Finger
     from fingermodel.model_files import Revision
     from fingermodel.stages import Effect
@@ -58,7 +58,7 @@ class BenchInput:
         readings_sha256: str | None = None,
     ) -> BenchInput:
         """Make it of a session; windows that its cases do not use are left out."""
-        from daq.corrections import windows_of
+        from daq.signals.corrections import windows_of
 
         document = session.entered.model_dump(mode="json", exclude_none=True)
         used = {window: plateaus[window] for window in windows_of(session)}
@@ -86,8 +86,8 @@ class BenchInput:
         Raises:
             InputError: the session cannot be used.
         """
-        from daq.corrections import assemble
         from daq.sessions import parse_session
+        from daq.signals.corrections import assemble
 
         session, faults = parse_session(dict(self.session), None)
         if session is None:

@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import insert, select
 
 from daq.errors import InputError
-from daq.session_models import TensionEstimate
+from daq.sessions.models import TensionEstimate
 from server.service.answers import plain
 from server.service.jobs.bench_input import BenchInput
 from server.service.jobs.executors import ExecutorSettings

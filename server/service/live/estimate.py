@@ -20,9 +20,9 @@ from daq.bench.plateau_finder import FULL_SCALE_SHARE, PlateauFinder, PlateauRul
 from daq.bench.record import STARTED, BenchSetup
 from daq.cells import cell_spec
 from daq.journal.rows import Event
-from daq.plateaus import LEAST_READINGS, Plateau, reduce_window
-from daq.session_models import LoadCase
-from daq.windows import Span
+from daq.recordings.plateaus import LEAST_READINGS, Plateau, reduce_window
+from daq.recordings.windows import Span
+from daq.sessions.models import LoadCase
 from server.service.live.traces import Rows
 
 MakePredict = Callable[[BenchSetup], Predict]

@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from server.service.live.benches import Benches
 from server.service.live.bodies import LiveMessage
 from server.service.live.clients import RESTART, Client, Subscription

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.uplink.live_tail import WINDOW_S
 from server.service.live.bodies import MOST, LiveMessage
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
-from daq.export import sha256_of
+from daq.export.tables import sha256_of
 from server.service.operation.folder import HeldError, folder_of, held, made, sqlite_of
 from server.service.operation.migrate import check, expected, upgrade
 from server.service.operation.scrub import damage_of, named

@@ -11,7 +11,7 @@ from typing import Any
 from sqlalchemy import Column, LargeBinary, Row, Table, Text, select, tuple_, type_coerce
 from sqlalchemy.exc import SQLAlchemyError
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.errors import JournalError
 from server.service.storage.checksums import DamagedError, Sealed, digest_of, opened
 from server.service.storage.database import Database, now_utc

@@ -116,7 +116,7 @@ def check_effect(body: NewEffect, request: Request) -> JsonAnswer:
 @router.get("/protocols", responses=documented(ProtocolList))
 def protocols() -> JsonAnswer:
     """List the bench protocols."""
-    from daq.protocols import plan, read_protocol
+    from daq.sessions.protocols import plan, read_protocol
 
     rows = []
     for path in sorted((data_dir() / "protocols").glob("*.yaml")):
@@ -131,7 +131,7 @@ def protocol(name: Name) -> JsonAnswer:
     """Return a bench protocol with its load cases in order."""
     from dataclasses import asdict
 
-    from daq.protocols import plan, read_protocol
+    from daq.sessions.protocols import plan, read_protocol
 
     if name not in {p.stem for p in (data_dir() / "protocols").glob("*.yaml")}:
         raise not_found("protocol", name, "/api/v1/protocols")

@@ -89,7 +89,7 @@ def cursor(session: SessionId, stream: Stream, request: Request) -> JsonAnswer:
     "/streams/{stream}/chunks/{first_seq}",
     summary="Store a chunk",
     responses=documented(StreamCursor),
-    openapi_extra=_body("application/octet-stream", "A chunk as `daq.blocks.Chunk.to_bytes` packs it."),
+    openapi_extra=_body("application/octet-stream", "A chunk as `daq.acquisition.blocks.Chunk.to_bytes` packs it."),
 )
 async def put_chunk(
     session: SessionId,

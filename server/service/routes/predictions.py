@@ -58,7 +58,7 @@ def friction(
     session: Annotated[list[str], Query(min_length=1, max_length=50, description="One or more sessions.")],
 ) -> JsonAnswer:
     """Find the friction factor by force balance (Synek et al. 2019, Eq 1): per case, specimen and pooled."""
-    from daq.friction import friction as balance
+    from daq.signals.friction import friction as balance
 
     parts = of(request)
     found = []

@@ -11,9 +11,9 @@ from fastapi import APIRouter, Query, Request
 from numpy.typing import ArrayLike
 from sqlalchemy import select
 
-from daq.export import CELL_FRAME
-from daq.plateaus import Plateau
-from daq.readings import HEADERS
+from daq.export.tables import CELL_FRAME
+from daq.recordings.plateaus import Plateau
+from daq.recordings.readings import HEADERS
 from server.service.answers import JsonAnswer
 from server.service.ingest.envelopes import Envelopes, Samples, Window
 from server.service.ingest.ingest import body_of_event

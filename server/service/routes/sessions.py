@@ -7,8 +7,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query, Request, Response
 from sqlalchemy import select
 
-from daq.amendments import amendment, case_of, exchanged
 from daq.errors import InputError
+from daq.sessions.amendments import amendment, case_of, exchanged
 from server.service.answers import JsonAnswer
 from server.service.models.watch import case_bodies
 from server.service.schemas.common import CaseId, Limit, SessionId, Shown, documented

@@ -14,8 +14,8 @@ from daq.bench.standing import Standing
 from daq.bench.status import next_of
 from daq.bench.steps import Step
 from daq.journal.rows import Event
-from daq.protocols import PlannedCase
-from daq.windows import Span
+from daq.recordings.windows import Span
+from daq.sessions.protocols import PlannedCase
 
 # What ends a tare's life, and what ends the search for a plateau.
 _ENDS_TARE = frozenset({"set_posture", "move_cell", "retie", "slip", RESUMED})

@@ -10,8 +10,8 @@ import numpy as np
 from daq.bench.steps import Step
 from daq.cells import cell_spec
 from daq.errors import InputError
-from daq.plateaus import Plateau
-from daq.windows import Span
+from daq.recordings.plateaus import Plateau
+from daq.recordings.windows import Span
 from server.service.ingest.ingest import stored_events
 from server.service.sessions.bench_state import BenchState, Tare
 from server.service.sessions.records import Record, steps_of

@@ -13,13 +13,13 @@ import numpy as np
 
 from daq.bench.result import PUBLISHED_TENSION_FACTOR
 from daq.checks import warnings_of
-from daq.corrections import assemble, windows_of
 from daq.errors import InputError, OutsideError, SessionError
 from daq.findings import Finding
 from daq.measured import MeasuredSession
-from daq.plateaus import Plateau
-from daq.session_models import LoadCase, Session, TensionEstimate
-from daq.windows import Span
+from daq.recordings.plateaus import Plateau
+from daq.recordings.windows import Span
+from daq.sessions.models import LoadCase, Session, TensionEstimate
+from daq.signals.corrections import assemble, windows_of
 from server.service.ingest.windows import Reduced, Windows
 from server.service.sessions.records import Record
 from server.service.sessions.sessions import Sessions

@@ -13,8 +13,8 @@ from daq.bench.record import STARTED, BenchRecord
 from daq.bench.steps import Steps
 from daq.errors import InputError, SessionError
 from daq.journal.rows import Event
-from daq.session_models import AMENDABLE, Session
 from daq.sessions import FINGER_DOCUMENT, parse_session
+from daq.sessions.models import AMENDABLE, Session
 from server.service.ingest.ingest import stored_events
 from server.service.storage.schema import edits, sessions, streams
 from server.service.web.problems import not_found

@@ -17,15 +17,15 @@ from typing import Any
 from zipfile import BadZipFile, ZipFile
 
 from daq.checks import check
-from daq.export import sha256_of
+from daq.export.tables import sha256_of
 from daq.locations import data_dir
-from daq.parquet_pages import unpacked_bytes
-from daq.protocols import protocol_names
-from daq.readings import ReadingBlock, ReadingSource, open_readings
-from daq.session_models import Session
+from daq.recordings.parquet_pages import unpacked_bytes
+from daq.recordings.readings import ReadingBlock, ReadingSource, open_readings
+from daq.recordings.windows import require_increasing
 from daq.sessions import SESSION_FILE, read_session, read_yaml, whole_document
+from daq.sessions.models import Session
+from daq.sessions.protocols import protocol_names
 from daq.uplink.recording import STREAM, chunks_of, description_of, epoch_of
-from daq.windows import require_increasing
 from server.service.ingest.ingest import Sent
 from server.service.services import Services
 from server.service.storage.checksums import digest_of

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from daq.checks import measure_and_check
-from daq.columns import QUANTITIES
 from daq.documents import validated
 from daq.errors import InputError, ReadingsError
 from daq.lab.drafts import Choice, is_readings_file, joined, still_missing
@@ -24,9 +23,10 @@ from daq.lab.notebook import Note
 from daq.lab.opened import open_channels
 from daq.lab.proposals import grounds, propose_mapping, stated_unit
 from daq.lab.traces import Traces, read_traces
-from daq.readings import ReadingBlock
-from daq.session_models import Session
+from daq.recordings.columns import QUANTITIES
+from daq.recordings.readings import ReadingBlock
 from daq.sessions import read_session, read_yaml
+from daq.sessions.models import Session
 from daq.units import COMMON
 from server.application.new_session import (
     MASSES_IN_GRAMS,

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.acquire import Acquisition, StreamEvent
-from daq.blocks import Chunk
+from daq.acquisition.acquire import Acquisition, StreamEvent
+from daq.acquisition.blocks import Chunk
 from daq.drivers.nidaq import LENGTH, MARK, START, STOP, NiDaq, frames
 from daq.errors import DriverError, LinkLostError
 from tests.daq.cal_files import nano17
@@ -194,7 +194,7 @@ OVERWRITTEN = FakeError("Attempted to read samples that are no longer available.
 def test_a_log_goes_on_after_a_lost_board_and_says_what_happened(
     cal: str, board: FakeBoard, monkeypatch: pytest.MonkeyPatch, fault: FakeError
 ) -> None:
-    monkeypatch.setattr("daq.acquire.BACK_OFF_S", (0.01,))
+    monkeypatch.setattr("daq.acquisition.acquire.BACK_OFF_S", (0.01,))
     portion = np.repeat(VOLTS[:1], 50, axis=0).T.tolist()
     # While it is away NI does not know it; then it is there again, with a task that counts from the start.
     board.portions, board.refusals_then = [portion, portion, fault, portion, portion], 2

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.drivers.recorded import ROW, Feed, RowDecoder, rows_of
-from daq.readings import ReadingBlock
+from daq.recordings.readings import ReadingBlock
 from tests.settings import load_profile
 
 load_profile()

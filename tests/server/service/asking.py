@@ -18,7 +18,7 @@ from typing import Any
 import httpx
 import numpy as np
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.uplink.wire import EPOCH, SHA256
 from server.service.schemas.sessions import DOCUMENT
 from tests.server.service.recorded import EPOCH_1, STREAM, describe, put, upload

@@ -9,8 +9,8 @@ from typing import Any
 import httpx
 import numpy as np
 
-from daq.blocks import Chunk
-from daq.readings import open_readings
+from daq.acquisition.blocks import Chunk
+from daq.recordings.readings import open_readings
 from daq.sessions import find_session, read_session, read_yaml
 from daq.uplink.wire import COUNT, EPOCH, SHA256, stream_path
 

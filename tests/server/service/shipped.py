@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from daq.corrections import windows_of
-from daq.plateaus import Plateau
-from daq.readings import open_readings
+from daq.recordings.plateaus import Plateau
+from daq.recordings.readings import open_readings
+from daq.recordings.windows import Span, gather
 from daq.sessions import read_session
-from daq.windows import Span, gather
+from daq.signals.corrections import windows_of
 from server.service.jobs.bench_input import BenchInput
 
 

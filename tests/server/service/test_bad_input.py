@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from sqlalchemy import event
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.errors import JournalError
 from daq.uplink.wire import EPOCH, SHA256
 from server.service.schemas.sessions import CASE, DOCUMENT

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from daq.acquire import Acquisition, Record
+from daq.acquisition.acquire import Acquisition, Record
 from daq.journal.reader import JournalReader
 from daq.uplink.live_tail import LiveTail
 from server.bench.keys import Pressed

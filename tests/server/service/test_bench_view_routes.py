@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from jsonschema_rs import Draft202012Validator
 
-from daq.calibration import intrinsic_xyz
+from daq.signals.calibration import intrinsic_xyz
 from server.service.sessions.blinding import HIDDEN
 from tests.daq.bench_plays import REST, case, load, setup, tared, truth, wait, whole
 from tests.server.service.recorded import upload

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from sqlalchemy import insert, select
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.errors import InputError
 from server.service.ingest.ingest import STORED, chunk_of
 from server.service.operation.backup import backup, restore

@@ -19,7 +19,7 @@ from fastapi import APIRouter, FastAPI
 from sqlalchemy import func, select
 from starlette.types import Message
 
-from daq.columns import HEADERS
+from daq.recordings.columns import HEADERS
 from daq.sessions import find_session, read_yaml
 from server.application.workflow import compare_bench, open_bench
 from server.service.ingest.ingest import Ingest

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daq.acquisition.blocks import Chunk
 from daq.bench.forces import Predict
 from daq.bench.record import BenchSetup
 from daq.bench.run import BenchRun
-from daq.blocks import Chunk
 from daq.journal.rows import Event
-from daq.plateaus import Plateau, reduce_window
-from daq.session_models import LoadCase
-from daq.simulated import SimulatedCell
-from daq.windows import Span
+from daq.recordings.plateaus import Plateau, reduce_window
+from daq.recordings.windows import Span
+from daq.sessions.models import LoadCase
+from daq.standins.simulated import SimulatedCell
 from server.service.live.estimate import Predictions, SessionEstimate
 from server.service.live.estimates import Estimates
 from server.service.live.traces import rows_of_chunk

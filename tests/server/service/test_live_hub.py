@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.uplink.live_tail import WINDOW_S
 from server.service.live import clients, hub
 from server.service.live.clients import FRAMES_WAITING, TRY_AGAIN

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.uplink.live_tail import LiveTail
 from server.service.live.bodies import LiveMessage
 from server.service.live.traces import (

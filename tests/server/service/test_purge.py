@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from sqlalchemy import func, insert, select
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from server import cli
 from server.service.operation.folder import held
 from server.service.operation.migrate import upgrade

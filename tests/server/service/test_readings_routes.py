@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.blocks import Chunk
-from daq.corrections import measure
-from daq.readings import HEADERS
+from daq.acquisition.blocks import Chunk
+from daq.recordings.readings import HEADERS
 from daq.sessions import read_session
+from daq.signals.corrections import measure
 from server.service.ingest.ingest import envelopes
 from tests.daq.bench_plays import case, tared
 from tests.server.service.postgres import postgres_url

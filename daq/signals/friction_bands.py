@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.friction_case import FrictionCase
 from daq.measured import MeasuredSession
+from daq.signals.friction_case import FrictionCase
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from daq import session_models, vocabulary
+from daq import vocabulary
+from daq.sessions import models as session_models
 
 READINGS = "readings.csv"
 

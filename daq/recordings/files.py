@@ -19,9 +19,9 @@ import pyarrow.csv
 import pyarrow.parquet
 from numpy.typing import NDArray
 
-from daq.columns import BLOCK_BYTES, BLOCK_ROWS, HEADERS, ROW_GROUP_ROWS, ColumnFile
 from daq.errors import ReadingsError
-from daq.parquet_pages import unpacked_bytes
+from daq.recordings.columns import BLOCK_BYTES, BLOCK_ROWS, HEADERS, ROW_GROUP_ROWS, ColumnFile
+from daq.recordings.parquet_pages import unpacked_bytes
 
 Batch = tuple[list[NDArray[np.float64]], NDArray[np.int64] | None]
 

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import SessionError
-from daq.friction_bands import BandMean, FrictionBand, band_mean, bands, spread
-from daq.friction_case import FrictionCase
 from daq.measured import MeasuredSession
-from daq.protocols import TAPPED
-from daq.session_models import LoadCase, Posture
+from daq.sessions.models import LoadCase, Posture
+from daq.sessions.protocols import TAPPED
+from daq.signals.friction_bands import BandMean, FrictionBand, band_mean, bands, spread
+from daq.signals.friction_case import FrictionCase
 
 Floats = NDArray[np.float64]
 SCHEMA = "fingertwin/friction/1"

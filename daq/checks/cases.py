@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.check_session import case_name
+from daq.checks.description import case_name
 from daq.findings import Finding, finding
 from daq.measured import MeasuredSession
-from daq.plateaus import TOLERANCE, Plateau
-from daq.readings import HEADERS
-from daq.session_models import Session
-from daq.windows import Span
+from daq.recordings.plateaus import TOLERANCE, Plateau
+from daq.recordings.readings import HEADERS
+from daq.recordings.windows import Span
+from daq.sessions.models import Session
 
 Floats = NDArray[np.float64]
 

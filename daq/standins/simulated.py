@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.readings import ReadingBlock
+from daq.recordings.readings import ReadingBlock
 
 Floats = NDArray[np.float64]
 

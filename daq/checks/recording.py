@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from daq.cells import CellSpec
 from daq.findings import Finding, finding
-from daq.readings import HEADERS, ReadingBlock
+from daq.recordings.readings import HEADERS, ReadingBlock
 
 Floats = NDArray[np.float64]
 

@@ -14,46 +14,16 @@ from daq.documents import load_yaml, yaml_fault
 from daq.errors import SessionError
 from daq.files import replacing
 from daq.locations import data_dir
-from daq.session_errors import line_of, lines_of, summary
-from daq.session_models import (
-    FORMAT,
-    Amendment,
-    Environment,
-    Event,
-    KnownWeight,
-    LoadCase,
-    LoadCell,
-    Location,
-    Mount,
-    Posture,
-    Session,
-    Specimen,
-    TensionEstimate,
-)
-from daq.session_rules import faults_between
-from daq.vocabulary import LOCATIONS, ROLES, TENDONS, did_you_mean
+from daq.sessions.faults import line_of, lines_of, summary
+from daq.sessions.models import FORMAT, Session
+from daq.sessions.rules import faults_between
+from daq.vocabulary import did_you_mean
 
 __all__ = [
     "AMENDMENTS_FILE",
     "AMENDMENTS_FORMAT",
     "FINGER_DOCUMENT",
-    "FORMAT",
-    "LOCATIONS",
-    "ROLES",
     "SESSION_FILE",
-    "TENDONS",
-    "Amendment",
-    "Environment",
-    "Event",
-    "KnownWeight",
-    "LoadCase",
-    "LoadCell",
-    "Location",
-    "Mount",
-    "Posture",
-    "Session",
-    "Specimen",
-    "TensionEstimate",
     "faults_of",
     "find_session",
     "parse_session",

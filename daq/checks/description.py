@@ -8,8 +8,8 @@ from pathlib import Path
 from daq.errors import InputError
 from daq.findings import Finding, finding
 from daq.locations import data_dir
-from daq.protocols import protocol_names, read_protocol
-from daq.session_models import LoadCase, Open, Session
+from daq.sessions.models import LoadCase, Open, Session
+from daq.sessions.protocols import protocol_names, read_protocol
 from daq.vocabulary import JOINT_ANGLES, did_you_mean
 
 # Weights of 5 % of the maximum muscle force (Synek et al. 2019, Table 1; two sutures of a muscle together).

@@ -13,9 +13,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.columns import HEADERS, QUANTITIES, ROW_GROUP_ROWS, STATUS, ColumnFile, find_columns
 from daq.errors import ReadingsError
 from daq.files import replacing
+from daq.recordings.columns import HEADERS, QUANTITIES, ROW_GROUP_ROWS, STATUS, ColumnFile, find_columns
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class ReadingSource(ColumnFile):
         Raises:
             ReadingsError: a number that is none or not finite, a torn row or file, or no row at all.
         """
-        from daq import reading_files
+        from daq.recordings import files as reading_files
 
         rows = 0
         stream = reading_files.parquet_batches if self.kind == "parquet" else reading_files.csv_batches
@@ -104,7 +104,7 @@ def open_readings(path: str | Path) -> ReadingSource:
     Raises:
         ReadingsError: it is absent, empty, torn, or its columns or units cannot be used.
     """
-    from daq import reading_files
+    from daq.recordings import files as reading_files
 
     file = Path(path)
     start = first_bytes(file, 4, "a readings file")
@@ -122,7 +122,7 @@ def write_readings(path: str | Path, blocks: Iterable[ReadingBlock]) -> Path:
     Raises:
         ReadingsError: the ending is none of `.csv`, `.csv.gz`, `.parquet`, or only some blocks have a status.
     """
-    from daq import reading_files
+    from daq.recordings import files as reading_files
 
     file = Path(path)
     endings = [e for e in (".csv.gz", ".csv", ".parquet") if file.name.lower().endswith(e)]

@@ -18,8 +18,8 @@ import numpy as np
 from daq.errors import InputError
 from daq.files import replacing
 from daq.measured import MeasuredSession
-from daq.readings import HEADERS
-from daq.session_models import Session
+from daq.recordings.readings import HEADERS
+from daq.sessions.models import Session
 from daq.vocabulary import JOINT_ANGLES, TENDONS
 
 AXES = HEADERS[1:]

@@ -12,20 +12,20 @@ from typing import Any
 import numpy as np
 
 from daq.cells import CellSpec, cell_spec
-from daq.check_cases import force_findings, plateau_findings, sign_findings, tare_findings
-from daq.check_recording import RecordingScan, recording_findings
-from daq.check_session import session_findings
-from daq.check_weights import weight_findings
-from daq.check_windows import overlap_findings, tare_life_findings, window_findings
-from daq.corrections import assemble, gathered, windows_of
+from daq.checks.cases import force_findings, plateau_findings, sign_findings, tare_findings
+from daq.checks.description import session_findings
+from daq.checks.recording import RecordingScan, recording_findings
+from daq.checks.weights import weight_findings
+from daq.checks.windows import overlap_findings, tare_life_findings, window_findings
 from daq.errors import InputError, ReadingsError, SessionError
 from daq.findings import CheckReport, Finding, finding, report
 from daq.measured import MeasuredSession
-from daq.plateaus import Plateau
-from daq.readings import ReadingSource, open_readings
-from daq.session_models import Session
+from daq.recordings.plateaus import Plateau
+from daq.recordings.readings import ReadingSource, open_readings
+from daq.recordings.windows import Recording, Span, gather
 from daq.sessions import find_session, parse_session, session_data
-from daq.windows import Recording, Span, gather
+from daq.sessions.models import Session
+from daq.signals.corrections import assemble, gathered, windows_of
 
 __all__ = ["CheckReport", "Finding", "check", "measure_and_check", "warnings_of"]
 

@@ -17,11 +17,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
+from daq.acquisition.sample_clock import LOST_S, SampleClock
 from daq.drivers.base import NOTHING, Decoder, LoadCell, Recorded, Samples, Transport, samples, steps_from
 from daq.drivers.looks import looks_like
 from daq.errors import DriverError, LinkLostError
-from daq.sample_clock import LOST_S, SampleClock
 
 Kind = Literal[
     "started",

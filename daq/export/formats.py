@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.corrections import windows_of
 from daq.errors import InputError, ReadingsError
-from daq.export import CELL_FRAME, describe_columns, sha256_of, software
+from daq.export.tables import CELL_FRAME, describe_columns, sha256_of, software
 from daq.files import replacing
-from daq.readings import HEADERS, ReadingBlock, open_readings
-from daq.session_models import Session
+from daq.recordings.readings import HEADERS, ReadingBlock, open_readings
+from daq.sessions.models import Session
+from daq.signals.corrections import windows_of
 
 Columns = Mapping[str, list[Any]]
 FORMAT = "fingertwin-export/1"

@@ -14,8 +14,8 @@ import yaml
 
 from daq.errors import InputError, SessionError
 from daq.files import replacing
-from daq.session_models import Amendment, LoadCase, Session
 from daq.sessions import AMENDMENTS_FILE, AMENDMENTS_FORMAT
+from daq.sessions.models import Amendment, LoadCase, Session
 from daq.vocabulary import TENDONS, did_you_mean
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
-from daq.export import DEFUSED, defused, describe_columns
+from daq.export.tables import DEFUSED, defused, describe_columns
 from daq.files import replacing
 
 # Of a sheet, and of one cell's text.

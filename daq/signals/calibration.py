@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.session_models import Mount
+from daq.sessions.models import Mount
 
 Floats = NDArray[np.float64]
 

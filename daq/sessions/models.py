@@ -391,7 +391,7 @@ class Session(Open):
 
     @model_validator(mode="after")
     def _hangs_together(self) -> Session:
-        from daq.session_rules import faults_between
+        from daq.sessions.rules import faults_between
 
         for fault in faults_between(self.model_dump(exclude_none=True)):
             refuse(fault.found, fault.expected, fault.remedy, fault.at)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import OutsideError, ReadingsError
-from daq.plateaus import LEAST_READINGS, Plateau, reduce_window
-from daq.readings import ReadingBlock
+from daq.recordings.plateaus import LEAST_READINGS, Plateau, reduce_window
+from daq.recordings.readings import ReadingBlock
 
 Floats = NDArray[np.float64]
 Span = tuple[float, float]

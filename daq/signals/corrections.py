@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.calibration import MountTransform, mount_transform
 from daq.errors import SessionError
 from daq.measured import MeasuredCase, MeasuredCheck, MeasuredSession, Tare
-from daq.plateaus import Plateau
-from daq.readings import ReadingBlock, open_readings
-from daq.session_models import KnownWeight, LoadCase, Session, TensionEstimate
-from daq.windows import Span, gather
+from daq.recordings.plateaus import Plateau
+from daq.recordings.readings import ReadingBlock, open_readings
+from daq.recordings.windows import Span, gather
+from daq.sessions.models import KnownWeight, LoadCase, Session, TensionEstimate
+from daq.signals.calibration import MountTransform, mount_transform
 
 Floats = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -125,7 +125,7 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
 
 
 def _with_estimate(measured: MeasuredSession) -> MeasuredSession:
-    from daq.friction import friction
+    from daq.signals.friction import friction
 
     result = friction([measured])
     source = f"estimated by force balance from {result.n} pairs of cases"

@@ -8,8 +8,8 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from daq.errors import SessionError
-from daq.session_models import Environment, Event, KnownWeight, LoadCase, LoadCell, Mount, Session, Specimen
-from daq.session_rules import Fault, Place
+from daq.sessions.models import Environment, Event, KnownWeight, LoadCase, LoadCell, Mount, Session, Specimen
+from daq.sessions.rules import Fault, Place
 from daq.vocabulary import did_you_mean, shown
 
 _WANTED = {

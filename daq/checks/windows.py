@@ -6,11 +6,11 @@ from collections import defaultdict
 from collections.abc import Iterator
 from itertools import pairwise
 
-from daq.check_recording import RecordingScan
-from daq.check_session import case_name
+from daq.checks.description import case_name
+from daq.checks.recording import RecordingScan
 from daq.findings import Finding, finding
-from daq.session_models import LoadCase, Session
-from daq.windows import Span
+from daq.recordings.windows import Span
+from daq.sessions.models import LoadCase, Session
 
 # After any of these the unloaded reading is another one.
 ENDS_A_TARE = ("set_posture", "move_cell", "retie", "slip")

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from daq.blocks import Chunk
+from daq.acquisition.blocks import Chunk
 from daq.drivers import driver
 from daq.drivers.base import Decoder, LoadCell, Transport
 from daq.errors import DriverError, LinkLostError

@@ -20,17 +20,18 @@ from typing import Any
 
 import yaml
 
-from daq import plain_json, session_models
+from daq import plain_json
 from daq.checks import check
-from daq.corrections import windows_of
 from daq.errors import InputError, SessionError
-from daq.export import DEFUSED, describe_columns, sources_of, write_columns
+from daq.export.redaction import READINGS, Redactor, this_computer
+from daq.export.tables import DEFUSED, describe_columns, sources_of, write_columns
 from daq.files import replacing
 from daq.findings import CheckReport
 from daq.measured import MeasuredSession
-from daq.readings import ReadingBlock, open_readings, write_readings
-from daq.redaction import READINGS, Redactor, this_computer
+from daq.recordings.readings import ReadingBlock, open_readings, write_readings
 from daq.sessions import SESSION_FILE, parse_session, plain_document, write_session
+from daq.sessions import models as session_models
+from daq.signals.corrections import windows_of
 
 FORMAT = "fingertwin-supplement/1"
 SUMS = "SHA256SUMS"
