@@ -10,10 +10,10 @@ import jax
 import numpy as np
 
 from benchmarks.machine import table
-from fingermodel.identification import _slopes
+from fingermodel.compiled.programs import Stored
+from fingermodel.fitting.identification import _slopes
+from fingermodel.fitting.problems import map_problem
 from fingermodel.model import predict_batch
-from fingermodel.problems import map_problem
-from fingermodel.programs import Stored
 from server.application.workflow import open_bench
 
 TARGET = 8.0

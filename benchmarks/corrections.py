@@ -90,7 +90,7 @@ def _measure(folder: Path, write: list[str]) -> dict[str, float]:
 def _simulate(folder: Path, file: str, seconds: float) -> dict[str, float]:
     from daq.sessions.protocols import plan, read_protocol
     from daq.standins.simulated import SimulatedCell
-    from fingermodel.finger_files import read_finger
+    from fingermodel.fingers.files import read_finger
     from fingermodel.rig import simulate_session
 
     protocol = read_protocol("synek2019")

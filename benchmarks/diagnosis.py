@@ -22,8 +22,8 @@ from scipy.optimize import minimize
 from benchmarks.machine import most_memory_bytes, repeat, table, wait_until_quiet
 from fingermodel.diagnosis.diagnose import diagnose
 from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, Member, free_mask
-from fingermodel.identification import refit_map
-from fingermodel.problems import Problem, map_problem, objective_at
+from fingermodel.fitting.identification import refit_map
+from fingermodel.fitting.problems import Problem, map_problem, objective_at
 from server.application.workflow import open_bench, prepare_jax
 from tests.simulator import draw_session
 from tests.simulator.protocols import Protocol

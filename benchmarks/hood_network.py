@@ -22,8 +22,8 @@ from scipy.optimize import minimize
 
 from benchmarks.machine import Timing, commit, describe_machine, publish, repeat, wait_until_quiet
 from fingermodel.extensor import segment_tensions
-from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.hood.network import Shape
 from fingermodel.hood.parts import ElasticHood, Network
 from fingermodel.hood.sharing import hood_state

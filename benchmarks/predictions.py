@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from benchmarks.machine import repeat, table, wait_until_quiet
 from benchmarks.mujoco_batch import MujocoBatch
 from benchmarks.numpy_finger import NumpyFinger
-from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.many_cases import many_cases
 from fingermodel.model import clamp_forces_batch, jax_values
 from tests.fingermodel.fingers import straight

@@ -104,7 +104,7 @@ def one_session(kind: Kind, seed: int, second: bool = False) -> dict[str, Any]:
         out["truth_rmse_N"] = None
         if kind in ("one", "two") and true:
             known = add_effects(bench.model, bench.observations, true, starts=1)
-            from fingermodel.comparison import compare
+            from fingermodel.comparison.comparison import compare
             from fingermodel.diagnosis.diagnose import validation_rmse
 
             out["truth_rmse_N"] = validation_rmse(

@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.machine import Timing, repeat, table, wait_until_quiet
 from benchmarks.numpy_finger import NumpyFinger
-from fingermodel.eq5 import independent_muscles, refit_slsqp
 from fingermodel.fingers import Topology
-from fingermodel.identification import refit_map
-from fingermodel.problems import Problem, eq5_problem, objective_at
+from fingermodel.fitting.eq5 import independent_muscles, refit_slsqp
+from fingermodel.fitting.identification import refit_map
+from fingermodel.fitting.problems import Problem, eq5_problem, objective_at
 from server.application.workflow import open_bench
 from tests.fingermodel.mujoco_finger import sharing
 

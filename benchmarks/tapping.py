@@ -26,8 +26,8 @@ from benchmarks.machine import OWN_SHARE, Timing, commit, describe_machine, publ
 from fingermodel.dynamics.inertia import ChainInertia, chain_inertia
 from fingermodel.dynamics.inverse import Movement, inverse_dynamics
 from fingermodel.dynamics.motion import read_motion
-from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.muscles.hill import at_rest
 from fingermodel.muscles.muscle_files import read_muscles
 from fingermodel.recruitment.minmax import Recruitment, min_max

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fingermodel.finger_files import finger_document, read_finger, write_finger
 from fingermodel.fingers import Finger
+from fingermodel.fingers.files import finger_document, read_finger, write_finger
 from fingermodel.scaling import match_moment_arms, renamed, scale_to_bones
 
 LENGTHS_MM = {"DP": 20.4, "MP": 38.1, "PP": 57.8}

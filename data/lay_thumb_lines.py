@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from daq.locations import data_dir
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 
 Floats = NDArray[np.float64]
 # Assumed, mm: origin from the CMC centre, insertion from the MP centre; x proximal, y dorsal, z radial.

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from daq.errors import InputError, ModelError, SessionError
     from fingermodel.api import Diagnosis, add, compare, diagnose, refit, save
-    from fingermodel.comparison import CaseComparison, Comparison, ErrorSummary
+    from fingermodel.comparison.comparison import CaseComparison, Comparison, ErrorSummary
     from fingermodel.diagnosis.answer.addition import Addition
     from fingermodel.effects.catalogue import CATALOGUE
     from fingermodel.effects.user import load_effect
-    from fingermodel.finger_files import finger_names, read_finger
     from fingermodel.fingers import Finger, Topology
-    from fingermodel.fit_report import Fit, FittedParameter
+    from fingermodel.fingers.files import finger_names, read_finger
+    from fingermodel.fitting.fit_report import Fit, FittedParameter
     from fingermodel.model import Model
     from fingermodel.model_files import Revision, read_revision
     from fingermodel.parameters import Parameter, one_sided, two_sided
@@ -69,13 +69,13 @@ __all__ = [
 _MODULES = {
     "daq.errors": ("InputError", "ModelError", "SessionError"),
     "fingermodel.api": ("Diagnosis", "add", "compare", "diagnose", "refit", "save"),
-    "fingermodel.comparison": ("CaseComparison", "Comparison", "ErrorSummary"),
+    "fingermodel.comparison.comparison": ("CaseComparison", "Comparison", "ErrorSummary"),
     "fingermodel.diagnosis.answer.addition": ("Addition",),
     "fingermodel.effects.catalogue": ("CATALOGUE",),
     "fingermodel.effects.user": ("load_effect",),
-    "fingermodel.finger_files": ("finger_names", "read_finger"),
+    "fingermodel.fingers.files": ("finger_names", "read_finger"),
     "fingermodel.fingers": ("Finger", "Topology"),
-    "fingermodel.fit_report": ("Fit", "FittedParameter"),
+    "fingermodel.fitting.fit_report": ("Fit", "FittedParameter"),
     "fingermodel.model": ("Model",),
     "fingermodel.model_files": ("Revision", "read_revision"),
     "fingermodel.parameters": ("Parameter", "one_sided", "two_sided"),

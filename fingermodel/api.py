@@ -12,10 +12,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from fingermodel import comparison
-from fingermodel.comparison import Comparison
+from fingermodel.comparison import comparison
+from fingermodel.comparison.comparison import Comparison
 from fingermodel.diagnosis.answer.addition import Addition, add_effects
-from fingermodel.fit_report import Fit
+from fingermodel.fitting.fit_report import Fit
 from fingermodel.session import Session
 
 if TYPE_CHECKING:
@@ -77,9 +77,9 @@ def refit(
         'mm'
     """
     from daq.errors import InputError
-    from fingermodel.eq5 import refit_slsqp
-    from fingermodel.identification import refit_map
-    from fingermodel.problems import eq5_problem, map_problem
+    from fingermodel.fitting.eq5 import refit_slsqp
+    from fingermodel.fitting.identification import refit_map
+    from fingermodel.fitting.problems import eq5_problem, map_problem
 
     if method not in ("map", "slsqp"):
         raise InputError(f"method {method!r}", "map or slsqp")

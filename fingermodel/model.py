@@ -18,13 +18,13 @@ from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
 from fingermodel.budget import CERTIFICATE, Budget, anatomy_parameters, budget_effects
+from fingermodel.compiled.programs import stored
 from fingermodel.extensor import segment_tensions
 from fingermodel.fingers import Finger, FingerValues, Topology
 from fingermodel.hood.parts import ElasticHood
 from fingermodel.kinematics import TipKinematics, joint_poses, poses_of_turns, tip_kinematics
 from fingermodel.many_cases import many_cases, suits
 from fingermodel.parameters import ParameterTable
-from fingermodel.programs import stored
 from fingermodel.stages import Effect, Layout, LoadCaseInput, Stage, State
 from fingermodel.statics import ClampForces, clamp_forces, joint_loads, joint_torques
 from fingermodel.tendons import joint_pulls, moment_arms

@@ -24,9 +24,9 @@ from daq.documents import unique_keys
 from daq.errors import ModelError
 from daq.files import replacing
 from fingermodel.budget import Budget, budget_of
-from fingermodel.finger_files import finger_document, finger_from_dict, read_finger
 from fingermodel.fingers import Finger
-from fingermodel.fit_report import Fit
+from fingermodel.fingers.files import finger_document, finger_from_dict, read_finger
+from fingermodel.fitting.fit_report import Fit
 from fingermodel.model import Model
 from fingermodel.stages import Effect, Layout
 

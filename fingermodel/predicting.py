@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from daq.errors import InputError, ModelError
-from fingermodel.compilation import prepare_jax
+from fingermodel.compiled.compilation import prepare_jax
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger, Topology
@@ -110,7 +110,7 @@ def _lists(given: Columns) -> dict[str, Sequence[float]]:
 
 def predictor_of(model: Finger | Revision | Session | str | os.PathLike[str]) -> Predictor:
     """Return what predicts with a model: itself, its file or its name."""
-    from fingermodel.finger_files import read_finger
+    from fingermodel.fingers.files import read_finger
     from fingermodel.model_files import read_revision
     from fingermodel.session import Session
 

@@ -11,7 +11,7 @@ from daq.audit import note
 from fingermodel.session import readings_digest, sha256_of
 
 if TYPE_CHECKING:
-    from fingermodel.fit_report import Fit
+    from fingermodel.fitting.fit_report import Fit
     from fingermodel.model_files import Step
     from fingermodel.session import Session
 

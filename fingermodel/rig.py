@@ -18,9 +18,9 @@ from daq.sessions import Session, parse_session, read_session, write_session
 from daq.sessions.protocols import PlannedCase, Protocol, plan
 from daq.standins.simulated import LoadStep, SimulatedCell, readings
 from fingermodel.budget import CERTIFICATE, Budget
+from fingermodel.comparison.observations import posture_rad, require_usable
 from fingermodel.fingers import Finger
 from fingermodel.model import Model
-from fingermodel.observations import posture_rad, require_usable
 from fingermodel.stages import Layout, LoadCaseInput
 
 Floats = NDArray[np.float64]

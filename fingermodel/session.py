@@ -12,7 +12,7 @@ from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fingermodel.compilation import prepare_jax
+from fingermodel.compiled.compilation import prepare_jax
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
     from daq.findings import Finding
     from daq.measured import MeasuredSession
+    from fingermodel.comparison.observations import Observations
     from fingermodel.diagnosis.answer.addition import Addition
     from fingermodel.fingers import Finger
-    from fingermodel.fit_report import Fit
+    from fingermodel.fitting.fit_report import Fit
     from fingermodel.model import Model
     from fingermodel.model_files import LoadedModel, Revision
-    from fingermodel.observations import Observations
     from fingermodel.stages import Effect
 
 __all__ = ["Progress", "Session"]
@@ -102,8 +102,8 @@ class Session:
         """
         prepare_jax()
         from fingermodel.budget import budget_of
+        from fingermodel.comparison.observations import layout_of, observe
         from fingermodel.model_files import load_model
-        from fingermodel.observations import layout_of, observe
 
         session = measured.session
         budget = budget_of(session.budget)
@@ -142,7 +142,7 @@ class Session:
             >>> bool(compare(better).rmse_N("validation/tip") < compare(session).rmse_N("validation/tip"))
             True
         """
-        from fingermodel.fit_report import Fit
+        from fingermodel.fitting.fit_report import Fit
 
         result = fit if isinstance(fit, Fit) else fit.fit
         added = tuple(p.name for p in result.parameters if p.kind == "effect")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.observations import Observations
+from fingermodel.comparison.observations import Observations
 from server.application.workflow import Bench, open_bench
 from tests.simulator import draw_session
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from fingermodel.comparison import Comparison, compare
+from fingermodel.comparison.comparison import Comparison, compare
+from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.nulls import Null, nulls
 from fingermodel.diagnosis.posterior.curves import SmoothCurve
 from fingermodel.diagnosis.posterior.fitting import Fitter
@@ -30,7 +31,6 @@ from fingermodel.diagnosis.verdict.session_faults import SessionFault, session_f
 from fingermodel.diagnosis.verdict.verdict import Verdict, judge, likeliest, stated_node, sure_names
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
-from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
 

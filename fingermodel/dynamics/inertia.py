@@ -20,7 +20,7 @@ from daq.documents import Document, read_document, validated
 from daq.errors import ModelError
 from daq.locations import data_dir
 from fingermodel.fingers import Finger
-from fingermodel.sourced import Sourced
+from fingermodel.fingers.sourced import Sourced
 
 WANTED = "a segments/1 file"
 # A force of 1 N moves 1 t by 1 mm/s²: with masses in tonnes, mm and N fit together.

@@ -21,7 +21,7 @@ from daq.documents import Document, read_document, validated
 from daq.errors import ModelError
 from daq.locations import data_dir
 from fingermodel.fingers import Topology
-from fingermodel.sourced import Sourced
+from fingermodel.fingers.sourced import Sourced
 
 if TYPE_CHECKING:
     from fingermodel.dynamics.inverse import Movement

@@ -19,8 +19,8 @@ from fingermodel.effects.formula import REMEDY, WANTED, formula_document, formul
 from fingermodel.effects.formula_effect import FormulaEffect
 from fingermodel.effects.formula_tree import near
 from fingermodel.effects.python_effect import PYTHON_FORMAT, python_document, python_effect
-from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Topology
+from fingermodel.fingers.files import read_finger
 from fingermodel.model import ANY_LAYOUT
 from fingermodel.stages import Effect, Layout
 

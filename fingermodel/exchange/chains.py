@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ModelError
-from fingermodel.finger_files import finger_from_dict
 from fingermodel.fingers import Finger
+from fingermodel.fingers.files import finger_from_dict
 
 Floats = NDArray[np.float64]
 

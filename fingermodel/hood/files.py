@@ -13,8 +13,8 @@ from pydantic import Field
 from daq.documents import Document, read_document, validated
 from daq.errors import ModelError
 from daq.locations import data_dir
+from fingermodel.fingers.sourced import Sourced
 from fingermodel.hood.parts import ElasticHood, Network
-from fingermodel.sourced import Sourced
 
 WANTED = "a hood/1 file"
 Role = Literal["central_slip", "radial_band", "ulnar_band", "terminal_slip"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from daq.errors import ModelError
-from fingermodel.finger_document import FingerFile
-from fingermodel.sourced import Sourced
+from fingermodel.fingers.document import FingerFile
+from fingermodel.fingers.sourced import Sourced
 
 
 def check_blocks(document: FingerFile, where: str) -> list[Sourced]:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, PositiveFloat
 
 from daq.documents import Document
-from fingermodel.sourced import Sourced
+from fingermodel.fingers.sourced import Sourced
 
 Side = Literal["dorsal", "palmar", "radial", "ulnar"]
 

@@ -16,8 +16,8 @@ from daq.documents import Document, read_document, validated
 from daq.errors import ModelError
 from daq.locations import data_dir
 from fingermodel.fingers import Finger
+from fingermodel.fingers.sourced import Sourced
 from fingermodel.muscles.hill import CURVES, AnyMuscle3E, HillValues, Thelen2003, max_speed, slack_length
-from fingermodel.sourced import Sourced
 
 Floats = NDArray[np.float64]
 WANTED = "a muscles/1 file"

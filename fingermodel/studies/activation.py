@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import InputError, ModelError
-from fingermodel.compilation import prepare_jax
-from fingermodel.finger_files import read_finger
+from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.fingers import COMPONENTS
+from fingermodel.fingers.files import read_finger
 from fingermodel.isometric.baseline import least_activity
 from fingermodel.isometric.forces import IsometricFinger, Placed
 from fingermodel.muscles.muscle_files import muscle_set_names, read_muscles

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from daq.errors import InputError
 from daq.plain_json import clean
-from fingermodel.compilation import prepare_jax
+from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.dynamics.inertia import chain_inertia
 from fingermodel.dynamics.inverse import inverse_dynamics
 from fingermodel.dynamics.motion import Motion, read_motion
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.muscles.hill import at_rest
 from fingermodel.muscles.muscle_files import MuscleSet, read_muscles
 from fingermodel.recruitment.minmax import min_max

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from daq.errors import InputError, ModelError
 from daq.sessions import read_session
-from fingermodel.compilation import prepare_jax
-from fingermodel.finger_files import finger_document, finger_from_dict, read_finger, write_finger
-from fingermodel.observations import posture_rad
+from fingermodel.comparison.observations import posture_rad
+from fingermodel.compiled.compilation import prepare_jax
+from fingermodel.fingers.files import finger_document, finger_from_dict, read_finger, write_finger
 from fingermodel.scaling import flexion_arms, match_moment_arms, mean_moment_arms, phalanx_lengths, renamed, scale_by
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.comparison import muscles_of
+from fingermodel.comparison.comparison import muscles_of
 from fingermodel.scaling import mean_moment_arms, phalanx_lengths
 from fingermodel.session import Session
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fingermodel.comparison import Comparison, compare
+from fingermodel.comparison.comparison import Comparison, compare
 from fingermodel.diagnosis.answer.addition import Addition, add_effects
 from fingermodel.effects.formula import formula_effect
 from fingermodel.effects.user import load_effect, shipped_effects

@@ -14,8 +14,8 @@ from daq.files import replacing
 from daq.lab.notebook import Note
 from daq.sessions.protocols import PlannedCase, Protocol, plan
 from daq.vocabulary import did_you_mean
+from fingermodel.comparison.observations import posture_rad
 from fingermodel.fingers import Finger
-from fingermodel.observations import posture_rad
 from server.figures.bench_sheet import write_bench_sheet
 
 PROTOCOL, FINGER, NOTES, SHEET = "protocol.yaml", "finger.yaml", "notes.txt", "bench-sheet.pdf"

@@ -93,8 +93,8 @@ def _question(hung: Masses, entered: Masses) -> str:
 def _predicted(setup: BenchSetup, model: str | None) -> Mapping[Key, Floats]:
     from daq.signals.corrections import assemble
     from fingermodel.budget import budget_of
+    from fingermodel.comparison.observations import layout_of, observe
     from fingermodel.model_files import load_model
-    from fingermodel.observations import layout_of, observe
     from server.application.workflow import Bench, compare_bench, prepare_jax
 
     prepare_jax()

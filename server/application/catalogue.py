@@ -47,6 +47,6 @@ def effect_row(effect: Effect, topology: Topology | None = None) -> dict[str, An
 @cache
 def _standard() -> Topology:
     """Of An et al. 1979, read once: a list of effects asks for it with every row."""
-    from fingermodel.finger_files import read_finger
+    from fingermodel.fingers.files import read_finger
 
     return read_finger("an1979_middle").topology

@@ -32,9 +32,9 @@ def model_findings(given: str | Session) -> list[Finding]:
     from daq.findings import finding
     from daq.sessions import read_session
     from fingermodel.budget import budget_of
-    from fingermodel.finger_files import read_finger
+    from fingermodel.comparison.observations import require_usable
+    from fingermodel.fingers.files import read_finger
     from fingermodel.model import Model
-    from fingermodel.observations import require_usable
 
     session = read_session(given) if isinstance(given, str) else given
     try:

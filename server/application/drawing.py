@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from fingermodel.comparison import Comparison
+    from fingermodel.comparison.comparison import Comparison
 
 
 def draw_comparison(

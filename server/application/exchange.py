@@ -22,7 +22,7 @@ UNSOURCED = "The sources and certainty of its numbers are not in that file: fill
 
 def named_finger(source: str) -> tuple[Finger, str, tuple[str, ...]]:
     """The finger, the name of what holds it, and what of that is not the finger's."""
-    from fingermodel.finger_files import read_finger
+    from fingermodel.fingers.files import read_finger
     from fingermodel.model_files import read_revision
 
     path = Path(source)

@@ -13,7 +13,7 @@ from server.application.workflow import Bench, compare_bench
 if TYPE_CHECKING:
     from daq.measured import MeasuredSession
     from daq.sessions.models import Session
-    from fingermodel.comparison import Comparison
+    from fingermodel.comparison.comparison import Comparison
     from fingermodel.model_files import Revision
 
 # Endings that each format may have, the first one by default.
@@ -179,7 +179,7 @@ def write_paper(
 
 def own_finger(session: Session) -> dict[str, Any] | None:
     """The document of the session's finger, where it does not come with the software."""
-    from fingermodel.finger_files import finger_names, read_finger
+    from fingermodel.fingers.files import finger_names, read_finger
 
     if session.finger in finger_names() and not (session.folder and (session.folder / session.finger).is_file()):
         return None
@@ -190,7 +190,7 @@ def _commands(models: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Seeds, and what makes every figure and revision again, run beside the supplement's session.yaml."""
     from daq.export.supplement import model_members
     from fingermodel.diagnosis import settings
-    from fingermodel.identification import SEED
+    from fingermodel.fitting.identification import SEED
 
     members = model_members(models)
     chosen = f" --model {members[0]}" if members else ""

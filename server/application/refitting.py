@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from fingermodel.comparison import Comparison, compare
+from fingermodel.comparison.comparison import Comparison, compare
 from server.application.workflow import Bench, Progress, compare_bench, refit_bench
 
 if TYPE_CHECKING:
-    from fingermodel.fit_report import Fit
+    from fingermodel.fitting.fit_report import Fit
 
 
 def refit_compared(

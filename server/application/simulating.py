@@ -9,7 +9,7 @@ from daq.errors import InputError
 from daq.sessions.models import Session
 from daq.sessions.protocols import read_protocol
 from daq.standins.simulated import SimulatedCell
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.model_files import read_revision
 from fingermodel.rig import simulate_session
 

@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.sessions.amendments import listed
-from fingermodel.compilation import prepare_jax
+from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.revisions import describe_revision, held_by, save_revision
 from fingermodel.session import Progress, Session, held_effects, readings_digest
 
 if TYPE_CHECKING:
     from daq.measured import MeasuredSession
-    from fingermodel.comparison import Comparison
+    from fingermodel.comparison.comparison import Comparison
     from fingermodel.fingers import Finger
-    from fingermodel.fit_report import Fit
+    from fingermodel.fitting.fit_report import Fit
     from fingermodel.model_files import Revision
     from fingermodel.stages import Effect
 

@@ -8,7 +8,7 @@ from typing import Any
 from daq.errors import InputError
 from daq.files import replacing
 from fingermodel.exchange.reading import vector
-from fingermodel.finger_files import write_finger
+from fingermodel.fingers.files import write_finger
 from server.application.exchange import (
     ENDINGS,
     UNSOURCED,

@@ -22,7 +22,7 @@ from daq.lab.notebook import Note, read_notes
 from daq.lab.proposals import propose_mapping
 from daq.lab.traces import as_recording
 from daq.sessions import plain_document, read_session, read_yaml
-from fingermodel.finger_files import finger_names, read_finger
+from fingermodel.fingers.files import finger_names, read_finger
 from server.application.exporting import writing
 from server.application.new_session import (
     MAPPING,

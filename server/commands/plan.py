@@ -13,8 +13,8 @@ from rich.prompt import Prompt
 from daq.errors import InputError
 from daq.lab.drafts import posture_of
 from daq.sessions.protocols import Protocol, protocol_names, read_protocol
-from fingermodel.finger_files import finger_names, read_finger
 from fingermodel.fingers import Finger
+from fingermodel.fingers.files import finger_names, read_finger
 from fingermodel.studies.scaling import scale_finger, write_scaled
 from server.application.bench_plan import (
     FINGER,

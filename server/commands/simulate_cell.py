@@ -122,7 +122,7 @@ def _readings(options: Options) -> Iterator[Iterable[ReadingBlock]]:
     else:
         from daq.sessions.protocols import read_protocol
         from daq.standins.simulated import SimulatedCell
-        from fingermodel.finger_files import read_finger
+        from fingermodel.fingers.files import read_finger
         from fingermodel.rig import simulate_session
 
         protocol, cell = read_protocol(options.play), SimulatedCell(rate_hz=options.rate_hz)

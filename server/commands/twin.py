@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
-from fingermodel.fit_report import CORRELATED, Fit, FittedParameter
+from fingermodel.fitting.fit_report import CORRELATED, Fit, FittedParameter
 from fingermodel.model_files import free_path, require_new
 from server.application.drawing import draw_comparison
 from server.application.refitting import fit_body, refit_compared
@@ -22,7 +22,7 @@ from server.commands.amend import amended_line
 from server.commands.console import answer, progress, say, shown, table
 
 if TYPE_CHECKING:
-    from fingermodel.comparison import CaseComparison, Comparison
+    from fingermodel.comparison.comparison import CaseComparison, Comparison
 
 # Of the correlations, as many as are printed.
 _MOST_PAIRS = 12

@@ -10,7 +10,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from fingermodel.comparison import CaseComparison, Comparison
+from fingermodel.comparison.comparison import CaseComparison, Comparison
 from server.figures.style import case_text, number, rgba
 
 Floats = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-    from fingermodel.comparison import CaseComparison
+    from fingermodel.comparison.comparison import CaseComparison
 
 _LINE = {"color": "#8a8a8a", "width": 1.6, "dash": "2px,2px"}
 

@@ -10,7 +10,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from fingermodel.comparison import CaseComparison
+from fingermodel.comparison.comparison import CaseComparison
 from fingermodel.fingers import Finger, FingerValues
 from server.figures.arrows import area_of, arrow_traces, sector_trace
 from server.figures.panels import Panel, force_scale, head_mm, key, panel_axes, panels_figure

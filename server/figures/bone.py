@@ -8,9 +8,9 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from fingermodel.comparison import Comparison
+from fingermodel.comparison.comparison import Comparison
+from fingermodel.comparison.observations import Observations
 from fingermodel.model import Model
-from fingermodel.observations import Observations
 from server.figures.arrows import Spread, arrow_traces
 from server.figures.panels import (
     force_scale,

@@ -10,9 +10,9 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from fingermodel.comparison import Comparison
+from fingermodel.comparison.comparison import Comparison
+from fingermodel.comparison.observations import Observations
 from fingermodel.model import Model
-from fingermodel.observations import Observations
 from server.figures.arrows import Spread
 from server.figures.bone import bone_figure
 from server.figures.comparison_words import case_table, error_tables, sentences

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.comparison import CaseComparison, Comparison, ErrorSummary
+from fingermodel.comparison.comparison import CaseComparison, Comparison, ErrorSummary
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
 from server.figures.report import Table

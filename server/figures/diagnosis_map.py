@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import plotly.graph_objects as go
 
-from fingermodel.comparison import PLANES
+from fingermodel.comparison.comparison import PLANES
 from fingermodel.fingers import Plane
 from server.figures.diagnosis_answer import (
     Answer,

@@ -10,7 +10,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from fingermodel.comparison import PLANES, CaseComparison, Comparison
+from fingermodel.comparison.comparison import PLANES, CaseComparison, Comparison
 from fingermodel.fingers import Plane
 from server.figures.style import (
     COMPONENT_AXES,

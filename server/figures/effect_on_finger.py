@@ -26,7 +26,7 @@ def effect_on_finger(bench: Session, effects: Sequence[str], case: str | None = 
     Raises:
         NothingToDrawError: no such case, or the effects change nothing.
     """
-    from fingermodel.comparison import PLANES
+    from fingermodel.comparison.comparison import PLANES
     from server.figures.before import with_before
     from server.figures.bench_finger import Hung, finger_figure
 

@@ -10,9 +10,9 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from fingermodel.comparison import CaseComparison, Comparison
+from fingermodel.comparison.comparison import CaseComparison, Comparison
+from fingermodel.comparison.observations import Observations
 from fingermodel.fingers import Finger, FingerValues
-from fingermodel.observations import Observations
 from server.figures.poses import FingerPose, finger_pose
 from server.figures.scales import scale_bars
 from server.figures.skeleton import finger_traces

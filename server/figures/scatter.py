@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from fingermodel.comparison import PLANES, CaseComparison, Comparison
+from fingermodel.comparison.comparison import PLANES, CaseComparison, Comparison
 from fingermodel.fingers import Plane
 from server.figures.style import (
     BAND,

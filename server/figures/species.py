@@ -11,7 +11,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from fingermodel.comparison import CaseComparison
+from fingermodel.comparison.comparison import CaseComparison
 from fingermodel.studies.published import ours, verdict
 from fingermodel.studies.species import SpeciesResult
 from fingermodel.studies.species_sides import Load, Side, Spread, same_angles, shared

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from fingermodel import api
-from fingermodel.comparison import Comparison
+from fingermodel.comparison.comparison import Comparison
 from fingermodel.session import Session
 from server.figures.arrows import Spread, spread_between
 

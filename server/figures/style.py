@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from fingermodel.comparison import CaseComparison, ErrorSummary
+from fingermodel.comparison.comparison import CaseComparison, ErrorSummary
 from fingermodel.fingers import Plane
 
 WIDTH = 960

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from fingermodel.comparison import Comparison, ErrorSummary
+from fingermodel.comparison.comparison import Comparison, ErrorSummary
 from fingermodel.fingers import Plane
 from server.figures.style import (
     INK,

@@ -8,9 +8,9 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from fingermodel.comparison import CaseComparison, Comparison
+from fingermodel.comparison.comparison import CaseComparison, Comparison
+from fingermodel.comparison.observations import Observations
 from fingermodel.model import Model
-from fingermodel.observations import Observations
 from server.figures.arrows import Spread, area_of, arrow_traces, sector_trace
 from server.figures.panels import (
     Panel,

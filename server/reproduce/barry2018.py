@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.isometric.forces import IsometricFinger
 from fingermodel.muscles.muscle_files import read_muscles
 from fingermodel.studies.activation import DIRECTIONS, work_out

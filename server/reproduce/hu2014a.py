@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fingermodel.compilation import prepare_jax
+from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.studies.published import Row, not_available, row, row_about, row_within
 from server.figures.plot import Plot
 from server.reproduce.hu2014a_fingers import (

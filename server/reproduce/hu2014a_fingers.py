@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from daq.locations import data_dir
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.inverse.pressing import pressing_forces, pressing_posture, pressing_wrench
 from fingermodel.model import jax_values, posture_moment_arms, tip_kinematics_batch
 from fingermodel.scaling import match_moment_arms

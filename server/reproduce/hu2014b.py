@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from fingermodel.compilation import prepare_jax
+from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.inverse.pressing import pressing_forces
 from fingermodel.studies.published import Row, not_available, row
 from server.reproduce.hu2014a import PUSH

@@ -12,7 +12,7 @@ import yaml
 from numpy.typing import NDArray
 
 from daq.locations import data_dir
-from fingermodel.finger_files import finger_from_dict
+from fingermodel.fingers.files import finger_from_dict
 from fingermodel.hood.elastic import home, pulls_of, shape_of
 from fingermodel.hood.equilibrium import equilibria
 from fingermodel.hood.network import displacements

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from fingermodel import api
-from fingermodel.comparison import compare
+from fingermodel.comparison.comparison import compare
 from fingermodel.session import Session
 from server.reproduce.study import Progress, Sheet
 

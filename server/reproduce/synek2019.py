@@ -11,19 +11,19 @@ from daq.sessions import read_session
 from daq.signals.corrections import measure
 from daq.signals.friction import friction
 from fingermodel import api
-from fingermodel.comparison import Comparison, compare
+from fingermodel.comparison.comparison import Comparison, compare
+from fingermodel.comparison.superposition import superposition
 from fingermodel.scaling import mean_moment_arms
 from fingermodel.session import Session
 from fingermodel.studies.published import Row, not_available, row
-from fingermodel.superposition import superposition
 from server.figures.plot import Plot
 from server.reproduce.study import Progress, Reproduction, Sheet
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from fingermodel.comparison.observations import Observations
     from fingermodel.model import Model
-    from fingermodel.observations import Observations
 
 SPECIMENS = ("HMEAN", "H01", "H02", "H03")
 FLEXORS = (("DIP", "FDP"), ("PIP", "FDP"), ("MCP", "FDP"), ("PIP", "FDS"), ("MCP", "FDS"))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from daq.locations import data_dir
 from fingermodel.dynamics.inertia import SegmentShape, read_segments
 from fingermodel.dynamics.motion import Motion, read_motion
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.muscles.muscle_files import read_muscles
 from fingermodel.studies.movement import MovementResult, work_out
 from fingermodel.studies.published import Row, not_available, row, row_about, row_within

@@ -90,13 +90,13 @@ def build(settings: Settings) -> Services:
     Raises:
         InputError: the database cannot be used.
     """
-    from fingermodel.compilation import prepare_jax
+    from fingermodel.compiled.compilation import prepare_jax
 
     prepare_jax()
     # Two threads that load the array compiler at once would leave it half made: it is there before anybody asks.
     import fingermodel.effects.catalogue
     import fingermodel.model  # noqa: F401
-    from fingermodel.finger_files import finger_names
+    from fingermodel.fingers.files import finger_names
     from server.service.jobs.service import JobService
     from server.service.jobs.supervisor import Supervisor
     from server.service.jobs.task_kinds import task_kinds

@@ -90,7 +90,7 @@ def cases() -> dict[str, tuple[str, dict[str, float]]]:
 
 def wrenches(folder: Path) -> dict[str, list[float]]:
     """What the simulated finger does to the cell in each case, its hangers counted."""
-    from fingermodel.finger_files import read_finger
+    from fingermodel.fingers.files import read_finger
     from fingermodel.rig import simulate_session
 
     heavier = [{k: [{m: g + HANGER_G for m, g in hung.items()} for hung in v] if k == "masses_g" else v

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from daq.locations import data_dir
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from tests.browser.pages import Watched, require_browser, served, violations
 
 require_browser()

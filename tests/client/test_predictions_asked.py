@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daq.errors import InputError
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.model import clamp_forces_batch, jax_values
 from fingertwin.client import Client, ServiceError
 from fingertwin.client import predictions as asking

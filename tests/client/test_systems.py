@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fingermodel.finger_files import finger_names, read_finger
+from fingermodel.fingers.files import finger_names, read_finger
 from fingertwin.client import Client, ServiceError
 from server.reproduce.study import STUDIES
 

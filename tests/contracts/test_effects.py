@@ -21,8 +21,8 @@ from fingermodel.budget import CERTIFICATE, anatomy_parameters, budget_effects
 from fingermodel.effects.catalogue import CATALOGUE
 from fingermodel.effects.contract import RESERVED, contract_faults
 from fingermodel.effects.user import load_effect, shipped_effects
-from fingermodel.finger_files import read_finger
 from fingermodel.fingers import FingerValues, Topology
+from fingermodel.fingers.files import read_finger
 from fingermodel.model import Structure, jax_values, predict_parts
 from fingermodel.parameters import Parameter
 from fingermodel.stages import Effect, Layout, LoadCaseInput

@@ -10,7 +10,7 @@ from daq.errors import ModelError
 from fingermodel.effects.catalogue import EFFECTS
 from fingermodel.effects.contract import flat_faults
 from fingermodel.effects.user import load_effect, shipped_effects
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.stages import Effect, Layout
 
 LAYOUT = Layout((("hook", 0), ("minor_flexion", 0)), (("tip", 0), ("bone", 0)))

@@ -47,7 +47,7 @@ def every_module_of(path: list[str], name: str) -> tuple[str, ...]:
     return (name, *(m.name for m in pkgutil.walk_packages(path, f"{name}.") if "_data" not in m.name))
 
 
-@pytest.mark.parametrize("module", ["fingermodel", "fingermodel.model", "fingermodel.identification"])
+@pytest.mark.parametrize("module", ["fingermodel", "fingermodel.model", "fingermodel.fitting.identification"])
 def test_physics_loads_no_hardware_no_web_no_drawing(module: str) -> None:
     assert loaded_by(module).isdisjoint(HARDWARE_WEB_DRAWING)
 

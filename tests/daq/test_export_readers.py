@@ -12,9 +12,9 @@ import polars as pl
 import pytest
 
 from daq.errors import InputError
+from daq.export import excel as export_excel
 from daq.export.excel import write_excel
 from daq.export.tables import case_columns, describe_columns, export_cases
-from daq.export.tables import excel as export_excel
 from daq.sessions import read_session
 from daq.signals.corrections import measure
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from daq.locations import data_dir
 from fingermodel.extensor import segment_tensions
-from fingermodel.finger_files import finger_from_dict, read_finger
 from fingermodel.fingers import Finger
+from fingermodel.fingers.files import finger_from_dict, read_finger
 from fingermodel.hood.parts import ElasticHood
 from fingermodel.hood.sharing import bone_lengths
 from fingermodel.kinematics import joint_poses

@@ -13,8 +13,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fingermodel.finger_files import finger_names, read_finger
 from fingermodel.fingers import Finger
+from fingermodel.fingers.files import finger_names, read_finger
 from fingermodel.hood.parts import ElasticHood
 from fingermodel.model import clamp_forces_batch, jax_values, tip_kinematics_batch
 from tests.fingermodel.fingers import six_axes, straight

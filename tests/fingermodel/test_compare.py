@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fingermodel.comparison import CaseComparison, Comparison, summarise
-from fingermodel.superposition import superposition
+from fingermodel.comparison.comparison import CaseComparison, Comparison, summarise
+from fingermodel.comparison.superposition import superposition
 from server.application.workflow import compare_bench
 from tests.fingermodel.fingers import PUBLISHED, open_bench
 

@@ -17,7 +17,7 @@ from fingermodel.effects.contract_cases import states_before
 from fingermodel.effects.formula import FORMAT
 from fingermodel.effects.formula_effect import FormulaEffect
 from fingermodel.effects.user import effect_document, effect_from_dict, load_effect, shipped_effects
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.model import ANY_LAYOUT, Model, jax_values, predict_case, reading_jacobian
 from fingermodel.stages import LoadCaseInput
 from tests.fingermodel.effect_documents import K, document, made, one_line

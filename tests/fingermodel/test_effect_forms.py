@@ -18,8 +18,8 @@ from fingermodel.effects.rig_friction import RigFriction
 from fingermodel.effects.suture_angle import SutureAngle
 from fingermodel.effects.tare_drift import TareDrift
 from fingermodel.effects.worn_pulley import WornPulley
-from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.model import jax_values
 from fingermodel.stages import Effect, LoadCaseInput, State
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from fingermodel.finger_files import finger_names, read_finger
+from fingermodel.fingers.files import finger_names, read_finger
 from fingermodel.model_files import read_revision
 from server import cli
 from tests.fingermodel.exchanged import shared_fingers

@@ -16,8 +16,8 @@ from fingermodel.exchange.mjcf import write_mjcf
 from fingermodel.exchange.osim import write_osim
 from fingermodel.exchange.read_mjcf import read_mjcf
 from fingermodel.exchange.read_osim import read_osim
-from fingermodel.finger_files import finger_names, read_finger, write_finger
 from fingermodel.fingers import Finger
+from fingermodel.fingers.files import finger_names, read_finger, write_finger
 from fingermodel.model import posture_moment_arms
 from tests.fingermodel.exchanged import (
     Floats,

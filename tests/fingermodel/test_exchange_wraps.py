@@ -16,7 +16,7 @@ from fingermodel.exchange.mjcf import write_mjcf
 from fingermodel.exchange.osim import write_osim
 from fingermodel.exchange.read_mjcf import read_mjcf
 from fingermodel.exchange.read_osim import read_osim
-from fingermodel.finger_files import finger_from_dict
+from fingermodel.fingers.files import finger_from_dict
 from fingermodel.model import posture_moment_arms
 from tests.fingermodel.exchanged import Floats, finger_called, postures, required
 from tests.fingermodel.foreign_chains import (

@@ -14,12 +14,12 @@ from numpy.testing import assert_allclose
 
 from daq.errors import ModelError
 from daq.locations import data_dir
-from fingermodel.comparison import compare
-from fingermodel.finger_files import finger_document, finger_names, read_finger, write_finger
-from fingermodel.identification import refit_map
+from fingermodel.comparison.comparison import compare
+from fingermodel.comparison.observations import layout_of
+from fingermodel.fingers.files import finger_document, finger_names, read_finger, write_finger
+from fingermodel.fitting.identification import refit_map
+from fingermodel.fitting.problems import map_problem
 from fingermodel.model_files import free_path, load_model, read_revision, revision_document, write_revision
-from fingermodel.observations import layout_of
-from fingermodel.problems import map_problem
 from tests.fingermodel.fingers import FINGERS, open_bench
 
 

@@ -14,7 +14,7 @@ from daq.sessions.protocols import plan, read_protocol
 from daq.signals.corrections import measure
 from daq.signals.friction import friction
 from daq.standins.simulated import SimulatedCell
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.rig import simulate_session
 from server.commands.bench import friction_of
 

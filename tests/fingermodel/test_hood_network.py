@@ -20,7 +20,7 @@ from daq.locations import data_dir
 from fingermodel.effects.hood_shift import HoodShift
 from fingermodel.exchange.sharing import segment_shares
 from fingermodel.extensor import segment_tensions
-from fingermodel.finger_files import finger_document, finger_from_dict, read_finger
+from fingermodel.fingers.files import finger_document, finger_from_dict, read_finger
 from fingermodel.hood.elastic import home
 from fingermodel.hood.sharing import bone_lengths
 from fingermodel.kinematics import joint_poses
@@ -119,7 +119,7 @@ def test_effects_on_fixed_fractions_have_nothing_to_act_on() -> None:
 def test_a_finger_with_fixed_fractions_does_without_the_network() -> None:
     """Neither imported nor traced: such fingers start as soon as before."""
     said = (
-        "import sys; import fingermodel.model; from fingermodel.finger_files import read_finger; "
+        "import sys; import fingermodel.model; from fingermodel.fingers.files import read_finger; "
         "finger = read_finger('an1979_middle'); values = fingermodel.model.jax_values(finger.values); "
         "fingermodel.extensor.segment_tensions(finger.topology, values, values.suture[:, 0]); "
         "print(sorted(m for m in sys.modules if m.startswith('fingermodel.hood.')))"

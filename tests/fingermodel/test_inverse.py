@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from daq.errors import InputError, ModelError
-from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Finger, Hood, Topology
+from fingermodel.fingers.files import read_finger
 from fingermodel.inverse.areas import areas_of
 from fingermodel.inverse.closures import NAMES, closure_of, slip_names
 from fingermodel.inverse.equilibrium import Balance, Cases, anatomy_of, balances

@@ -15,8 +15,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from fingermodel.extensor import segment_tensions
-from fingermodel.finger_files import read_finger
 from fingermodel.fingers import FingerValues, Topology
+from fingermodel.fingers.files import read_finger
 from fingermodel.kinematics import TipKinematics, joint_poses, tip_kinematics
 from fingermodel.model import clamp_forces_batch, jax_values, posture_moment_arms
 from fingermodel.statics import ClampForces, clamp_forces, joint_loads, joint_torques

@@ -10,8 +10,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from fingermodel.finger_files import read_finger
 from fingermodel.fingers import WRAPS, Finger, FingerValues, Joint, Segment, Topology
+from fingermodel.fingers.files import read_finger
 from fingermodel.many_cases import CHUNK, many_cases, suits
 from fingermodel.model import clamp_forces_batch, forces_of_any, jax_values, tip_kinematics_batch
 from tests.fingermodel.fingers import FINGERS, six_axes, straight

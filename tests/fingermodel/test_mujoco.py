@@ -9,8 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Finger, FingerValues, Topology
+from fingermodel.fingers.files import read_finger
 from fingermodel.model import clamp_forces_batch, jax_values, posture_moment_arms, tip_kinematics_batch
 from tests.fingermodel.fingers import FINGERS, Floats, six_axes, straight
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from daq.errors import ModelError
 from daq.locations import data_dir
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.muscles.hill import (
     CURVES,
     AnyMuscle3E,

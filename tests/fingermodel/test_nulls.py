@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from daq.sessions.protocols import read_protocol
 from daq.standins.simulated import SimulatedCell
+from fingermodel.comparison.observations import Observations
+from fingermodel.comparison.reading_noise import Noise, SharedTare
 from fingermodel.diagnosis.model_free.budget import readings_of
 from fingermodel.diagnosis.model_free.nulls import Null, moments_violated, nulls
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.model import Model, jax_values, tip_kinematics_batch
-from fingermodel.observations import Observations
-from fingermodel.reading_noise import Noise, SharedTare
 from fingermodel.rig import simulate_session
 from fingermodel.stages import LoadCaseInput
 from tests.fingermodel.fingers import PUBLISHED, Bench, open_bench

@@ -12,12 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from fingermodel.compiled.programs import stored
 from fingermodel.effects.user import load_effect
-from fingermodel.finger_files import read_finger
-from fingermodel.identification import solve, whole_slopes
+from fingermodel.fingers.files import read_finger
+from fingermodel.fitting.identification import solve, whole_slopes
+from fingermodel.fitting.problems import map_problem, residual_at
 from fingermodel.model import Model, predict_case
-from fingermodel.problems import map_problem, residual_at
-from fingermodel.programs import stored
 from fingermodel.stages import LoadCaseInput
 from server.application.workflow import open_bench
 from tests.own_effect import python_file

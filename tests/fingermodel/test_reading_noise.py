@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fingermodel.reading_noise import Noise, SharedTare
+from fingermodel.comparison.reading_noise import Noise, SharedTare
 from server.application.workflow import Bench, open_bench
 
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.recruitment.minmax import Recruitment, RecruitmentError, min_max, reserve_torques
 from fingermodel.recruitment.moments import arms_and_excursions
 

@@ -15,10 +15,10 @@ from daq.recordings.readings import open_readings
 from daq.sessions.protocols import plan, read_protocol
 from daq.signals.corrections import measure
 from daq.standins.simulated import LoadStep, SimulatedCell, readings
-from fingermodel.finger_files import read_finger
-from fingermodel.identification import refit_map
-from fingermodel.observations import observe
-from fingermodel.problems import map_problem
+from fingermodel.comparison.observations import observe
+from fingermodel.fingers.files import read_finger
+from fingermodel.fitting.identification import refit_map
+from fingermodel.fitting.problems import map_problem
 from fingermodel.rig import simulate_session
 from tests.fingermodel.fingers import Bench, open_bench
 

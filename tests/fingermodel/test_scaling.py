@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from daq.errors import ModelError
-from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.model import clamp_forces_batch, jax_values
 from fingermodel.scaling import (
     flexion_arms,

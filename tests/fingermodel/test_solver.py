@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
-from fingermodel.solver import CONVERGED, NOT_FINITE, STALLED, Solution, minimise
+from fingermodel.fitting.solver import CONVERGED, NOT_FINITE, STALLED, Solution, minimise
 
 
 def _solve(seed: int, reach: float, bend: float = 0.3) -> tuple[Solution, float]:

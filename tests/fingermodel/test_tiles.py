@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from fingermodel.tiles import Floats, Tiles
+from fingermodel.fitting.tiles import Floats, Tiles
 
 
 @given(

@@ -12,8 +12,8 @@ from daq.errors import ModelError
 from fingermodel.effects.contract_cases import states_before
 from fingermodel.effects.formula_effect import FormulaEffect
 from fingermodel.effects.user import load_effect
-from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Topology
+from fingermodel.fingers.files import read_finger
 from fingermodel.model import ANY_LAYOUT
 from fingermodel.stages import Layout, LoadCaseInput, State
 from tests.fingermodel.effect_documents import SHARE, made, one_line, with_unit

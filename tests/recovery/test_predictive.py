@@ -8,7 +8,7 @@ import numpy as np
 
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.verdict.predictive import check, predicted
-from fingermodel.identification import drawn_starts, slopes_of
+from fingermodel.fitting.identification import drawn_starts, slopes_of
 from server.application.diagnosing import run_diagnosis
 from server.application.workflow import open_bench
 

@@ -13,13 +13,13 @@ from scipy import stats
 from daq.sessions.protocols import read_protocol
 from daq.standins.simulated import SimulatedCell
 from fingermodel.budget import CERTIFICATE, SYNEK2019
-from fingermodel.eq5 import refit_slsqp
-from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Finger
-from fingermodel.fit_report import Fit
-from fingermodel.identification import refit_map
+from fingermodel.fingers.files import read_finger
+from fingermodel.fitting.eq5 import refit_slsqp
+from fingermodel.fitting.fit_report import Fit
+from fingermodel.fitting.identification import refit_map
+from fingermodel.fitting.problems import eq5_problem, map_problem, objective_at
 from fingermodel.model import Model
-from fingermodel.problems import eq5_problem, map_problem, objective_at
 from fingermodel.rig import simulate_session
 from fingermodel.stages import Layout
 from server.application.workflow import Bench, open_bench, refit_bench

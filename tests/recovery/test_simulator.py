@@ -14,7 +14,7 @@ import pytest
 from daq.checks import check
 from daq.sessions import read_session
 from daq.signals.corrections import measure
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.model import clamp_forces_batch, jax_values
 from server.application.workflow import open_bench
 from tests.simulator import CATALOGUE, OUTSIDE, PROTOCOLS, Size, Truth, draw_session, draw_truth

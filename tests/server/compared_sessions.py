@@ -10,12 +10,12 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from fingermodel.comparison import CaseComparison, Comparison, compare
-from fingermodel.finger_files import read_finger
+from fingermodel.comparison.comparison import CaseComparison, Comparison, compare
+from fingermodel.comparison.observations import Observations
+from fingermodel.comparison.reading_noise import Noise
 from fingermodel.fingers import Finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.model import Model
-from fingermodel.observations import Observations
-from fingermodel.reading_noise import Noise
 from fingermodel.stages import Layout, LoadCaseInput
 
 POSTURES = {"hook": (0.0, 65.0, 50.0), "minor_flexion": (40.0, 55.0, 35.0), "hyperextension": (-20.0, 50.0, 45.0)}

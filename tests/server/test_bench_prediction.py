@@ -10,7 +10,7 @@ from daq.bench.forces import Likens
 from daq.sessions import read_session
 from daq.sessions.models import LoadCase
 from daq.sessions.protocols import Protocol
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.rig import simulate_session
 from server.application.bench_prediction import predictor
 from tests.daq.bench_plays import PROTOCOL, setup

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import plotly.graph_objects as go
 
-from fingermodel.comparison import Comparison
+from fingermodel.comparison.comparison import Comparison
 from server.figures.comparison import comparison_report
 from server.figures.report import Picture, Section, Table, report_html, write_report
 from server.figures.static import write_static

@@ -14,7 +14,7 @@ import plotly.graph_objects as go
 import pytest
 from matplotlib.image import imread
 
-from fingermodel.comparison import CaseComparison, Comparison
+from fingermodel.comparison.comparison import CaseComparison, Comparison
 from server.figures.arrows import BETWEEN, MEASURED, NOMINAL, Spread, area_of, sector, spread_between
 from server.figures.bone import bone_figure
 from server.figures.comparison import comparison_figures

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import linprog
 
 from daq.locations import data_dir
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.muscles.muscle_files import read_muscles
 from fingermodel.recruitment.moments import arms_and_excursions
 from fingermodel.studies.movement import MovementResult, move

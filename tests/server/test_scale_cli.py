@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.studies.scaling import scale_finger, scaled_document
 from tests.server.command_line import Document, refused, run
 

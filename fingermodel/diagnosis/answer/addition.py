@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ModelError
+from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import Hyperparameters
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidate, Candidates, Member
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.effects.formula_tree import near
-from fingermodel.fit_report import Fit
-from fingermodel.identification import refit_map
+from fingermodel.fitting.fit_report import Fit
+from fingermodel.fitting.identification import refit_map
+from fingermodel.fitting.problems import map_problem
 from fingermodel.model import Model
-from fingermodel.observations import Observations
-from fingermodel.problems import map_problem
 
 Floats = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 from scipy.special import chdtrc
 
-from fingermodel.observations import Observations
+from fingermodel.comparison.observations import Observations
 
 Floats = NDArray[np.float64]
 Verdict = Literal["holds", "violated", "not_tested"]

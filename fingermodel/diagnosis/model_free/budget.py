@@ -15,9 +15,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.answer import Residuals, figure
 from fingermodel.model import Model, jax_values, tips_of
-from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]

@@ -13,10 +13,10 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
+from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.answer import figure
 from fingermodel.diagnosis.model_free.budget import Readings, readings_of
 from fingermodel.model import Model
-from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
 

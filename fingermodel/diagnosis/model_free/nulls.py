@@ -14,13 +14,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.answer import Null, Residuals, concluded, count, figure, not_tested, pm
 from fingermodel.diagnosis.model_free.budget import Readings, readings_of
 from fingermodel.diagnosis.model_free.frames import mistake_in
 from fingermodel.diagnosis.model_free.loads import load_levels, repeats, superposition
 from fingermodel.fingers import COMPONENTS
 from fingermodel.model import Model
-from fingermodel.observations import Observations
 
 __all__ = ["Null", "nulls"]
 Floats = NDArray[np.float64]

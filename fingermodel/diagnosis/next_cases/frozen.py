@@ -21,8 +21,8 @@ from scipy.special import chdtrc
 from daq.documents import unique_keys
 from daq.errors import ModelError
 from daq.files import replacing
+from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.next_cases.next_cases import Plan
-from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
 FORMAT = "fingertwin-frozen/1"

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.comparison import muscles_of
+from fingermodel.comparison.comparison import muscles_of
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.gaussian import root_of
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import free_mask
 from fingermodel.diagnosis.settings import LIVE, SEED, WORTH_NAT
-from fingermodel.identification import slopes_of
+from fingermodel.fitting.identification import slopes_of
 from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]

@@ -13,8 +13,8 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.posterior.whitening import Whitening
 from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, free_mask
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.identification import reading_slopes, solve
-from fingermodel.solver import CONVERGED, STALLED
+from fingermodel.fitting.identification import reading_slopes, solve
+from fingermodel.fitting.solver import CONVERGED, STALLED
 
 Floats = NDArray[np.float64]
 

@@ -19,8 +19,8 @@ from fingermodel.diagnosis.posterior.hyper import FAMILIES, NOISE, SCATTER, Hype
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Rows, Session, WhitenedSmooth, whitened
-from fingermodel.fit_report import held_at_bound
-from fingermodel.identification import slopes_of
+from fingermodel.fitting.fit_report import held_at_bound
+from fingermodel.fitting.identification import slopes_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]

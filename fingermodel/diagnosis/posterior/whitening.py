@@ -10,7 +10,7 @@ from scipy.linalg import solve_triangular
 
 from fingermodel.diagnosis.posterior.gaussian import add_one, inverse_of
 from fingermodel.diagnosis.session_model.session import Rows, whitened
-from fingermodel.tiles import Tiles
+from fingermodel.fitting.tiles import Tiles
 
 Floats = NDArray[np.float64]
 

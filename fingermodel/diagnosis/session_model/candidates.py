@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.settings import P_NOTHING, P_OUTSIDE, P_SIZES
+from fingermodel.fitting.problems import out_of_plane
 from fingermodel.model import Model
-from fingermodel.problems import out_of_plane
 
 
 @dataclass(frozen=True)

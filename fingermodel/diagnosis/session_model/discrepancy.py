@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk
 from scipy.linalg.lapack import dpstrf
 
+from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.settings import LEVER_MM, POSTURE_RAD
-from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]

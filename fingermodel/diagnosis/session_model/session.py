@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import SessionError
+from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.session_model.bad_cases import bad_size
 from fingermodel.diagnosis.session_model.discrepancy import Places, constant_columns, loaded_columns, torque_columns
 from fingermodel.diagnosis.settings import CLAMP_SHARE, LEVER_MM
 from fingermodel.fingers import Plane
+from fingermodel.fitting.problems import Problem, weighted_problem
 from fingermodel.model import Model, tips_of
-from fingermodel.observations import Observations
-from fingermodel.problems import Problem, weighted_problem
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]

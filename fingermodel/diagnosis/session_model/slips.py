@@ -13,11 +13,11 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.settings import AMOUNT, FORM_SCALE, SLIP_SHARES
 from fingermodel.model import Model
-from fingermodel.observations import Observations
 from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.diagnose import Diagnosis, diagnose
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.gaussian import Quadratic, log_mass
@@ -32,7 +33,6 @@ from fingermodel.diagnosis.several_sessions.several_verdict import (
 from fingermodel.diagnosis.several_sessions.shared_deciding import deciding
 from fingermodel.diagnosis.several_sessions.shared_finding import SharedFinding, shared_finding
 from fingermodel.model import Model
-from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
 

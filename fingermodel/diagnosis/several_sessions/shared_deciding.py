@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.comparison import muscles_of
+from fingermodel.comparison.comparison import muscles_of
+from fingermodel.comparison.reading_noise import Noise
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, feasible, information, inputs_of
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import LEVER_MM, SEED, WORTH_NAT
 from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw
 from fingermodel.diagnosis.verdict.hints import library
-from fingermodel.reading_noise import Noise
 from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.comparison import muscles_of
+from fingermodel.comparison.comparison import muscles_of
 from fingermodel.diagnosis.posterior.hyper import BUDGET, NOISE, Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.marginals import Posterior, weighed
@@ -24,7 +25,6 @@ from fingermodel.diagnosis.session_model.bad_cases import gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
 from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.settings import GAIN_SPREAD, P_FAULT, SUSPECT
-from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
 Kind = Literal["tendon_labels", "side", "posture", "mass_unit", "axes", "unit", "gain", "tare"]

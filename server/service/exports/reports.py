@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from daq.findings import Finding
     from daq.sessions.models import Session
-    from fingermodel.comparison import Comparison
+    from fingermodel.comparison.comparison import Comparison
     from server.figures.arrows import Spread
     from server.figures.report import Section
 

@@ -34,7 +34,7 @@ class Told:
 
 def told_of(documents: Sequence[Mapping[str, Any]]) -> list[Told]:
     """Return what labels may name of the cases of a session's document."""
-    from fingermodel.comparison import muscles_of
+    from fingermodel.comparison.comparison import muscles_of
 
     return [
         Told(str(c["id"]), str(c.get("role")), str(c.get("location")), muscles_of(c.get("masses_g") or {}),

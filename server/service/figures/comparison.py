@@ -12,7 +12,7 @@ from server.figures.before import with_before
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-    from fingermodel.comparison import Comparison
+    from fingermodel.comparison.comparison import Comparison
     from server.figures.arrows import Spread
 
 Plane = Literal["sagittal", "space"]

@@ -136,7 +136,7 @@ class Figures:
         own = parts.effects.named([effect])
 
         def draw() -> dict[str, Any]:
-            from fingermodel.comparison import compare
+            from fingermodel.comparison.comparison import compare
             from server.figures.effect_change import effect_figure
             from server.figures.style import NothingToDrawError
 

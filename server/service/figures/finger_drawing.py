@@ -93,7 +93,7 @@ def held_finger(
     parts: Services, measured: Measured, posture: str | None, case: str | None, model: str | None
 ) -> HeldFinger:
     """Put together what a drawing shows; arguments and errors as of `draw_finger`."""
-    from fingermodel.observations import posture_rad
+    from fingermodel.comparison.observations import posture_rad
 
     name, document = measured.record.id, measured.record.document
     if document is None:
@@ -116,7 +116,7 @@ def held_finger(
 
 def _model(parts: Services, measured: Measured, model: str | None) -> Finger | Revision:
     """The model that a drawing is asked for with; by default the session's own finger."""
-    from fingermodel.finger_files import read_finger
+    from fingermodel.fingers.files import read_finger
 
     found = parts.twins.model(model, measured)
     if found is None:

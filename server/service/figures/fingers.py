@@ -19,7 +19,7 @@ def known_finger(name: str) -> str:
     Raises:
         ProblemError: 404 there is none of that name.
     """
-    from fingermodel.finger_files import finger_names
+    from fingermodel.fingers.files import finger_names
 
     if name not in finger_names():
         raise not_found("finger", name, "/api/v1/fingers")
@@ -29,7 +29,7 @@ def known_finger(name: str) -> str:
 @lru_cache(maxsize=64)
 def finger_shown(name: str) -> dict[str, Any]:
     """A shipped finger without its numbers."""
-    from fingermodel.finger_files import read_finger
+    from fingermodel.fingers.files import read_finger
     from fingermodel.muscles.muscle_files import muscle_set_names
 
     finger = read_finger(name)
@@ -55,7 +55,7 @@ def exported(name: str, file_format: str) -> tuple[str, str, tuple[str, ...]]:
         ModelError: a finger that the format cannot hold.
     """
     from daq.locations import data_dir
-    from fingermodel.finger_files import read_finger
+    from fingermodel.fingers.files import read_finger
     from server.application.exchange import ENDINGS, written_finger
 
     if file_format == "finger":
@@ -89,7 +89,7 @@ def imported(name: str, text: str, load_point_mm: Sequence[float] | None) -> dic
     """
     import numpy as np
 
-    from fingermodel.finger_files import finger_text
+    from fingermodel.fingers.files import finger_text
     from server.application.exchange import UNSOURCED, imported_body, read_foreign
 
     with TemporaryDirectory(prefix="fingertwin-", ignore_cleanup_errors=True) as folder:
@@ -113,7 +113,7 @@ def scaled(
     Raises:
         InputError: an unknown bone or tendon, or a length beyond reason.
     """
-    from fingermodel.finger_files import finger_from_dict, finger_text
+    from fingermodel.fingers.files import finger_from_dict, finger_text
     from fingermodel.studies.scaling import scale_finger, scaled_document, scaled_heading
 
     found = scale_finger(finger, bones_mm, moment_arms_mm, reference_mm, name)

@@ -34,7 +34,7 @@ def invertible(parts: Services, session: str, closure: str, model: str | None, t
 def movement_choices() -> dict[str, list[str]]:
     """What a movement can be asked with."""
     from fingermodel.dynamics.motion import motion_names
-    from fingermodel.finger_files import finger_names
+    from fingermodel.fingers.files import finger_names
     from fingermodel.muscles.muscle_files import muscle_set_names
 
     fingers = [name for name in finger_names() if finger_shown(name)["moves"]]
@@ -53,7 +53,7 @@ def movement(asked: dict[str, Any], theme: Theme | None) -> dict[str, Any]:
         ProblemError: 404 there is no such movement, finger or muscle set.
     """
     from fingermodel.dynamics.motion import motion_from_dict, read_motion
-    from fingermodel.finger_files import read_finger
+    from fingermodel.fingers.files import read_finger
     from fingermodel.muscles.muscle_files import read_muscles
     from fingermodel.studies.movement import work_out
     from server.figures.movement import movement_plots

@@ -12,7 +12,7 @@ from server.service.sessions.measuring import Measured
 from server.service.web.problems import ProblemError, not_found
 
 if TYPE_CHECKING:
-    from fingermodel.comparison import Comparison
+    from fingermodel.comparison.comparison import Comparison
     from fingermodel.stages import Effect
     from server.figures.arrows import Spread
     from server.figures.effect_change import Setting

@@ -119,7 +119,7 @@ class BenchInput:
 
     def _model(self) -> Finger | Revision:
         """The model itself: no name in a document is ever taken for a path."""
-        from fingermodel.finger_files import finger_from_dict, finger_names, read_finger
+        from fingermodel.fingers.files import finger_from_dict, finger_names, read_finger
         from fingermodel.model_files import revision_of
 
         if isinstance(self.model, Mapping):

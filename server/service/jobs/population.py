@@ -30,9 +30,9 @@ from server.service.jobs.population_summary import Result, summarise
 from server.service.jobs.worker import Tell
 
 if TYPE_CHECKING:
-    from fingermodel.comparison import Comparison
-    from fingermodel.fit_report import Fit
-    from fingermodel.observations import Observations
+    from fingermodel.comparison.comparison import Comparison
+    from fingermodel.comparison.observations import Observations
+    from fingermodel.fitting.fit_report import Fit
     from server.application.workflow import Bench
 
 Floats = NDArray[np.float64]
@@ -177,9 +177,9 @@ def fit_part(part: Part) -> Result:
 
 
 def _refitted(bench: Bench, part: Part, estimate: Result) -> tuple[Fit, Comparison]:
-    from fingermodel.comparison import compare
-    from fingermodel.identification import refit_map
-    from fingermodel.problems import map_problem
+    from fingermodel.comparison.comparison import compare
+    from fingermodel.fitting.identification import refit_map
+    from fingermodel.fitting.problems import map_problem
 
     observations = drawn(bench, part.seed, part.bench.id, part.replicate)
     problem = map_problem(bench.model, observations, None, estimate["effect_parameters"])
@@ -199,7 +199,7 @@ def drawn(bench: Bench, seed: int, session: str, replicate: int) -> Observations
         session: its id.
         replicate: number of the draw.
     """
-    from fingermodel.problems import map_problem
+    from fingermodel.fitting.problems import map_problem
 
     problem = map_problem(bench.model, bench.observations)
     digest = hashlib.sha256(f"{seed}/{session}/{replicate}".encode()).digest()

@@ -84,7 +84,7 @@ class SessionEstimate:
             InputError, KeyError, TypeError, ValueError: it is no event of a bench.
         """
         if event.kind == STARTED:
-            from fingermodel.finger_files import finger_names
+            from fingermodel.fingers.files import finger_names
 
             self._bench = None
             setup = BenchSetup.of_value(event.value)

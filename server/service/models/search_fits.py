@@ -53,7 +53,7 @@ def fit_revision(bench: Bench, name: str, found: dict[str, Any]) -> Revision:
         name: as in `asked`.
         found: the row of the ranking.
     """
-    from fingermodel.finger_files import finger_document
+    from fingermodel.fingers.files import finger_document
     from fingermodel.model_files import FORMAT, revision_of
     from server.application.workflow import at_fit, held_by
 

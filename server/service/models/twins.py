@@ -26,7 +26,7 @@ from server.service.storage.schema import chunks, streams
 from server.service.web.problems import ProblemError, shortened
 
 if TYPE_CHECKING:
-    from fingermodel.comparison import Comparison
+    from fingermodel.comparison.comparison import Comparison
     from fingermodel.fingers import Finger
     from fingermodel.model_files import Revision
     from fingermodel.stages import Effect
@@ -177,7 +177,7 @@ class Twins:
             return known
         found = self.model(model)
         if found is None or isinstance(found, str):
-            from fingermodel.finger_files import read_finger
+            from fingermodel.fingers.files import read_finger
 
             found = read_finger(model)
         made = Predictor(found)
@@ -215,7 +215,7 @@ class Twins:
 
     def compared_body(self, measured: Measured, bench: Bench, comparison: Comparison) -> dict[str, Any]:
         """The contract's comparison, blind where it has to be, with what it came from."""
-        from fingermodel.comparison import Comparison as Cases
+        from fingermodel.comparison.comparison import Comparison as Cases
         from server.application.workflow import provenance
 
         blinded = []
@@ -269,7 +269,7 @@ class Twins:
         document = measured.record.document or {}
         finger = document.get(FINGER_DOCUMENT)
         if finger is not None:
-            from fingermodel.finger_files import finger_from_dict
+            from fingermodel.fingers.files import finger_from_dict
 
             return finger_from_dict(finger, f"the finger of {measured.record.id}")
         name = document.get("finger")

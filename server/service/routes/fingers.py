@@ -39,7 +39,7 @@ MEDIA = {"finger": "application/yaml", "osim": "application/xml", "mjcf": "appli
 @router.get("", responses=documented(FingerList, example={"schema": "fingertwin/fingers/1", "fingers": [FINGER]}))
 def listed() -> JsonAnswer:
     """List the fingers that come with the software: bones, joints, tendons, what they are judged in."""
-    from fingermodel.finger_files import finger_names
+    from fingermodel.fingers.files import finger_names
 
     rows = [finger_shown(name) for name in finger_names()]
     return JsonAnswer({"schema": "fingertwin/fingers/1", "fingers": rows})
@@ -48,7 +48,7 @@ def listed() -> JsonAnswer:
 @router.get("/{finger}", responses=documented(FingerRead))
 def one(finger: Name) -> JsonAnswer:
     """Return a finger with every number and its source."""
-    from fingermodel.finger_files import read_finger
+    from fingermodel.fingers.files import read_finger
 
     shown = finger_shown(known_finger(finger))
     return JsonAnswer(shown | {"document": read_finger(finger).document})

@@ -8,7 +8,7 @@ from server.service.sessions.measuring import Measured
 from server.service.web.problems import ProblemError
 
 if TYPE_CHECKING:
-    from fingermodel.comparison import Comparison
+    from fingermodel.comparison.comparison import Comparison
 
 HIDDEN = "The prediction is hidden until the session is closed."
 
@@ -22,7 +22,7 @@ def blinded(measured: Measured) -> frozenset[str]:
 
 def seen(measured: Measured, comparison: Comparison) -> Comparison:
     """Return a comparison without the cases that may not be seen yet."""
-    from fingermodel.comparison import Comparison as Cases
+    from fingermodel.comparison.comparison import Comparison as Cases
 
     if measured.record.closed:
         return comparison

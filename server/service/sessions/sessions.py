@@ -300,7 +300,7 @@ class Sessions:
             raise ProblemError(422, faults[0].found, faults[0].expected, faults[0].remedy, errors=more)
         finger = given.get(FINGER_DOCUMENT)
         if finger is not None:
-            from fingermodel.finger_files import finger_from_dict
+            from fingermodel.fingers.files import finger_from_dict
 
             finger_from_dict(finger, f"the finger of {name}")
         elif session.finger not in self.fingers:

@@ -206,7 +206,7 @@ def lay(files: Sent, mapping: Mapping[str, Any] | None, notes: str, finger: str,
         InputError: a recording, the mapping or the notebook cannot be used.
         ProblemError: the files or the finger cannot be taken.
     """
-    from fingermodel.finger_files import read_finger
+    from fingermodel.fingers.files import read_finger
     from server.figures.traces import traces_figure
 
     tendons = read_finger(known_finger(finger)).topology.muscles

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fingermodel.comparison import compare
+from fingermodel.comparison.comparison import compare
 from fingermodel.diagnosis.answer.where import where
-from fingermodel.problems import map_problem
+from fingermodel.fitting.problems import map_problem
 from server.application.workflow import open_bench
 
 

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 from daq.errors import ModelError
 from fingermodel.dynamics.inertia import EllipticCylinder, SegmentShape, chain_inertia, read_segments
-from fingermodel.finger_files import finger_from_dict, read_finger
+from fingermodel.fingers.files import finger_from_dict, read_finger
 
 sizes = st.floats(0.5, 40.0)
 

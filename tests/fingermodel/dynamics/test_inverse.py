@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from fingermodel.dynamics.inertia import ChainInertia, chain_inertia
 from fingermodel.dynamics.inverse import Movement, inverse_dynamics
-from fingermodel.finger_files import read_finger
 from fingermodel.fingers import FingerValues, Topology
+from fingermodel.fingers.files import read_finger
 from fingermodel.model import jax_values, tip_kinematics_batch
 from tests.fingermodel.fingers import six_axes
 

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 from daq.errors import ModelError
 from fingermodel.dynamics.motion import Motion, motion_names, read_motion
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 
 TOPOLOGY = read_finger("wu2008_index").topology
 MADE: dict[str, Any] = {

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from daq.errors import ModelError
 from daq.locations import data_dir
-from fingermodel.finger_files import finger_from_dict, read_finger
+from fingermodel.fingers.files import finger_from_dict, read_finger
 from fingermodel.isometric.baseline import least_activity
 from fingermodel.isometric.forces import IsometricFinger, Placed, hold, muscle_arms, muscle_lengths, place_jit
 from fingermodel.isometric.passive import passive_torque, read_passive

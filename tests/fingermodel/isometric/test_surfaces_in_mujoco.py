@@ -9,8 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from fingermodel.finger_files import read_finger
 from fingermodel.fingers import Finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.isometric.forces import IsometricFinger, muscle_arms
 from fingermodel.isometric.surfaces import read_wraps
 from fingermodel.muscles.muscle_files import read_muscles

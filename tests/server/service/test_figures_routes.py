@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from sqlalchemy import insert
 
-from fingermodel.comparison import compare
+from fingermodel.comparison.comparison import compare
 from server.application.diagnosis_report import diagnosis_figures
 from server.application.workflow import at_fit, compare_bench, open_bench
 from server.figures.comparison import comparison_figures

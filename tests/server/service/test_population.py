@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daq.errors import InputError
-from fingermodel.problems import map_problem
+from fingermodel.fitting.problems import map_problem
 from server.application.workflow import open_bench
 from server.service.jobs import population
 from server.service.jobs.bench_input import BenchInput

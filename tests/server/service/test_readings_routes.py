@@ -14,7 +14,7 @@ from daq.acquisition.blocks import Chunk
 from daq.recordings.readings import HEADERS
 from daq.sessions import read_session
 from daq.signals.corrections import measure
-from server.service.ingest.ingest import envelopes
+from server.service.ingest import envelopes
 from tests.daq.bench_plays import case, tared
 from tests.server.service.postgres import postgres_url
 from tests.server.service.recorded import STREAM, chunks_of, describe, document_of, put, upload

@@ -15,7 +15,7 @@ import yaml
 from sqlalchemy import insert
 
 from daq.locations import data_dir
-from fingermodel.finger_files import finger_from_dict, finger_names, read_finger
+from fingermodel.fingers.files import finger_from_dict, finger_names, read_finger
 from fingermodel.studies.activation import activate
 from fingermodel.studies.inversion import invert_bench
 from fingermodel.studies.movement import move

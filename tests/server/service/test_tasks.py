@@ -13,7 +13,7 @@ import pytest
 
 from daq.errors import InputError
 from daq.plain_json import clean
-from fingermodel.finger_files import read_finger
+from fingermodel.fingers.files import read_finger
 from server.application.additions import add_bench
 from server.application.diagnosing import diagnosis_answer, run_diagnosis
 from server.application.refitting import fit_body, refit_compared

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from daq.errors import ModelError
 from fingermodel.fingers import FingerValues
-from fingermodel.fit_report import Fit, Optimum, Outcome, describe
+from fingermodel.fitting.fit_report import Fit, Optimum, Outcome, describe
+from fingermodel.fitting.problems import Problem, objective_at
 from fingermodel.model import Model, Structure, predict_case
-from fingermodel.problems import Problem, objective_at
 from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]

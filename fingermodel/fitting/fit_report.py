@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.problems import Problem, residual_at
+from fingermodel.fitting.problems import Problem, residual_at
 
 Floats = NDArray[np.float64]
 # Of two parameters: they are listed from here on, and cannot be told apart from there on.

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 from pydantic import Field, PositiveFloat
 
 from daq.documents import Document
+from fingermodel.fingers.sourced import Sourced
 from fingermodel.hood.files import ElasticHoodBlock, Fraction
 from fingermodel.isometric.blocks import HeldPosture, Over, PassiveBlock, SurfaceBlock
-from fingermodel.sourced import Sourced
 
 Vector = tuple[float, float, float]
 

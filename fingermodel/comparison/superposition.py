@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.comparison import Comparison
+from fingermodel.comparison.comparison import Comparison
+from fingermodel.comparison.observations import Observations
 from fingermodel.model import Model, jax_values, tips_of
-from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
 

@@ -12,12 +12,12 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from fingermodel.compiled.programs import stored
 from fingermodel.fingers import FingerValues
-from fingermodel.fit_report import Fit, Optimum, Outcome, describe
+from fingermodel.fitting.fit_report import Fit, Optimum, Outcome, describe
+from fingermodel.fitting.problems import FittedReadings, Problem, Whitener, objective_at
+from fingermodel.fitting.solver import CONVERGED, NOT_FINITE, STALLED, Solution, minimise
 from fingermodel.model import Structure, parts_of, predict_batch, predict_parts
-from fingermodel.problems import FittedReadings, Problem, Whitener, objective_at
-from fingermodel.programs import stored
-from fingermodel.solver import CONVERGED, NOT_FINITE, STALLED, Solution, minimise
 from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]

@@ -21,7 +21,6 @@ from daq.documents import read_document, validated
 from daq.errors import ModelError
 from daq.files import replacing
 from daq.locations import data_dir
-from fingermodel.finger_document import FingerFile
 from fingermodel.fingers import (
     COMPONENTS,
     Finger,
@@ -32,10 +31,11 @@ from fingermodel.fingers import (
     Segment,
     Topology,
 )
+from fingermodel.fingers.document import FingerFile
+from fingermodel.fingers.sourced import Certainty
 from fingermodel.hood.files import ElasticHoodBlock, elastic_hood, with_network
 from fingermodel.hood.parts import ElasticHood
 from fingermodel.isometric.block_checks import check_blocks
-from fingermodel.sourced import Certainty
 
 WANTED = "a finger/1 file"
 

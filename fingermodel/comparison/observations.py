@@ -14,9 +14,9 @@ from daq.errors import ModelError, SessionError
 from daq.measured import MeasuredSession
 from daq.sessions import Session
 from fingermodel.budget import Budget
+from fingermodel.comparison.reading_noise import Noise, noise_of
 from fingermodel.fingers import Finger, Topology
 from fingermodel.model import jax_values, tip_kinematics_batch
-from fingermodel.reading_noise import Noise, noise_of
 from fingermodel.stages import Layout, LoadCaseInput
 
 Floats = NDArray[np.float64]

@@ -12,11 +12,11 @@ from jax import Array
 from numpy.typing import NDArray
 
 from daq.errors import SessionError
+from fingermodel.comparison.observations import Observations
 from fingermodel.fingers import FingerValues, Plane
+from fingermodel.fitting.tiles import Tiles
 from fingermodel.model import Model
-from fingermodel.observations import Observations
 from fingermodel.stages import LoadCaseInput
-from fingermodel.tiles import Tiles
 
 Floats = NDArray[np.float64]
 

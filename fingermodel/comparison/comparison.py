@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import InputError
+from fingermodel.comparison.observations import Observations
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
-from fingermodel.observations import Observations
 
 Floats = NDArray[np.float64]
 PLANES = {"sagittal": 2, "space": 3}

@@ -1,0 +1,34 @@
+"""Fingers: a finger's numbers, the schema of its file (`finger/1`), and reading and writing it.
+
+It imports `daq`'s documents, and the schemas of hood and muscle blocks; it knows no force.
+"""
+
+from __future__ import annotations
+
+from fingermodel.fingers.finger import (
+    COMPONENTS,
+    WRAPS,
+    Array,
+    Finger,
+    FingerValues,
+    FractionPrior,
+    Hood,
+    Joint,
+    Plane,
+    Segment,
+    Topology,
+)
+
+__all__ = [
+    "COMPONENTS",
+    "WRAPS",
+    "Array",
+    "Finger",
+    "FingerValues",
+    "FractionPrior",
+    "Hood",
+    "Joint",
+    "Plane",
+    "Segment",
+    "Topology",
+]
