@@ -16,16 +16,16 @@ from __future__ import annotations
 import hashlib
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.errors import InputError
 from daq.plain_json import clean
 from server.service.jobs.bench_input import BenchInput
-from server.service.jobs.executors import Executor, ExecutorSettings
+from server.service.jobs.executors import Executor
+from server.service.jobs.inputs import PopulationInput
 from server.service.jobs.population_summary import Result, summarise
 from server.service.jobs.worker import Tell
 
@@ -37,56 +37,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_MOST_REPLICATES = 10_000
-_MOST_FITS = 1_000_000
 # Benches that a process keeps open between fits.
 _KEPT_OPEN = 8
 _open: OrderedDict[tuple[str, bool], Bench] = OrderedDict()
-
-
-@dataclass(frozen=True, eq=False)
-class PopulationInput:
-    """What is to be fitted.
-
-    Attributes:
-        benches: sessions with their models.
-        effects: sets of candidates to add; an empty one is the plain refit.
-        bootstrap: replicates of each session.
-        seed: of their draws.
-        level: of the percentile intervals.
-        executor: where the fits are computed.
-    """
-
-    benches: tuple[BenchInput, ...]
-    effects: tuple[tuple[str, ...], ...] = ((),)
-    bootstrap: int = 100
-    seed: int = 0
-    level: float = 0.95
-    executor: ExecutorSettings = field(default_factory=ExecutorSettings)
-
-    def __post_init__(self) -> None:
-        names = [b.id for b in self.benches]
-        sets = [frozenset(e) for e in self.effects]
-        if not names or len(set(names)) < len(names):
-            raise InputError(f"sessions {', '.join(names)[:200] or 'none'}", "at least one, and each once")
-        if not sets or len(set(sets)) < len(sets):
-            raise InputError(f"{len(sets)} sets of effects, {len(set(sets))} different", "at least one, and each once")
-        if not 0 <= self.bootstrap <= _MOST_REPLICATES:
-            raise InputError(f"bootstrap {self.bootstrap}", f"replicates from 0 to {_MOST_REPLICATES}")
-        if not 0.5 <= self.level < 1.0:
-            raise InputError(f"level {self.level:g}", "0.5 or more and below 1")
-        if self.fits > _MOST_FITS:
-            raise InputError(f"{self.fits} fits", f"at most {_MOST_FITS}", "Ask for fewer replicates or sets at once")
-
-    @property
-    def fits(self) -> int:
-        """How many there are, those to the measured readings included."""
-        return len(self.benches) * len(self.effects) * (self.bootstrap + 1)
-
-    @property
-    def catalogue(self) -> bool:
-        """Whether the models must hold the catalogue of effects."""
-        return any(self.effects)
 
 
 @dataclass(frozen=True, eq=False)

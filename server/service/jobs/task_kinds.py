@@ -13,9 +13,16 @@ from daq.sessions.models import TensionEstimate
 from server.service.answers import plain
 from server.service.jobs.bench_input import BenchInput
 from server.service.jobs.executors import ExecutorSettings
+from server.service.jobs.inputs import (
+    AddInput,
+    DiagnoseInput,
+    NextInput,
+    PooledInput,
+    PopulationInput,
+    RefitInput,
+    ReproduceInput,
+)
 from server.service.jobs.kinds import Job, TaskKind
-from server.service.jobs.population import PopulationInput
-from server.service.jobs.tasks import AddInput, DiagnoseInput, NextInput, PooledInput, RefitInput, ReproduceInput
 from server.service.models.effects import OwnEffects
 from server.service.models.revisions import Revisions
 from server.service.models.twins import Twins

@@ -6,13 +6,11 @@ as the document that the command line would have written to a file.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from daq.errors import InputError
 from daq.plain_json import clean
 from server.service.jobs.bench_input import BenchInput
+from server.service.jobs.inputs import AddInput, DiagnoseInput, NextInput, PooledInput, RefitInput, ReproduceInput
 from server.service.jobs.worker import Tell
 
 if TYPE_CHECKING:
@@ -23,100 +21,6 @@ Answer = dict[str, Any]
 
 # Averaged forces, so nothing but the model takes time.
 _WARM_SESSION = "synek2019_H01"
-
-
-@dataclass(frozen=True, eq=False)
-class RefitInput:
-    """`fingertwin refit`.
-
-    Attributes:
-        bench: session and model.
-        method: `map` or `slsqp`.
-        plane: of the forces that count; by default what the finger's axes can predict.
-    """
-
-    bench: BenchInput
-    method: str = "map"
-    plane: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.method not in ("map", "slsqp"):
-            raise InputError(f"method {self.method!r:.50}", "map or slsqp")
-        if self.plane not in (None, "sagittal", "space"):
-            raise InputError(f"plane {self.plane!r:.50}", "sagittal or space")
-        if self.method == "slsqp" and self.plane is not None:
-            raise InputError(f"plane {self.plane} with method slsqp", "no plane", "Eq 5 is posed in the sagittal plane")
-
-
-@dataclass(frozen=True, eq=False)
-class AddInput:
-    """`fingertwin add`.
-
-    Attributes:
-        bench: session and model.
-        effects: names of effects or candidates, the user's own among them, or formulas with one coefficient k.
-        without: effects or parameters that the model has, to be taken out.
-    """
-
-    bench: BenchInput
-    effects: tuple[str, ...] = ()
-    without: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        if not self.effects and not self.without:
-            raise InputError("nothing to add and nothing to take out", "at least one effect")
-
-
-@dataclass(frozen=True, eq=False)
-class DiagnoseInput:
-    """`fingertwin diagnose`.
-
-    Attributes:
-        bench: session and model.
-        thorough: more starts and pairs.
-        frozen: documents of predictions that were made before.
-    """
-
-    bench: BenchInput
-    thorough: bool = False
-    frozen: tuple[Mapping[str, Any], ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class PooledInput:
-    """`fingertwin diagnose` of several sessions.
-
-    Attributes:
-        benches: sessions, each with its model.
-        thorough: more starts and pairs.
-    """
-
-    benches: tuple[BenchInput, ...]
-    thorough: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class NextInput:
-    """`fingertwin next`.
-
-    Attributes:
-        bench: session and model.
-        freeze: whether what the explanations predict shall be written down.
-    """
-
-    bench: BenchInput
-    freeze: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class ReproduceInput:
-    """`fingertwin reproduce`.
-
-    Attributes:
-        study: its name.
-    """
-
-    study: str
 
 
 def refit(payload: RefitInput, tell: Tell) -> Answer:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from fingermodel.effects import catalogue
-from server.service.jobs import population, tasks
+from server.service.jobs import inputs, population, tasks
 from server.service.jobs.worker import Tell
 
 HERE = __name__
@@ -32,7 +32,7 @@ def leave_few() -> None:
     catalogue.CATALOGUE = tuple(e for e in _EVERY if e.name in ("hanger_mass", "zero_offset"))
 
 
-def refit(payload: tasks.RefitInput, tell: Tell) -> tasks.Answer:
+def refit(payload: inputs.RefitInput, tell: Tell) -> tasks.Answer:
     leave_few()
     return tasks.refit(payload, tell)
 

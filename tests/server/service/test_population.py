@@ -15,7 +15,8 @@ from server.application.workflow import open_bench
 from server.service.jobs import population
 from server.service.jobs.bench_input import BenchInput
 from server.service.jobs.executors import DaskExecutor, ExecutorSettings, ProcessExecutor
-from server.service.jobs.population import PopulationInput, drawn, run
+from server.service.jobs.inputs import PopulationInput
+from server.service.jobs.population import drawn, run
 from server.service.jobs.population_summary import summarise
 from server.service.jobs.worker import Said, Tell
 from tests.server.service.few_effects import few_effects

@@ -21,7 +21,7 @@ from fingermodel.studies.inversion import invert_bench
 from fingermodel.studies.movement import move
 from server.application.workflow import open_bench
 from server.reproduce.study import STUDIES
-from server.service.jobs import tasks
+from server.service.jobs import inputs, tasks
 from server.service.jobs.worker import Tell
 from server.service.storage.database import now_utc
 from server.service.storage.schema import jobs
@@ -210,7 +210,7 @@ def test_a_study_is_computed_as_a_job_and_shown_with_its_figures(service: Servic
     asked = told(service, "/studies/wu2008/reproductions", {}, 202)
     assert (asked["kind"], asked["request"]) == ("reproduce", {"study": "wu2008"})
     told(service, f"/jobs/{asked['id']}/cancel", {})
-    result = tasks.reproduce(tasks.ReproduceInput("wu2008"), Tell(lambda said: None))["body"]
+    result = tasks.reproduce(inputs.ReproduceInput("wu2008"), Tell(lambda said: None))["body"]
     row = {
         "id": "computed", "number": next(NUMBERS), "kind": "reproduce", "session": None,
         "request": {"study": "wu2008"}, "state": "done", "timeout_s": 1.0, "created_utc": now_utc(), "result": result,

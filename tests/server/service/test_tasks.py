@@ -18,7 +18,7 @@ from server.application.additions import add_bench
 from server.application.diagnosing import diagnosis_answer, run_diagnosis
 from server.application.refitting import fit_body, refit_compared
 from server.application.workflow import compare_bench, open_bench, provenance
-from server.service.jobs import tasks
+from server.service.jobs import inputs, tasks
 from server.service.jobs.bench_input import FINGER_DOCUMENT, BenchInput
 from server.service.jobs.kinds import TaskKind
 from server.service.jobs.service import JobService
@@ -82,7 +82,7 @@ def two_effects() -> Iterator[None]:
 def refitted(tmp_path: Path) -> tasks.Answer:
     """A real refit, as a job in a worker process."""
     running = Running(tmp_path)
-    kind = TaskKind("refit", lambda r: tasks.RefitInput(bench_input(r["session"])), f"{HERE}.refit")
+    kind = TaskKind("refit", lambda r: inputs.RefitInput(bench_input(r["session"])), f"{HERE}.refit")
     service = JobService(running.database, running.messages, Supervisor(1), [kind], COMPILING_S)
     job = service.wait(service.submit("refit", NAME, {"session": NAME}).id, COMPILING_S)
     service.close()
@@ -110,7 +110,7 @@ def test_additions_and_diagnoses_are_those_of_the_command_line() -> None:
     bench = open_bench(NAME, catalogue=True)
     before, addition, after = add_bench(bench, ["hanger_mass"], [])
     given = bench_input(NAME)
-    answer = tasks.add(tasks.AddInput(given, ("hanger_mass",)), silent())
+    answer = tasks.add(inputs.AddInput(given, ("hanger_mass",)), silent())
     body, revision = answer["body"], answer["revision"]
     for key, value in untimed(fit_body(addition.fit, before, after)).items():
         assert body[key] == value
@@ -121,24 +121,24 @@ def test_additions_and_diagnoses_are_those_of_the_command_line() -> None:
     assert {p.split(".")[0] for p in held.loaded.added} == {"hanger_mass"}
 
     stages: list[str] = []
-    found = tasks.diagnose(tasks.DiagnoseInput(given), Tell(lambda said: stages.append(said[2])))["body"]
+    found = tasks.diagnose(inputs.DiagnoseInput(given), Tell(lambda said: stages.append(said[2])))["body"]
     expected = diagnosis_answer(bench, run_diagnosis(bench))
     assert untimed(found) == untimed({"schema": "fingertwin/diagnose/1"} | expected)
     assert list(dict.fromkeys(stages)) == ["loading", "fitting every effect", "weighing load cases"]
-    plan = tasks.next_cases(tasks.NextInput(given, freeze=bool(expected["next_cases"])), silent())
+    plan = tasks.next_cases(inputs.NextInput(given, freeze=bool(expected["next_cases"])), silent())
     assert plan["body"]["next_cases"] == clean(expected["next_cases"])
     if plan["frozen"] is not None:
-        again = tasks.diagnose(tasks.DiagnoseInput(given, frozen=(plan["frozen"],)), silent())["body"]
+        again = tasks.diagnose(inputs.DiagnoseInput(given, frozen=(plan["frozen"],)), silent())["body"]
         assert again["confirmation"]["text"] == "no frozen case has been measured yet"
 
 
 def test_what_makes_no_sense_is_refused_before_anything_is_computed() -> None:
     given = BenchInput({"id": "S1"})
     for wrong in (
-        lambda: tasks.RefitInput(given, method="guess"),
-        lambda: tasks.RefitInput(given, plane="frontal"),
-        lambda: tasks.RefitInput(given, method="slsqp", plane="space"),
-        lambda: tasks.AddInput(given),
+        lambda: inputs.RefitInput(given, method="guess"),
+        lambda: inputs.RefitInput(given, plane="frontal"),
+        lambda: inputs.RefitInput(given, method="slsqp", plane="space"),
+        lambda: inputs.AddInput(given),
         given.open,
     ):
         with pytest.raises(InputError):
