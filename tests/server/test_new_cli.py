@@ -10,7 +10,7 @@ import pytest
 from daq.checks import check
 from daq.recordings.readings import open_readings
 from daq.sessions import read_session
-from tests.fingermodel.test_exchange_cli import answered, refused
+from tests.server.test_exchange_cli import answered, refused
 from tests.server.lab import POSTURE, SOURCE, lab_files
 
 

@@ -10,7 +10,7 @@ import pytest
 from daq.lab.notebook import read_notes
 from daq.sessions.protocols import plan, read_protocol
 from fingermodel.fingers.files import read_finger
-from tests.fingermodel.test_exchange_cli import answered, refused
+from tests.server.test_exchange_cli import answered, refused
 
 pdfium = pytest.importorskip("pypdfium2")
 

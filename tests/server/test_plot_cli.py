@@ -9,7 +9,7 @@ import pytest
 
 from server.figures.traces import thinned
 from tests.daq.lab_files import resolved, tdms
-from tests.fingermodel.test_exchange_cli import answered, refused
+from tests.server.test_exchange_cli import answered, refused
 
 
 def test_channels_units_and_plateaus(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ import pytest
 import yaml
 
 from fingermodel.fingers.files import read_finger
-from fingermodel.studies.scaling import scale_finger, scaled_document
 from tests.server.command_line import Document, refused, run
 
 HUMAN = "synek2019_initial"
@@ -59,25 +58,6 @@ def test_every_number_that_was_scaled_says_so(scaled: tuple[Path, Document]) -> 
     assert all("x 1." in b["note"] for b in blocks)
     flexor = next(b for b in document["segments"] if (b["slip"], b["joint"]) == ("FDS", "PIP"))
     assert "mean moment arm of 6.6 mm" in flexor["note"]
-
-
-def test_a_bone_that_was_not_measured_takes_the_mean_factor_and_is_assumed() -> None:
-    done = scale_finger(HUMAN, {"PP": 47.0237 * 1.1, "MP": 28.8286 * 1.21}, {}, {}, "x")
-    factor = {b.bone: b.factor for b in done.bones}
-    assert factor["DP"] == pytest.approx((1.1 * 1.21) ** 0.5, rel=1e-4)
-    document = scaled_document(done)
-    certainty = {f"{s['joint']}.{s['slip']}": s["certainty"] for s in document["segments"]}
-    assert (certainty["DIP.FDP"], certainty["PIP.FDP"]) == ("assumed", "low")
-    assert document["load_point"]["certainty"] == "assumed"
-
-
-def test_its_own_lengths_leave_every_number_and_source_as_it_was() -> None:
-    from fingermodel.scaling import phalanx_lengths
-
-    base = read_finger(HUMAN)
-    document = scaled_document(scale_finger(HUMAN, phalanx_lengths(base), {}, {}, "same"))
-    assert document["segments"] == base.document["segments"]
-    assert document["load_point"] == base.document["load_point"]
 
 
 @pytest.mark.parametrize("base", ["synek2019_network", "wu2008_index", "synek2019_bonobo"])
