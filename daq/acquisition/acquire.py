@@ -11,31 +11,18 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.acquisition.blocks import Chunk
+from daq.acquisition.gathering import Gathered, Listening
+from daq.acquisition.records import Kind, Record, StreamEvent
 from daq.acquisition.sample_clock import LOST_S, SampleClock
 from daq.drivers.base import NOTHING, Decoder, LoadCell, Recorded, Samples, Transport, samples, steps_from
 from daq.drivers.looks import looks_like
 from daq.errors import DriverError, LinkLostError
-
-Kind = Literal[
-    "started",
-    "gap",
-    "overload",
-    "overload_ended",
-    "damaged",
-    "undecoded",
-    "stale",
-    "disconnected",
-    "reconnected",
-    "overrun",
-    "ended",
-]
 
 CHUNK_S = 0.1
 # Longer silence is one; then a new connection is tried.
@@ -48,34 +35,6 @@ READ_S = 0.05
 REST_S, REST_READS = 0.01, 3
 # Bytes that make no sample for so long are kept as they are; that they make none is said then, and so often.
 UNDECODED_S, SAID_AGAIN_S = 0.5, 10.0
-
-
-@dataclass(frozen=True)
-class StreamEvent:
-    """Something that happened to a stream.
-
-    Attributes:
-        kind: what.
-        at_s: when, in the stream's time [s].
-        utc_s: by the wall clock [s since 1970].
-        value: particulars, units in the keys.
-    """
-
-    kind: Kind
-    at_s: float
-    utc_s: float
-    value: dict[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """What the sampling thread hands on: a chunk with what happened in it, or events alone.
-
-    A chunk without samples holds bytes that made none.
-    """
-
-    chunk: Chunk | None
-    events: tuple[StreamEvent, ...]
 
 
 class Acquisition:
@@ -176,7 +135,7 @@ class Acquisition:
 
     def _open(self) -> Transport:
         transport = self._connect()
-        listening = _Listening(transport, self._now)
+        listening = Listening(transport, self._now)
         try:
             self.cell.start(listening)
         except (DriverError, LinkLostError) as error:
@@ -218,7 +177,7 @@ class Acquisition:
 
     def _read_on(self, transport: Transport) -> str | None:
         """Read until the device has gone (why), has nothing more (None), or a stop is asked for (None)."""
-        gathered = _Gathered(self._now())
+        gathered = Gathered(self._now())
         decoder, heard_s, silent = self.cell.decoder(), self._now(), False
         recorded = transport if isinstance(transport, Recorded) else None
         for data, arrived_s in self._heard:
@@ -251,7 +210,7 @@ class Acquisition:
                 # Bytes that have made no sample yet wait for one a while.
                 if gathered.samples or gathered.waited_s(now) >= UNDECODED_S:
                     self._close_chunk(gathered, warn=True)
-                    gathered = _Gathered(now)
+                    gathered = Gathered(now)
                 else:
                     self._say(gathered)
         self._close_chunk(gathered)
@@ -265,7 +224,7 @@ class Acquisition:
                 data += transport.read(REST_S)
         return data
 
-    def _take(self, data: bytes, decoder: Decoder, gathered: _Gathered, now: float) -> None:
+    def _take(self, data: bytes, decoder: Decoder, gathered: Gathered, now: float) -> None:
         decoded = decoder.feed(data)
         gathered.raw.append(data)
         gathered.reads.append((len(data), now))
@@ -316,13 +275,13 @@ class Acquisition:
                      for at in np.flatnonzero(missing > 0)]  # fmt: skip
         return [StreamEvent("gap", at_s, self._wall(), value) for at_s, value in told]
 
-    def _say(self, gathered: _Gathered) -> None:
+    def _say(self, gathered: Gathered) -> None:
         """Hand on what happened, before there is a sample to hand on with it."""
         if gathered.events:
             self._hand_on(None, gathered.events)
             gathered.events = []
 
-    def _close_chunk(self, gathered: _Gathered, *, warn: bool = False) -> None:
+    def _close_chunk(self, gathered: Gathered, *, warn: bool = False) -> None:
         """Hand on what was gathered.
 
         Args:
@@ -400,45 +359,4 @@ class Acquisition:
         return None
 
 
-class _Listening:
-    """A transport as a driver's start uses it; what came since the host last wrote begins the stream.
-
-    Attributes:
-        heard: bytes of each read, and when they arrived.
-    """
-
-    def __init__(self, transport: Transport, now: Callable[[], float]) -> None:
-        self.heard: list[tuple[bytes, float]] = []
-        self._transport, self._now = transport, now
-
-    def write(self, data: bytes) -> None:
-        self.heard.clear()
-        self._transport.write(data)
-
-    def read(self, timeout_s: float) -> bytes:
-        data = self._transport.read(timeout_s)
-        if data:
-            self.heard.append((data, self._now()))
-        return data
-
-    def close(self) -> None:
-        self._transport.close()
-
-
 _NONE = samples(NOTHING)
-
-
-@dataclass(eq=False)
-class _Gathered:
-    since_s: float
-    raw: list[bytes] = field(default_factory=list)
-    reads: list[tuple[int, float]] = field(default_factory=list)
-    samples: list[Samples] = field(default_factory=list)
-    times: list[Any] = field(default_factory=list)
-    events: list[StreamEvent] = field(default_factory=list)
-    rejected: int = 0
-    skipped: int = 0
-
-    def waited_s(self, now: float) -> float:
-        """How long the first bytes have waited [s]."""
-        return now - self.reads[0][1] if self.reads else 0.0

@@ -15,19 +15,14 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.errors import ModelError
-from fingermodel.fingers import Finger
+from fingermodel.exchange.described import Cylinder, Described, Floats, Hinge, Imported, Obstacle, Piece
+from fingermodel.exchange.wrap_rules import SAME_MM, NoRuleError, rule_of
 from fingermodel.fingers.files import finger_from_dict
-
-Floats = NDArray[np.float64]
 
 # From the first joint to the load point [mm]: from a child's little finger to a gorilla's, with room.
 SHORTEST_MM, LONGEST_MM = 10.0, 500.0
-_SAME_MM = 1e-6
-_TOUCH_MM = 1e-3
-_TURNED = 1e-6
 # An axis is flexion if it lies nearer than this to across the finger, as a cosine.
 _ACROSS = 0.7
 _UNSOURCED = {"source": "file", "certainty": "assumed"}
@@ -40,146 +35,6 @@ _REACTIONS = {
     5: ["Fx", "Fy", "Fz", "Ty", "Tz"],
     6: ["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"],
 }
-
-
-@dataclass(frozen=True)
-class Hinge:
-    """A rotation about an axis (3,) in the parent body's axes at zero angles."""
-
-    name: str
-    axis: Floats
-
-
-@dataclass(frozen=True)
-class Link:
-    """How a body hangs on its parent.
-
-    Attributes:
-        body: its name.
-        parent: name of the body that carries it.
-        joint: name of the joint.
-        hinges: from parent to body; none where they are welded.
-        turn: (3, 3) takes the body's components to the parent's at zero angles.
-        in_parent: (3,) joint centre in the parent [mm].
-        in_body: (3,) the same point in the body [mm].
-    """
-
-    body: str
-    parent: str
-    joint: str
-    hinges: tuple[Hinge, ...]
-    turn: Floats
-    in_parent: Floats
-    in_body: Floats
-
-
-@dataclass(frozen=True)
-class Point:
-    """A point (3,) of a body [mm]."""
-
-    body: str
-    place: Floats
-
-
-@dataclass(frozen=True)
-class Cylinder:
-    """A wrapping cylinder on a body.
-
-    Attributes:
-        body: that carries it.
-        place: (3,) a point of its axis [mm].
-        axis: (3,) unit vector, body's axes.
-        radius: [mm].
-        side: (3,) from the axis to where a path has to pass, body's axes; None where the shorter way is taken.
-    """
-
-    body: str
-    place: Floats
-    axis: Floats
-    radius: float
-    side: Floats | None = None
-
-
-@dataclass(frozen=True)
-class Obstacle:
-    """A wrapping shape that is no cylinder, or a place that no cylinder tells, in words."""
-
-    what: str
-
-
-@dataclass(frozen=True)
-class Piece:
-    """A stretch of tendon between two points, in the order of the file, with what it may wrap on.
-
-    `wrap` is Landsmeer's rule where the file states it otherwise than by a shape, `rests_at` its angle [rad].
-    """
-
-    slip: str
-    ends: tuple[Point, Point]
-    on: tuple[Cylinder | Obstacle, ...] = ()
-    wrap: str = "straight"
-    rests_at: float = 0.0
-
-
-@dataclass(frozen=True)
-class Described:
-    """What a file says of a finger.
-
-    Attributes:
-        name: of the model.
-        base: name of the body that does not move.
-        links: parents before children.
-        pieces: of the tendons.
-        load_point: where the clamp holds the last bone; None where the file does not say.
-        about: what fingertwin wrote into it; empty where another program made the file.
-        notes: what was left out, one line each.
-    """
-
-    name: str
-    base: str
-    links: tuple[Link, ...]
-    pieces: tuple[Piece, ...]
-    load_point: Point | None
-    about: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class EngineCheck:
-    """Moment arms held against an engine's.
-
-    Attributes:
-        engine: its name and version.
-        worst_mm: greatest error of each tendon's moment arms [mm].
-        postures: how many were compared, drawn at random and along each angle.
-        between: of which angles, in words.
-    """
-
-    engine: str
-    worst_mm: Mapping[str, float]
-    postures: int
-    between: str
-
-
-@dataclass(frozen=True)
-class Imported:
-    """A finger that was read.
-
-    Attributes:
-        document: contents of its finger file.
-        finger: that they make.
-        notes: what the reader should know, one line each.
-        read: what was read of the file, in words.
-        ours: fingertwin had written the file.
-        check: its moment arms against the engine's; None where the engine is not installed.
-    """
-
-    document: dict[str, Any]
-    finger: Finger
-    notes: tuple[str, ...]
-    read: str = ""
-    ours: bool = False
-    check: EngineCheck | None = None
 
 
 @dataclass
@@ -312,7 +167,7 @@ def _merged(bones: list[_Bone], placed: dict[str, _Placed]) -> list[_Bone]:
     out = [bones[0]]
     for bone in bones[1:]:
         before = out[-1]
-        if len(out) > 1 and not before.used and np.linalg.norm(bone.centre) < _SAME_MM:
+        if len(out) > 1 and not before.used and np.linalg.norm(bone.centre) < SAME_MM:
             bone.hinges = [*before.hinges, *bone.hinges]
             bone.centre, bone.joint = before.centre, before.joint
             out[-1] = bone
@@ -427,13 +282,13 @@ def _segment(
     for shape in piece.on:
         try:
             if isinstance(shape, Obstacle):
-                raise _NoRuleError(f"{shape.what}, which a finger/1 file has no word for")
+                raise NoRuleError(f"{shape.what}, which a finger/1 file has no word for")
             place = placed[shape.body]
             # What turns with a joint's first rotations alone is no bone.
             if high > low + 1 or order.get(id(place.bone), low) not in (low, high):
-                raise _NoRuleError("a cylinder that is not the head of its joint")
+                raise NoRuleError("a cylinder that is not the head of its joint")
             if wrap != "straight":
-                raise _NoRuleError("a second cylinder")
+                raise NoRuleError("a second cylinder")
             centre = frame.T @ place.at(shape.place)
             turned = replace(
                 shape,
@@ -442,8 +297,8 @@ def _segment(
                 axis=frame.T @ place.turn @ shape.axis,
                 side=None if shape.side is None else frame.T @ place.turn @ shape.side,
             )
-            wrap, rests_at = _rule(joint, proximal - head, distal, turned)
-        except _NoRuleError as reason:
+            wrap, rests_at = rule_of(joint, proximal - head, distal, turned)
+        except NoRuleError as reason:
             lost.append(f"wraps on {reason}")
     notes = [f"{what}: {'taken as straight' if wrap == 'straight' else 'left out'}" for what in lost]
     slip = piece.slip
@@ -459,52 +314,6 @@ def _segment(
         "proximal_bone": bones[low].name,
         "distal_bone": bones[high].name,
     }, notes
-
-
-class _NoRuleError(Exception):
-    """What a path wraps on for which there is no rule of ours."""
-
-
-def _rule(joint: Mapping[str, Any], proximal: Floats, distal: Floats, cylinder: Cylinder) -> tuple[str, float]:
-    """Landsmeer's rule that a cylinder about the flexion axis stands for, and the angle of rest [rad].
-
-    Args:
-        joint: of the finger file.
-        proximal: end, from the joint's centre at 0°.
-        distal: end, from there too.
-        cylinder: as the joint sees it.
-
-    Raises:
-        _NoRuleError: there is none.
-    """
-    bending = [np.array(r["axis"]) for r in joint["rotations"] if r.get("flexion")]
-    axis = bending[0] if bending else np.zeros(3)
-    off = float(np.linalg.norm(np.cross(axis, cylinder.place)))
-    if not bending or np.linalg.norm(np.cross(axis, cylinder.axis)) > _TURNED or off > _TOUCH_MM:
-        raise _NoRuleError("a cylinder that is not the head of its joint")
-    ends = [v - axis * (axis @ v) for v in (proximal, distal)]
-    along = ends[0] - ends[1]
-    length = float(np.linalg.norm(along))
-    if length == 0.0:
-        raise _NoRuleError("a cylinder between ends that stand one above the other")
-    moment = float(axis @ np.cross(ends[1], along))
-    foot = ends[0] - along * (ends[0] @ along) / length**2
-    side = foot if cylinder.side is None else cylinder.side - axis * (axis @ cylinder.side)
-    if cylinder.side is not None and np.linalg.norm(side) < cylinder.radius:
-        raise _NoRuleError("a cylinder that holds it inside")
-    if abs(abs(moment) - cylinder.radius * length) <= _SAME_MM * length and foot @ side > 0.0:
-        return ("landsmeer1_palmar" if moment > 0.0 else "landsmeer1_dorsal"), 0.0
-    reach = [float(np.linalg.norm(end)) for end in ends]
-    if min(reach) <= cylinder.radius or not np.linalg.norm(side) > 0.0:
-        raise _NoRuleError("a cylinder that its ends or its line run through")
-    # Angles about the axis; a palmar tendon's way from its distal end to its proximal one grows shorter in flexion.
-    across = np.cross(axis, ends[1])
-    swept = math.atan2(float(ends[0] @ across), float(ends[0] @ ends[1])) % math.tau
-    middle = ends[1] * math.cos(swept / 2.0) + across * math.sin(swept / 2.0)
-    touching = sum(math.acos(cylinder.radius / r) for r in reach)
-    palmar = bool(middle @ side > 0.0)
-    rests_at = swept - touching if palmar else touching - (math.tau - swept)
-    return ("landsmeer1_palmar" if palmar else "landsmeer1_dorsal"), max(-math.pi, min(math.pi, rests_at))
 
 
 def _plain(vector: Floats) -> list[float]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.exchange.arm_formulas import formula_arms
-from fingermodel.exchange.chains import EngineCheck, Imported
+from fingermodel.exchange.described import EngineCheck, Imported
 from fingermodel.exchange.joint_heads import FLEXION_RANGE, NOTHING_MM, OTHER_RANGE, flexions
 from fingermodel.exchange.writing import segment_names, upwards
 

@@ -18,17 +18,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from daq.errors import ModelError
-from fingermodel.exchange.chains import (
-    Cylinder,
-    Described,
-    Hinge,
-    Imported,
-    Link,
-    Obstacle,
-    Piece,
-    Point,
-    finger_document_of,
-)
+from fingermodel.exchange.chains import finger_document_of
+from fingermodel.exchange.described import Cylinder, Described, Hinge, Imported, Link, Obstacle, Piece, Point
 from fingermodel.exchange.engine_check import held_against
 from fingermodel.exchange.reading import MILLIMETRES, Floats, about_of, read_root
 from fingermodel.exchange.sharing import segment_shares

@@ -15,17 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from daq.errors import ModelError
 from fingermodel.exchange.arm_formulas import path_formulas
-from fingermodel.exchange.chains import (
-    Cylinder,
-    Described,
-    Hinge,
-    Imported,
-    Link,
-    Obstacle,
-    Piece,
-    Point,
-    finger_document_of,
-)
+from fingermodel.exchange.chains import finger_document_of
+from fingermodel.exchange.described import Cylinder, Described, Hinge, Imported, Link, Obstacle, Piece, Point
 from fingermodel.exchange.engine_check import held_against
 from fingermodel.exchange.opensim_arms import OpensimArms, OpensimFailedError, installed
 from fingermodel.exchange.osim import ABOUT

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from daq.errors import InputError
 
 if TYPE_CHECKING:
-    from fingermodel.exchange.chains import Imported
+    from fingermodel.exchange.described import Imported
     from fingermodel.exchange.reading import Floats
     from fingermodel.exchange.writing import Written
     from fingermodel.fingers import Finger

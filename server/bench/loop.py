@@ -11,7 +11,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from daq.acquisition.acquire import Acquisition, Record, StreamEvent
+from daq.acquisition.acquire import Acquisition
+from daq.acquisition.records import Record, StreamEvent
 from daq.bench.commands import perform
 from daq.bench.run import BenchRun
 from daq.errors import InputError

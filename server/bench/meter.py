@@ -7,8 +7,8 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.acquisition.acquire import Record, StreamEvent
 from daq.acquisition.blocks import Chunk
+from daq.acquisition.records import Record, StreamEvent
 
 Floats = NDArray[np.float64]
 

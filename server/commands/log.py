@@ -9,7 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daq.acquisition.acquire import Acquisition, Record, StreamEvent
+from daq.acquisition.acquire import Acquisition
+from daq.acquisition.records import Record, StreamEvent
 from daq.acquisition.transports import connect
 from daq.drivers import driver, drivers
 from daq.drivers.looks import looks_like

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.acquisition.acquire import Acquisition, Record
+from daq.acquisition.acquire import Acquisition
+from daq.acquisition.records import Record
 from daq.drivers.base import LoadCell, Samples, Transport, samples
 from daq.drivers.looks import looks_like
 from daq.errors import DriverError, LinkLostError

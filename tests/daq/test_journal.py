@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.acquisition.acquire import StreamEvent
 from daq.acquisition.blocks import Chunk
+from daq.acquisition.records import StreamEvent
 from daq.errors import JournalError
 from daq.journal.check import check, recover
 from daq.journal.export import export

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.acquisition.acquire import Acquisition, Record
+from daq.acquisition.acquire import Acquisition
+from daq.acquisition.records import Record
 from daq.acquisition.transports import connect
 from daq.drivers.robotiq import Robotiq
 from daq.errors import DriverError

@@ -11,7 +11,7 @@ import yaml
 from numpy.testing import assert_allclose
 
 from daq.errors import ModelError
-from fingermodel.exchange.chains import Imported
+from fingermodel.exchange.described import Imported
 from fingermodel.exchange.mjcf import write_mjcf
 from fingermodel.exchange.osim import write_osim
 from fingermodel.exchange.read_mjcf import read_mjcf

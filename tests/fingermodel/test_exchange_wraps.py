@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from daq.errors import ModelError
 from fingermodel.exchange.arm_formulas import formula_arms
-from fingermodel.exchange.chains import Imported
+from fingermodel.exchange.described import Imported
 from fingermodel.exchange.joint_heads import NOTHING_MM
 from fingermodel.exchange.mjcf import write_mjcf
 from fingermodel.exchange.osim import write_osim

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from daq.acquisition.acquire import Record, StreamEvent
 from daq.acquisition.blocks import Chunk
+from daq.acquisition.records import Record, StreamEvent
 from daq.bench.run import BenchRun
 from daq.errors import SessionError
 from daq.journal.rows import Event

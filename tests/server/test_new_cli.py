@@ -10,8 +10,8 @@ import pytest
 from daq.checks import check
 from daq.recordings.readings import open_readings
 from daq.sessions import read_session
-from tests.server.test_exchange_cli import answered, refused
 from tests.server.lab import POSTURE, SOURCE, lab_files
+from tests.server.test_exchange_cli import answered, refused
 
 
 @pytest.fixture(scope="module")

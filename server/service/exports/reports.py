@@ -15,7 +15,7 @@ from daq.findings import finding
 from server.application.workflow import Bench, compare_bench, origin_of
 from server.service.exports.session_folders import session_folder
 from server.service.figures.comparison import Only, drawn_comparison
-from server.service.figures.figures import diagnosed
+from server.service.figures.diagnosed import diagnosed
 from server.service.figures.parts import resolved, spread_members, spread_of
 from server.service.services import Services
 from server.service.sessions.blinding import require_closed, seen

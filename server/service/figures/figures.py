@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
@@ -16,6 +16,7 @@ from server.service.answers import dumps
 from server.service.figures.answer import Theme, on_page, shown, shown_data
 from server.service.figures.cases import Told, told_of
 from server.service.figures.comparison import Only, drawn_comparison
+from server.service.figures.diagnosed import DIAGNOSIS, diagnosed, diagnosis_drawings, nothing_to_draw
 from server.service.figures.finger_drawing import draw_finger
 from server.service.figures.parts import resolved, spread_members, spread_of
 from server.service.figures.parts import settings_of as effect_settings
@@ -26,27 +27,14 @@ from server.service.sessions.measuring import Measured
 from server.service.web.problems import ProblemError, not_found
 
 if TYPE_CHECKING:
-    import plotly.graph_objects as go
+    pass
 
-Drawing = tuple["go.Figure | None", str]
 SearchFit = Literal["before", "after"]
 
 COMPARISON = ("scatter", "scatter_validation", "vectors", "bone", "errors", "z")
-DIAGNOSIS = (
-    "sensitivity",
-    "residual_map",
-    "missing_torque",
-    "ranking",
-    "size",
-    "confounding",
-    "revisions",
-    "held_out",
-    "own_curve",
-)
 REVISIONS = ("waterfall",)
 SHARED = ("shared_curve", "shared_chance", "shared_law")
 _MOST = 512
-_NONE = "No figure: "
 
 
 @dataclass(frozen=True)
@@ -113,7 +101,7 @@ class Figures:
                     name, bench, comparison, only, held, spread_of(parts, others, comparison)
                 )
             except NothingToDrawError as nothing:
-                return shown(name, None, _nothing(nothing), about)
+                return shown(name, None, nothing_to_draw(nothing), about)
             return shown(name, figure, caption, about, _told(measured))
 
         return self._kept(key, theme, draw)
@@ -153,7 +141,7 @@ class Figures:
             try:
                 drawn = effect_figure(title, before, after, settings, plane=bench.model.finger.judged_in)
             except NothingToDrawError as nothing:
-                return shown(effect, None, _nothing(nothing), about)
+                return shown(effect, None, nothing_to_draw(nothing), about)
             caption = (
                 f"Model: {bench.loaded.fitted}. The circles are what it misses with the effect taken out; bars that "
                 "follow them take it up."
@@ -221,7 +209,7 @@ class Figures:
         def draw() -> dict[str, Any]:
             after = answer.get("where_after")
             seen = answer if fit == "before" or after is None else answer | {"where": after}
-            figure, caption = _diagnosis_drawings(seen, history)[name]
+            figure, caption = diagnosis_drawings(seen, history)[name]
             about = {"session": session, "model": answer.get("model"), "job": job}
             taken = {c["id"] for c in answer.get("cases", ())}
             known = [c for c in _told(self.parts.measuring.of(session)) if c.id in taken]
@@ -258,7 +246,7 @@ class Figures:
             try:
                 figure = (curve_figure, chance_figure, law_figure)[SHARED.index(name)](answer)
             except NothingToDrawError as nothing:
-                return shown(name, None, _nothing(nothing), about)
+                return shown(name, None, nothing_to_draw(nothing), about)
             captions = (
                 "Beside each session's anatomy, budget, noise and scatter.",
                 "Chance gains as much in any order.",
@@ -297,7 +285,7 @@ class Figures:
             try:
                 figure = revisions_figure({}, found["history"])
             except NothingToDrawError as nothing:
-                return shown(name, None, _nothing(nothing), about)
+                return shown(name, None, nothing_to_draw(nothing), about)
             return shown(name, figure, "Identification cases are fitted, validation cases never.", about)
 
         return self._kept(("revisions", name, revision), theme, draw)
@@ -338,58 +326,9 @@ class Figures:
         return drawn
 
 
-def diagnosed(
-    parts: Services, job: str, session: str | None
-) -> tuple[str, dict[str, Any], Sequence[Mapping[str, Any]] | None]:
-    """Return the session of a diagnosis that is done, its answer, and the history of the model that it began with.
-
-    Raises:
-        ProblemError: 404 there is no such job or session, 409 the job is not done or of another kind.
-    """
-    found = parts.jobs.get(job)
-    if found.kind not in ("diagnose", "pooled"):
-        raise ProblemError(409, f"job {job} is a {found.kind}", "a diagnosis")
-    if found.state != "done" or found.result is None:
-        raise ProblemError(409, f"job {job} is {found.state}", "a job that is done")
-    if found.kind == "pooled":
-        each = found.result.get("each") or {}
-        if session not in each:
-            raise ProblemError(
-                404, f"job {job} has no session {session or '(none given)'}"[:300], f"session: one of {', '.join(each)}"
-            )
-        name, answer = session, each[session]
-    else:
-        name, answer = str(found.session), found.result
-        if session not in (None, name):
-            raise ProblemError(404, f"job {job} is of session {name}", f"session: {name}, or left out")
-    require_closed(parts.measuring.of(str(name)))
-    history = None
-    with suppress(ProblemError):  # a finger has none
-        history = parts.revisions.read(str(answer.get("model")))["history"] or None
-    return str(name), answer, history
-
-
-def _diagnosis_drawings(answer: dict[str, Any], history: Any) -> dict[str, Drawing]:
-    """Every figure of a diagnosis with its caption; None with a sentence where there is nothing to draw."""
-    from server.application.diagnosis_report import diagnosis_sections
-    from server.figures.report import Picture
-
-    sections = diagnosis_sections(answer, history, {})
-    places = [p for s in sections for p in s.parts if isinstance(p, Picture) or str(p).startswith(_NONE)]
-    return {
-        name: (p.figure, p.caption) if isinstance(p, Picture) else (None, str(p))
-        for name, p in zip(DIAGNOSIS, places, strict=True)
-    }
-
-
 def _require(name: str, known: Sequence[str]) -> None:
     if name not in known:
         raise not_found("figure", name, f"/api/v1/figures: {', '.join(known)}")
-
-
-def _nothing(error: Exception) -> str:
-    text = str(error)
-    return f"{_NONE}{text[:1].lower()}{text[1:]}"
 
 
 def _hidden(measured: Measured) -> list[str]:

@@ -19,7 +19,7 @@ from sqlalchemy import ColumnElement, Connection, func, select
 
 from daq.acquisition.blocks import Chunk
 from daq.recordings.windows import Span
-from server.service.ingest.ingest import STORED, chunk_of
+from server.service.ingest.stored import STORED, chunk_of
 from server.service.storage.database import Database
 from server.service.storage.schema import chunks, streams
 from server.service.web.problems import ProblemError, not_found

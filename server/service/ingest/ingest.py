@@ -6,42 +6,32 @@ nothing; what would lie over something else is a conflict that names what is sto
 
 from __future__ import annotations
 
-import json
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from sqlalchemy import Column, Connection, Row, func, insert, select, update
+from sqlalchemy import Connection, func, insert, select, update
 
 from daq.acquisition.blocks import Chunk
 from daq.errors import JournalError, ReadingsError
-from daq.journal.rows import Event
 from daq.recordings.windows import require_increasing
+from server.service.ingest.stored import canonical_object, event_of, gaps, raise_version
 from server.service.storage.audit import record
-from server.service.storage.checksums import digest_of, sound
+from server.service.storage.checksums import digest_of
 from server.service.storage.database import Database, now_utc
 from server.service.storage.messages import Messages
 from server.service.storage.schema import chunks, events, sessions, streams
 from server.service.web.problems import ProblemError, not_found, shortened
 from server.service.web.strict import read_json
 
-# What a chunk is read from.
-STORED: tuple[Column[Any], ...] = (
-    chunks.c.session,
-    chunks.c.stream,
-    chunks.c.first_seq,
-    chunks.c.sha256,
-    chunks.c.payload,
-)
 # A name of a stream or an epoch goes into keys and addresses.
 _NAME = re.compile(r"[A-Za-z0-9._:-]{1,100}")
 _MOST_COUNT = 1 << 53
 # A chunk is some hundred milliseconds; beyond a minute at 10 kHz it is none.
 MOST_SAMPLES = 1 << 20
-_MOST_EVENT_BYTES = 1 << 18
 
 
 @dataclass(frozen=True)
@@ -106,7 +96,7 @@ class Ingest:
         """
         if not _NAME.fullmatch(stream):
             raise ProblemError(422, f"stream {shortened(stream)!r}", "letters, digits, and . _ : -, at most 100")
-        description = _object(body, "a stream's description")
+        description = canonical_object(body, "a stream's description")
         digest = digest_of(description.encode())
         with self._database.writing() as connection:
             _require_session(connection, session, hidden=hidden)
@@ -252,89 +242,6 @@ class Ingest:
             query = query.where(chunks.c.stream == stream).order_by(chunks.c.first_seq)
             missing = gaps((r.first_seq, r.n) for r in connection.execute(query))
         return {"next_seq": row["next_seq"], "missing": missing, "ended": row["ended"], "epoch": row["epoch"]}
-
-
-def chunk_of(row: Row[Any]) -> Chunk:
-    """Return a stored chunk of a row with the columns STORED.
-
-    Raises:
-        DamagedError: it is not what was sent.
-    """
-    place = f"chunk {row.first_seq} of stream {row.stream} of session {row.session}"
-    return Chunk.from_bytes(sound(row.payload, row.sha256, place))
-
-
-def raise_version(connection: Connection, session: str, **values: Any) -> None:
-    """Raise a session's version, by which everybody sees that what was computed of it is old; set other columns too."""
-    raised = {"version": sessions.c.version + 1} | values
-    connection.execute(update(sessions).where(sessions.c.id == session).values(raised))
-
-
-def gaps(ranges: Iterable[tuple[int, int]]) -> list[list[int]]:
-    """Return [from, to) between ranges (first, count) that are in order, from 0 on."""
-    out, at = [], 0
-    for first, count in ranges:
-        if first > at:
-            out.append([at, first])
-        at = first + count
-    return out
-
-
-def stored_events(connection: Connection, session: str) -> list[Event]:
-    """Return a session's events in order: epoch by epoch as they came, each as far as it has no gap."""
-    rows = connection.execute(select(events).where(events.c.session == session).order_by(events.c.arrival)).all()
-    first: dict[str, int] = {}
-    for row in rows:
-        first.setdefault(row.epoch, row.arrival)
-    out, expected = [], dict.fromkeys(first, 0)
-    for row in sorted(rows, key=lambda r: (first[r.epoch], r.number)):
-        if row.number == expected[row.epoch]:
-            expected[row.epoch] += 1
-            out.append(event_of(body_of_event(row)))
-    return out
-
-
-def body_of_event(row: Row[Any]) -> bytes:
-    """Return a stored event as it was sent.
-
-    Raises:
-        DamagedError: it is no longer that.
-    """
-    return sound(row.body.encode(), row.sha256, f"event {row.number} of epoch {row.epoch} of session {row.session}")
-
-
-def event_of(body: bytes) -> Event:
-    """Return an event as a bench sends it.
-
-    Raises:
-        ProblemError: it is none.
-    """
-    value = json.loads(_object(body, "an event", _MOST_EVENT_BYTES))
-    kind, at_s, more, stream = (value.get(k) for k in ("kind", "at_s", "value", "stream"))
-    utc_s = value.get("utc_s")
-    sound = (
-        isinstance(kind, str)
-        and 0 < len(kind) <= 60
-        and isinstance(more if more is not None else {}, dict)
-        and (stream is None or (isinstance(stream, str) and len(stream) <= 100))
-        and all(n is None or (isinstance(n, int | float) and not isinstance(n, bool)) for n in (at_s, utc_s))
-    )
-    if not sound:
-        raise ProblemError(422, "no event", "an object with kind, at_s, value, and stream or null")
-    return Event(str(kind), float(at_s or 0.0), more or {}, stream, float(utc_s or 0.0))
-
-
-def _object(body: bytes, what: str, most: int = 1 << 20) -> str:
-    """Return the canonical JSON of an object."""
-    if len(body) > most:
-        raise ProblemError(413, f"{what} of {len(body)} bytes", f"at most {most}")
-    try:
-        value = read_json(body)
-        if not isinstance(value, dict):
-            raise ValueError("no object")
-        return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    except ValueError as error:
-        raise ProblemError(422, f"{what} that is no JSON object ({shortened(error)})", "a JSON object") from error
 
 
 def _require_session(connection: Connection, session: str, *, hidden: bool = False) -> None:

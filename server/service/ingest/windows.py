@@ -15,7 +15,7 @@ from daq.errors import ReadingsError
 from daq.recordings.plateaus import Plateau
 from daq.recordings.readings import ReadingBlock
 from daq.recordings.windows import Span, gather
-from server.service.ingest.ingest import STORED, chunk_of
+from server.service.ingest.stored import STORED, chunk_of
 from server.service.storage.database import Database
 from server.service.storage.schema import chunks, streams
 from server.service.web.workers import require_client

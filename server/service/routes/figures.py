@@ -11,7 +11,8 @@ from daq.uplink.wire import API
 from server.service.answers import JsonAnswer
 from server.service.figures.answer import Theme
 from server.service.figures.comparison import Only, Plane
-from server.service.figures.figures import COMPARISON, DIAGNOSIS, REVISIONS, SHARED, Drawn, Figures, SearchFit
+from server.service.figures.diagnosed import DIAGNOSIS
+from server.service.figures.figures import COMPARISON, REVISIONS, SHARED, Drawn, Figures, SearchFit
 from server.service.schemas.common import ModelName, documented
 from server.service.schemas.figures import EXAMPLE, FigureList, FigureShown
 from server.service.services import of

@@ -16,7 +16,7 @@ from daq.recordings.plateaus import Plateau
 from daq.recordings.readings import HEADERS
 from server.service.answers import JsonAnswer
 from server.service.ingest.envelopes import Envelopes, Samples, Window
-from server.service.ingest.ingest import body_of_event
+from server.service.ingest.stored import body_of_event
 from server.service.ingest.windows import Windows
 from server.service.schemas.common import CaseId, Limit, SessionId, documented
 from server.service.schemas.readings import CaseReadingsShown, EventsShown, ReadingsShown

@@ -12,7 +12,7 @@ from daq.cells import cell_spec
 from daq.errors import InputError
 from daq.recordings.plateaus import Plateau
 from daq.recordings.windows import Span
-from server.service.ingest.ingest import stored_events
+from server.service.ingest.stored import stored_events
 from server.service.sessions.bench_state import BenchState, Tare
 from server.service.sessions.records import Record, steps_of
 from server.service.storage.database import Database

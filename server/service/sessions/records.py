@@ -15,7 +15,7 @@ from daq.errors import InputError, SessionError
 from daq.journal.rows import Event
 from daq.sessions import FINGER_DOCUMENT, parse_session
 from daq.sessions.models import AMENDABLE, Session
-from server.service.ingest.ingest import stored_events
+from server.service.ingest.stored import stored_events
 from server.service.storage.schema import edits, sessions, streams
 from server.service.web.problems import not_found
 

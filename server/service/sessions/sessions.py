@@ -10,7 +10,7 @@ from typing import Any
 from sqlalchemy import delete, func, insert, select, update
 
 from daq.sessions import FINGER_DOCUMENT, parse_session, plain_document
-from server.service.ingest.ingest import raise_version
+from server.service.ingest.stored import raise_version
 from server.service.sessions.planned import PLAN, edit_of, proposal
 from server.service.sessions.records import EDIT_KINDS, Record, read_record, undone_edits
 from server.service.sessions.sizes import MOST_CASES, require_case_id, require_sizes

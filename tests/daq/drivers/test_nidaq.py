@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.acquisition.acquire import Acquisition, StreamEvent
+from daq.acquisition.acquire import Acquisition
 from daq.acquisition.blocks import Chunk
+from daq.acquisition.records import StreamEvent
 from daq.drivers.nidaq import LENGTH, MARK, START, STOP, NiDaq, frames
 from daq.errors import DriverError, LinkLostError
 from tests.daq.cal_files import nano17

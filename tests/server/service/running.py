@@ -9,7 +9,7 @@ from sqlalchemy import select
 from starlette.testclient import TestClient
 
 from server.service.app import create_app
-from server.service.ingest.ingest import stored_events
+from server.service.ingest.stored import stored_events
 from server.service.services import Services
 from server.service.settings import Settings
 from server.service.storage.schema import chunks

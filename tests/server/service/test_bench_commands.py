@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from daq.acquisition.acquire import Acquisition, Record
+from daq.acquisition.acquire import Acquisition
+from daq.acquisition.records import Record
 from daq.journal.reader import JournalReader
 from daq.uplink.live_tail import LiveTail
 from server.bench.keys import Pressed

@@ -15,7 +15,7 @@ from sqlalchemy import insert, select
 
 from daq.acquisition.blocks import Chunk
 from daq.errors import InputError
-from server.service.ingest.ingest import STORED, chunk_of
+from server.service.ingest.stored import STORED, chunk_of
 from server.service.operation.backup import backup, restore
 from server.service.operation.migrate import expected, known, upgrade
 from server.service.operation.scrub import Scrub, damage_of

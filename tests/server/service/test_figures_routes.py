@@ -20,7 +20,8 @@ from server.figures.comparison import comparison_figures
 from server.figures.dark import for_dark, turned
 from server.figures.diagnosis_revisions import revisions_figure
 from server.figures.style import INK, MUTED, TENDONS
-from server.service.figures.figures import COMPARISON, DIAGNOSIS
+from server.service.figures.diagnosed import DIAGNOSIS
+from server.service.figures.figures import COMPARISON
 from server.service.sessions.blinding import HIDDEN
 from server.service.storage.database import now_utc
 from server.service.storage.schema import jobs

@@ -15,9 +15,9 @@ import pytest
 from daq.lab.drafts import posture_of
 from daq.sessions import plain_document, read_session, read_yaml
 from server.service.uploads import new_sessions
-from tests.server.test_exchange_cli import answered
 from tests.server.lab import POSTURE, SOURCE, lab_files
 from tests.server.service.running import ServiceReceiver
+from tests.server.test_exchange_cli import answered
 
 AT = "/api/v1/recordings"
 

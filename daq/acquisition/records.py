@@ -1,0 +1,50 @@
+"""What the sampling thread hands on: chunks of samples, and what happened to the stream."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from daq.acquisition.blocks import Chunk
+
+Kind = Literal[
+    "started",
+    "gap",
+    "overload",
+    "overload_ended",
+    "damaged",
+    "undecoded",
+    "stale",
+    "disconnected",
+    "reconnected",
+    "overrun",
+    "ended",
+]
+
+
+@dataclass(frozen=True)
+class StreamEvent:
+    """Something that happened to a stream.
+
+    Attributes:
+        kind: what.
+        at_s: when, in the stream's time [s].
+        utc_s: by the wall clock [s since 1970].
+        value: particulars, units in the keys.
+    """
+
+    kind: Kind
+    at_s: float
+    utc_s: float
+    value: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What the sampling thread hands on: a chunk with what happened in it, or events alone.
+
+    A chunk without samples holds bytes that made none.
+    """
+
+    chunk: Chunk | None
+    events: tuple[StreamEvent, ...]

@@ -1,0 +1,109 @@
+"""Readings and events as they are stored, read back and held against their checksums."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from typing import Any
+
+from sqlalchemy import Column, Connection, Row, select, update
+
+from daq.acquisition.blocks import Chunk
+from daq.journal.rows import Event
+from server.service.storage.checksums import sound
+from server.service.storage.schema import chunks, events, sessions
+from server.service.web.problems import ProblemError, shortened
+from server.service.web.strict import read_json
+
+# What a chunk is read from.
+STORED: tuple[Column[Any], ...] = (
+    chunks.c.session,
+    chunks.c.stream,
+    chunks.c.first_seq,
+    chunks.c.sha256,
+    chunks.c.payload,
+)
+_MOST_EVENT_BYTES = 1 << 18
+
+
+def chunk_of(row: Row[Any]) -> Chunk:
+    """Return a stored chunk of a row with the columns STORED.
+
+    Raises:
+        DamagedError: it is not what was sent.
+    """
+    place = f"chunk {row.first_seq} of stream {row.stream} of session {row.session}"
+    return Chunk.from_bytes(sound(row.payload, row.sha256, place))
+
+
+def raise_version(connection: Connection, session: str, **values: Any) -> None:
+    """Raise a session's version, by which everybody sees that what was computed of it is old; set other columns too."""
+    raised = {"version": sessions.c.version + 1} | values
+    connection.execute(update(sessions).where(sessions.c.id == session).values(raised))
+
+
+def gaps(ranges: Iterable[tuple[int, int]]) -> list[list[int]]:
+    """Return [from, to) between ranges (first, count) that are in order, from 0 on."""
+    out, at = [], 0
+    for first, count in ranges:
+        if first > at:
+            out.append([at, first])
+        at = first + count
+    return out
+
+
+def stored_events(connection: Connection, session: str) -> list[Event]:
+    """Return a session's events in order: epoch by epoch as they came, each as far as it has no gap."""
+    rows = connection.execute(select(events).where(events.c.session == session).order_by(events.c.arrival)).all()
+    first: dict[str, int] = {}
+    for row in rows:
+        first.setdefault(row.epoch, row.arrival)
+    out, expected = [], dict.fromkeys(first, 0)
+    for row in sorted(rows, key=lambda r: (first[r.epoch], r.number)):
+        if row.number == expected[row.epoch]:
+            expected[row.epoch] += 1
+            out.append(event_of(body_of_event(row)))
+    return out
+
+
+def body_of_event(row: Row[Any]) -> bytes:
+    """Return a stored event as it was sent.
+
+    Raises:
+        DamagedError: it is no longer that.
+    """
+    return sound(row.body.encode(), row.sha256, f"event {row.number} of epoch {row.epoch} of session {row.session}")
+
+
+def event_of(body: bytes) -> Event:
+    """Return an event as a bench sends it.
+
+    Raises:
+        ProblemError: it is none.
+    """
+    value = json.loads(canonical_object(body, "an event", _MOST_EVENT_BYTES))
+    kind, at_s, more, stream = (value.get(k) for k in ("kind", "at_s", "value", "stream"))
+    utc_s = value.get("utc_s")
+    sound = (
+        isinstance(kind, str)
+        and 0 < len(kind) <= 60
+        and isinstance(more if more is not None else {}, dict)
+        and (stream is None or (isinstance(stream, str) and len(stream) <= 100))
+        and all(n is None or (isinstance(n, int | float) and not isinstance(n, bool)) for n in (at_s, utc_s))
+    )
+    if not sound:
+        raise ProblemError(422, "no event", "an object with kind, at_s, value, and stream or null")
+    return Event(str(kind), float(at_s or 0.0), more or {}, stream, float(utc_s or 0.0))
+
+
+def canonical_object(body: bytes, what: str, most: int = 1 << 20) -> str:
+    """Return the canonical JSON of an object."""
+    if len(body) > most:
+        raise ProblemError(413, f"{what} of {len(body)} bytes", f"at most {most}")
+    try:
+        value = read_json(body)
+        if not isinstance(value, dict):
+            raise ValueError("no object")
+        return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    except ValueError as error:
+        raise ProblemError(422, f"{what} that is no JSON object ({shortened(error)})", "a JSON object") from error
