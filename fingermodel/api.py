@@ -12,10 +12,19 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from daq.errors import InputError
 from fingermodel.comparison import comparison
 from fingermodel.comparison.comparison import Comparison
 from fingermodel.diagnosis.answer.addition import Addition, add_effects
+from fingermodel.diagnosis.answer.answer import answer
+from fingermodel.diagnosis.diagnose import diagnose as search
+from fingermodel.diagnosis.next_cases.next_cases import plan_next
+from fingermodel.fitting.eq5 import refit_slsqp
 from fingermodel.fitting.fit_report import Fit
+from fingermodel.fitting.identification import refit_map
+from fingermodel.fitting.problems import eq5_problem, map_problem
+from fingermodel.model_files import Step, require_new, revision_of
+from fingermodel.revisions import save_revision
 from fingermodel.session import Session
 
 if TYPE_CHECKING:
@@ -76,11 +85,6 @@ def refit(
         >>> fit.parameters[0].unit
         'mm'
     """
-    from daq.errors import InputError
-    from fingermodel.fitting.eq5 import refit_slsqp
-    from fingermodel.fitting.identification import refit_map
-    from fingermodel.fitting.problems import eq5_problem, map_problem
-
     if method not in ("map", "slsqp"):
         raise InputError(f"method {method!r}", "map or slsqp")
     if method == "slsqp":
@@ -149,8 +153,6 @@ def diagnose(session: Session, *, thorough: bool = False, progress: Progress | N
         >>> after < before / 2
         True
     """
-    from fingermodel.diagnosis.diagnose import diagnose as search
-
     return Diagnosis(
         search(
             session.model,
@@ -179,8 +181,6 @@ class Diagnosis:
     @cached_property
     def answer(self) -> Mapping[str, Any]:
         """Everything that is known, as `fingertwin diagnose --json` gives it: plain values, units in the names."""
-        from fingermodel.diagnosis.answer.answer import answer
-
         return answer(self.details)
 
     @property
@@ -232,8 +232,6 @@ class Diagnosis:
         Raises:
             InputError: there is no such group.
         """
-        from daq.errors import InputError
-
         if group not in self.answer["before"]:
             raise InputError(f"no load case of {group}", f"one of {', '.join(self.answer['before'])}")
         plane = self.details.session.model.finger.judged_in
@@ -253,8 +251,6 @@ class Diagnosis:
 
     def next_cases(self) -> list[dict[str, Any]]:
         """Plan the load cases that would tell most: posture, location, masses [g], expected information [nat]."""
-        from fingermodel.diagnosis.next_cases.next_cases import plan_next
-
         return [case.as_dict() for case in plan_next(self.details).cases]
 
 
@@ -269,9 +265,6 @@ def save(session: Session, fit: Fit | Addition, path: str | os.PathLike[str]) ->
     Raises:
         ModelError: the file exists; revisions are never overwritten.
     """
-    from fingermodel.model_files import Step, require_new, revision_of
-    from fingermodel.revisions import save_revision
-
     target, step = Path(path), None
     require_new(target)
     if isinstance(fit, Addition):

@@ -24,6 +24,8 @@ from daq.documents import unique_keys
 from daq.errors import ModelError
 from daq.files import replacing
 from fingermodel.budget import Budget, budget_of
+from fingermodel.effects import catalogue
+from fingermodel.effects.user import effect_from_dict
 from fingermodel.fingers import Finger
 from fingermodel.fingers.files import finger_document, finger_from_dict, read_finger
 from fingermodel.fitting.fit_report import Fit
@@ -322,12 +324,9 @@ def _from_revision(revision: Revision, session_id: str, layout: Layout, effects:
     settings = {k: v for k, v in revision.document["budget"].items() if k != "name"}
     held = revision.document.get("effects") or []
     if held:
-        from fingermodel.effects.catalogue import CATALOGUE
-        from fingermodel.effects.user import effect_from_dict
-
         # What the revision holds under the name of a shipped effect is its own.
         names = {e["name"] for e in held}
-        given = [e for e in effects if e not in CATALOGUE and not (e.outside and e.name in names)]
+        given = [e for e in effects if e not in catalogue.CATALOGUE and not (e.outside and e.name in names)]
         own = [effect_from_dict(e["document"], revision.id, given) for e in held if e.get("document")]
         for effect in given:
             if any(o.name == effect.name and o != effect for o in own):
@@ -336,7 +335,7 @@ def _from_revision(revision: Revision, session_id: str, layout: Layout, effects:
                     "one effect of a name",
                     "Rename yours, or leave out its --effect",
                 )
-        effects = (*CATALOGUE, *dict.fromkeys([*given, *own]))
+        effects = (*catalogue.CATALOGUE, *dict.fromkeys([*given, *own]))
     # The priors stay where they stood, so that fitting again does not count the same readings twice.
     model = Model(revision.prior, layout, budget_of(settings), effects)
     kinds = {p.name: p.kind for p in model.parameters}

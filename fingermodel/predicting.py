@@ -13,11 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from daq.errors import InputError, ModelError
 from fingermodel.compiled.compilation import prepare_jax
+from fingermodel.fingers import Finger as PlainFinger
+from fingermodel.fingers.files import read_finger
+from fingermodel.model import ANY_LAYOUT, Model, clamp_forces_batch, jax_values, tip_kinematics_batch
+from fingermodel.model_files import load_model, read_revision
+from fingermodel.session import Session
+from fingermodel.stages import LoadCaseInput
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger, Topology
     from fingermodel.model_files import Revision
-    from fingermodel.session import Session
 
 __all__ = ["PredictedForces", "Predictor", "predict"]
 
@@ -110,10 +115,6 @@ def _lists(given: Columns) -> dict[str, Sequence[float]]:
 
 def predictor_of(model: Finger | Revision | Session | str | os.PathLike[str]) -> Predictor:
     """Return what predicts with a model: itself, its file or its name."""
-    from fingermodel.fingers.files import read_finger
-    from fingermodel.model_files import read_revision
-    from fingermodel.session import Session
-
     if isinstance(model, Session):
         return Predictor.of_session(model)
     if isinstance(model, str | os.PathLike):
@@ -132,10 +133,6 @@ class Predictor:
     """
 
     def __init__(self, model: Finger | Revision) -> None:
-        from fingermodel.fingers import Finger as PlainFinger
-        from fingermodel.model import ANY_LAYOUT, Model, jax_values
-        from fingermodel.model_files import load_model
-
         prepare_jax()
         self.name = model.id
         self._theta: Floats | None = None
@@ -152,8 +149,6 @@ class Predictor:
     @classmethod
     def of_session(cls, session: Session) -> Predictor:
         """Of a session's model: its anatomy and effects, without the errors of the session's rig."""
-        from fingermodel.model import ANY_LAYOUT, Model
-
         source, given = session.model, session.theta
         fitted = source.finger.replace_values(**source.values_at(given)._asdict())
         made = cls(fitted)
@@ -195,8 +190,6 @@ class Predictor:
         return {"tip_force_N": out[:, :3], "tip_moment_Nmm": out[:, 3:6], "bone_force_N": out[:, 6:]}
 
     def _forces(self, q: Floats, t: Floats, weight: float) -> tuple[Floats, Floats]:
-        from fingermodel.model import clamp_forces_batch
-
         if self._plain:
             forces = clamp_forces_batch(self.topology, self._values, q, t)
             return np.asarray(forces.tip), np.asarray(forces.bone)
@@ -205,8 +198,6 @@ class Predictor:
 
     def _undetermined(self, q: Floats, t: Floats, tip: Floats) -> NDArray[np.intp]:
         """Rows whose posture leaves the finger straight; only forces beyond all reason are looked at twice."""
-        from fingermodel.model import tip_kinematics_batch
-
         force = np.linalg.norm(tip[:, :3], axis=1)
         odd = np.flatnonzero(~(force <= _ABSURD * t.sum(axis=1) + 1e-9) | ~np.isfinite(tip).all(axis=1))
         if not len(odd):
@@ -223,8 +214,6 @@ class Predictor:
 
 def _inputs(q: Floats, t: Floats, weight: float) -> Any:
     """Load cases at the tip, taken at once after the tare."""
-    from fingermodel.stages import LoadCaseInput
-
     n = len(q)
     none, no, first = np.zeros(n), np.zeros(n, bool), np.zeros(n, int)
     return LoadCaseInput.batch(

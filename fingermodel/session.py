@@ -12,6 +12,9 @@ from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from daq.checks import measure_and_check
+from daq.errors import InputError
+from daq.sessions import read_session
 from fingermodel.compiled.compilation import prepare_jax
 
 if TYPE_CHECKING:
@@ -79,9 +82,6 @@ class Session:
         Raises:
             InputError: a session, readings, a model or an effect that cannot be used.
         """
-        from daq.checks import measure_and_check
-        from daq.sessions import read_session
-
         prepare_jax()
         measured, findings = measure_and_check(read_session(os.fspath(path)), progress)
         return replace(cls.of(measured, model, effects=effects, catalogue=catalogue), findings=findings)
@@ -190,8 +190,6 @@ class Session:
         Raises:
             InputError: an effect is to be taken out that the model does not hold.
         """
-        from daq.errors import InputError
-
         added = self.loaded.added
         unknown = [name for name in effects if not any(_belongs(p, [name]) for p in added)]
         if unknown:

@@ -160,8 +160,6 @@ def diagnose(
         diagnose_sessions(sessions, model, thorough, effect or [], figures, json, permutations, law)
         return
     if law is not None:
-        from daq.errors import InputError
-
         raise InputError("--law with one session", "several sessions, which may share a law")
     from server.commands.diagnosis import diagnose_session
 

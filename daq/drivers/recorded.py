@@ -17,6 +17,7 @@ from daq.drivers.base import LoadCell, Samples, Setting, Transport, samples
 from daq.drivers.frames import FrameStream
 from daq.errors import DriverError, ReadingsError
 from daq.recordings.readings import ReadingBlock, open_readings
+from daq.sessions import read_session
 
 HEADER = b"FTRW"
 # Header, check of the eight words after it, time, six components, status.
@@ -163,8 +164,6 @@ class Replay(LoadCell):
         """Open a readings file, or a session's folder."""
         path = Path(port)
         if path.is_dir() or path.name == "session.yaml":
-            from daq.sessions import read_session
-
             session = read_session(path)
             if session.readings_path is None:
                 raise DriverError(f"session {session.id} has no readings", "a session with raw readings to replay")

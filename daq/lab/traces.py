@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ReadingsError
+from daq.journal.export import export
 from daq.lab.channels import TIMESTAMP, Channel, LabChannels
 from daq.lab.files import Increment
 from daq.lab.levels import still_spans
@@ -56,8 +57,6 @@ def as_recording(path: Path) -> Iterator[Path]:
     Raises:
         InputError: the journal cannot be read.
     """
-    from daq.journal.export import export
-
     try:
         with path.open("rb") as stream:
             journal = stream.read(len(_JOURNAL)) == _JOURNAL

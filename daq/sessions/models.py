@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
+from daq.sessions.rules import faults_between
 from daq.vocabulary import (
     EVENT_KINDS,
     JOINT_ANGLES,
@@ -391,8 +392,6 @@ class Session(Open):
 
     @model_validator(mode="after")
     def _hangs_together(self) -> Session:
-        from daq.sessions.rules import faults_between
-
         for fault in faults_between(self.model_dump(exclude_none=True)):
             refuse(fault.found, fault.expected, fault.remedy, fault.at)
         return self

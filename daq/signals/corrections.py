@@ -18,6 +18,7 @@ from daq.recordings.readings import ReadingBlock, open_readings
 from daq.recordings.windows import Span, gather
 from daq.sessions.models import KnownWeight, LoadCase, Session, TensionEstimate
 from daq.signals.calibration import MountTransform, mount_transform
+from daq.signals.friction import friction
 
 Floats = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -125,8 +126,6 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
 
 
 def _with_estimate(measured: MeasuredSession) -> MeasuredSession:
-    from daq.signals.friction import friction
-
     result = friction([measured])
     source = f"estimated by force balance from {result.n} pairs of cases"
     return replace(measured, tension_factor=result.factor, tension_factor_source=source)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from daq.acquisition.blocks import Chunk
+
 if TYPE_CHECKING:
-    from daq.acquisition.blocks import Chunk
     from daq.recordings.readings import ReadingBlock
     from daq.sessions.models import Session
 
@@ -39,7 +40,6 @@ def epoch_of(sha256: str) -> str:
 
 def chunks_of(blocks: Iterable[ReadingBlock], size: int = CHUNK) -> Iterator[Chunk]:
     """Yield readings as chunks of at most so many, and an empty one at the end."""
-    from daq.acquisition.blocks import Chunk
 
     def chunk(first: int, t_s: Any, wrench: Any, status: Any) -> Chunk:
         # There is no wall clock in a file, and the same file must make the same chunks.

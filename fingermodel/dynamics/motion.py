@@ -11,7 +11,7 @@ import os
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +20,9 @@ from pydantic import Field
 from daq.documents import Document, read_document, validated
 from daq.errors import ModelError
 from daq.locations import data_dir
+from fingermodel.dynamics.inverse import Movement
 from fingermodel.fingers import Topology
 from fingermodel.fingers.sourced import Sourced
-
-if TYPE_CHECKING:
-    from fingermodel.dynamics.inverse import Movement
 
 Floats = NDArray[np.float64]
 WANTED = "a motion/1 file"
@@ -115,8 +113,6 @@ class Motion:
         Raises:
             ModelError: a rotation that the file or the finger lacks, or a time outside the span.
         """
-        from fingermodel.dynamics.inverse import Movement
-
         self._require(topology, times_s)
         angles = self.document.angles
         samples = np.asarray(angles.times_s)

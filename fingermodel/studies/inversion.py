@@ -9,6 +9,7 @@ import numpy as np
 from daq.errors import InputError
 from fingermodel.budget import CellMounting
 from fingermodel.fingers import COMPONENTS
+from fingermodel.inverse.areas import areas_of
 from fingermodel.inverse.closures import Closure, closure_of, slip_names
 from fingermodel.inverse.spread import Given, Inverse, invert
 from fingermodel.session import Session
@@ -237,8 +238,6 @@ def _notes(
     if left_out:
         notes.append(f"Left out, since too little of what the clamp carries was read: {', '.join(left_out)}.")
     if unread.any():
-        from fingermodel.fingers import COMPONENTS
-
         which = ", ".join(COMPONENTS[c] for c in np.flatnonzero(unread.any(axis=0)))
         notes.append(
             f"{which} was not read in {int(unread.any(axis=1).sum())} of {len(unread)} cases: it may take any value "
@@ -248,8 +247,6 @@ def _notes(
         names = sorted({str(p).split(".")[0] for p in bench.loaded.added})
         notes.append(f"The model's effects do not act here, only its points and the rig's errors: {', '.join(names)}.")
     if closure.name == "least_squares":
-        from fingermodel.inverse.areas import areas_of
-
         short = int((np.linalg.norm(inverse.unbalanced, axis=1) > 0.0).sum())
         if short:
             notes.append(

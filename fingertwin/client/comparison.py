@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingertwin.client.exchange import Body, Exchange, reading
+from fingertwin.client.figures import figure, model_of
 from fingertwin.client.summaries import Floats, Summary, made, names, rmse_of, summary_of, vector, vector_or_none
 
 if TYPE_CHECKING:
@@ -142,7 +143,5 @@ class Comparison:
             name: scatter (predicted against measured, identification cases), scatter_validation, vectors, bone, errors
                 or z.
         """
-        from fingertwin.client.figures import figure, model_of
-
         model = model_of(self._exchange, self._asked, self.model)
         return figure(self._exchange, f"comparison/{name}", session=self.session, model=model)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from fingertwin.client.exchange import Body, Exchange, reading
+from fingertwin.client.figures import figure
 from fingertwin.client.summaries import Parameter, Summary, made, names, rmse_of, summary_of
 
 if TYPE_CHECKING:
@@ -183,8 +184,6 @@ class Finding:
             name: ranking, size, sensitivity, residual_map, missing_torque, confounding, revisions (before and after) or
                 held_out.
         """
-        from fingertwin.client.figures import figure
-
         return figure(self._exchange, f"diagnosis/{name}", job=self._job)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fingertwin.client.exchange import Body, Exchange, path_of, reading
+from fingertwin.client.figures import figure
 from fingertwin.client.files import fetched, format_of
 from fingertwin.client.summaries import Summary, made, names, rmse_of, summary_of
 
@@ -124,8 +125,6 @@ class Revision:
 
     def plot(self) -> go.Figure:
         """Return a figure of how the error fell with every step, drawn by the service."""
-        from fingertwin.client.figures import figure
-
         return figure(self._exchange, "revisions/waterfall", revision=self.id)
 
     def export(self, path: str | Path, file_format: str | None = None) -> Path:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from daq.uplink.parts import part
 from daq.uplink.recording import CHUNK, STREAM, chunks_of, description_of, epoch_of
 from daq.uplink.wire import COUNT, EPOCH, SHA256, Cursor, Range, stream_path
 from fingertwin.client.errors import ServiceError
@@ -61,8 +62,8 @@ def _send_readings(
     description = description_of(recorded, file, digest)
     cursor = _described(exchange, address, description, session, file.name)
     for chunk in chunks_of(source.blocks(), CHUNK):
-        for part in _lacking(chunk, cursor):
-            cursor = _put(exchange, address, part, epoch_of(digest))
+        for lacking in _lacking(chunk, cursor):
+            cursor = _put(exchange, address, lacking, epoch_of(digest))
         if last_s > 0.0 and len(chunk):
             tell(min(max(float(chunk.t_s[-1]) / last_s, 0.0), 1.0), "readings")
 
@@ -93,8 +94,6 @@ def _lacking(chunk: Chunk, cursor: Cursor) -> Iterator[Chunk]:
         if not cursor.ended:
             yield chunk
         return
-    from daq.uplink.parts import part
-
     ranges: list[Range] = [*cursor.missing, (cursor.next_seq, _ENDLESS)]
     for begin, end in ranges:
         a, b = max(begin, chunk.first_seq), min(end, chunk.next_seq)
@@ -116,8 +115,6 @@ def _put(exchange: Exchange, address: str, chunk: Chunk, epoch: str) -> Cursor:
     except ServiceError as error:
         if error.status != 413 or len(chunk) < 2:
             raise
-        from daq.uplink.parts import part
-
         half = len(chunk) // 2
         _put(exchange, address, part(chunk, 0, half), epoch)
         return _put(exchange, address, part(chunk, half, len(chunk)), epoch)

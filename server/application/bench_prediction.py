@@ -12,6 +12,8 @@ from daq.bench.forces import Predict
 from daq.bench.record import BenchSetup
 from daq.bench.result import PUBLISHED_TENSION_FACTOR
 from daq.sessions.models import LoadCase, TensionEstimate
+from daq.signals.corrections import assemble
+from server.application.workflow import Bench, compare_bench, prepare_jax
 
 Floats = NDArray[np.float64]
 Masses = tuple[tuple[str, float], ...]
@@ -91,11 +93,9 @@ def _question(hung: Masses, entered: Masses) -> str:
 
 
 def _predicted(setup: BenchSetup, model: str | None) -> Mapping[Key, Floats]:
-    from daq.signals.corrections import assemble
     from fingermodel.budget import budget_of
     from fingermodel.comparison.observations import layout_of, observe
     from fingermodel.model_files import load_model
-    from server.application.workflow import Bench, compare_bench, prepare_jax
 
     prepare_jax()
     planned = setup.require_sound()

@@ -5,6 +5,9 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from fingermodel.fingers.files import read_finger
+from fingermodel.model import ANY_LAYOUT
+
 if TYPE_CHECKING:
     from fingermodel.fingers import Topology
     from fingermodel.stages import Effect
@@ -17,8 +20,6 @@ def effect_row(effect: Effect, topology: Topology | None = None) -> dict[str, An
         effect: of the catalogue or the user's.
         topology: of the finger that it is to act on; by default that of An et al. 1979.
     """
-    from fingermodel.model import ANY_LAYOUT
-
     topology = topology or _standard()
     parameters = effect.parameters(topology, ANY_LAYOUT)
     return {
@@ -47,6 +48,4 @@ def effect_row(effect: Effect, topology: Topology | None = None) -> dict[str, An
 @cache
 def _standard() -> Topology:
     """Of An et al. 1979, read once: a list of effects asks for it with every row."""
-    from fingermodel.fingers.files import read_finger
-
     return read_finger("an1979_middle").topology

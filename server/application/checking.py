@@ -5,7 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from daq.checks import check
 from daq.errors import InputError
+from daq.findings import finding
+from daq.sessions import find_session, read_session
+from fingermodel.fingers.files import read_finger
 
 if TYPE_CHECKING:
     from daq.checks import CheckReport
@@ -19,9 +23,6 @@ def check_whole(session: str) -> CheckReport:
     Raises:
         InputError: there is no such session.
     """
-    from daq.checks import check
-    from daq.sessions import find_session
-
     find_session(session)
     report = check(session)
     return replace(report, findings=(*model_findings(session), *report.findings)) if report.ok else report
@@ -29,11 +30,8 @@ def check_whole(session: str) -> CheckReport:
 
 def model_findings(given: str | Session) -> list[Finding]:
     """What makes a sound session unusable for its finger: joints, tendons, budget, a straight posture."""
-    from daq.findings import finding
-    from daq.sessions import read_session
     from fingermodel.budget import budget_of
     from fingermodel.comparison.observations import require_usable
-    from fingermodel.fingers.files import read_finger
     from fingermodel.model import Model
 
     session = read_session(given) if isinstance(given, str) else given

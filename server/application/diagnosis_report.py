@@ -11,11 +11,28 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.files import replacing
+from server.figures import diagnosis_tables as tables
+from server.figures import diagnosis_words as said
+from server.figures.diagnosis_answer import value, words
+from server.figures.diagnosis_confounding import confounding_figure
+from server.figures.diagnosis_held_out import held_out_figure
+from server.figures.diagnosis_map import residual_map
+from server.figures.diagnosis_ranking import ranking_figure
+from server.figures.diagnosis_revisions import revisions_figure
+from server.figures.diagnosis_sensitivity import sensitivity_figure
+from server.figures.diagnosis_size import size_figure
+from server.figures.diagnosis_torque import torque_figure
+from server.figures.diagnosis_words import title
+from server.figures.report import Picture, Section, report_html
+from server.figures.report_front import closing_sections, finger_section, folded, to_do_section
+from server.figures.shared_law import own_curve_figure, shared_sections
+from server.figures.static import write_static
+from server.figures.style import NothingToDrawError, number
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-    from server.figures.report import Picture, Section, Table
+    from server.figures.report import Table
 
 History = Sequence[Mapping[str, Any]]
 
@@ -37,10 +54,6 @@ def draw_diagnosis(
         static: whether to write PNG and SVG too.
         finger: with the effect, for the first page.
     """
-    from server.figures.diagnosis_words import title
-    from server.figures.report import report_html
-    from server.figures.report_front import closing_sections
-
     figures: dict[str, go.Figure] = {} if finger is None else {"finger": finger}
     sections = [*diagnosis_sections(answer, history, figures), *closing_sections(answer.get("origin") or {})]
     text = report_html(sections, title(answer), subtitle(answer))
@@ -69,21 +82,6 @@ def diagnosis_sections(
 
     `figures` may hold a drawing of the `finger` with the effect already, which then stands on the first page.
     """
-    from server.figures import diagnosis_tables as tables
-    from server.figures import diagnosis_words as said
-    from server.figures.diagnosis_answer import words
-    from server.figures.diagnosis_confounding import confounding_figure
-    from server.figures.diagnosis_held_out import held_out_figure
-    from server.figures.diagnosis_map import residual_map
-    from server.figures.diagnosis_ranking import ranking_figure
-    from server.figures.diagnosis_revisions import revisions_figure
-    from server.figures.diagnosis_sensitivity import sensitivity_figure
-    from server.figures.diagnosis_size import size_figure
-    from server.figures.diagnosis_torque import torque_figure
-    from server.figures.report import Picture, Section
-    from server.figures.report_front import finger_section, folded, to_do_section
-    from server.figures.shared_law import own_curve_figure
-    from server.figures.style import NothingToDrawError
 
     def picture(name: str, draw: Callable[[], go.Figure], caption: str) -> Picture | str:
         try:
@@ -229,9 +227,6 @@ def diagnosis_sections(
 
 
 def _duration(answer: Mapping[str, Any]) -> list[str]:
-    from server.figures.diagnosis_answer import value
-    from server.figures.style import number
-
     seconds = value(answer.get("seconds"))
     return [] if seconds is None else [f"The diagnosis took {number(seconds, 1)} s."]
 
@@ -244,9 +239,6 @@ def draw_shared(answer: dict[str, Any], folder: Path, static: bool = True) -> Pa
         folder: for `shared.html`, PNG and SVG; made where it is absent.
         static: whether to write PNG and SVG too.
     """
-    from server.figures.report import report_html
-    from server.figures.shared_law import shared_sections
-
     figures: dict[str, go.Figure] = {}
     sections = shared_sections(answer, figures)
     text = report_html(sections, f"What {len(answer['sessions'])} sessions share")
@@ -255,8 +247,6 @@ def draw_shared(answer: dict[str, Any], folder: Path, static: bool = True) -> Pa
 
 def _written(page: Path, text: str, figures: dict[str, go.Figure]) -> Path:
     """Write a page, and figures beside it as PNG and SVG."""
-    from server.figures.static import write_static
-
     with replacing(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
     if figures:

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
+from daq.export.tables import sha256_of
+from fingermodel.fingers.files import read_finger
 
 if TYPE_CHECKING:
     from fingermodel.exchange.described import Imported
@@ -22,7 +24,6 @@ UNSOURCED = "The sources and certainty of its numbers are not in that file: fill
 
 def named_finger(source: str) -> tuple[Finger, str, tuple[str, ...]]:
     """The finger, the name of what holds it, and what of that is not the finger's."""
-    from fingermodel.fingers.files import read_finger
     from fingermodel.model_files import read_revision
 
     path = Path(source)
@@ -71,7 +72,6 @@ def read_foreign(source: Path, load_point_mm: Floats | None) -> Imported:
     Raises:
         ModelError: it cannot be read, or holds no finger chain that a finger/1 file can hold.
     """
-    from daq.export.tables import sha256_of
     from fingermodel.exchange.read_mjcf import read_mjcf
     from fingermodel.exchange.read_osim import read_osim
 

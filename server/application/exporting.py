@@ -8,6 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
+from daq.export.excel import write_excel
+from daq.export.formats import write_hdf5, write_mat
+from daq.export.supplement import model_members, write_supplement
+from daq.export.tables import case_columns, software, window_columns, write_columns, write_table
+from fingermodel.diagnosis import settings
+from fingermodel.fingers.files import finger_names, read_finger
 from server.application.workflow import Bench, compare_bench
 
 if TYPE_CHECKING:
@@ -46,13 +52,9 @@ def write_table_file(
     columns: Mapping[str, list[Any]], path: Path, file_format: str, about: Mapping[str, Any]
 ) -> Path | None:
     """Write columns as `csv`, with what they are beside it, as `parquet` or as `xlsx`; return the file beside it."""
-    from daq.export.tables import write_columns, write_table
-
     if file_format == "csv":
         return write_table(columns, path, about)
     if file_format == "xlsx":
-        from daq.export.excel import write_excel
-
         write_excel(columns, path, about)
         return None
     write_columns(columns, path, file_format)
@@ -67,8 +69,6 @@ def parameter_columns(revision: Revision) -> dict[str, list[Any]]:
 
 def about_revision(revision: Revision, sources: Mapping[str, str]) -> dict[str, Any]:
     """What a table of parameters came from; `sources` are SHA-256 by name."""
-    from daq.export.tables import software
-
     return {
         "software": software(),
         "session": revision.session,
@@ -84,16 +84,12 @@ def bench_columns(bench: Bench, hidden: Collection[str] = ()) -> dict[str, list[
         bench: session and model.
         hidden: cases whose predictions are left empty.
     """
-    from daq.export.tables import case_columns
-
     columns = {**case_columns(bench.measured), **_predicted_columns(compare_bench(bench), hidden)}
     return columns | {"model": [bench.loaded.name] * len(columns["id"])}
 
 
 def about_bench(bench: Bench, sources: Mapping[str, Any], hidden: Collection[str] = ()) -> dict[str, Any]:
     """What a table of cases came from; `sources` are fingerprints by name."""
-    from daq.export.tables import software
-
     measured = bench.measured
     notes = list(measured.notes)
     if hidden:
@@ -126,9 +122,6 @@ def write_whole(
         about: of `about_bench`.
         hidden: cases whose predictions are left empty.
     """
-    from daq.export.formats import write_hdf5, write_mat
-    from daq.export.tables import window_columns
-
     columns = {**bench_columns(bench, hidden), **window_columns(bench.measured)}
     (write_hdf5 if file_format == "hdf5" else write_mat)(session, columns, path, about)
     return len(columns["id"])
@@ -155,9 +148,6 @@ def write_paper(
     Returns:
         the number of cases, and how many private things were replaced, by kind.
     """
-    from daq.export.supplement import write_supplement
-    from daq.export.tables import case_columns, software
-
     about = {"software": software()}
     if bench is None:
         columns: Mapping[str, list[Any]] = {**case_columns(measured)}
@@ -179,8 +169,6 @@ def write_paper(
 
 def own_finger(session: Session) -> dict[str, Any] | None:
     """The document of the session's finger, where it does not come with the software."""
-    from fingermodel.fingers.files import finger_names, read_finger
-
     if session.finger in finger_names() and not (session.folder and (session.folder / session.finger).is_file()):
         return None
     return read_finger(session.finger, session.folder).document
@@ -188,8 +176,6 @@ def own_finger(session: Session) -> dict[str, Any] | None:
 
 def _commands(models: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Seeds, and what makes every figure and revision again, run beside the supplement's session.yaml."""
-    from daq.export.supplement import model_members
-    from fingermodel.diagnosis import settings
     from fingermodel.fitting.identification import SEED
 
     members = model_members(models)

@@ -7,9 +7,11 @@ from typing import Any
 
 from daq.errors import InputError
 from fingermodel.effects.catalogue import CATALOGUE, EFFECTS
+from fingermodel.effects.formula_tree import near
 from fingermodel.model_files import free_path, require_new
 from server.application.additions import add_bench, addition_body, addition_step, refitted_alone, resolved_effects
 from server.application.catalogue import effect_row
+from server.application.drawing import draw_comparison
 from server.application.workflow import open_bench, save_revision
 from server.commands.console import answer, progress, say, table
 from server.commands.twin import print_fall, print_fit, say_first
@@ -74,8 +76,6 @@ def _add_to_session(
     )
     page = None
     if figures:
-        from server.application.drawing import draw_comparison
-
         page = draw_comparison(
             bench, after, figures, before=before, theta=addition.fit.theta, model_name=" + ".join(addition.names)
         )
@@ -119,8 +119,6 @@ def print_history(history: list[dict[str, Any]]) -> None:
 def show_effects(name: str | None, json: str | None) -> None:
     """List the catalogue, or show one effect whole."""
     if name is not None and name not in EFFECTS:
-        from fingermodel.effects.formula_tree import near
-
         raise InputError(f"no effect {name!r}", f"one of {', '.join(EFFECTS)}", near(name, EFFECTS))
     chosen = CATALOGUE if name is None else (EFFECTS[name],)
     rows = [effect_row(effect) for effect in chosen]

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from daq.sessions import read_session
+from daq.signals.corrections import measure
+from daq.signals.friction import friction
 from server.application.checking import check_whole
 from server.commands.console import answer, progress, say, table
 
@@ -30,10 +33,6 @@ def check_session(session: str, json: str | None) -> int:
 
 def friction_of(sessions: list[str], json: str | None) -> None:
     """Balance forces at tip and bone over sessions."""
-    from daq.sessions import read_session
-    from daq.signals.corrections import measure
-    from daq.signals.friction import friction
-
     with progress("Reading"):
         result = friction([measure(read_session(s)) for s in sessions])
     body = result.as_dict()

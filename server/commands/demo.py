@@ -13,12 +13,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from daq.checks import check
 from daq.errors import InputError
+from fingertwin.client import Client
 from server.commands.additions import print_history
 from server.commands.console import progress, say, table
+from server.commands.log import replay_session
 
 if TYPE_CHECKING:
-    from fingertwin.client import Client
     from fingertwin.client.findings import Finding, Fit
     from fingertwin.client.jobs import Job
     from fingertwin.client.summaries import Summary
@@ -33,10 +35,6 @@ _STOP_S = 20.0
 
 def run_demo(out: Path) -> None:
     """Stream a session with a hidden effect into the service, find and add it; then show what published ones share."""
-    from daq.checks import check
-    from fingertwin.client import Client
-    from server.commands.log import replay_session
-
     began = time.perf_counter()
     with TemporaryDirectory(prefix="fingertwin-demo-") as folder, service(Path(folder)) as url, Client(url) as twin:
         say(

@@ -14,12 +14,21 @@ from daq.audit import local_user
 from daq.errors import InputError
 from daq.private import privately
 from server.commands.console import answer, progress, say, table
+from server.service.operation.backup import backup as copy_database
+from server.service.operation.backup import restore as restore_database
+from server.service.operation.folder import HeldError, alone, folder_of, held, made, sqlite_of
+from server.service.operation.migrate import check, expected, explained, upgrade
+from server.service.security.tokens import create, listed, revoke
+from server.service.settings import Settings
+from server.service.storage.audit import acting, entries
+from server.service.storage.database import Database
+from server.service.storage.purge import give_back
+from server.service.storage.purge import purge as remove
 
 if TYPE_CHECKING:
     from daq.audit import Entry
     from server.service.security.tokens import Role, Token
-    from server.service.settings import Settings, What
-    from server.service.storage.database import Database
+    from server.service.settings import What
 
 Given = Mapping[str, Any]
 
@@ -47,9 +56,6 @@ def serve(given: Given, json: str | None) -> None:
 @privately
 def create_token(given: Given, name: str, role: Role, days: float | None, json: str | None) -> None:
     """Make a token and print it."""
-    from server.service.security.tokens import create
-    from server.service.storage.audit import acting
-
     with database_of(settings_of(given), new=True) as database, acting(local_user(), platform.node()):
         token, text = create(database, name, role, days)
     if answer("token-create", {"token": text, **token.as_dict()}, json):
@@ -61,8 +67,6 @@ def create_token(given: Given, name: str, role: Role, days: float | None, json: 
 
 def list_tokens(given: Given, json: str | None) -> None:
     """Show the tokens."""
-    from server.service.security.tokens import listed
-
     with database_of(settings_of(given)) as database:
         found = listed(database)
     if answer("token-list", {"tokens": [t.as_dict() for t in found]}, json):
@@ -73,9 +77,6 @@ def list_tokens(given: Given, json: str | None) -> None:
 
 def revoke_token(given: Given, number: str, json: str | None) -> None:
     """Make a token useless."""
-    from server.service.security.tokens import revoke
-    from server.service.storage.audit import acting
-
     with database_of(settings_of(given)) as database, acting(local_user(), platform.node()):
         token = revoke(database, number)
     if not answer("token-revoke", token.as_dict(), json):
@@ -85,10 +86,8 @@ def revoke_token(given: Given, number: str, json: str | None) -> None:
 @privately
 def backup(given: Given, target: Path, json: str | None) -> None:
     """Copy the service's database into one file."""
-    from server.service.operation.backup import backup as run
-
     with progress("Copying and checking"):
-        done = run(settings_of(given), target)
+        done = copy_database(settings_of(given), target)
     if not answer("backup", done.as_dict(), json):
         say(f"{done.file}: {_megabytes(done.size_bytes)}, {done.sessions} sessions, checked")
 
@@ -96,11 +95,8 @@ def backup(given: Given, target: Path, json: str | None) -> None:
 @privately
 def restore(given: Given, source: Path, force: bool, json: str | None) -> None:
     """Put a backup in the place of the service's database."""
-    from server.service.operation.backup import restore as run
-    from server.service.storage.audit import acting
-
     with acting(local_user(), platform.node()), progress("Checking and copying"):
-        done, aside = run(settings_of(given), source, force=force)
+        done, aside = restore_database(settings_of(given), source, force=force)
     if answer("restore", {**done.as_dict(), "former": None if aside is None else str(aside)}, json):
         return
     say(f"{done.file}: {_megabytes(done.size_bytes)}, {done.sessions} sessions, checked")
@@ -111,18 +107,13 @@ def restore(given: Given, source: Path, force: bool, json: str | None) -> None:
 @privately
 def purge(given: Given, what: What, older_days: float, session: str | None, dry_run: bool, json: str | None) -> None:
     """Remove what is older than so many days, and give its space back."""
-    from server.service.operation.folder import HeldError, alone, folder_of, held
-    from server.service.storage.audit import acting
-    from server.service.storage.purge import give_back
-    from server.service.storage.purge import purge as run
-
     settings, given_back = settings_of(given), False
     with (
         database_of(settings) as database,
         acting(local_user(), platform.node()),
         progress("Counting" if dry_run else "Removing"),
     ):
-        done = run(database, what, older_days, session, dry_run=dry_run)
+        done = remove(database, what, older_days, session, dry_run=dry_run)
         if not dry_run:
             try:
                 with held(folder_of(settings)), alone(database):
@@ -143,8 +134,6 @@ def purge(given: Given, what: What, older_days: float, session: str | None, dry_
 
 def entries_of(given: Given) -> list[Entry]:
     """Read the service's trail, oldest entry first."""
-    from server.service.storage.audit import entries
-
     with database_of(settings_of(given)) as database:
         return list(entries(database))
 
@@ -156,8 +145,6 @@ def settings_of(given: Given) -> Settings:
         InputError: one of them cannot be used.
     """
     from pydantic import ValidationError
-
-    from server.service.settings import Settings
 
     try:
         return Settings(**{name: value for name, value in given.items() if value is not None})
@@ -176,10 +163,6 @@ def database_of(settings: Settings, *, new: bool = False) -> Iterator[Database]:
     Raises:
         InputError: there is none and none is to be made, or it cannot be used.
     """
-    from server.service.operation.folder import alone, folder_of, held, made, sqlite_of
-    from server.service.operation.migrate import check, expected, explained, upgrade
-    from server.service.storage.database import Database
-
     file = sqlite_of(settings)
     if new:
         made(folder_of(settings))

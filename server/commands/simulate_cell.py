@@ -15,11 +15,14 @@ from daq.errors import InputError
 from daq.locations import data_dir
 from daq.recordings.readings import ReadingBlock, open_readings
 from daq.sessions import read_session
+from daq.sessions.protocols import read_protocol
 from daq.standins import REGISTRY, stand_in
 from daq.standins.faults import Faults
 from daq.standins.noise import Disturbance
 from daq.standins.run import Player
+from daq.standins.simulated import SimulatedCell
 from daq.standins.wires import PtyWire, TcpWire, UdpWire, Wire
+from fingermodel.fingers.files import read_finger
 from server.commands.console import answer, say, table
 from server.commands.log import given_settings
 
@@ -120,9 +123,6 @@ def _readings(options: Options) -> Iterator[Iterable[ReadingBlock]]:
     elif path.is_dir() or (data_dir() / "sessions" / options.play).is_dir():
         yield open_readings(_readings_of(options.play)).blocks()
     else:
-        from daq.sessions.protocols import read_protocol
-        from daq.standins.simulated import SimulatedCell
-        from fingermodel.fingers.files import read_finger
         from fingermodel.rig import simulate_session
 
         protocol, cell = read_protocol(options.play), SimulatedCell(rate_hz=options.rate_hz)

@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fingermodel import api
+from fingermodel.comparison.comparison import PLANES
 from fingermodel.session import Session
+from server.figures.before import with_before
+from server.figures.bench_finger import Hung, finger_figure
 from server.figures.style import NothingToDrawError
 
 if TYPE_CHECKING:
@@ -26,10 +29,6 @@ def effect_on_finger(bench: Session, effects: Sequence[str], case: str | None = 
     Raises:
         NothingToDrawError: no such case, or the effects change nothing.
     """
-    from fingermodel.comparison.comparison import PLANES
-    from server.figures.before import with_before
-    from server.figures.bench_finger import Hung, finger_figure
-
     within, without = api.compare(bench).cases, api.compare(bench.without(effects)).cases
     count = PLANES[bench.model.finger.judged_in]
     changes = {

@@ -17,6 +17,7 @@ from fingermodel.muscles.muscle_files import read_muscles
 from fingermodel.studies.activation import DIRECTIONS, work_out
 from fingermodel.studies.activation_result import angle_between
 from fingermodel.studies.published import Row, not_available, row
+from server.figures.activation import alone_figure, deficits_figure
 from server.figures.plot import Plot
 from server.reproduce.barry2018_sheets import Case, alone, arms, deficits, levels, passive, postures, reach
 from server.reproduce.study import Progress, Reproduction
@@ -203,8 +204,6 @@ def _most_rows(cases: Sequence[Case]) -> list[Row]:
 
 def _plots(cases: Sequence[Case]) -> list[Plot]:
     """Tip forces of all muscles of both fingers, then the deficits of every baseline."""
-    from server.figures.activation import alone_figure, deficits_figure
-
     plots = [
         Plot(
             c.finger.replace("barry2018_", "alone-"),

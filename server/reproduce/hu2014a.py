@@ -15,6 +15,7 @@ import numpy as np
 from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.studies.published import Row, not_available, row, row_about, row_within
 from server.figures.plot import Plot
+from server.figures.pressing import Panel, pressing_figure
 from server.reproduce.hu2014a_fingers import (
     COLUMNS,
     MODELS,
@@ -219,8 +220,6 @@ def _fitted_rows(fitted: Sequence[Pressed], published: dict[str, Any], who: str)
 
 
 def _plots(forces: dict[str, list[Pressed]], published: dict[str, Any]) -> list[Plot]:
-    from server.figures.pressing import Panel, pressing_figure
-
     def printed(model: str, postures: tuple[int, ...], i: int) -> tuple[float, float]:
         numbers = [published[PUBLISHED[model]][k - 1][i] for k in postures]
         return float(np.mean([float(mean) for mean, _ in numbers])), float(np.mean([float(sd) for _, sd in numbers]))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from server.figures.hood import NetworkPanel, forces_figure, network_figure
 from server.figures.plot import Plot
 from server.reproduce.hu2014a_fingers import published_numbers
 from server.reproduce.hu2014b_network import (
@@ -24,8 +25,6 @@ _OFF, _METACARPAL = 7.0, 22.0
 
 def plots(held: Sequence[Held]) -> list[Plot]:
     """Draw the network and its forces."""
-    from server.figures.hood import NetworkPanel, forces_figure, network_figure
-
     finger = index_with_network()
     hood = hood_of(finger)
     network = hood.network

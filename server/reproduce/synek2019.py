@@ -16,7 +16,9 @@ from fingermodel.comparison.superposition import superposition
 from fingermodel.scaling import mean_moment_arms
 from fingermodel.session import Session
 from fingermodel.studies.published import Row, not_available, row
+from server.figures.comparison import comparison_plans
 from server.figures.plot import Plot
+from server.figures.specimen_spread import spread_of
 from server.reproduce.study import Progress, Reproduction, Sheet
 
 if TYPE_CHECKING:
@@ -108,9 +110,6 @@ def published_rows() -> list[Row]:
 
 def _plots() -> list[Plot]:
     """The mean human finger under the published model, beside the model before its optimisation."""
-    from server.figures.comparison import comparison_plans
-    from server.figures.specimen_spread import spread_of
-
     bench = Session.open("synek2019_HMEAN", "synek2019_optimised", catalogue=False)
     before, comparison = api.compare(Session.open("synek2019_HMEAN", catalogue=False)), api.compare(bench)
     plans = comparison_plans(

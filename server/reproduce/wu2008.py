@@ -22,6 +22,7 @@ from fingermodel.fingers.files import read_finger
 from fingermodel.muscles.muscle_files import read_muscles
 from fingermodel.studies.movement import MovementResult, work_out
 from fingermodel.studies.published import Row, not_available, row, row_about, row_within
+from server.figures.movement import Reference, movement_plots
 from server.figures.plot import Plot
 from server.reproduce.study import Progress, Reproduction, Sheet
 
@@ -124,8 +125,6 @@ def ammr_output() -> dict[str, Floats]:
 
 
 def _plots() -> list[Plot]:
-    from server.figures.movement import Reference, movement_plots
-
     output = ammr_output()
     forces = {ours: output[f"{theirs}_Ft_N"] for ours, theirs in AMMR.items()}
     return movement_plots(tap("wu2008"), Reference("AMMR's output", output["t_s"], forces))

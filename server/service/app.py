@@ -15,9 +15,30 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 
 from daq.errors import InputError
+from daq.recordings.plateaus import reduce_window
 from daq.uplink.wire import API
 from server.service.answers import JsonAnswer
 from server.service.operation.health import Health
+from server.service.routes import (
+    audit,
+    bench_view,
+    catalogue,
+    exports,
+    figures,
+    fingers,
+    forces,
+    health,
+    ingest,
+    jobs,
+    live,
+    pages,
+    predictions,
+    readings,
+    recordings,
+    sessions,
+    studies,
+    twins,
+)
 from server.service.security.guard import protect
 from server.service.security.tokens import TokenBook
 from server.service.services import Services, build
@@ -102,27 +123,6 @@ def create_app(settings: Settings) -> FastAPI:
 
 
 def _add_routes(app: FastAPI) -> None:
-    from server.service.routes import (
-        audit,
-        bench_view,
-        catalogue,
-        exports,
-        figures,
-        fingers,
-        forces,
-        health,
-        ingest,
-        jobs,
-        live,
-        pages,
-        predictions,
-        readings,
-        recordings,
-        sessions,
-        studies,
-        twins,
-    )
-
     api = APIRouter(prefix=API)
     parts = (
         health,
@@ -161,8 +161,6 @@ def _measure(parts: Services, health: Health, metrics: Metrics) -> None:
 def _warm(parts: Services) -> None:
     """Compile what the first request would wait for, and only then take up queued jobs, whose workers compile too."""
     import numpy as np
-
-    from daq.recordings.plateaus import reduce_window
 
     def model() -> None:
         predictor = parts.twins.predictor("an1979_middle")

@@ -13,9 +13,20 @@ from daq.acquisition.blocks import Chunk
 from daq.bench.forces import Predict
 from daq.bench.record import BenchSetup
 from daq.errors import ModelError
+from fingermodel.compiled.compilation import prepare_jax
+from fingermodel.fingers.files import finger_names
+from server.application.bench_prediction import predictor
 from server.service.ingest.ingest import Ingest
 from server.service.ingest.windows import Windows
+from server.service.jobs.service import JobService
+from server.service.jobs.supervisor import Supervisor
+from server.service.jobs.task_kinds import task_kinds
+from server.service.live.hub import LiveHub
+from server.service.models.effects import OwnEffects
 from server.service.models.revisions import Revisions
+from server.service.models.twins import Twins
+from server.service.models.watch import Watch
+from server.service.operation.migrate import upgrade
 from server.service.operation.scrub import Scrub
 from server.service.sessions.measuring import Measuring
 from server.service.sessions.sessions import Sessions
@@ -25,12 +36,7 @@ from server.service.storage.messages import Messages
 from server.service.storage.purge import retain
 
 if TYPE_CHECKING:
-    from server.service.jobs.service import JobService
     from server.service.live.estimate import MakePredict
-    from server.service.live.hub import LiveHub
-    from server.service.models.effects import OwnEffects
-    from server.service.models.twins import Twins
-    from server.service.models.watch import Watch
 
 
 @dataclass(eq=False)
@@ -75,8 +81,6 @@ def live_predictor(fingers: frozenset[str]) -> MakePredict:
     """Return what predicts a running bench's cases; a finger's file on the bench's disk is not looked for here."""
 
     def make(setup: BenchSetup) -> Predict:
-        from server.application.bench_prediction import predictor
-
         if setup.finger not in fingers:
             raise ModelError(f"finger {setup.finger[:100]!r}", f"one of {', '.join(sorted(fingers))}")
         return predictor(setup)
@@ -90,22 +94,7 @@ def build(settings: Settings) -> Services:
     Raises:
         InputError: the database cannot be used.
     """
-    from fingermodel.compiled.compilation import prepare_jax
-
     prepare_jax()
-    # Two threads that load the array compiler at once would leave it half made: it is there before anybody asks.
-    import fingermodel.effects.catalogue
-    import fingermodel.model  # noqa: F401
-    from fingermodel.fingers.files import finger_names
-    from server.service.jobs.service import JobService
-    from server.service.jobs.supervisor import Supervisor
-    from server.service.jobs.task_kinds import task_kinds
-    from server.service.live.hub import LiveHub
-    from server.service.models.effects import OwnEffects
-    from server.service.models.twins import Twins
-    from server.service.models.watch import Watch
-    from server.service.operation.migrate import upgrade
-
     if settings.database_url is None:
         settings.data.mkdir(parents=True, exist_ok=True)
     database = Database(settings.url)

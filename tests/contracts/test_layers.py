@@ -17,6 +17,7 @@ import pytest
 
 import daq
 import fingermodel
+import server.service.routes
 
 ROOT = Path(__file__).parents[2]
 HARDWARE_WEB_DRAWING = ("serial", "fastapi", "uvicorn", "typer", "rich", "plotly", "matplotlib", "server")
@@ -75,6 +76,13 @@ def test_no_module_of_the_bench_loads_an_array_compiler_or_the_web() -> None:
 def test_the_command_line_starts_light() -> None:
     heavy = {"jax", "numpy", "scipy", "pyarrow", "plotly", "matplotlib", "pydantic", "yaml"}
     assert loaded_by("server.cli").isdisjoint(heavy)
+
+
+def test_the_service_starts_without_what_draws_and_what_counts() -> None:
+    started = every_module_of(server.service.routes.__path__, "server.service.routes")
+    loaded = loaded_by("server.service.app", "server.service.services", *started)
+    assert "fastapi" in loaded
+    assert loaded.isdisjoint({"plotly", "matplotlib", "scipy", "distributed"})
 
 
 def test_no_two_modules_import_each_other_not_even_inside_functions() -> None:

@@ -13,6 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
+from daq.export.formats import write_c3d
+from daq.export.tables import sources_of
+from daq.sessions import SESSION_FILE
+from fingermodel.model_files import Revision
 from server.application.exchange import ENDINGS as FINGER_ENDINGS
 from server.application.exchange import written_finger
 from server.application.exporting import (
@@ -144,10 +148,6 @@ def _readings(
     parts: Services, measured: Measured, file_format: str, model: str | None, into: Path, *, with_model: bool
 ) -> Path:
     """Formats that hold the readings: they are written to a folder of the session first."""
-    from daq.export.formats import write_c3d
-    from daq.export.tables import sources_of
-    from daq.sessions import SESSION_FILE
-
     name, hidden = measured.record.id, blinded(measured)
     suffix = "-supplement" if file_format == "supplement" else ""
     file = into / f"{name}{suffix}{ENDINGS[file_format][0]}"
@@ -176,8 +176,6 @@ def _as_measured(session: Session, measured: Measured) -> Session:
 
 def _documents(parts: Services, measured: Measured, model: str | None) -> list[dict[str, Any]]:
     """The document of a model, and of the revisions before it that the service has."""
-    from fingermodel.model_files import Revision
-
     found = parts.twins.model(model, measured)
     if not isinstance(found, Revision):
         return [parts.twins.bench(measured, model).model.finger.document]

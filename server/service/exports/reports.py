@@ -12,6 +12,7 @@ import orjson
 from daq.checks import check
 from daq.errors import InputError
 from daq.findings import finding
+from server.application.checking import model_findings
 from server.application.workflow import Bench, compare_bench, origin_of
 from server.service.exports.session_folders import session_folder
 from server.service.figures.comparison import Only, drawn_comparison
@@ -49,8 +50,6 @@ def checked(parts: Services, session: str) -> dict[str, Any]:
 
 
 def _model_findings(parts: Services, measured: Measured, kept: Session) -> Sequence[Finding]:
-    from server.application.checking import model_findings
-
     try:
         # A finger that is a file of the bench is not looked for here.
         parts.twins.model(None, measured)

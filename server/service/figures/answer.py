@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import orjson
 
+from server.figures.alternative import plain_text, text_of
+from server.figures.dark import for_dark
 from server.service.figures.cases import Told, cases_of
 
 if TYPE_CHECKING:
@@ -34,8 +36,6 @@ def shown_data(
     name: str, data: dict[str, Any], caption: str, about: dict[str, Any], known: Sequence[Told] = ()
 ) -> dict[str, Any]:
     """The same of a figure's plain data."""
-    from server.figures.alternative import plain_text, text_of
-
     head: dict[str, Any] = {"schema": SCHEMA, "name": name}
     title = plain_text(str(((data["layout"].get("title")) or {}).get("text") or name))
     cases = cases_of(data, known) if known else None
@@ -45,8 +45,6 @@ def shown_data(
 
 def on_page(shown: dict[str, Any], theme: Theme) -> dict[str, Any]:
     """Let the page show through, and turn the colours over where it is dark."""
-    from server.figures.dark import for_dark
-
     figure = shown["figure"]
     if figure is None:
         return shown

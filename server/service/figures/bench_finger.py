@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from daq.sessions.models import Mount
 from daq.signals.calibration import mount_transform
+from server.figures.poses import bone_lengths, finger_pose, reach_mm, stub_mm
+from server.figures.tendon_lines import tendon_paths
 from server.service.figures.finger_drawing import held_finger
 from server.service.services import Services
 from server.service.sessions.measuring import Measured
@@ -52,8 +54,6 @@ def bench_finger(
         ProblemError: 404 there is no such posture or case, 409 nothing is known of the session yet, 422 neither is
             given, or they do not belong together.
     """
-    from server.figures.poses import finger_pose, reach_mm, stub_mm
-
     held = held_finger(parts, measured, posture, case, model)
     finger, found, hung = held.finger, held.case, held.hung
     pose = finger_pose(finger, finger.values, held.angles)
@@ -94,8 +94,6 @@ def _places(document: Mapping[str, Any], finger: Finger, pose: FingerPose) -> di
 
 
 def _view(finger: Finger, pose: FingerPose, paper: Floats, masses_g: Mapping[str, float]) -> dict[str, Any]:
-    from server.figures.tendon_lines import tendon_paths
-
     values, topology = finger.values, finger.topology
     pulled = _pulled(topology, masses_g)
     near = [pose.place(s.proximal_bone, values.proximal_point[k]) for k, s in enumerate(topology.segments)]
@@ -152,8 +150,6 @@ def _pulled(topology: Topology, masses_g: Mapping[str, float]) -> set[str]:
 
 def _string(finger: Finger, pose: FingerPose, muscle: str) -> Floats:
     """A loaded tendon's course (2, 3) along the metacarpal, to where it leaves the drawing proximally [mm]."""
-    from server.figures.poses import stub_mm
-
     values, topology = finger.values, finger.topology
     stub = stub_mm(values)
     for index, segment in enumerate(topology.segments):
@@ -166,8 +162,6 @@ def _string(finger: Finger, pose: FingerPose, muscle: str) -> Floats:
 
 def _outlines(finger: Finger, values: FingerValues, pose: FingerPose, paper: Floats) -> list[Floats]:
     """Closed outlines of all bones on the paper, that of the clamped one first."""
-    from server.figures.poses import bone_lengths, stub_mm
-
     lengths = bone_lengths(values)
     radii = [_ROUND * length for length in lengths]
     centres = [pose.origins[j.child] for j in finger.topology.joints]

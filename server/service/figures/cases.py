@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from fingermodel.comparison.comparison import muscles_of
+
 # A label begins with the id of its case, in bold.
 _FIRST = re.compile(r"\s*<b>(.*?)</b>")
 Points = str | list[Any] | None
@@ -34,8 +36,6 @@ class Told:
 
 def told_of(documents: Sequence[Mapping[str, Any]]) -> list[Told]:
     """Return what labels may name of the cases of a session's document."""
-    from fingermodel.comparison.comparison import muscles_of
-
     return [
         Told(str(c["id"]), str(c.get("role")), str(c.get("location")), muscles_of(c.get("masses_g") or {}),
              str(c.get("posture")))

@@ -11,6 +11,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
+from fingermodel.comparison.comparison import compare
 from server.application.workflow import Bench, compare_bench
 from server.service.answers import dumps
 from server.service.figures.answer import Theme, on_page, shown, shown_data
@@ -124,7 +125,6 @@ class Figures:
         own = parts.effects.named([effect])
 
         def draw() -> dict[str, Any]:
-            from fingermodel.comparison.comparison import compare
             from server.figures.effect_change import effect_figure
             from server.figures.style import NothingToDrawError
 

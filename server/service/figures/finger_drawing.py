@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from daq.bench.result import PUBLISHED_TENSION_FACTOR
 from daq.errors import InputError
+from fingermodel.comparison.observations import posture_rad
+from fingermodel.fingers.files import read_finger
 from fingermodel.predicting import Predictor
 from server.application.workflow import compare_bench
 from server.service.services import Services
@@ -93,8 +95,6 @@ def held_finger(
     parts: Services, measured: Measured, posture: str | None, case: str | None, model: str | None
 ) -> HeldFinger:
     """Put together what a drawing shows; arguments and errors as of `draw_finger`."""
-    from fingermodel.comparison.observations import posture_rad
-
     name, document = measured.record.id, measured.record.document
     if document is None:
         raise ProblemError(409, f"session {name} has no record yet", "a document, or a bench's events")
@@ -116,8 +116,6 @@ def held_finger(
 
 def _model(parts: Services, measured: Measured, model: str | None) -> Finger | Revision:
     """The model that a drawing is asked for with; by default the session's own finger."""
-    from fingermodel.fingers.files import read_finger
-
     found = parts.twins.model(model, measured)
     if found is None:
         # Only a name that comes with the software is left here.

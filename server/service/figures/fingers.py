@@ -9,6 +9,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from daq.errors import InputError
+from daq.locations import data_dir
+from fingermodel.fingers.files import finger_from_dict, finger_names, finger_text, read_finger
+from fingermodel.muscles.muscle_files import muscle_set_names
+from fingermodel.studies.scaling import scale_finger, scaled_document, scaled_heading
+from server.application.exchange import ENDINGS, UNSOURCED, imported_body, read_foreign, written_finger
+from server.application.species import compare_species
 from server.service.figures.answer import Theme, drawn_plots
 from server.service.web.problems import not_found
 
@@ -19,8 +25,6 @@ def known_finger(name: str) -> str:
     Raises:
         ProblemError: 404 there is none of that name.
     """
-    from fingermodel.fingers.files import finger_names
-
     if name not in finger_names():
         raise not_found("finger", name, "/api/v1/fingers")
     return name
@@ -29,9 +33,6 @@ def known_finger(name: str) -> str:
 @lru_cache(maxsize=64)
 def finger_shown(name: str) -> dict[str, Any]:
     """A shipped finger without its numbers."""
-    from fingermodel.fingers.files import read_finger
-    from fingermodel.muscles.muscle_files import muscle_set_names
-
     finger = read_finger(name)
     topology = finger.topology
     return {
@@ -54,10 +55,6 @@ def exported(name: str, file_format: str) -> tuple[str, str, tuple[str, ...]]:
     Raises:
         ModelError: a finger that the format cannot hold.
     """
-    from daq.locations import data_dir
-    from fingermodel.fingers.files import read_finger
-    from server.application.exchange import ENDINGS, written_finger
-
     if file_format == "finger":
         return f"{name}.yaml", (data_dir() / "fingers" / f"{name}.yaml").read_text(encoding="utf-8"), ()
     written = written_finger(read_finger(name), name, file_format)
@@ -89,9 +86,6 @@ def imported(name: str, text: str, load_point_mm: Sequence[float] | None) -> dic
     """
     import numpy as np
 
-    from fingermodel.fingers.files import finger_text
-    from server.application.exchange import UNSOURCED, imported_body, read_foreign
-
     with TemporaryDirectory(prefix="fingertwin-", ignore_cleanup_errors=True) as folder:
         file = Path(folder) / name
         file.write_text(text, encoding="utf-8")
@@ -113,9 +107,6 @@ def scaled(
     Raises:
         InputError: an unknown bone or tendon, or a length beyond reason.
     """
-    from fingermodel.fingers.files import finger_from_dict, finger_text
-    from fingermodel.studies.scaling import scale_finger, scaled_document, scaled_heading
-
     found = scale_finger(finger, bones_mm, moment_arms_mm, reference_mm, name)
     document = scaled_document(found)
     finger_from_dict(document, name)
@@ -129,7 +120,6 @@ def compared(finger: str, other: str, theme: Theme | None) -> dict[str, Any]:
     Raises:
         InputError: they do not fit together.
     """
-    from server.application.species import compare_species
     from server.figures.species import species_plots
 
     found = compare_species(finger, other)

@@ -4,6 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from fingermodel.dynamics.motion import motion_from_dict, motion_names, read_motion
+from fingermodel.fingers.files import finger_names, read_finger
+from fingermodel.muscles.muscle_files import muscle_set_names, read_muscles
+from fingermodel.studies.activation import activate
+from fingermodel.studies.inversion import invert_bench
+from fingermodel.studies.movement import work_out
 from server.service.figures.answer import Theme, drawn_plots
 from server.service.figures.fingers import finger_shown, known_finger
 from server.service.figures.parts import resolved
@@ -19,7 +25,6 @@ def invertible(parts: Services, session: str, closure: str, model: str | None, t
         InputError: no case that can be inverted, or a finger that the closure does not fit.
         ProblemError: 404 there is no such session, 409 its bench is still running, 422 there is no such model.
     """
-    from fingermodel.studies.inversion import invert_bench
     from server.figures.inversion import inversion_plots
 
     measured = parts.measuring.of(session)
@@ -33,10 +38,6 @@ def invertible(parts: Services, session: str, closure: str, model: str | None, t
 
 def movement_choices() -> dict[str, list[str]]:
     """What a movement can be asked with."""
-    from fingermodel.dynamics.motion import motion_names
-    from fingermodel.fingers.files import finger_names
-    from fingermodel.muscles.muscle_files import muscle_set_names
-
     fingers = [name for name in finger_names() if finger_shown(name)["moves"]]
     return {"motions": motion_names(), "muscles": muscle_set_names(), "fingers": fingers}
 
@@ -52,10 +53,6 @@ def movement(asked: dict[str, Any], theme: Theme | None) -> dict[str, Any]:
         InputError: a document that cannot be used, or torques beyond the muscles' strength.
         ProblemError: 404 there is no such movement, finger or muscle set.
     """
-    from fingermodel.dynamics.motion import motion_from_dict, read_motion
-    from fingermodel.fingers.files import read_finger
-    from fingermodel.muscles.muscle_files import read_muscles
-    from fingermodel.studies.movement import work_out
     from server.figures.movement import movement_plots
 
     known = movement_choices()
@@ -83,8 +80,6 @@ def activation(asked: dict[str, Any], theme: Theme | None) -> dict[str, Any]:
         InputError: a muscle, joint or direction that is not known, or a force beyond the muscles' strength.
         ProblemError: 404 there is no such finger or muscle set.
     """
-    from fingermodel.muscles.muscle_files import muscle_set_names
-    from fingermodel.studies.activation import activate
     from server.figures.activation import activation_plots
 
     finger, muscles = known_finger(asked.pop("finger")), asked.pop("muscles")

@@ -8,10 +8,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
+from daq.checks import warnings_of
 from daq.errors import ModelError
 from daq.recordings.plateaus import Plateau
 from daq.recordings.windows import Span
-from daq.sessions import FINGER_DOCUMENT
+from daq.sessions import FINGER_DOCUMENT, parse_session
+from daq.signals.corrections import assemble, windows_of
+from fingermodel.effects.user import effect_from_dict
+from fingermodel.fingers.files import finger_from_dict, finger_names, read_finger
+from fingermodel.model_files import revision_of
+from server.application.workflow import bench_of, prepare_jax
 
 if TYPE_CHECKING:
     from daq.measured import MeasuredSession
@@ -58,8 +64,6 @@ class BenchInput:
         readings_sha256: str | None = None,
     ) -> BenchInput:
         """Make it of a session; windows that its cases do not use are left out."""
-        from daq.signals.corrections import windows_of
-
         document = session.entered.model_dump(mode="json", exclude_none=True)
         used = {window: plateaus[window] for window in windows_of(session)}
         return cls(document, used, notes, model, effects, readings_sha256)
@@ -86,9 +90,6 @@ class BenchInput:
         Raises:
             InputError: the session cannot be used.
         """
-        from daq.sessions import parse_session
-        from daq.signals.corrections import assemble
-
         session, faults = parse_session(dict(self.session), None)
         if session is None:
             raise faults[0]
@@ -105,10 +106,6 @@ class BenchInput:
         Raises:
             InputError: session, model or effects cannot be used.
         """
-        from daq.checks import warnings_of
-        from fingermodel.effects.user import effect_from_dict
-        from server.application.workflow import bench_of, prepare_jax
-
         prepare_jax()
         own = [effect_from_dict(dict(document), "the session's own effect") for document in self.effects]
         measured = self.measured()
@@ -119,9 +116,6 @@ class BenchInput:
 
     def _model(self) -> Finger | Revision:
         """The model itself: no name in a document is ever taken for a path."""
-        from fingermodel.fingers.files import finger_from_dict, finger_names, read_finger
-        from fingermodel.model_files import revision_of
-
         if isinstance(self.model, Mapping):
             return revision_of(dict(self.model), "the revision")
         if self.model is None and FINGER_DOCUMENT in self.session:

@@ -23,6 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.plain_json import clean
+from fingermodel.comparison.comparison import compare
+from fingermodel.fitting.identification import refit_map
+from fingermodel.fitting.problems import map_problem
+from server.application.additions import add_bench
 from server.service.jobs.bench_input import BenchInput
 from server.service.jobs.executors import Executor
 from server.service.jobs.inputs import PopulationInput
@@ -119,8 +123,6 @@ def fit_part(part: Part) -> Result:
     bench = _opened(part)
     gain = None
     if part.estimate is None:
-        from server.application.additions import add_bench
-
         _, addition, after = add_bench(bench, part.effects, ())
         fit, gain, names = addition.fit, addition.log_evidence_gain, addition.names
     else:
@@ -130,10 +132,6 @@ def fit_part(part: Part) -> Result:
 
 
 def _refitted(bench: Bench, part: Part, estimate: Result) -> tuple[Fit, Comparison]:
-    from fingermodel.comparison.comparison import compare
-    from fingermodel.fitting.identification import refit_map
-    from fingermodel.fitting.problems import map_problem
-
     observations = drawn(bench, part.seed, part.bench.id, part.replicate)
     problem = map_problem(bench.model, observations, None, estimate["effect_parameters"])
     start = problem.centre.copy()
@@ -152,8 +150,6 @@ def drawn(bench: Bench, seed: int, session: str, replicate: int) -> Observations
         session: its id.
         replicate: number of the draw.
     """
-    from fingermodel.fitting.problems import map_problem
-
     problem = map_problem(bench.model, bench.observations)
     digest = hashlib.sha256(f"{seed}/{session}/{replicate}".encode()).digest()
     z = np.random.default_rng(int.from_bytes(digest, "big")).standard_normal(len(problem.rows))

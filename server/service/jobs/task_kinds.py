@@ -10,6 +10,8 @@ from sqlalchemy import insert, select
 
 from daq.errors import InputError
 from daq.sessions.models import TensionEstimate
+from fingermodel.effects.user import effect_document
+from fingermodel.model_files import Revision
 from server.service.answers import plain
 from server.service.jobs.bench_input import BenchInput
 from server.service.jobs.executors import ExecutorSettings
@@ -120,9 +122,6 @@ class Inputs:
             InputError: the session cannot be used.
             ProblemError: there is no such session, model or effect.
         """
-        from fingermodel.effects.user import effect_document
-        from fingermodel.model_files import Revision
-
         measured = self.measuring.of(request["session"])
         bench = self.twins.bench(measured, request["model"])
         model = self.twins.model(request["model"], measured)

@@ -9,6 +9,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from daq.plain_json import clean
+from fingermodel.diagnosis.next_cases.next_cases import plan_next
+from fingermodel.diagnosis.several_sessions.several import diagnose_pooled
+from server.application.additions import add_bench, addition_body, addition_step, refitted_alone, resolved_effects
+from server.application.diagnosing import bare_verdict, diagnosis_answer, run_diagnosis
+from server.application.planning import frozen_plan, plan_body
+from server.application.pooling import pooled_body
+from server.application.refitting import fit_body, refit_compared
+from server.application.workflow import compare_bench, describe_revision, open_bench, provenance, refit_bench
+from server.reproduce.study import reproduce as compute
+from server.reproduce.study import study_of
 from server.service.jobs.bench_input import BenchInput
 from server.service.jobs.inputs import AddInput, DiagnoseInput, NextInput, PooledInput, RefitInput, ReproduceInput
 from server.service.jobs.worker import Tell
@@ -25,9 +35,6 @@ _WARM_SESSION = "synek2019_H01"
 
 def refit(payload: RefitInput, tell: Tell) -> Answer:
     """Refit the model, and return `body` and `revision`."""
-    from server.application.refitting import fit_body, refit_compared
-    from server.application.workflow import describe_revision, provenance
-
     tell(0.0, "loading")
     bench = payload.bench.open(catalogue=True)
     tell(0.1, "refitting")
@@ -41,9 +48,6 @@ def refit(payload: RefitInput, tell: Tell) -> Answer:
 
 def add(payload: AddInput, tell: Tell) -> Answer:
     """Add effects and take others out, refit, and return `body` and `revision`."""
-    from server.application.additions import add_bench, addition_body, addition_step, refitted_alone, resolved_effects
-    from server.application.workflow import describe_revision
-
     tell(0.0, "loading")
     names, own = resolved_effects(payload.effects, files=False)
     bench = payload.bench.open(catalogue=True, effects=own)
@@ -67,8 +71,6 @@ def add(payload: AddInput, tell: Tell) -> Answer:
 
 def diagnose(payload: DiagnoseInput, tell: Tell) -> Answer:
     """Say where the model fails and what is missing, and return `body`."""
-    from server.application.diagnosing import bare_verdict, diagnosis_answer, run_diagnosis
-
     bench, diagnosis = _diagnosed(payload.bench, payload.thorough, tell)
     body = diagnosis_answer(bench, diagnosis, payload.frozen)
     if bench.measured.session.amendments:
@@ -79,10 +81,6 @@ def diagnose(payload: DiagnoseInput, tell: Tell) -> Answer:
 
 def pooled(payload: PooledInput, tell: Tell) -> Answer:
     """Diagnose sessions by themselves and together, and return `body`."""
-    from fingermodel.diagnosis.several_sessions.several import diagnose_pooled
-    from server.application.diagnosing import diagnosis_answer
-    from server.application.pooling import pooled_body
-
     tell(0.0, "loading")
     benches = [given.open(catalogue=True) for given in payload.benches]
     found = diagnose_pooled(
@@ -97,9 +95,6 @@ def pooled(payload: PooledInput, tell: Tell) -> Answer:
 
 def next_cases(payload: NextInput, tell: Tell) -> Answer:
     """Rank what could be measured next, and return `body` and `frozen`, None where that was not asked for."""
-    from fingermodel.diagnosis.next_cases.next_cases import plan_next
-    from server.application.planning import frozen_plan, plan_body
-
     bench, diagnosis = _diagnosed(payload.bench, False, tell)
     plan = plan_next(diagnosis)
     frozen = frozen_plan(bench, plan, payload.bench.readings_sha256) if payload.freeze else None
@@ -113,11 +108,9 @@ def reproduce(payload: ReproduceInput, tell: Tell) -> Answer:
 
     import orjson
 
-    from server.reproduce.study import reproduce, study_of
-
     study = study_of(payload.study)
     tell(0.0, "computing")
-    done = reproduce(study.name, lambda share: tell(0.9 * share, "computing"))
+    done = compute(study.name, lambda share: tell(0.9 * share, "computing"))
     tell(0.9, "drawing")
     figures = [
         {"name": p.name, "heading": p.heading, "caption": p.caption, "figure": orjson.loads(p.figure.to_json())}
@@ -130,16 +123,12 @@ def reproduce(payload: ReproduceInput, tell: Tell) -> Answer:
 
 def warm() -> None:
     """Load the array compiler and the compiled models, so that a worker's first job finds them there."""
-    from server.application.workflow import compare_bench, open_bench, refit_bench
-
     bench = open_bench(_WARM_SESSION, catalogue=True)
     compare_bench(bench)
     refit_bench(bench, starts=1)
 
 
 def _diagnosed(given: BenchInput, thorough: bool, tell: Tell) -> tuple[Bench, Diagnosis]:
-    from server.application.diagnosing import run_diagnosis
-
     tell(0.0, "loading")
     bench = given.open(catalogue=True)
     diagnosis = run_diagnosis(bench, thorough, lambda done: tell(0.05 + 0.9 * done, "fitting every effect"))

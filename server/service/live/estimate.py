@@ -23,6 +23,7 @@ from daq.journal.rows import Event
 from daq.recordings.plateaus import LEAST_READINGS, Plateau, reduce_window
 from daq.recordings.windows import Span
 from daq.sessions.models import LoadCase
+from fingermodel.fingers.files import finger_names
 from server.service.live.traces import Rows
 
 MakePredict = Callable[[BenchSetup], Predict]
@@ -84,8 +85,6 @@ class SessionEstimate:
             InputError, KeyError, TypeError, ValueError: it is no event of a bench.
         """
         if event.kind == STARTED:
-            from fingermodel.fingers.files import finger_names
-
             self._bench = None
             setup = BenchSetup.of_value(event.value)
             told = self._predictions.of(setup)

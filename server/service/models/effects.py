@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import insert, select
 
+from fingermodel.effects import catalogue
+from fingermodel.effects.catalogue import EFFECTS
+from fingermodel.effects.user import effect_document, effect_from_dict, load_effect, shipped_effects
 from server.application.catalogue import effect_row
 from server.service.storage.audit import record
 from server.service.storage.database import Database, now_utc
@@ -43,8 +46,6 @@ class OwnEffects:
             ModelError: the formula, its units or its parameters cannot be used.
             ProblemError: 409 another effect has the name.
         """
-        from fingermodel.effects.user import effect_document
-
         effect = made(document)
         kept = effect_document(effect)
         with self._database.writing() as connection:
@@ -71,9 +72,7 @@ class OwnEffects:
 
     def shown(self) -> list[dict[str, Any]]:
         """Every effect, the catalogue first."""
-        from fingermodel.effects.catalogue import CATALOGUE
-
-        return [effect_row(e) | {"own": False} for e in CATALOGUE] + [self._shown(e) for e in self.all()]
+        return [effect_row(e) | {"own": False} for e in catalogue.CATALOGUE] + [self._shown(e) for e in self.all()]
 
     def one(self, name: str) -> dict[str, Any]:
         """Return an effect.
@@ -81,9 +80,6 @@ class OwnEffects:
         Raises:
             ProblemError: 404 there is none.
         """
-        from fingermodel.effects.catalogue import EFFECTS
-        from fingermodel.effects.user import load_effect, shipped_effects
-
         if name in EFFECTS:
             return effect_row(EFFECTS[name]) | {"own": False}
         for effect in self.named([name] if "." not in name else []):
@@ -98,9 +94,6 @@ class OwnEffects:
         Raises:
             ProblemError: 404 there is none.
         """
-        from fingermodel.effects.catalogue import EFFECTS
-        from fingermodel.effects.user import effect_from_dict, shipped_effects
-
         out, beyond = [], shipped_effects()
         with self._database.reading() as connection:
             for name in dict.fromkeys(n.split(".")[0] for n in names):
@@ -117,16 +110,12 @@ class OwnEffects:
 
     def all(self) -> tuple[Effect, ...]:
         """Return every user's effect."""
-        from fingermodel.effects.user import effect_from_dict
-
         with self._database.reading() as connection:
             rows = connection.execute(select(own_effects).order_by(own_effects.c.name)).all()
         return tuple(effect_from_dict(r.document, r.name) for r in rows)
 
     @staticmethod
     def _shown(effect: Effect) -> dict[str, Any]:
-        from fingermodel.effects.user import effect_document
-
         return effect_row(effect) | {"own": True, "document": effect_document(effect)}
 
 
@@ -137,7 +126,6 @@ def made(document: Mapping[str, Any]) -> Effect:
         ModelError: it cannot be used.
         ProblemError: 422 it is Python code, which is not taken over the network.
     """
-    from fingermodel.effects.user import effect_from_dict
     from server.application.additions import formula_of
 
     if set(document) == {"formula"}:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Connection, Row, insert, select
 
+from fingermodel.model_files import revision_of
 from server.service.storage.checksums import fingerprint
 from server.service.storage.database import Database, now_utc
 from server.service.storage.messages import Messages, Telling
@@ -83,8 +84,6 @@ class Revisions:
             ProblemError: 404 there is none.
             ModelError: it is of a newer version of the software.
         """
-        from fingermodel.model_files import revision_of
-
         with self._database.reading() as connection:
             return revision_of(_row(connection, name).document, name)
 

@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import select
 
+from fingermodel.fingers.files import finger_document
+from fingermodel.model_files import FORMAT, revision_of
+from server.application.workflow import at_fit, held_by
 from server.service.storage.schema import jobs
 from server.service.web.problems import ProblemError, shortened
 
@@ -53,10 +56,6 @@ def fit_revision(bench: Bench, name: str, found: dict[str, Any]) -> Revision:
         name: as in `asked`.
         found: the row of the ranking.
     """
-    from fingermodel.fingers.files import finger_document
-    from fingermodel.model_files import FORMAT, revision_of
-    from server.application.workflow import at_fit, held_by
-
     model, session, index = bench.model, bench.measured.session.id, bench.model.parameters.index
     # A session that was changed since the search may lack a setting or a mounting.
     theta = at_fit(bench, found["fit"]).theta

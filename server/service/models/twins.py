@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import select
 
+from fingermodel.comparison.comparison import Comparison as Cases
+from fingermodel.fingers.files import finger_from_dict, read_finger
 from fingermodel.predicting import Predictor
-from server.application.workflow import Bench, bench_of, compare_bench
+from server.application.workflow import Bench, bench_of, compare_bench, provenance
 from server.service.answers import dumps
 from server.service.models.effects import OwnEffects
 from server.service.models.revisions import Revisions
@@ -177,8 +179,6 @@ class Twins:
             return known
         found = self.model(model)
         if found is None or isinstance(found, str):
-            from fingermodel.fingers.files import read_finger
-
             found = read_finger(model)
         made = Predictor(found)
         with self._lock:
@@ -215,9 +215,6 @@ class Twins:
 
     def compared_body(self, measured: Measured, bench: Bench, comparison: Comparison) -> dict[str, Any]:
         """The contract's comparison, blind where it has to be, with what it came from."""
-        from fingermodel.comparison.comparison import Comparison as Cases
-        from server.application.workflow import provenance
-
         blinded = []
         if not measured.record.closed:
             blinded = [c.id for c in comparison.cases if c.role == "validation"]
@@ -269,8 +266,6 @@ class Twins:
         document = measured.record.document or {}
         finger = document.get(FINGER_DOCUMENT)
         if finger is not None:
-            from fingermodel.fingers.files import finger_from_dict
-
             return finger_from_dict(finger, f"the finger of {measured.record.id}")
         name = document.get("finger")
         if name not in self._fingers:

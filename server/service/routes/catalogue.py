@@ -8,6 +8,7 @@ from fastapi import APIRouter, Path, Request
 from pydantic import Field
 
 from daq.locations import data_dir
+from daq.sessions.protocols import plan, read_protocol
 from server.service.answers import JsonAnswer
 from server.service.schemas.common import Form, Plain, Shown, documented
 from server.service.services import of
@@ -116,8 +117,6 @@ def check_effect(body: NewEffect, request: Request) -> JsonAnswer:
 @router.get("/protocols", responses=documented(ProtocolList))
 def protocols() -> JsonAnswer:
     """List the bench protocols."""
-    from daq.sessions.protocols import plan, read_protocol
-
     rows = []
     for path in sorted((data_dir() / "protocols").glob("*.yaml")):
         protocol = read_protocol(path.stem)
@@ -130,8 +129,6 @@ def protocols() -> JsonAnswer:
 def protocol(name: Name) -> JsonAnswer:
     """Return a bench protocol with its load cases in order."""
     from dataclasses import asdict
-
-    from daq.sessions.protocols import plan, read_protocol
 
     if name not in {p.stem for p in (data_dir() / "protocols").glob("*.yaml")}:
         raise not_found("protocol", name, "/api/v1/protocols")

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from fastapi import APIRouter, Path, Query, Request, Response
 
+from fingermodel.fingers.files import finger_names, read_finger
 from server.service.answers import JsonAnswer
 from server.service.figures.answer import Theme
 from server.service.figures.fingers import compared, exported, finger_shown, formats, imported, known_finger, scaled
@@ -39,8 +40,6 @@ MEDIA = {"finger": "application/yaml", "osim": "application/xml", "mjcf": "appli
 @router.get("", responses=documented(FingerList, example={"schema": "fingertwin/fingers/1", "fingers": [FINGER]}))
 def listed() -> JsonAnswer:
     """List the fingers that come with the software: bones, joints, tendons, what they are judged in."""
-    from fingermodel.fingers.files import finger_names
-
     rows = [finger_shown(name) for name in finger_names()]
     return JsonAnswer({"schema": "fingertwin/fingers/1", "fingers": rows})
 
@@ -48,8 +47,6 @@ def listed() -> JsonAnswer:
 @router.get("/{finger}", responses=documented(FingerRead))
 def one(finger: Name) -> JsonAnswer:
     """Return a finger with every number and its source."""
-    from fingermodel.fingers.files import read_finger
-
     shown = finger_shown(known_finger(finger))
     return JsonAnswer(shown | {"document": read_finger(finger).document})
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 from fastapi import APIRouter, Header, Query, Request, Response
 
+from daq.signals.friction import friction as balance
 from fingermodel.predicting import predict as evaluate
 from server.service.answers import JsonAnswer
 from server.service.schemas.common import ModelName, SessionId, Shown, documented
@@ -58,8 +59,6 @@ def friction(
     session: Annotated[list[str], Query(min_length=1, max_length=50, description="One or more sessions.")],
 ) -> JsonAnswer:
     """Find the friction factor by force balance (Synek et al. 2019, Eq 1): per case, specimen and pooled."""
-    from daq.signals.friction import friction as balance
-
     parts = of(request)
     found = []
     for name in dict.fromkeys(session):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from fingermodel.comparison.comparison import Comparison as Cases
 from server.service.sessions.measuring import Measured
 from server.service.web.problems import ProblemError
 
@@ -22,8 +23,6 @@ def blinded(measured: Measured) -> frozenset[str]:
 
 def seen(measured: Measured, comparison: Comparison) -> Comparison:
     """Return a comparison without the cases that may not be seen yet."""
-    from fingermodel.comparison.comparison import Comparison as Cases
-
     if measured.record.closed:
         return comparison
     return Cases(tuple(c for c in comparison.cases if c.role != "validation"), comparison.noise_assumed)

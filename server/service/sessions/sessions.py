@@ -10,6 +10,7 @@ from typing import Any
 from sqlalchemy import delete, func, insert, select, update
 
 from daq.sessions import FINGER_DOCUMENT, parse_session, plain_document
+from fingermodel.fingers.files import finger_from_dict
 from server.service.ingest.stored import raise_version
 from server.service.sessions.planned import PLAN, edit_of, proposal
 from server.service.sessions.records import EDIT_KINDS, Record, read_record, undone_edits
@@ -300,8 +301,6 @@ class Sessions:
             raise ProblemError(422, faults[0].found, faults[0].expected, faults[0].remedy, errors=more)
         finger = given.get(FINGER_DOCUMENT)
         if finger is not None:
-            from fingermodel.fingers.files import finger_from_dict
-
             finger_from_dict(finger, f"the finger of {name}")
         elif session.finger not in self.fingers:
             raise ProblemError(

@@ -28,6 +28,7 @@ from daq.recordings.readings import ReadingBlock
 from daq.sessions import read_session, read_yaml
 from daq.sessions.models import Session
 from daq.units import COMMON
+from fingermodel.fingers.files import read_finger
 from server.application.new_session import (
     MASSES_IN_GRAMS,
     LaidNotes,
@@ -40,6 +41,7 @@ from server.application.new_session import (
     suspects,
     write_new,
 )
+from server.application.workflow import bench_of
 from server.service.figures.answer import Theme, on_page, shown
 from server.service.figures.fingers import known_finger
 from server.service.services import Services
@@ -206,7 +208,6 @@ def lay(files: Sent, mapping: Mapping[str, Any] | None, notes: str, finger: str,
         InputError: a recording, the mapping or the notebook cannot be used.
         ProblemError: the files or the finger cannot be taken.
     """
-    from fingermodel.fingers.files import read_finger
     from server.figures.traces import traces_figure
 
     tendons = read_finger(known_finger(finger)).topology.muscles
@@ -292,8 +293,6 @@ def draft(body: NewFromRecordings) -> dict[str, Any]:
 
 
 def _suspects(measured: Any) -> dict[str, Any]:
-    from server.application.workflow import bench_of
-
     try:
         found = suspects(bench_of(measured))
     except InputError as error:
