@@ -221,7 +221,7 @@ def import_recording(
     recording: Annotated[
         Path,
         typer.Argument(
-            help="Name a TDMS, LVM, CSV, Excel or Parquet file, or an OpenSim (.osim) or MJCF (.xml) finger."
+            help="Name a TDMS, LVM, CSV, Excel, Parquet, HDF5 or C3D file, or an OpenSim (.osim) or MJCF (.xml) finger."
         ),
     ],
     mapping: Annotated[
@@ -268,7 +268,9 @@ def import_recording(
 
 @app.command("plot", rich_help_panel=BENCH)
 def plot_recording(
-    recording: Annotated[Path, typer.Argument(help="Name a TDMS, LVM, CSV, Excel or Parquet file, or a journal.")],
+    recording: Annotated[
+        Path, typer.Argument(help="Name a TDMS, LVM, CSV, Excel, Parquet, HDF5 or C3D file, or a journal.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write this .html, .png or .svg; by default RECORDING.html in this folder."),

@@ -29,6 +29,7 @@ class Channel:
         increment_s: time from one value to the next, None where the file does not say.
         start_s: time of the first value by that account, against the file's first channel.
         fault: why its numbers cannot be read; nothing where they can.
+        count: of values, where that can differ from the other channels'; None elsewhere.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Channel:
     increment_s: float | None = None
     start_s: float = 0.0
     fault: str = ""
+    count: int | None = None
 
 
 class LabChannels(ABC):

@@ -17,6 +17,7 @@ from daq.lab.layout import Layout
 from daq.lab.levels import Level
 from daq.lab.notebook import Note
 from daq.recordings.readings import ReadingBlock, open_readings
+from daq.sessions.protocols import TAPPED
 
 Floats = NDArray[np.float64]
 
@@ -131,7 +132,11 @@ def cases_of(levels: Sequence[Level], choices: Sequence[Choice]) -> list[dict[st
         }
         if after := _tare_after(i, levels, choices):
             case["unloaded_after_s"] = list(after.window_s)
-        key = (note.masses_g, note.block, note.role)
+        if note.direction == "unloading":
+            case["direction"] = note.direction
+        if note.tapped:
+            case["note"] = TAPPED
+        key = (note.masses_g, note.block, note.role, note.direction, note.tapped)
         if note.repeats and key in last:
             case["repeat_of"] = last[key]
         last.setdefault(key, case["id"])

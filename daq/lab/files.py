@@ -35,6 +35,8 @@ AXES = QUANTITIES[1:]
 GAUGES = tuple(f"gauge{k}" for k in range(1, 7))
 # Of an increment: closer than any two clocks.
 SAME_INCREMENT = 1e-6
+# From so many readings on it is told whether time goes on.
+_STANDING = 20
 
 
 class Taken(Document):
@@ -143,6 +145,12 @@ class LabRecording:
                     "time goes back",
                     "time that goes on",
                     "Was a second recording appended? Split the file there, or take time from the increment",
+                )
+            if row == 0 and self.increment is None and len(t_s) > _STANDING and np.mean(np.diff(t_s) == 0.0) > 0.5:
+                raise ReadingsError(
+                    f"{self.source.path.name}: time stands still from most readings to the next",
+                    "a time for each reading",
+                    "Is it written in whole seconds? Take time by counting: increment_s in the mapping",
                 )
             yield self._reading(t_s, block[:, :6] * self.factors)
             row, last_s = row + len(block), float(t_s[-1])

@@ -253,7 +253,7 @@ def _off_load(force: Floats, distance: float, note: Note, known: Mapping[object,
 
 
 def _key(note: Note) -> object:
-    return (tuple(name for name, _ in note.masses_g), note.posture, note.location)
+    return (tuple(name for name, _ in note.masses_g), note.posture, note.location, note.direction, note.tapped)
 
 
 def _learned(means: Floats, notes: Sequence[Note], way: Sequence[_Choice]) -> dict[object, _Known]:

@@ -6,15 +6,21 @@ import csv
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from daq.errors import InputError
 
 _TIMES = re.compile(r"[x\u00d7]\s*(\d+)", re.IGNORECASE)
-_LOCATIONS, _ROLES = ("tip", "bone"), ("identification", "validation")
+# What a word of its own says.
+_WORDS: dict[str, dict[str, Any]] = {
+    "tip": {"location": "tip"}, "bone": {"location": "bone"},
+    "identification": {"role": "identification"}, "validation": {"role": "validation"},
+    "loading": {"direction": "loading"}, "unloading": {"direction": "unloading"}, "tapped": {"tapped": True},
+}  # fmt: skip
 _TARE, _SKIPPED, _AGAIN = ("tare", "zero", "unloaded"), ("-", "skip", "left out"), ("again", "repeat")
 _HEADINGS = {
     "tendon": "tendon", "muscle": "tendon", "mass": "mass", "mass_g": "mass", "g": "mass", "posture": "posture",
-    "location": "location", "place": "location", "role": "role",
+    "location": "location", "place": "location", "role": "role", "direction": "direction",
 }  # fmt: skip
 _MOST = 10_000
 
@@ -28,6 +34,7 @@ class Note:
         masses_g: mass on each tendon [g].
         posture: its name; location: tip or bone; role: identification or validation.
         repeats: the line before is done once more.
+        direction: loading or unloading, by the last motion of the weights; tapped: the rig was, before the reading.
         line: its number.
     """
 
@@ -38,6 +45,8 @@ class Note:
     location: str = ""
     role: str = "identification"
     repeats: bool = False
+    direction: str = "loading"
+    tapped: bool = False
 
     @property
     def block(self) -> tuple[str, str]:
@@ -45,12 +54,16 @@ class Note:
         return self.posture, self.location
 
 
-def read_notes(text: str, tendons: Iterable[str] = ()) -> tuple[Note, ...]:
+def read_notes(text: str, tendons: Iterable[str] = (), whole: bool = True) -> tuple[Note, ...]:
     """Read a notebook, typed or as CSV; what a line leaves out is as in the line before.
 
+    `again`, `unloading` and `tapped` hold for their own line.
+
     Args:
-        text: `FDP 950, hook, tip` in each line, or CSV with a heading of tendon, mass, posture, location, role.
+        text: `FDP 950, hook, tip` in each line, or CSV with a heading of tendon, mass, posture, location, role,
+            direction.
         tendons: of the finger, by which columns of masses are known.
+        whole: there has to be a load in it.
 
     Raises:
         InputError: a line that is not understood, or what no line before it says.
@@ -68,7 +81,7 @@ def read_notes(text: str, tendons: Iterable[str] = ()) -> tuple[Note, ...]:
         notes += _note(number, line, notes, known)
         if len(notes) > _MOST:
             raise InputError(f"line {number} of the notebook leads to more than {_MOST} plateaus", "fewer repeats")
-    if not any(note.kind == "load" for note in notes):
+    if whole and not any(note.kind == "load" for note in notes):
         raise InputError("the notebook names no load", "lines such as 'FDP 950, hook, tip'")
     return tuple(notes)
 
@@ -91,7 +104,7 @@ def _as_typed(line: str, heading_line: str, heading: list[str]) -> str:
     masses = [f"{k} {c}" for k, c in cells.items() if k not in _HEADINGS.values() and c and float_or(c)]
     if cells.get("tendon"):
         masses.append(f"{cells['tendon']} {cells.get('mass', '')}".strip())
-    return ", ".join([" + ".join(masses), *(cells.get(k, "") for k in ("posture", "location", "role"))])
+    return ", ".join([" + ".join(masses), *(cells.get(k, "") for k in ("posture", "location", "role", "direction"))])
 
 
 def float_or(text: str) -> float:
@@ -110,7 +123,8 @@ def _note(number: int, line: str, before: list[Note], known: Mapping[str, str]) 
         return [Note("tare" if word in _TARE else "skip", number)]
     times = 1
     masses: dict[str, float] = {}
-    note = replace(last, line=number, repeats=False) if last else Note("load", number)
+    own: dict[str, Any] = {"line": number, "repeats": False, "direction": "loading", "tapped": False}
+    note = replace(last, **own) if last else Note("load", number)
     again = False
     # A comma within a number parts nothing.
     for field in (f.strip() for f in re.split(r"[;\t]|,(?!\d)", line)):
@@ -121,13 +135,11 @@ def _note(number: int, line: str, before: list[Note], known: Mapping[str, str]) 
             times = _repeats(match[1], number)
         elif lower in _AGAIN:
             again = True
-        elif lower in _LOCATIONS:
-            note = replace(note, location=lower)
-        elif lower in _ROLES:
-            note = replace(note, role=lower)
+        elif lower in _WORDS:
+            note = replace(note, **_WORDS[lower])
         elif found := _masses(field, known):
             masses |= found
-        elif re.fullmatch(r"[A-Za-z][\w -]*", field) and lower not in known:
+        elif re.fullmatch(r"[A-Za-z][\w -]*", field) and lower.split()[0] not in known:
             note = replace(note, posture=field)
         else:
             raise InputError(f"line {number} of the notebook has {field!r}", "tendon and mass, posture, tip or bone")

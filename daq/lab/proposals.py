@@ -14,6 +14,8 @@ from daq.lab.opened import open_channels
 from daq.recordings.columns import KINDS, QUANTITIES
 from daq.units import COMMON, Kind, factor_of
 
+# How a doubt begins that is a note of the file.
+OF_THE_FILE = "whether it is right that "
 _FORCE = "f|forces?|kraft|kraefte|kräfte|kracht|fuerza|forza|for[cç]a|siła"
 _TORQUE = "t|m|torques?|moments?|momento|drehmoment|koppel|couple|coppia|vridmoment"
 _AXIS = re.compile(rf"^(?:.*[\s./:-])?(?P<kind>{_FORCE}|{_TORQUE})[\s._(-]*(?P<axis>[xyz])(?![a-z])", re.IGNORECASE)
@@ -25,61 +27,92 @@ _TIME = re.compile(
 _EPOCH = {"s": (9.4e8, 4.2e9), "ms": (9.4e11, 4.2e12), "us": (9.4e14, 4.2e15), "ns": (9.4e17, 4.2e18)}
 _COUNTED = re.compile(r"^(?P<stem>.*?)[\s_-]*(?P<number>\d+)\s*(?:[\[(].*)?$")
 _GAUGE_STEMS = {"gauge", "gage", "sg", "g", "straingauge", "straingage", "ai", "voltage", "volt", "v", "ch", "channel"}
+# A letter for an axis behind a word of any language.
+_LETTER = re.compile(r"^.*?(?:(?<![A-Za-z])[xyzXYZ]|(?<=[a-z])[XYZ])(?![A-Za-z])")
 _IN_NAME = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$|[_\s]([^\W\d_]+(?:[-*·.]?[^\W\d_]+)*)\s*$")
 
 
-def propose_mapping(path: str | Path, calibration: str | None = None) -> LabFileMap:
+def propose_mapping(path: str | Path, calibration: str | None = None, rate_hz: float | None = None) -> LabFileMap:
     """Propose a mapping, not confirmed, with its doubts.
 
     Args:
         path: of a recording.
         calibration: path of the cell's .cal from the mapping's folder, where its channels are gauges.
+        rate_hz: by which readings are counted where the file tells no time [Hz].
 
     Raises:
         ReadingsError: the file cannot be read, or its names tell nothing.
     """
     source = open_channels(path)
     doubts: list[str] = []
-    channels = _resolved(source, doubts) or _gauges(source, doubts) or _by_position(source, doubts)
+    channels = propose_channels(source, doubts)
     if channels is None:
-        said = ", ".join(f"{c.name} [{c.unit or '?'}]" for c in source.channels[:24])
+        said = ", ".join(f"{c.name} [{c.fault or c.unit or '?'}]" for c in source.channels[:24])
         raise ReadingsError(
             f"the channels of {source.path.name} ({said}) do not tell which is which",
             f"names such as {' '.join(AXES)}, six in volts, or three units of force and three of torque",
             f"Write {source.path.name}.map.yaml by hand (docs/how-to/read-a-lab-file.md)",
         )
-    if GAUGES[0] in channels:
-        if calibration is None:
-            doubts.append("which calibration file belongs to the gauges: give its path as calibration")
-        doubts.append("what the gauges read without load: give zero_V, or have a tare in the recording")
     for taken in channels.values():
         source.readable(taken.channel)
     chosen = [taken.channel for taken in channels.values()]
-    time = propose_time(source, source.channel(chosen[0]), chosen, doubts)
+    time = propose_time(source, source.channel(chosen[0]), chosen, doubts, rate_hz)
+    return mapping_of(source, channels, time, calibration, doubts)
+
+
+def propose_channels(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
+    """Propose which channel is which, and add what that leaves in doubt; None where nothing tells it."""
+    return (
+        _resolved(source, doubts)
+        or _gauges(source, doubts)
+        or _by_letters(source, doubts)
+        or _by_position(source, doubts)
+    )
+
+
+def mapping_of(
+    source: LabChannels,
+    channels: dict[str, Taken],
+    time: Taken | Increment,
+    calibration: str | None,
+    doubts: Sequence[str],
+) -> LabFileMap:
+    """Return the mapping of some channels, not confirmed, with doubts of their units and of the file itself too."""
+    said = list(doubts)
+    if GAUGES[0] in channels:
+        if calibration is None:
+            said.append("which calibration file belongs to the gauges: give its path as calibration")
+        said.append("what the gauges read without load: give zero_V, or have a tare in the recording")
     for key, taken in channels.items():
-        kind: Kind = "voltage" if key in GAUGES else KINDS[key[0]]
+        kind = kind_of(key)
         if taken.unit is None:
-            doubts.append(f"the unit of {key} ({taken.channel}): the file states none")
+            said.append(f"the unit of {key} ({taken.channel}): the file states none")
         elif factor_of(taken.unit, kind) is None:
             known = f"write one of {' '.join(COMMON[kind])}"
-            doubts.append(f"the unit of {key} ({taken.channel}): {taken.unit!r} is no unit of {kind}; {known}")
-    doubts += [f"whether it is right that {note}" for note in source.notes]
+            said.append(f"the unit of {key} ({taken.channel}): {taken.unit!r} is no unit of {kind}; {known}")
+    said += [f"{OF_THE_FILE}{note}" for note in source.notes]
     return LabFileMap(
         format="lab-file-map/1",
         confirmed=False,
         time=time,
         channels=channels,
         calibration=calibration if GAUGES[0] in channels else None,
-        doubts=tuple(doubts),
+        doubts=tuple(said),
     )
+
+
+def kind_of(key: str) -> Kind:
+    """The kind of unit of an axis or a gauge, or of time as `t`."""
+    return "time" if key == "t" else "voltage" if key in GAUGES else KINDS[key[0]]
 
 
 @dataclass(frozen=True)
 class Ground:
-    """How sure it is (0 to 1) that a channel is what it is proposed for, and why."""
+    """How sure it is (0 to 1) that a channel is what it is proposed for, why, and whether only its place says so."""
 
     sure: float
     why: str
+    by_place: bool = False
 
 
 def grounds(path: str | Path, mapping: LabFileMap) -> dict[str, Ground]:
@@ -90,10 +123,17 @@ def grounds(path: str | Path, mapping: LabFileMap) -> dict[str, Ground]:
     """
     source = open_channels(path)
     out = {"t": _ground_of_time(source, mapping.time)}
-    for key, taken in mapping.channels.items():
-        ground = _ground(source, key, source.channel(taken.channel))
-        out[key] = ground if taken.unit else Ground(0.0, f"{ground.why}; the file states no unit")
-    return out
+    return out | {key: ground_of(source, key, taken) for key, taken in mapping.channels.items()}
+
+
+def ground_of(source: LabChannels, key: str, taken: Taken) -> Ground:
+    """Say on what it rests that a channel is an axis or a gauge.
+
+    Raises:
+        ReadingsError: there is no such channel.
+    """
+    ground = _ground(source, key, source.channel(taken.channel))
+    return ground if taken.unit else Ground(0.0, f"{ground.why}; the file states no unit", ground.by_place)
 
 
 def _ground_of_time(source: LabChannels, time: Taken | Increment) -> Ground:
@@ -117,7 +157,13 @@ def _ground(source: LabChannels, key: str, channel: Channel) -> Ground:
         return Ground(0.7, "by the number in its name") if counted else Ground(0.4, "by its place among six in volts")
     own = _axis_of(channel)
     if own != key:
-        return Ground(0.3, "by its place only: the names tell nothing")
+        fits = factor_of(_unit(channel, kind_of(key)) or "", kind_of(key)) is not None
+        lettered = _letter_of(channel) == key[1]
+        if lettered and fits:
+            return Ground(0.8, f"its name says {key[1]}, its unit which kind")
+        if lettered:
+            return Ground(0.3, f"its name says {key[1]}; which three are forces, their order only", by_place=True)
+        return Ground(0.5, "by its place; its unit fits") if fits else Ground(0.3, "by its place only", by_place=True)
     alike = sum(_axis_of(c) == key for c in _sound(source))
     return Ground(0.95, "its name says so") if alike == 1 else Ground(0.5, f"{alike} channels are called so")
 
@@ -152,16 +198,57 @@ def _resolved(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None
     return out
 
 
-def _by_position(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
-    """Six channels whose names tell nothing, where units are three of each kind or the columns have no names at all."""
-    rest = [c for c in _sound(source) if not _TIME.match(_leaf(c)) and c.unit != TIMESTAMP]
-    if [c.name for c in rest] == [f"column {i + 1}" for i in range(7)]:
-        rest = rest[1:]  # time comes first
-    letters = "".join(
-        next((x for x in "FT" if factor_of(_unit(c, KINDS[x]) or "", KINDS[x]) is not None), "?") for c in rest
+def _letter_of(channel: Channel) -> str:
+    """The x, y or z in a channel's name; nothing where there is none."""
+    match = _LETTER.match(_leaf(channel))
+    return match[0][-1].lower() if match else ""
+
+
+def _unnamed(source: LabChannels) -> list[Channel]:
+    """Channels that could be axes, where no name says which."""
+    return [c for c in _sound(source) if not _TIME.match(_leaf(c)) and c.unit != TIMESTAMP]
+
+
+def _letters(channels: Sequence[Channel]) -> str:
+    """F or T for each channel with a unit of that kind, ? for others."""
+    return "".join(
+        next((x for x in "FT" if factor_of(_unit(c, KINDS[x]) or "", KINDS[x]) is not None), "?") for c in channels
     )
-    at = letters.find("FFFTTT")
-    if len(rest) == 6 and all(c.name.startswith("column ") for c in rest):
+
+
+def _by_letters(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
+    """Channels whose names say x, y and z behind words of another language; their units or order tell the kinds."""
+    found = [c for c in _unnamed(source) if _letter_of(c)]
+    threes = [found[i : i + 3] for i in range(0, len(found), 3)]
+    if any(sorted(_letter_of(c) for c in three) != ["x", "y", "z"] for three in threes):
+        return None
+    kinds = [_letters(three) for three in threes]
+    forces = [three for three, kind in zip(threes, kinds, strict=True) if kind == "FFF"]
+    torques = [three for three, kind in zip(threes, kinds, strict=True) if kind == "TTT"]
+    if len(forces) == len(torques) == 1:
+        taken = [*forces, *torques]
+        told = "their units"
+    elif len(threes) == 2 and (kinds[0] != "TTT" and kinds[1] != "FFF"):
+        taken, told = threes, "their order"
+    else:
+        return None
+    out: dict[str, Channel] = {}
+    for kind, three in zip("FT", taken, strict=True):
+        out |= {f"{kind}{_letter_of(c)}": c for c in three}
+    names = ", ".join(out[axis].name for axis in AXES)
+    doubts.append(f"which channel is which: {names} were taken as {' '.join(AXES)}, by x y z and {told}")
+    return {axis: Taken(channel=out[axis].name, unit=_unit(out[axis], KINDS[axis[0]])) for axis in AXES}
+
+
+def _by_position(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
+    """Six channels whose names tell nothing: those whose units are three of each kind, or the only ones there are."""
+    rest = _unnamed(source)
+    if any(_axis_of(c) or _is_gauge(c) for c in rest):
+        return None
+    at = _letters(rest).find("FFFTTT")
+    if at < 0 and len(rest) == 7 and rest[0].increment_s is None and not any(c not in rest for c in _sound(source)):
+        rest = rest[1:]  # time comes first
+    if at < 0 and len(rest) == 6:
         at = 0
     if at < 0:
         return None
@@ -171,6 +258,12 @@ def _by_position(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | N
         f"{' '.join(AXES)} in the file's order"
     )
     return {a: Taken(channel=c.name, unit=_unit(c, KINDS[a[0]])) for a, c in zip(AXES, taken, strict=True)}
+
+
+def _is_gauge(channel: Channel) -> bool:
+    """Whether a name counts inputs, as those of gauges do."""
+    match = _COUNTED.match(_leaf(channel))
+    return match is not None and re.split(r"[\W\d_]+", match["stem"].lower())[-1] in _GAUGE_STEMS
 
 
 def _sound(source: LabChannels) -> list[Channel]:
@@ -197,7 +290,9 @@ def _gauges(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
     return {g: Taken(channel=c.name, unit=_unit(c, "voltage")) for g, c in zip(GAUGES, taken, strict=True)}
 
 
-def propose_time(source: LabChannels, used: Channel, chosen: Collection[str], doubts: list[str]) -> Taken | Increment:
+def propose_time(
+    source: LabChannels, used: Channel, chosen: Collection[str], doubts: list[str], rate_hz: float | None = None
+) -> Taken | Increment:
     """Propose where time comes from, and add what that leaves in doubt.
 
     Args:
@@ -205,6 +300,7 @@ def propose_time(source: LabChannels, used: Channel, chosen: Collection[str], do
         used: one of the channels that are read.
         chosen: names of the channels that are read.
         doubts: to add to.
+        rate_hz: by which readings are counted where nothing else tells the time [Hz].
 
     Raises:
         ReadingsError: no channel of time and no increment.
@@ -239,10 +335,13 @@ def propose_time(source: LabChannels, used: Channel, chosen: Collection[str], do
     if used.increment_s is not None:
         doubts.append(f"the increment of {used.increment_s:g} s tells the time only if the recording never paused")
         return Increment(increment_s="file")
+    if rate_hz is not None:
+        doubts.append(f"the time: the file tells none, so readings are counted at the {rate_hz:g} Hz that were stated")
+        return Increment(increment_s=1.0 / rate_hz)
     raise ReadingsError(
         f"{source.path.name} has no channel of time and states no increment",
         f"one named {QUANTITIES[0]} or time, or an increment",
-        "Write the mapping by hand, with increment_s",
+        "Write the mapping by hand, with increment_s, or state load_cell: rate_hz in the rig's setup",
     )
 
 

@@ -6,6 +6,7 @@ import datetime as dt
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 from daq.errors import ReadingsError
@@ -13,10 +14,16 @@ from daq.units import is_unit
 
 # Of a file, to tell how it is laid out.
 SAMPLE_ROWS = 300
-_CLOCK = r"(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,](\d{1,9}))?)?"
-_WHEN = re.compile(
-    rf"^(?:(\d{{4}}-\d{{2}}-\d{{2}}|\d{{1,2}}[./]\d{{1,2}}[./]\d{{2,4}})[T ]+)?{_CLOCK}\s*(?:Z|[+-]\d\d:?\d\d)?$"
-)
+_DAY = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-./]\d{1,2}[-./]\d{2,4}|\d{1,2}[- ][A-Za-z]{3}[- ]\d{4}"
+_CLOCK = r"(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,](\d{1,9})|:(\d{3,9}))?)?"
+_WHEN = re.compile(rf"^(?:({_DAY}),?[T ]+)?{_CLOCK}\s*(?:([AaPp])\.?[Mm]\.?)?\s*(?:Z|[+-]\d\d:?\d\d)?$")
+# What begins a line that is no reading.
+_REMARKS = ("#", "%", "//")
+# Minutes and seconds, as spreadsheets write times of less than an hour.
+_MINUTES = re.compile(r"^(\d{1,3}):(\d{2})[.,](\d{1,9})$")
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_LONGEST_UNIT = 14
+_HALF_DAY_S, _DAY_S = 43_200.0, 86_400.0
 _NUMBER = re.compile(r"^[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?$|^[+-]?(nan|inf|infinity)$", re.IGNORECASE)
 
 
@@ -63,7 +70,7 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
         return float(cell)
     if not isinstance(cell, str):
         return None
-    text = cell.strip()
+    text = cell.strip().replace("\u2212", "-")
     if decimal == ",":
         if "." in text:
             return None
@@ -78,11 +85,33 @@ def moment_of(cell: Any) -> Moment | None:
         return Moment((cell - whole).total_seconds(), cell.date().isoformat())
     if isinstance(cell, dt.time):
         return Moment(cell.hour * 3600.0 + cell.minute * 60.0 + cell.second + cell.microsecond * 1e-6)
-    match = _WHEN.match(cell.strip()) if isinstance(cell, str) else None
+    if isinstance(cell, dt.timedelta):
+        return Moment(cell.total_seconds())
+    if not isinstance(cell, str):
+        return None
+    if minutes := _MINUTES.match(cell.strip()):
+        return Moment(int(minutes[1]) * 60.0 + float(f"{minutes[2]}.{minutes[3]}"))
+    match = _WHEN.match(cell.strip())
     if match is None:
         return None
-    day, hours, minutes, seconds, parts = match.groups()
-    return Moment(int(hours) * 3600.0 + int(minutes) * 60.0 + float(f"{seconds or 0}.{parts or 0}"), day or "")
+    day, hours, minutes_, seconds, parts, milli, half = match.groups()
+    hour = int(hours)
+    if half:
+        hour = hour % 12 + (12 if half in "Pp" else 0)
+    return Moment(
+        hour * 3600.0 + int(minutes_) * 60.0 + float(f"{seconds or 0}.{parts or milli or 0}"), _iso(day or "")
+    )
+
+
+def _iso(day: str) -> str:
+    """A day as ISO 8601 has it, where its order is plain; else as it stands."""
+    parts = re.split(r"[-/. ]", day)
+    if len(parts) == 3 and parts[1].isalpha():
+        month = parts[1].lower()
+        return f"{parts[2]}-{_MONTHS.index(month) + 1:02d}-{int(parts[0]):02d}" if month in _MONTHS else day
+    if len(parts) == 3 and len(parts[0]) == 4:
+        return f"{parts[0]}-{int(parts[1]):02d}-{int(parts[2]):02d}"
+    return day
 
 
 def elapsed(now: Moment, start: Moment, file: str) -> float:
@@ -92,7 +121,9 @@ def elapsed(now: Moment, start: Moment, file: str) -> float:
         ReadingsError: the day changes, and is not written in the order of ISO 8601.
     """
     if now.day == start.day:
-        return now.second - start.second
+        since = now.second - start.second
+        # A time of day without its date begins anew at midnight.
+        return since + _DAY_S if not now.day and since < -_HALF_DAY_S else since
     try:
         days = dt.date.fromisoformat(now.day) - dt.date.fromisoformat(start.day)
     except ValueError:
@@ -127,18 +158,29 @@ def find_table(rows: Sequence[Sequence[Any]], number: Callable[[Any], float | No
     if not begins:
         return None
 
-    def alike(first: int) -> bool:
+    def alike(first: int, names: Sequence[str], units: Sequence[str]) -> bool:
         """Whether the next rows are as wide and hold numbers too."""
-        near = [i for i in range(first, min(first + 4, len(cells))) if cells[i]]
-        return all(numeric[i] and len(cells[i]) == len(cells[first]) for i in near)
+        rest = (i for i in range(first, len(cells)) if cells[i] and not is_told_again(cells[i], names, units))
+        return all(numeric[i] and len(cells[i]) == len(cells[first]) for i in islice(rest, 4))
 
     found = [(first, _header(cells, counts, first)) for first in begins]
     named = [pair for pair in found if pair[1][0]]
     # Numbers above a header belong to what stands above the table; without one they are the table's first.
-    first, (names, units, above) = next((p for p in named if alike(p[0])), (named or found)[0])
+    first, (names, units, above) = next((p for p in named if alike(p[0], *p[1][:2])), (named or found)[0])
     if not names:
         names = tuple(f"column {i + 1}" for i in range(len(cells[first])))
     return Table(names, units, first, above, sum(counts[first:]))
+
+
+def is_told_again(row: Sequence[Any], names: Sequence[str], units: Sequence[str]) -> bool:
+    """Whether a row is a remark, or the heading once more, as programs write it on each page or after a pause."""
+    texts = [str(c).strip() for c in row if c is not None]
+    while texts and not texts[-1]:
+        texts.pop()
+    if not texts or texts[0].startswith(_REMARKS):
+        return True
+    named = [text or f"column {i + 1}" for i, text in enumerate(texts)]
+    return named == list(names) or (bool(units) and [text.strip("[]()") for text in texts] == list(units))
 
 
 def _header(
@@ -157,10 +199,23 @@ def _header(
         return (), (), len(above)
     names = [str(c).strip() for c in cells[above.pop()]]
     names[0] = names[0].lstrip("#%/ ").strip()
+    if above and len(set(names)) < len(names) and words(above[-1]) and not counts[above[-1]]:
+        names = _below(cells[above.pop()], names)
     return tuple(name or f"column {i + 1}" for i, name in enumerate(names)), units, len(above)
+
+
+def _below(groups: Sequence[Any], names: Sequence[str]) -> list[str]:
+    """Names of a second line of headings, each behind the heading of the first line that stands over it."""
+    out, over = [], ""
+    for i, name in enumerate(names):
+        over = (str(groups[i]).strip() if i < len(groups) else "") or over
+        out.append(f"{over} {name}".strip() if name else over)
+    return out
 
 
 def _are_units(row: Sequence[Any]) -> bool:
     words = [str(c).strip() for c in row if str(c).strip()]
     bracketed = [w[0] in "[(" and w[-1] in "])" for w in words if w]
-    return bool(words) and (all(bracketed) or all(is_unit(w) or w in ("-", "1") for w in words))
+    known = [is_unit(w) or w in ("-", "1") for w in words]
+    # One that is not known, such as of a temperature, makes the others no names.
+    return bool(words) and (all(bracketed) or (2 * sum(known) > len(words) and max(map(len, words)) <= _LONGEST_UNIT))

@@ -73,7 +73,7 @@ class ParquetChannels(LabChannels):
 
 
 class ExcelChannels(TableChannels):
-    """The first sheet with a table of an Excel or OpenDocument file."""
+    """The sheet with the largest table of an Excel or OpenDocument file."""
 
     def __init__(self, path: Path) -> None:
         from python_calamine import CalamineError, load_workbook
@@ -97,7 +97,8 @@ class ExcelChannels(TableChannels):
                 "columns of numbers below their names",
                 "Its numbers are text with decimal commas: change them to numbers" if commas else "",
             )
-        name, self._cells, table = held[0]
+        # A table of settings beside the readings is not what is meant.
+        name, self._cells, table = max(held, key=lambda h: (len(h[1]) - h[2].first) * len(h[2].names))
         width = len([c for c in self._cells[table.first] if c is not None and str(c).strip()])
         if len(table.names) < width:
             raise ReadingsError(f"{path.name} has {len(table.names)} names above {width} numbers", "as many")

@@ -7,7 +7,7 @@ import gzip
 import io
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -18,12 +18,15 @@ from numpy.typing import NDArray
 
 from daq.errors import ReadingsError
 from daq.lab.channels import BLOCK_ROWS, TIMESTAMP, Channel, LabChannels
-from daq.lab.table import SAMPLE_ROWS, Moment, Table, elapsed, find_table, moment_of, number_of
+from daq.lab.table import SAMPLE_ROWS, Moment, Table, elapsed, find_table, is_told_again, moment_of, number_of
 
 Floats = NDArray[np.float64]
 
 _LONGEST_LINE = 1 << 20
 _SPACES = " "
+_REMOVE = "Remove that row, or everything from there on"
+# Three digits behind a gap or an apostrophe.
+_THOUSANDS = re.compile(r"\d[ '\u2019\u00a0\u202f]\d{3}(?!\d)")
 # Separator and decimal mark; of two that tell as many numbers the first is taken.
 _LAYOUTS = (
     ("\t", "."), ("\t", ","), (";", "."), (";", ","), ("|", "."), ("|", ","), (",", "."), (",", ","),
@@ -48,8 +51,9 @@ class TableChannels(LabChannels):
         for i, (name, column) in enumerate(zip(self._names, columns, strict=True)):
             unit = table.units[i] if i < len(table.units) else ""
             numbers = [number_of(cell, decimal) is not None for cell in column]
-            dated = bool(column) and not any(numbers) and all(moment_of(cell) is not None for cell in column)
-            fault = "" if dated or all(numbers) or numbers.count(True) * 2 > len(numbers) else "holds text"
+            moments = 0 if any(numbers) else sum(moment_of(cell) is not None for cell in column)
+            dated = 2 * moments > len(column)
+            fault = "" if dated or all(numbers) or numbers.count(True) * 2 > len(numbers) else _text_of(column)
             channels.append(Channel(name, TIMESTAMP if dated else unit, fault=fault))
         self.channels = tuple(channels)
         if table.above:
@@ -62,36 +66,54 @@ class TableChannels(LabChannels):
         number = partial(number_of, decimal=self._decimal)
         begun: dict[int, Moment] = {}
         block: list[list[float]] = []
-        width = len(self._names)
         for line, cells in rows:
             if not any(str(c).strip() for c in cells if c is not None):
                 continue
-            if len(cells) < width and max(places) >= len(cells):
-                raise self._fault(line, f"it has {len(cells)} cells", f"{width}, as the first row has")
-            if any(str(c).strip() for c in cells[width:] if c is not None):
-                raise self._fault(line, f"it has {len(cells)} cells", f"{width}, as the first row has")
-            row = []
-            for place in places:
-                value = number(cells[place])
-                if value is None and (moment := moment_of(cells[place])) is not None:
-                    value = elapsed(moment, begun.setdefault(place, moment), self.path.name)
-                if value is None or not np.isfinite(value):
-                    found = f"{self._names[place]} is {cells[place]!r}"
-                    raise self._fault(line, found, "a finite number", self._remedy(str(cells[place])))
-                row.append(value)
-            block.append(row)
+            try:
+                block.append(self._row(line, cells, places, number, begun))
+            except ReadingsError:
+                if not is_told_again(cells, self._table.names, self._table.units):
+                    raise
             if len(block) == BLOCK_ROWS:
                 yield np.array(block)
                 block = []
         if block:
             yield np.array(block)
 
+    def _row(
+        self,
+        line: int,
+        cells: Sequence[Any],
+        places: Sequence[int],
+        number: Callable[[Any], float | None],
+        begun: dict[int, Moment],
+    ) -> list[float]:
+        """The numbers of one row at some places; times as seconds since the first, which `begun` keeps."""
+        width = len(self._names)
+        if len(cells) < width and max(places) >= len(cells):
+            raise self._fault(line, f"it has {len(cells)} cells", f"{width}, as the first row has", _REMOVE)
+        if any(str(c).strip() for c in cells[width:] if c is not None):
+            remedy = "Export it without separators of thousands, or remove that row"
+            raise self._fault(line, f"it has {len(cells)} cells", f"{width}, as the first row has", remedy)
+        row = []
+        for place in places:
+            value = number(cells[place])
+            if value is None and (moment := moment_of(cells[place])) is not None:
+                value = elapsed(moment, begun.setdefault(place, moment), self.path.name)
+            if value is None or not np.isfinite(value):
+                found = f"{self._names[place]} is {cells[place]!r}"
+                raise self._fault(line, found, "a finite number", self._remedy(str(cells[place])))
+            row.append(value)
+        return row
+
     def _remedy(self, text: str) -> str:
+        if _THOUSANDS.search(text):
+            return "Export it without separators of thousands"
         other = {".": ",", ",": "."}[self._decimal]
         if other in text:
             mark = "point" if self._decimal == "." else "comma"
             return f"The first rows have a decimal {mark}: write all numbers alike, without separators of thousands"
-        return "Remove that row, or everything from there on"
+        return _REMOVE
 
     def _fault(self, line: int, found: str, expected: str, remedy: str = "") -> ReadingsError:
         return ReadingsError(f"{self.path.name}, line {line}: {found}", expected, remedy)
@@ -142,7 +164,8 @@ class TextChannels(TableChannels):
         if self._separator == _SPACES:
             return self._rows_to_blocks(((n, line.split()) for n, line in lines), names)
         return self._rows_to_blocks(
-            ((n, next(csv.reader([line], delimiter=self._separator), [])) for n, line in lines), names
+            ((n, next(csv.reader([line], delimiter=self._separator, skipinitialspace=True), [])) for n, line in lines),
+            names,
         )
 
     def _opened(self) -> Any:
@@ -187,6 +210,12 @@ def _trimmed(cells: Sequence[str]) -> list[str]:
     return out
 
 
+def _text_of(column: Sequence[Any]) -> str:
+    """What a column without numbers holds, in a few words."""
+    first = next((str(c).strip() for c in column if c is not None and str(c).strip()), "")
+    return f"holds text ({first[:24]!r})" if first else "holds nothing"
+
+
 def _split(lines: Sequence[str], separator: str) -> list[list[str]]:
     if separator == _SPACES:
         return [line.split() for line in lines]
@@ -198,6 +227,9 @@ def _encoding_of(start: bytes, name: str) -> str:
     for mark, encoding in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
         if start.startswith(mark):
             return encoding
+    even, odd = start[:200:2], start[1:200:2]
+    if len(start) > 20 and b"\x00" in start and b"\x00" not in (even if b"\x00" in odd else odd):
+        return "utf-16-le" if b"\x00" in odd else "utf-16-be"  # without its mark
     if re.search(rb"[\x00-\x08\x0e-\x1f]", start):
         raise ReadingsError(
             f"{name} is neither text nor a recording that is known",

@@ -108,8 +108,11 @@ def read_traces(path: Path) -> Traces:
 
 
 def _together(source: LabChannels, channels: list[Channel], clock: Channel | None) -> tuple[list[Channel], list[str]]:
-    """Channels that share the first one's start and increment, and why others are left out."""
+    """Channels that share the first one's start, increment and count, and why others are left out."""
     first = clock or channels[0]
-    own = [c for c in channels if (c.start_s, c.increment_s) == (first.start_s, first.increment_s)]
-    own = own or channels[:1]
+
+    def shared(c: Channel) -> bool:
+        return (c.start_s, c.increment_s, c.count) == (first.start_s, first.increment_s, first.count)
+
+    own = [c for c in channels if shared(c)] or channels[:1]
     return own, [f"{c.name} is left out: it starts or steps otherwise" for c in channels if c not in own]

@@ -15,7 +15,7 @@ from daq.lab.notebook import Note
 from daq.sessions.protocols import PlannedCase, Protocol, plan
 from daq.vocabulary import did_you_mean
 from fingermodel.comparison.observations import posture_rad
-from fingermodel.fingers import Finger
+from fingermodel.fingers.finger import Finger
 from server.figures.bench_sheet import write_bench_sheet
 
 PROTOCOL, FINGER, NOTES, SHEET = "protocol.yaml", "finger.yaml", "notes.txt", "bench-sheet.pdf"
@@ -40,6 +40,12 @@ def protocol_of(notes: Sequence[Note], postures: Mapping[str, Mapping[str, float
         raise InputError(
             f"the angles of {', '.join(dict.fromkeys(lacks))} are not known",
             f"--posture '{lacks[0]}: MCP 0 PIP 65 DIP 50' for each, in degrees, flexion positive",
+        )
+    if other := next((n for n in loads if n.tapped or n.direction == "unloading"), None):
+        raise InputError(
+            f"line {other.line} of the loads is {'tapped' if other.tapped else other.direction}",
+            "loads that are hung and read",
+            "The protocol 'friction' unloads and taps: --protocol friction, or a file with its actions",
         )
     blocks = [
         {"role": role, "location": location, "postures": [posture], "masses_g": [dict(n.masses_g) for n in group]}
@@ -94,9 +100,11 @@ def notes_of_plan(cases: Sequence[PlannedCase]) -> str:
     lines = []
     for case in cases:
         masses = " + ".join(f"{tendon} {mass:g}" for tendon, mass in case.masses_g.items())
-        again = ", again" if case.repeat_of else ""
+        more = ["again"] if case.repeat_of else []
+        more += ["unloading"] if case.reading.direction == "unloading" else []
+        more += ["tapped"] if case.reading.tapped else []
         lines += ["skip"] if case.overload_start_s is not None else []
-        lines.append(f"{masses}, {case.posture}, {case.location}, {case.role}{again}")
+        lines.append(", ".join([masses, case.posture, case.location, case.role, *more]))
     return "\n".join(lines) + "\n"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from daq.errors import InputError
+from daq.files import replacing
 from daq.lab.drafts import Choice, cases_of, chosen
 from daq.lab.files import LabFileMap, write_mapping
 from daq.lab.layout import lay
@@ -63,13 +65,13 @@ def header_of(document: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in document.items() if key in HEADER}
 
 
-def notes_of(text: str, tendons: Sequence[str]) -> tuple[Note, ...]:
-    """Read a notebook that names tendons of a finger.
+def notes_of(text: str, tendons: Sequence[str], whole: bool = True) -> tuple[Note, ...]:
+    """Read a notebook that names tendons of a finger; `whole` where it has to have a load.
 
     Raises:
         InputError: a line that is not understood, or a tendon that the finger does not have.
     """
-    notes = read_notes(text, tendons)
+    notes = read_notes(text, tendons, whole)
     for note in notes:
         for name, _ in note.masses_g:
             if name not in tendons:
@@ -107,7 +109,8 @@ def said(note: Note | None) -> str:
     if note is None or note.kind != "load":
         return "" if note is None else note.kind
     masses = " + ".join(f"{name} {mass:g} g" for name, mass in note.masses_g)
-    return f"{masses}, {note.posture}, {note.location}" + (", validation" if note.role == "validation" else "")
+    more = {"validation": note.role == "validation", "unloading": note.direction == "unloading", "tapped": note.tapped}
+    return ", ".join([masses, note.posture, note.location, *(word for word, holds in more.items() if holds)])
 
 
 def document_of(
@@ -158,10 +161,27 @@ def session_of(document: Mapping[str, Any]) -> Session:
     return session
 
 
-def write_new(out: Path, session: Session, blocks: Sequence[ReadingBlock], mapping: LabFileMap | None) -> None:
-    """Write a session's folder with its readings, and the mapping that the next run of the rig can have."""
+def write_new(
+    out: Path,
+    session: Session,
+    blocks: Sequence[ReadingBlock],
+    mapping: LabFileMap | None,
+    finger: Path | None = None,
+) -> None:
+    """Write a session's folder with its readings.
+
+    Args:
+        out: the folder.
+        session: by that name.
+        blocks: readings.
+        mapping: that the next run of the rig can have.
+        finger: file of a finger of the user's own, which goes along.
+    """
     out.mkdir(parents=True, exist_ok=True)
     write_readings(out / READINGS, blocks)
+    if finger is not None:
+        with replacing(out / finger.name) as temporary:
+            shutil.copyfile(finger, temporary)
     if mapping is not None:
         write_mapping(out / MAPPING, mapping)
     write_session(session, out)

@@ -9,9 +9,10 @@ from typing import Any
 from daq.audit import note
 from daq.errors import InputError
 from daq.export.tables import sha256_of
-from daq.lab.files import Increment, LabFileMap, convert_recording, write_mapping
+from daq.lab.files import convert_recording, write_mapping
 from daq.lab.proposals import propose_mapping
-from server.commands.console import answer, progress, say, table
+from server.commands.console import answer, progress, say
+from server.commands.mapping_dialogue import settled, show_proposal, words
 
 
 def import_recording(
@@ -45,33 +46,17 @@ def import_recording(
 
 def _proposed(recording: Path, mapping: Path, calibration: str | None, json: str | None) -> bool:
     """Write a proposal; return whether somebody at the terminal confirmed it."""
+    if json != "-" and sys.stdin.isatty() and sys.stdout.isatty():
+        confirmed = settled(recording, calibration)
+        if confirmed is not None:
+            write_mapping(mapping, confirmed)
+            return True
     proposal = propose_mapping(recording, calibration)
     write_mapping(mapping, proposal)
-    said, channels = _words(proposal)
+    said, channels = words(proposal)
     body: dict[str, Any] = {"recording": str(recording), "mapping": str(mapping), "confirmed": False, "time": said}
     if answer("import", {**body, "channels": channels, "doubts": list(proposal.doubts)}, json):
         return False
     show_proposal(recording.name, proposal)
-    if sys.stdin.isatty() and sys.stdout.isatty():
-        from rich.prompt import Confirm
-
-        if Confirm.ask("Is that right?", default=False):
-            write_mapping(mapping, proposal.model_copy(update={"confirmed": True}))
-            return True
     say(f"Written to {mapping}: look at it, set confirmed: true, and run the same command again.")
     return False
-
-
-def _words(proposal: LabFileMap) -> tuple[str, dict[str, str]]:
-    """Where time comes from, and each axis' channel with its unit."""
-    time = proposal.time
-    said = f"every {time.increment_s} s" if isinstance(time, Increment) else f"{time.channel} [{time.unit or '?'}]"
-    return said, {name: f"{taken.channel} [{taken.unit or '?'}]" for name, taken in proposal.channels.items()}
-
-
-def show_proposal(name: str, proposal: LabFileMap) -> None:
-    """Print which channel of a recording is proposed for what, and what is in doubt."""
-    said, channels = _words(proposal)
-    table(f"Proposed for {name}", ["is", "channel"], [["t", said], *channels.items()])
-    for doubt in proposal.doubts:
-        say(f"  not sure: {doubt}")

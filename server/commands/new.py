@@ -11,18 +11,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.prompt import Confirm, FloatPrompt, Prompt
+from rich.prompt import Prompt
 
 from daq.checks import check
 from daq.errors import InputError
-from daq.lab.drafts import Choice, is_readings_file, joined, posture_of, still_missing
+from daq.lab.drafts import Choice, cases_of, is_readings_file, joined, posture_of, still_missing
 from daq.lab.files import LabFileMap, read_mapping
 from daq.lab.levels import Level
-from daq.lab.notebook import Note, read_notes
-from daq.lab.proposals import propose_mapping
+from daq.lab.notebook import Note
+from daq.lab.proposals import OF_THE_FILE, grounds, propose_mapping
 from daq.lab.traces import as_recording
 from daq.sessions import plain_document, read_session, read_yaml
 from fingermodel.fingers.files import finger_names, read_finger
+from fingermodel.fingers.finger import Finger
 from server.application.exporting import writing
 from server.application.new_session import (
     MAPPING,
@@ -45,7 +46,8 @@ from server.application.new_session import (
 )
 from server.application.workflow import open_bench
 from server.commands.console import answer, progress, say, table
-from server.commands.lab_files import show_proposal
+from server.commands.mapping_dialogue import settled
+from server.commands.questions import ask, ask_postures, lines, number
 
 
 @dataclass(frozen=True)
@@ -79,32 +81,48 @@ def new_session(options: NewOptions, json: str | None) -> None:
     if (options.out / SESSION).exists():
         raise InputError(f"{options.out.name} has a session already", "a new folder", "Choose another --out")
     asking = not options.yes and json != "-" and sys.stdin.isatty() and sys.stdout.isatty()
-    header = _header(options, asking)
+    header, own_finger = _known_header(options)
+    lacks = [key for key in REQUIRED if key not in header]
+    if lacks and not asking:
+        raise InputError(
+            f"{', '.join(lacks)} not known",
+            "what no recording tells",
+            "Give --setup FILE (bench-setup/1), or --like an earlier session of the rig",
+        )
+    rate_hz = (header.get("load_cell") or {}).get("rate_hz")
     with ExitStack() as held:
         recordings = [held.enter_context(as_recording(path)) for path in options.recordings]
-        mapping = _mapping(options, recordings, asking)
+        mapping = _mapping(options, recordings, rate_hz, asking)
         with progress("Reading"):
             blocks, told = joined(recordings, mapping)
-    told += [f"taken as proposed: {doubt}" for doubt in (mapping.doubts if mapping and options.yes else ())]
+    doubts = mapping.doubts if mapping and options.yes else ()
+    told += [f"taken as proposed: {d}" for d in doubts if not d.startswith(OF_THE_FILE)]  # those are told already
     told.append(MASSES_IN_GRAMS)
-    notes = _notes(options, header["finger"], asking)
+    levels = levels_of(blocks)
+    if asking:
+        header |= _ask_header([*lacks, *([] if "load_cell" in header else ["load_cell"])])
+        own_finger = own_finger or _file_of(header["finger"], None)
+    finger = read_finger(own_finger or header["finger"])
+    notes = _notes(options, finger.topology.muscles, asking)
     if not asking:  # what will be missing is said before the work is done
-        _postures(options, [n.posture for n in notes if n.kind == "load"], asking)
+        _postures(options, [n.posture for n in notes if n.kind == "load"], finger, asking)
     with progress("Laying the notebook onto the plateaus"):
-        laid = lay_notes(levels_of(blocks), notes)
+        laid = lay_notes(levels, notes)
     if json != "-":
         _show(laid.levels, laid.choices)
         for line in laid.lost:
             say(f"  {line}")
     if asking:
-        laid = LaidNotes(laid.levels, _asked(laid.choices, header["finger"]), laid.lost)
-    postures = _postures(options, [c.note.posture for c in laid.choices if c.kind == "load" and c.note], asking)
+        laid = LaidNotes(laid.levels, _asked(laid, finger.topology.muscles), laid.lost)
+    postures = _postures(options, [c.note.posture for c in laid.choices if c.kind == "load" and c.note], finger, asking)
     told += laid.lost
     provenance = {"made_by": "fingertwin new", "recordings": [path.name for path in options.recordings]}
+    if own_finger is not None:  # it goes along, so that the session is whole wherever it is taken
+        header["finger"] = own_finger.name
     document = document_of(options.out.resolve().name, header, postures, laid, provenance)
     session = session_of(document)
     with writing(options.out):
-        write_new(options.out, session, blocks, mapping)
+        write_new(options.out, session, blocks, mapping, own_finger)
     _report(options, document, laid.choices, told, still_missing(document), json)
 
 
@@ -147,53 +165,66 @@ def _suspects(folder: Path) -> tuple[list[Suspect], str]:
         return [], str(error)
 
 
-def _header(options: NewOptions, asking: bool) -> dict[str, Any]:
-    """Specimen, finger, cell and friction: of an earlier session, of a setup, or asked for."""
+def _known_header(options: NewOptions) -> tuple[dict[str, Any], Path | None]:
+    """Specimen, finger, cell and friction of an earlier session or of a setup; and the finger's file, if it is one."""
     out: dict[str, Any] = {}
+    folder: Path | None = None
     if options.like is not None:
-        out |= header_of(plain_document(read_session(options.like)))
+        like = read_session(options.like)
+        out |= header_of(plain_document(like))
+        folder = like.folder
     if options.setup is not None:
         given = read_yaml(options.setup)
         if not isinstance(given, Mapping) or given.get("format") != "bench-setup/1":
             raise InputError(f"{options.setup.name} is not a setup", "format: bench-setup/1")
         out |= header_of(given)
-    lacks = [key for key in REQUIRED if key not in out]
-    if lacks and not asking:
-        raise InputError(
-            f"{', '.join(lacks)} not known",
-            "what no recording tells",
-            "Give --setup FILE (bench-setup/1), or --like an earlier session of the rig",
-        )
-    if asking:
-        out |= _ask_header([*lacks, *([] if "load_cell" in out else ["load_cell"])])
-    return out
+        folder = options.setup.parent if "finger" in given else folder
+    return out, _file_of(out["finger"], folder) if "finger" in out else None
+
+
+def _file_of(finger: str, folder: Path | None) -> Path | None:
+    """The file of a finger; None of a shipped one."""
+    candidates = [Path(finger)] if folder is None else [folder / finger, Path(finger)]
+    return next((path for path in candidates if path.is_file()), None)
 
 
 def _ask_header(lacks: Sequence[str]) -> dict[str, Any]:
-
     out: dict[str, Any] = {}
     if "specimen" in lacks:
-        name = Prompt.ask("Specimen, a pseudonym")
+        name = ask("Specimen, a pseudonym", str)
         species, digit = Prompt.ask("Species", default="human"), Prompt.ask("Digit", default="third")
         side = Prompt.ask("Side of the hand", choices=["left", "right"])
         out["specimen"] = {"id": name, "species": species, "digit": digit, "side": side}
     if "finger" in lacks:
-        out["finger"] = Prompt.ask(f"Finger: a file, or one of {', '.join(finger_names())}", default="an1979_middle")
+        out["finger"] = ask(f"Finger: a file, or one of {', '.join(finger_names())}", _finger, "an1979_middle")
     if "tension_factor" in lacks:
-        said = Prompt.ask("Friction: a factor, or 'estimate' by force balance", default="estimate")
-        out["tension_factor"] = {"estimate": "force_balance"} if said == "estimate" else float(said)
+        out["tension_factor"] = ask("Friction: a factor, or 'estimate' by force balance", _friction, "estimate")
     if "load_cell" in lacks:
-        model = Prompt.ask("Model of the load cell, such as ATI Nano17-E SI-25-0.25", default="")
-        rate = FloatPrompt.ask("Sampling rate [Hz], 0 if not known", default=0.0)
+        model = Prompt.ask("Model of the load cell, such as ATI Nano17-E SI-25-0.25", default="", show_default=False)
+        rate = ask("Sampling rate [Hz], 0 if not known", number, "0")
         tip = Prompt.ask("Axes of readings at the tip: the bone's name", default="distal_phalanx")
         bone = Prompt.ask("Axes of readings at the bone: the bone's name", default="metacarpal")
-        cell = {"model": model or None, "rate_hz": rate or None}
+        cell = {"model": model or None, "rate_hz": rate if rate > 0.0 else None}
         mounts = {"tip": {"frame": tip}, "bone": {"frame": bone}}
         out["load_cell"] = {k: v for k, v in cell.items() if v} | {"mounts": mounts}
     return out
 
 
-def _mapping(options: NewOptions, recordings: Sequence[Path], asking: bool) -> LabFileMap | None:
+def _finger(text: str) -> str:
+    read_finger(text)
+    return text
+
+
+def _friction(text: str) -> float | dict[str, str]:
+    if text.lower() == "estimate":
+        return {"estimate": "force_balance"}
+    factor = number(text)
+    if not 0.0 < factor <= 1.5:
+        raise InputError(f"a factor of {factor:g}", "0 < factor ≤ 1.5, such as 0.835, or 'estimate'")
+    return factor
+
+
+def _mapping(options: NewOptions, recordings: Sequence[Path], rate_hz: float | None, asking: bool) -> LabFileMap | None:
     """Which channel is which, confirmed; None where every recording is a readings file."""
     first = next((path for path in recordings if not is_readings_file(path)), None)
     if first is None:
@@ -203,38 +234,33 @@ def _mapping(options: NewOptions, recordings: Sequence[Path], asking: bool) -> L
     known = next((path for path in beside if path is not None and (path.is_file() or path is options.mapping)), None)
     if known is not None:
         return read_mapping(known)
-    proposal = propose_mapping(first)
     if asking:
-        show_proposal(first.name, proposal)
-        channels = {
-            key: taken if taken.unit else taken.model_copy(update={"unit": Prompt.ask(f"Unit of {taken.channel}")})
-            for key, taken in proposal.channels.items()
-        }
-        proposal = proposal.model_copy(update={"channels": channels})
-        if not Confirm.ask("Is that right?", default=False):
+        confirmed = settled(first, None, rate_hz)
+        if confirmed is None:
             raise InputError("the mapping was not confirmed", "a mapping", "Make one: fingertwin import RECORDING")
-    elif not options.yes:
+        return confirmed
+    proposal = propose_mapping(first, None, rate_hz)
+    if not options.yes:
         raise InputError("which channel is which was not confirmed", "--map FILE, or --yes to take the proposal")
+    by_place = [key for key, ground in grounds(first, proposal).items() if ground.by_place]
+    if by_place:
+        raise InputError(
+            f"only their place in {first.name} says which channels are {' '.join(by_place)}",
+            "--map FILE: --yes takes no such proposal",
+            "Run it without --yes, or 'fingertwin import', and confirm",
+        )
     return proposal.model_copy(update={"confirmed": True})
 
 
-def _notes(options: NewOptions, finger: str, asking: bool) -> tuple[Note, ...]:
-
-    tendons = read_finger(finger, options.setup.parent if options.setup else None).topology.muscles
+def _notes(options: NewOptions, tendons: Sequence[str], asking: bool) -> tuple[Note, ...]:
     if options.notes is not None:
         try:
             text = sys.stdin.read() if str(options.notes) == "-" else options.notes.read_text("utf-8-sig")
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"{options.notes} cannot be read ({error})", "a notebook as text or CSV") from error
     elif asking:
-        say(
-            "What hung, line by line, such as 'FDP 950, hook, tip'; masses in g; 'tare' where you noted one; "
-            "an empty line ends"
-        )
-        lines = []
-        while line := input("  ").strip():
-            lines.append(line)
-        text = "\n".join(lines)
+        example = "What hung, line by line, such as 'FDP 950, hook, tip'; masses in g; 'tare' where you noted one"
+        text = lines(example, lambda typed, whole: notes_of(typed, tendons, whole))
     else:
         raise InputError("no notebook", "--notes FILE with lines such as 'FDP 950, hook, tip'")
     return notes_of(text, tendons)
@@ -255,30 +281,49 @@ def _show(levels: Sequence[Level], choices: Sequence[Choice]) -> None:
     table("Plateaus", ["", "window [s]", "change [N]", "taken for", "sure"], rows)
 
 
-def _asked(choices: list[Choice], finger: str) -> list[Choice]:
+def _asked(laid: LaidNotes, tendons: Sequence[str]) -> list[Choice]:
     """Let somebody change lines of the table until nothing more is to be changed."""
-    tendons = read_finger(finger).topology.muscles
-    while line := Prompt.ask(
-        "Change one, such as '7 tare', '7 skip' or '7 FDP 300, hook, tip'; Enter takes all", default=""
-    ):
-        match = re.match(r"\s*(\d+)\s+(.*)", line)
-        if match is None or not 1 <= int(match[1]) <= len(choices):
-            say(f"  a number from 1 to {len(choices)}, and what it is")
-            continue
-        at, what = int(match[1]) - 1, match[2].strip()
-        if what in ("tare", "skip"):
-            choices[at] = replace(choices[at], kind=what, note=None, sure=1.0)
-            continue
+    choices = list(laid.choices)
+    while True:
+        while line := Prompt.ask(
+            "Change one, such as '7 tare', '7 skip' or '7 FDP 300, hook, tip'; Enter takes all",
+            default="",
+            show_default=False,
+        ):
+            try:
+                at, choice = _change(line, choices, tendons)
+            except InputError as error:
+                say(f"  {error}")
+                continue
+            choices[at] = choice
+            say(f"  {at + 1} is now {said(choice.note) or choice.kind}")
         try:
-            (note, *_) = read_notes(what, tendons)
+            cases_of(laid.levels, choices)
         except InputError as error:
             say(f"  {error}")
             continue
-        choices[at] = replace(choices[at], kind="load", note=note, sure=1.0)
-    return choices
+        return choices
 
 
-def _postures(options: NewOptions, wanted: Sequence[str], asking: bool) -> dict[str, dict[str, float]]:
+def _change(line: str, choices: Sequence[Choice], tendons: Sequence[str]) -> tuple[int, Choice]:
+    """The plateau that a line names, and what it is to be.
+
+    Raises:
+        InputError: the line is not understood.
+    """
+    match = re.match(r"\s*(\d+)\s+(.*)", line)
+    if match is None or not 1 <= int(match[1]) <= len(choices):
+        raise InputError(f"{line!r}", f"a number from 1 to {len(choices)}, and what it is")
+    at, what = int(match[1]) - 1, match[2].strip()
+    if what in ("tare", "skip"):
+        return at, replace(choices[at], kind=what, note=None, sure=1.0)
+    # What is not said is as it was, or as of the load before.
+    before = next((c.note for c in reversed(choices[: at + 1]) if c.kind == "load" and c.note), None)
+    *_, note = notes_of(what if before is None else f"{said(before)}\n{what}", tendons)
+    return at, replace(choices[at], kind="load", note=note, sure=1.0)
+
+
+def _postures(options: NewOptions, wanted: Sequence[str], finger: Finger, asking: bool) -> dict[str, dict[str, float]]:
     """Angles of postures [deg]."""
     known: dict[str, dict[str, float]] = {}
     if options.like is not None:
@@ -290,6 +335,4 @@ def _postures(options: NewOptions, wanted: Sequence[str], asking: bool) -> dict[
             f"the angles of {', '.join(lacks)} are not known",
             f"--posture '{lacks[0]}: MCP 0 PIP 65 DIP 50' for each, in degrees, flexion positive",
         )
-    for name in lacks:
-        known[name] = posture_of(f"{name}: {input(f'Angles of {name} [deg], such as MCP 0 PIP 65 DIP 50: ')}")[1]
-    return known
+    return known | ask_postures(lacks, finger)

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rich.prompt import Prompt
-
 from daq.errors import InputError
 from daq.lab.drafts import posture_of
 from daq.sessions.protocols import Protocol, protocol_names, read_protocol
-from fingermodel.fingers import Finger
 from fingermodel.fingers.files import finger_names, read_finger
+from fingermodel.fingers.finger import Finger
 from fingermodel.studies.scaling import scale_finger, write_scaled
 from server.application.bench_plan import (
     FINGER,
@@ -29,6 +27,7 @@ from server.application.bench_plan import (
 from server.application.exporting import writing
 from server.application.new_session import lacking, notes_of
 from server.commands.console import answer, progress, say
+from server.commands.questions import ask, ask_postures, lines, number
 from server.commands.scaling import measures
 
 
@@ -99,31 +98,64 @@ def _finger(options: PlanOptions, asking: bool) -> tuple[Finger, Mapping[str, fl
     """The finger, lengths of bones that were given [mm], and how it was scaled; None where it was not."""
     name, bones, arms = options.finger, list(options.bones), list(options.moment_arms)
     if name is None and asking:
-        name = Prompt.ask(f"Finger: a file, or one of {', '.join(finger_names())}", default="an1979_middle")
+        name = ask(f"Finger: a file, or one of {', '.join(finger_names())}", _finger_name, "an1979_middle")
     if name is None:
         raise InputError("no finger", f"--finger FILE, or one of {', '.join(finger_names())}")
     base = read_finger(name)
     if asking and not bones:
-        say("Lengths of the specimen's bones in mm, joint to joint; Enter leaves one to the mean of the others")
-        given = {bone: Prompt.ask(f"  {bone}", default="") for bone in base.topology.bones[1:]}
-        bones = [f"{bone}={text}" for bone, text in given.items() if text]
-        if bones:
-            said = Prompt.ask("Measured moment arms, such as FDP@MCP=10.2 FDS@PIP=6.6, or Enter", default="")
-            arms = said.split()
+        return _measured(options, name, base)
     lengths = measures(bones, "--bone", "PP=40.1")
     if not lengths:
         if arms:
             raise InputError("moment arms without a bone length", "--bone BONE=MM for one bone at least")
         return base, {}, None
+    return _scaled(options, name, lengths, measures(arms, "--moment-arm", "FDP@MCP=10.2"))
+
+
+def _measured(options: PlanOptions, name: str, base: Finger) -> tuple[Finger, Mapping[str, float], Any]:
+    """Ask for lengths and moment arms until a finger can be scaled to them; without a length it stays as it is."""
+    while True:
+        say("Lengths of the specimen's bones in mm, joint to joint; Enter leaves one to the mean of the others")
+        asked = {bone: ask(f"  {bone}", _length, "") for bone in base.topology.bones[1:]}
+        lengths = {bone: length for bone, length in asked.items() if length is not None}
+        if not lengths:
+            return base, {}, None
+        given = measures(options.moment_arms, "--moment-arm", "FDP@MCP=10.2")
+        arms = given or ask("Measured moment arms, such as FDP@MCP=10.2 FDS@PIP=6.6, or Enter", _arms, "")
+        try:
+            return _scaled(options, name, lengths, arms)
+        except InputError as error:
+            say(f"  {error}")
+
+
+def _scaled(
+    options: PlanOptions, name: str, lengths: Mapping[str, float], arms: Mapping[str, float]
+) -> tuple[Finger, Mapping[str, float], Any]:
     references = measures(options.references, "--reference", "DP=19.0")
-    arms_mm = measures(arms, "--moment-arm", "FDP@MCP=10.2")
     with progress("Scaling"):
-        scaled = scale_finger(name, lengths, arms_mm, references, options.out.resolve().name)
+        scaled = scale_finger(name, lengths, arms, references, options.out.resolve().name)
     return scaled.finger, lengths, scaled
 
 
-def _protocol(options: PlanOptions, finger: Finger, asking: bool) -> Protocol:
+def _finger_name(text: str) -> str:
+    read_finger(text)
+    return text
 
+
+def _length(text: str) -> float | None:
+    if not text:
+        return None
+    length = number(text)
+    if not length > 0.0:
+        raise InputError(f"{length:g} mm", "a length above 0 mm, joint to joint, or Enter")
+    return length
+
+
+def _arms(text: str) -> dict[str, float]:
+    return measures(text.split(), "a moment arm", "FDP@MCP=10.2")
+
+
+def _protocol(options: PlanOptions, finger: Finger, asking: bool) -> Protocol:
     postures = dict(posture_of(text) for text in options.postures)
     name, loads = options.protocol, None
     if options.loads is not None:
@@ -132,14 +164,18 @@ def _protocol(options: PlanOptions, finger: Finger, asking: bool) -> Protocol:
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"{options.loads} cannot be read ({error})", "loads as text or CSV") from error
     if name is None and loads is None and asking:
-        name = Prompt.ask(
-            f"Protocol: a file, one of {', '.join(protocol_names())}, or 'own' to type the loads", default="levels"
+        name = ask(
+            f"Protocol: a file, one of {', '.join(protocol_names())}, or 'own' to type the loads",
+            lambda text: _fitting(text, finger),
+            "levels",
         )
         if name == "own":
-            loads = _typed()
+            example = "What hangs, line by line, such as 'FDP 950, hook, tip'; masses in g"
+            loads = lines(example, lambda typed, whole: notes_of(typed, finger.topology.muscles, whole))
     if loads is not None:
         notes = notes_of(loads, finger.topology.muscles)
-        postures |= _asked([n.posture for n in notes if n.kind == "load"], postures) if asking else {}
+        if asking:
+            postures |= ask_postures(lacking([n.posture for n in notes if n.kind == "load"], postures), finger)
         return protocol_of(notes, postures, options.out.resolve().name)
     if name is None:
         raise InputError("no loads", f"--protocol FILE or one of {', '.join(protocol_names())}, or --loads FILE")
@@ -147,21 +183,18 @@ def _protocol(options: PlanOptions, finger: Finger, asking: bool) -> Protocol:
     if asking and not only and not postures:
         for posture, angles in protocol.postures_deg.items():
             say(f"  {posture}: {' '.join(f'{joint} {angle:g}' for joint, angle in angles.items())}")
-        only = tuple(Prompt.ask("Postures to keep, or Enter for all", default="").replace(",", " ").split())
+        only = ask("Postures to keep, or Enter for all", lambda text: _kept(text, protocol), "")
     return in_postures(protocol, postures, only)
 
 
-def _typed() -> str:
-    say("What hangs, line by line, such as 'FDP 950, hook, tip'; masses in g; an empty line ends")
-    lines = []
-    while line := input("  ").strip():
-        lines.append(line)
-    return "\n".join(lines)
+def _fitting(text: str, finger: Finger) -> str:
+    """The name of a protocol that a finger can be loaded by, or `own`."""
+    if text != "own":
+        require_fits(read_protocol(text), finger)
+    return text
 
 
-def _asked(names: Sequence[str], known: Mapping[str, Any]) -> dict[str, dict[str, float]]:
-
-    return {
-        name: posture_of(f"{name}: {input(f'Angles of {name} [deg], such as MCP 0 PIP 65 DIP 50: ')}")[1]
-        for name in lacking(names, known)
-    }
+def _kept(text: str, protocol: Protocol) -> tuple[str, ...]:
+    only = tuple(text.replace(",", " ").split())
+    in_postures(protocol, {}, only)
+    return only

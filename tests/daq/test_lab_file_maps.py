@@ -18,7 +18,7 @@ from daq.lab.files import (
     read_mapping,
     write_mapping,
 )
-from daq.lab.proposals import propose_mapping
+from daq.lab.proposals import grounds, propose_mapping
 from daq.recordings.readings import open_readings
 from tests.daq.cal_files import nano17, numbers, write_cal
 from tests.daq.lab_files import (
@@ -101,8 +101,22 @@ def test_gauges_are_taken_in_the_order_of_their_numbers_not_of_the_file(tmp_path
     assert any("which calibration" in d for d in proposed.doubts)
 
 
-def test_names_that_tell_nothing_are_not_guessed(tmp_path: Path) -> None:
-    path = tdms(tmp_path / "a.tdms", {f"g/{w}": [1.0] for w in "abcdef"}, wf_increment=0.1)
+def test_names_that_tell_nothing_are_taken_by_their_place_in_doubt_or_not_at_all(tmp_path: Path) -> None:
+    path = tdms(tmp_path / "six.tdms", {f"g/{w}": [1.0] for w in "abcdef"}, wf_increment=0.1)
+    proposed = propose_mapping(path)
+    assert [t.channel for t in proposed.channels.values()] == [f"g/{w}" for w in "abcdef"]
+    assert {t.unit for t in proposed.channels.values()} == {None}
+    assert "their names tell nothing" in proposed.doubts[0]
+    found = grounds(path, proposed)
+    assert all(found[axis].by_place and found[axis].sure == 0.0 for axis in AXES)
+    units = {f"g/{w}": "N" if w < "d" else "Nm" for w in "abcdef"}
+    path = tdms(tmp_path / "units.tdms", {f"g/{w}": [1.0] for w in "abcdef"}, units, wf_increment=0.1)
+    assert not any(ground.by_place for ground in grounds(path, propose_mapping(path)).values())
+    # Neither is what one name contradicts, nor more than six.
+    for names in (("a", "b", "c", "d", "e", "Fx"), "abcdefgh"):
+        with pytest.raises(ReadingsError, match="do not tell which is which"):
+            propose_mapping(tdms(tmp_path / "c.tdms", {f"g/{w}": [1.0] for w in names}, wf_increment=0.1))
+    path = tdms(tmp_path / "a.tdms", {f"g/{w}": [1.0] for w in "abcdefg"}, wf_increment=0.1)
     with pytest.raises(ReadingsError, match=r"g/a \[\?\], g/b .* do not tell which is which"):
         propose_mapping(path)
     path = resolved(tmp_path / "b.tdms")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gzip
+import tracemalloc
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib import import_module
 from itertools import product
 from pathlib import Path
@@ -165,6 +167,224 @@ def test_every_container(name: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(wrench, WRENCH, rtol=1e-12, atol=1e-12)
 
 
+# What strangers' files have besides
+
+
+def columned(separator: str = ";", **changes: Callable[[list[list[str]]], list[list[str]]]) -> str:
+    """The plain file's lines by cells, changed."""
+    cells = [line.split(",") for line in plain().splitlines()]
+    for change in changes.values():
+        cells = change(cells)
+    return "\n".join(separator.join(row) for row in cells) + "\n"
+
+
+def clocked(clock: Callable[[int], str]) -> str:
+    """The plain file with times as a clock writes them, from milliseconds since the beginning."""
+
+    def timed(cells: list[list[str]]) -> list[list[str]]:
+        rest = zip(TIMES, cells[1:], strict=True)
+        return [["time", *cells[0][1:]], *([clock(round(1000 * t)), *row[1:]] for t, row in rest)]
+
+    return columned(a=timed)
+
+
+def at(ms: int, start_s: float = 0.0) -> tuple[int, int, int, int]:
+    """Hours, minutes, seconds and milliseconds, so long after a time of day."""
+    whole = round(1000 * start_s) + ms
+    return whole // 3_600_000 % 24, whole // 60_000 % 60, whole // 1000 % 60, whole % 1000
+
+
+def twelve(ms: int) -> str:
+    hour, minute, second, rest = at(ms, 12 * 3600 + 3600 - 0.02)
+    return f"5/31/2024 {(hour - 1) % 12 + 1}:{minute:02d}:{second:02d}.{rest:03d} PM"
+
+
+def new_day(ms: int) -> str:
+    hour, minute, second, rest = at(ms, 86_400 - 0.02)
+    return f"2024/{'05/31' if hour else '06/01'} {hour:02d}:{minute:02d}:{second:02d}.{rest:03d}"
+
+
+def o_clock(ms: int, start_s: float = 36_000.0, mark: str = ".") -> str:
+    hour, minute, second, rest = at(ms, start_s)
+    return f"{hour:02d}:{minute:02d}:{second:02d}{mark}{rest:03d}"
+
+
+def minutes(ms: int) -> str:
+    _, minute, second, rest = at(ms, 302.0)
+    return f"{minute:02d}:{second:02d}.{rest:03d}"
+
+
+def row_by_row(cells: list[list[str]]) -> list[list[str]]:
+    """Headings in two lines and units in a third, as some programs group their channels."""
+    groups = ["Zeit", "Kraft", "", "", "Moment", "", ""]
+    return [groups, ["", *"XYZXYZ"], ["s", *["N"] * 3, *["Nmm"] * 3], *cells[1:]]
+
+
+def paged(cells: list[list[str]]) -> list[list[str]]:
+    """Names and units once more before the third reading."""
+    head = row_by_row(cells)[1:3]
+    return [*head, *cells[1:3], *head, *cells[3:]]
+
+
+def with_temperature(cells: list[list[str]]) -> list[list[str]]:
+    units = ["s", *["N"] * 3, *["Nmm"] * 3, "°C"]
+    return [["time", *AXES, "Temp"], units, *([*row, "21.5"] for row in cells[1:])]
+
+
+def turned(cells: list[list[str]]) -> list[list[str]]:
+    """Fz first, and time last."""
+    return [row[:0:-1] + row[:1] for row in cells]
+
+
+def in_words(words: tuple[str, str]) -> Callable[[list[list[str]]], list[list[str]]]:
+    names = [f"{word} {x} [{u}]" for word, u in zip(words, ("N", "Nmm"), strict=True) for x in "xyz"]
+    return lambda cells: [["t [s]", *names], *cells[1:]]
+
+
+def scaled_to(force: str, torque: str, newtons: float, newton_mm: float) -> str:
+    cells = [["time (s)", *(f"{a} ({force if a[0] == 'F' else torque})" for a in AXES)]]
+    for t, row in zip(TIMES, WRENCH / np.repeat([newtons, newton_mm], 3), strict=True):
+        cells.append([f"{t:.2f}", *(repr(float(v)) for v in row)])
+    return "\n".join(";".join(row) for row in cells) + "\n"
+
+
+STRANGE: dict[str, str | bytes] = {
+    "utf-16 without its mark": plain().encode("utf-16-le"),
+    "decimal commas, tabs, two lines of headings": columned("\t", a=row_by_row).replace(".", ","),
+    "a unit that is not known beside others": columned(a=with_temperature),
+    "am and pm": clocked(twelve),
+    "the year first, over midnight": clocked(new_day),
+    "times of day over midnight": clocked(lambda ms: o_clock(ms, 86_400 - 0.02)),
+    "a colon before milliseconds": clocked(lambda ms: o_clock(ms, mark=":")),
+    "minutes and seconds": clocked(minutes),
+    "a month by its name": clocked(lambda ms: f"31-May-2024 {o_clock(ms)}"),
+    "separators behind each row": columned(a=lambda cells: [[*row, "", ""] for row in cells]),
+    "the heading once more": columned(a=lambda cells: [*cells[:4], cells[0], *cells[4:]]),
+    "headings and units once more": columned(a=paged),
+    "a remark at the end": plain() + "# written by hand\n",
+    "turned round": columned(a=turned),
+    "kgf": scaled_to("kgf", "kgf-cm", 9.80665, 98.0665),
+    "ounces": scaled_to("ozf", "in-oz", 0.27801385095378125, 7.061551814226044),
+    "an empty column": columned(a=lambda cells: [[*row[:3], "", *row[3:]] for row in cells]),
+    "a true minus": plain().replace("-", "\u2212"),
+    "quoted decimal commas between commas": "\n".join(
+        ",".join(f'"{c}"' for c in line.split(";")) for line in plain(separator=";", decimal=",").splitlines()
+    ) + "\n",
+    "a line for Excel": "sep=;\n" + plain(separator=";"),
+    "Finnish": columned(a=in_words(("Voima", "Vääntö"))),
+    "Japanese": columned(a=in_words(("力", "トルク"))),
+    "torques first, in Hungarian": columned(
+        a=lambda cells: [[*row[:1], *row[4:], *row[1:4]] for row in in_words(("Erő", "Nyomaték"))(cells)]
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_what_strangers_write(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "r.txt"
+    content = STRANGE[name]
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    t_s, wrench, *_ = read(path)
+    np.testing.assert_allclose(t_s - t_s[0], TIMES, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(wrench, WRENCH, rtol=1e-12, atol=1e-12)
+
+
+def hdf5(path: Path, form: str) -> Path:
+    import h5py
+
+    names = ["t_s", *(f"{a}_{'N' if a[0] == 'F' else 'Nmm'}" for a in AXES)]
+    whole = np.column_stack([TIMES, WRENCH])
+    with h5py.File(path, "w", userblock_size=512 if form == "matlab" else 0) as file:
+        if form == "table":
+            table = file.create_dataset("rig/run 1", data=whole)
+            table.attrs["columns"] = ["time", *AXES]
+            table.attrs["units"] = ["s", *["N"] * 3, *["Nmm"] * 3]
+        elif form == "records":
+            file["run"] = np.array([tuple(row) for row in whole], dtype=[(n, "f8") for n in names])
+        elif form == "pandas":
+            file["df/block0_items"] = np.array(names, dtype="S8")
+            file["df/block0_values"] = whole
+        else:
+            for name, column in zip(names, whole.T, strict=True):
+                file[f"data/{name}"] = column[None] if form == "matlab" else column
+            file["data/gain"] = [1.0, 2.0]
+    if form == "matlab":
+        with path.open("rb+") as stream:
+            stream.write(b"MATLAB 7.3 MAT-file, Platform: PCWIN64".ljust(124))
+    return path
+
+
+def c3d(path: Path) -> Path:
+    import ezc3d
+
+    out = ezc3d.c3d()
+    out["parameters"]["POINT"]["RATE"]["value"] = [100.0]
+    analog = out["parameters"]["ANALOG"]
+    analog["RATE"]["value"] = [100.0]
+    analog["LABELS"]["value"] = [*AXES, "EMG"]
+    analog["UNITS"]["value"] = [*["N"] * 3, *["Nmm"] * 3, "V"]
+    out["data"]["points"] = np.zeros((4, 0, len(TIMES)))
+    out["data"]["analogs"] = np.vstack([WRENCH.T, TIMES])[None]
+    named = path.with_name("r.c3d")
+    out.write(str(named))
+    return named.replace(path)
+
+
+def excel(path: Path, kind: str) -> Path:
+    """A workbook with a table of settings first, and the readings on its second sheet."""
+    import datetime as dt
+
+    import xlsxwriter
+
+    with xlsxwriter.Workbook(path, {"default_date_format": "hh:mm:ss.000"}) as book:
+        settings = book.add_worksheet("settings")
+        for i in range(4):
+            settings.write_row(i, 0, [1.0 + i, 2.0, 3.0, 4.0])
+        sheet = book.add_worksheet("run 1")
+        names = [f"{a} ({'N' if a[0] == 'F' else 'Nmm'})" for a in AXES]
+        sheet.write_row(2, 1, ["time" if kind == "times" else "time (s)", *names])
+        for i, (t, row) in enumerate(zip(TIMES, WRENCH, strict=True)):
+            if kind == "times":
+                sheet.write_datetime(3 + i, 1, dt.datetime(2024, 5, 31, 10) + dt.timedelta(seconds=float(t)))  # noqa: DTZ001
+            else:
+                sheet.write_number(3 + i, 1, t)
+            sheet.write_row(3 + i, 2, row)
+    return path
+
+
+HDF5_FORMS = ("datasets", "table", "records", "pandas", "matlab")
+MORE_CONTAINERS: dict[str, Callable[[Path], Path]] = {
+    **{f"hdf5 {form}": partial(hdf5, form=form) for form in HDF5_FORMS},
+    "c3d": c3d,
+    "excel, second sheet": lambda path: excel(path, "numbers"),
+    "excel, times of day": lambda path: excel(path, "times"),
+}
+
+
+@pytest.mark.parametrize("name", MORE_CONTAINERS)
+def test_every_other_container(name: str, tmp_path: Path) -> None:
+    t_s, wrench, *_ = read(MORE_CONTAINERS[name](tmp_path / "r.dat"))
+    np.testing.assert_allclose(t_s, TIMES, rtol=0, atol=1e-4 if name.startswith("excel") else 1e-9)
+    np.testing.assert_allclose(wrench, WRENCH, rtol=1e-6 if name == "c3d" else 1e-12, atol=1e-12)
+
+
+def test_a_file_that_points_out_of_itself_is_not_followed(tmp_path: Path) -> None:
+    import h5py
+
+    secret = tmp_path / "secret"
+    secret.write_bytes(bytes(8 * 6))
+    path = tmp_path / "r.h5"
+    with h5py.File(path, "w") as file:
+        file["t_s"] = TIMES
+        for i, a in enumerate(AXES):
+            file[f"{a}_N" if i < 3 else f"{a}_Nmm"] = WRENCH[:, i]
+        del file["Fx_N"]
+        file.create_dataset("Fx_N", shape=(6,), dtype="f8", external=[(str(secret), 0, 48)])
+        file["elsewhere"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/x")
+    with pytest.raises(InputError, match="holds numbers of other files"):
+        read(path)
+
+
 REFUSED: dict[str, tuple[str, str]] = {
     "nothing": ("", "has no whole line"),
     "words": ("this is\na letter\n", "columns of numbers"),
@@ -184,6 +404,26 @@ REFUSED: dict[str, tuple[str, str]] = {
         "dates such as 2024-05-31",
     ),
     "two cells": (plain().replace("Fy (N)", "Fx (N)"), "do not tell which is which"),
+    "whole seconds": (
+        "time,Fx (N),Fy (N),Fz (N),Tx (Nmm),Ty (Nmm),Tz (Nmm)\n"
+        + "".join(f"5/31/2024 1:05:{i // 10:02d} PM,{i},0,0,0,0,0\n" for i in range(40)),
+        "time stands still from most readings to the next",
+    ),
+    "thousands by a gap": (
+        plain(separator=";").replace("\n0.01;-0.875", "\n0.01;-1\u00a0000.875"), "without separators of thousands"
+    ),
+    "thousands between commas": (plain().replace("\n0.01,-0.875", "\n0.01,-1,000.875"), "separators of thousands"),
+    "statistics below": (plain() + "Mean,1,2,3,4,5,6\n", "line 8: time (s) is 'Mean'"),
+    "statistics behind an empty line": (plain() + "\nMean,1\n", "Remove that row, or everything from there on"),
+    "units in every cell": (
+        "\n".join(",".join(c if i == 0 else f"{c} N" for c in line.split(",")) if i else line
+                  for i, line in enumerate(plain().splitlines())) + "\n",
+        "no rows of numbers",
+    ),
+    "a second recording behind the first": (plain() + plain(), "Was a second recording appended?"),
+    "six without names or units": (
+        columned(a=lambda cells: [["time (s)", *(f"Kanal {x}" for x in "abcdef")], *cells[1:]]), "gives Kanal a no unit"
+    ),
     "not a number": (plain().replace("\n0.03,0.625,", "\n0.03,broken,"), "line 5: Fx (N) is 'broken'"),
 }  # fmt: skip
 
@@ -208,7 +448,7 @@ def test_a_journal_is_known_for_one(tmp_path: Path) -> None:
 
 def test_an_excel_sheet(tmp_path: Path) -> None:
     path = tmp_path / "r.xlsx"
-    path.write_bytes(_workbook(plain("preamble")))
+    _workbook(path, plain("preamble"))
     t_s, wrench, *_ = read(path)
     np.testing.assert_allclose(t_s, TIMES, rtol=0, atol=1e-9)
     np.testing.assert_allclose(wrench, WRENCH, rtol=1e-12, atol=1e-12)
@@ -217,46 +457,34 @@ def test_an_excel_sheet(tmp_path: Path) -> None:
         read(path)
 
 
-def _workbook(text: str) -> bytes:
-    """The least workbook: one sheet with the cells of comma-separated text."""
-    import io
-    import zipfile
-    from xml.sax.saxutils import escape
+def _workbook(path: Path, text: str) -> Path:
+    """A sheet with the cells of comma-separated text."""
+    import xlsxwriter
 
-    body = ""
-    for i, line in enumerate(text.splitlines(), 1):
-        cells = ""
-        for j, cell in enumerate(line.split(",") if line else []):
-            at = f"{'ABCDEFGH'[j]}{i}"
-            number = cell.replace(".", "").replace("-", "").isdigit()
-            cells += (
-                f'<c r="{at}"><v>{cell}</v></c>'
-                if number
-                else (f'<c r="{at}" t="inlineStr"><is><t>{escape(cell)}</t></is></c>')
-            )
-        body += f'<row r="{i}">{cells}</row>'
-    main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
-    office = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
-    package = "http://schemas.openxmlformats.org/package/2006"
-    kind = "application/vnd.openxmlformats-officedocument.spreadsheetml"
-    files = {
-        "[Content_Types].xml": f'<Types xmlns="{package}/content-types"><Default Extension="rels" ContentType="'
-        f'application/vnd.openxmlformats-package.relationships+xml"/><Override PartName="/xl/workbook.xml" '
-        f'ContentType="{kind}.sheet.main+xml"/><Override PartName="/xl/s.xml" '
-        f'ContentType="{kind}.worksheet+xml"/></Types>',
-        "_rels/.rels": f'<Relationships xmlns="{package}/relationships"><Relationship Id="a" '
-        f'Type="{office}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
-        "xl/workbook.xml": f'<workbook xmlns="{main}" xmlns:r="{office}"><sheets><sheet name="data" sheetId="1" '
-        'r:id="a"/></sheets></workbook>',
-        "xl/_rels/workbook.xml.rels": f'<Relationships xmlns="{package}/relationships"><Relationship Id="a" '
-        f'Type="{office}/worksheet" Target="s.xml"/></Relationships>',
-        "xl/s.xml": f'<worksheet xmlns="{main}"><sheetData>{body}</sheetData></worksheet>',
-    }
-    out = io.BytesIO()
-    with zipfile.ZipFile(out, "w") as archive:
-        for name, content in files.items():
-            archive.writestr(name, content)
-    return out.getvalue()
+    with xlsxwriter.Workbook(path, {"strings_to_numbers": True}) as book:
+        sheet = book.add_worksheet("data")
+        for i, line in enumerate(text.splitlines()):
+            sheet.write_row(i, 0, line.split(","))
+    return path
+
+
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_a_long_recording_is_read_in_memory_that_does_not_grow(
+    separator: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daq.lab.text.BLOCK_ROWS", 500)
+    peaks = []
+    for count in (4_000, 32_000):
+        path = tmp_path / f"{count}.csv"
+        head, first = plain(separator=separator).splitlines()[:2]
+        rest = first.split(separator, 1)[1]
+        path.write_text(head + "\n" + "".join(f"{i / 100}{separator}{rest}\n" for i in range(count)), "utf-8")
+        recording = open_recording(path, propose_mapping(path).model_copy(update={"confirmed": True}))
+        tracemalloc.start()
+        assert sum(len(block) for block in recording.blocks()) == count
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0]
 
 
 # Files that were cut off
@@ -283,6 +511,9 @@ CUT: dict[str, Callable[[Path], Path]] = {
     "gzip": zipped,
     "utf-16": as_bytes("utf-16"),
     "parquet": parquet,
+    "hdf5": lambda path: hdf5(path, "datasets"),
+    "c3d": c3d,
+    "excel": lambda path: excel(path, "numbers"),
 }
 
 
@@ -312,9 +543,9 @@ def test_a_file_cut_off_anywhere_gives_its_first_readings_or_one_line(name: str,
         t_s, wrench, _, notes = found
         saved += len(wrench)
         np.testing.assert_allclose(t_s, TIMES[: len(t_s)], rtol=0, atol=1e-9)
-        np.testing.assert_allclose(wrench, WRENCH[: len(wrench)], rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(wrench, WRENCH[: len(wrench)], rtol=1e-6 if name == "c3d" else 1e-12, atol=1e-12)
         assert len(wrench) == 6 or any("cut off" in note for note in notes) or _ends_a_row(whole[:length], name)
-    assert saved > 0 or name in ("parquet",)
+    assert saved > 0 or name in ("parquet", "hdf5", "c3d", "excel")
 
 
 def _ends_a_row(content: bytes, name: str) -> bool:

@@ -29,6 +29,21 @@ def test_a_line_says_what_hung_where_and_the_next_what_changes() -> None:
     assert (notes[4].posture, notes[4].location) == ("major flexion", "bone")
 
 
+def test_how_a_weight_came_to_rest_is_of_its_own_line() -> None:
+    text = "FDP 950, hook, tip\nFDP 950, unloading\nFDP 950, unloading, tapped\nFDS 300\n"
+    notes = read_notes(text, TENDONS)
+    said = [("loading", False), ("unloading", False), ("unloading", True), ("loading", False)]
+    assert [(n.direction, n.tapped) for n in notes] == said
+    table = read_notes("tendon,mass,posture,location,direction\nFDP,1,hook,tip,unloading\nFDP,2,,,\n", TENDONS)
+    assert [n.direction for n in table] == ["unloading", "loading"]
+    # A load case says the same.
+    levels = recording(list(notes), True)
+    cases = cases_of(levels, chosen(lay(levels, notes), notes))
+    assert [(c.get("direction"), c.get("note")) for c in cases] == [
+        (None, None), ("unloading", None), ("unloading", "tapped"), (None, None)
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -52,6 +67,7 @@ def test_a_table_is_as_good_as_typed_lines(text: str) -> None:
         ("FDP 950, hook", "lacks tip or bone"),
         ("FDP 950, hook, tip\nFDP ?!, tip", "line 2 of the notebook has 'FDP ?!'"),
         ("tare\nskip", "names no load"),
+        ("FDP 950, hook, tip\nFDP 300 hook", "line 2 of the notebook has 'FDP 300 hook'"),
         ("FDP 1, hook, tip, x99999999", "fewer repeats"),
     ],
 )

@@ -75,6 +75,16 @@ def test_loads_as_a_notebook_become_a_protocol(tmp_path: Path) -> None:
     assert not (tmp_path / "own" / "finger.yaml").exists()
 
 
+def test_the_notebook_of_a_friction_protocol_says_how_each_weight_came_to_rest(tmp_path: Path) -> None:
+    answered("plan", "--out", tmp_path / "day", "--finger", "an1979_middle", "--protocol", "friction")
+    cases, _ = plan(read_protocol("friction"))
+    text = (tmp_path / "day" / "notes.txt").read_text("utf-8")
+    notes = [n for n in read_notes(text, ["RI", "LU", "UI", "FDP", "FDS", "EDC"]) if n.kind == "load"]
+    assert [(n.direction, n.tapped) for n in notes] == [(c.reading.direction, c.reading.tapped) for c in cases]
+    assert {n.direction for n in notes} == {"loading", "unloading"}
+    assert any(n.tapped for n in notes)
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [

@@ -106,26 +106,29 @@ export async function view(main) {
     const unitOf = Object.fromEntries(first.channels.map((c) => [c.name, c.unit]));
     const lines = proposal.lines.map((line) => {
       const channel = el("select", { "aria-label": `Channel of ${line.is}` },
-        line.is === "t" ? el("option", { value: "", selected: !line.channel }, line.increment_s === null ? "choose" : "counted in the file's steps") : line.channel ? null : el("option", { value: "" }, "choose"),
+        line.is === "t" ? el("option", { value: "", selected: !line.channel }, line.increment_s === null ? "counted at the rate of" : "counted in the file's steps") : line.channel ? null : el("option", { value: "" }, "choose"),
         names.map((n) => el("option", { value: n, selected: n === line.channel }, n)));
       const unit = el("input", { "aria-label": `Unit of ${line.is}`, value: line.unit || "", autocomplete: "off", size: 10, placeholder: "ask the rig", list: `units-${kind(line.is)}` });
-      channel.addEventListener("change", () => { unit.value = unitOf[channel.value] || ""; });
-      return { ...line, channel, unit, counted: line.increment_s };
+      const rate = line.is === "t" && line.increment_s === null ? el("input", { "aria-label": "Sampling rate [Hz]", type: "number", min: 0, step: "any", placeholder: "rate [Hz]" }) : null;
+      const fits = () => { unit.hidden = line.is === "t" && !channel.value; if (rate) rate.hidden = !unit.hidden; };
+      channel.addEventListener("change", () => { unit.value = unitOf[channel.value] || ""; fits(); });
+      fits();
+      return { ...line, channel, unit, rate, step: () => line.increment_s ?? (Number(rate?.value) > 0 ? 1 / Number(rate.value) : null) };
     });
     const told = el("div", { role: "status", "aria-live": "polite" });
     const confirm = el("button", { class: "main", onclick: () => {
-      const lacks = lines.find((l) => !(l.is === "t" && l.counted !== null && !l.channel.value) && (!l.channel.value || !l.unit.value.trim()));
-      if (lacks) return fill(told, problem({ detail: `${lacks.is} has no ${lacks.channel.value ? "unit" : "channel"}. A unit is never assumed: look into the program that wrote the file.` }));
+      const lacks = lines.find((l) => (l.channel.value ? !l.unit.value.trim() : l.step() === null));
+      if (lacks) return fill(told, problem({ detail: lacks.channel.value ? `${lacks.is} has no unit. A unit is never assumed: look into the program that wrote the file.` : lacks.is === "t" ? "Time has no channel: choose one, or give the sampling rate." : `${lacks.is} has no channel.` }));
       const [time, ...others] = lines;
       const taken = (l) => ({ channel: l.channel.value, unit: l.unit.value.trim() });
-      mapping = { ...(proposal.mapping || { format: "lab-file-map/1" }), confirmed: true, doubts: [], time: time.channel.value ? taken(time) : { increment_s: time.counted }, channels: Object.fromEntries(others.map((l) => [l.is, taken(l)])) };
+      mapping = { ...(proposal.mapping || { format: "lab-file-map/1" }), confirmed: true, doubts: [], time: time.channel.value ? taken(time) : { increment_s: time.step() }, channels: Object.fromEntries(others.map((l) => [l.is, taken(l)])) };
       fill(told, el("p", { class: "good" }, "Confirmed. ", el("a", { href: `data:application/json,${encodeURIComponent(JSON.stringify(mapping, null, 1))}`, download: "rig.map.yaml" }, "Save the mapping"), " for the next run of the rig."));
       next();
     } }, "That is right");
     return [
       Object.entries(units).map(([name, list]) => el("datalist", { id: `units-${name}` }, list.map((u) => el("option", { value: u })))),
       table([
-        { title: "is", cell: (l) => l.is }, { title: "channel", cell: (l) => l.channel }, { title: "unit", cell: (l) => l.unit },
+        { title: "is", cell: (l) => l.is }, { title: "channel", cell: (l) => l.channel }, { title: "unit", cell: (l) => [l.unit, l.rate] },
         { title: "sure", n: true, cell: (l) => el("span", { class: l.sure < 0.8 ? "warn" : "" }, number(l.sure, 2)) }, { title: "because", wrap: true, cell: (l) => l.why },
       ], lines, { caption: proposal.saved ? "By the saved mapping" : "Proposed, not yet taken" }),
       proposal.doubts.length ? [el("h3", {}, "To be settled by you"), el("ul", {}, proposal.doubts.map((d) => el("li", {}, d)))] : null,
@@ -157,7 +160,7 @@ export async function view(main) {
         }
       };
       fill(rest, panel("3. Finger and rig", quiet("No recording tells these."), header.node),
-        panel("4. Notebook", note("What hung, line by line, in order: ", el("code", {}, "FDP 950, hook, tip"), ". What a line leaves out is as in the line before; ", el("code", {}, "x2"), " repeats; ", el("code", {}, "tare"), " and ", el("code", {}, "skip"), " say what a plateau was. Masses in g, or as ", el("code", {}, "0.95 kg"), ". A CSV with a heading does as well."),
+        panel("4. Notebook", note("What hung, line by line, in order: ", el("code", {}, "FDP 950, hook, tip"), ". What a line leaves out is as in the line before; ", el("code", {}, "x2"), " repeats; ", el("code", {}, "tare"), " and ", el("code", {}, "skip"), " say what a plateau was, ", el("code", {}, "unloading"), " and ", el("code", {}, "tapped"), " how the weight of a line came to rest. Masses in g, or as ", el("code", {}, "0.95 kg"), ". A CSV with a heading does as well."),
           el("label", { htmlFor: "notes" }, "Typed or pasted"), notes,
           el("div", { class: "row" }, el("div", {}, el("label", { htmlFor: "book" }, "or a file"), book), el("button", { class: "main", onclick: lay }, "Lay onto the plateaus")), told), below);
     } catch (error) {

@@ -32,7 +32,7 @@ export function plateaus(body, header, { signal, draft, keep, again }) {
 
   function taken(kind, line, sure) {
     const from = line === null ? {} : body.lines[line];
-    return { kind, line, sure, masses_g: from.masses_g || {}, posture: from.posture || "", location: from.location || "", role: from.role || "identification", repeats: from.repeats || false };
+    return { kind, line, sure, masses_g: from.masses_g || {}, posture: from.posture || "", location: from.location || "", role: from.role || "identification", repeats: from.repeats || false, direction: from.direction || "loading", tapped: from.tapped || false };
   }
 
   /** The trace, each plateau in the colour of what it is taken for. */
@@ -145,7 +145,7 @@ export function plateaus(body, header, { signal, draft, keep, again }) {
     }))]));
   }
 
-  const sends = () => rows.map(({ chosen: { kind, masses_g, posture, location, role, repeats } }) => ({ kind, masses_g, posture, location, role, repeats }));
+  const sends = () => rows.map(({ chosen: { line, sure, ...sent } }) => sent);
 
   const loads = () => rows.filter((r) => r.chosen.kind === "load");
 

@@ -107,6 +107,8 @@ class ChoiceGiven(Form):
     location: Literal["tip", "bone", ""] = ""
     role: Literal["identification", "validation"] = "identification"
     repeats: bool = Field(False, description="The load before once more.")
+    direction: Literal["loading", "unloading"] = Field("loading", description="The last motion of the weights.")
+    tapped: bool = Field(False, description="Whether the rig was tapped before the reading.")
 
 
 class NewFromRecordings(Recordings):
@@ -189,6 +191,8 @@ class LineShown(Shown):
     location: str
     role: str
     repeats: bool
+    direction: str
+    tapped: bool
 
 
 class Laid(Shown):

@@ -20,11 +20,11 @@ from daq.errors import InputError, ReadingsError
 from daq.lab.drafts import Choice, is_readings_file, joined, still_missing
 from daq.lab.files import AXES, WANTED, Increment, LabFileMap, Taken
 from daq.lab.notebook import Note
-from daq.lab.opened import open_channels
-from daq.lab.proposals import grounds, propose_mapping, stated_unit
+from daq.lab.opened import NOT_FOR_A_SERVICE, open_channels
+from daq.lab.proposals import ground_of, grounds, propose_channels, propose_mapping, stated_unit
 from daq.lab.traces import Traces, read_traces
 from daq.recordings.columns import QUANTITIES
-from daq.recordings.readings import ReadingBlock
+from daq.recordings.readings import ReadingBlock, first_bytes
 from daq.sessions import read_session, read_yaml
 from daq.sessions.models import Session
 from daq.units import COMMON
@@ -102,6 +102,13 @@ def held(files: Sent, mapping: Mapping[str, Any] | None) -> Iterator[Held]:
         if not recordings:
             raise ProblemError(422, "no recording among the files", "CSV, TDMS, LVM, Parquet, Excel or readings")
         for path in recordings:
+            if first_bytes(path, 32, "a recording").startswith(NOT_FOR_A_SERVICE):
+                raise ProblemError(
+                    422,
+                    f"{path.name} is an HDF5 or C3D file, which a service does not open",
+                    "CSV, TDMS, LVM, Parquet, Excel or readings",
+                    "Make the session on the command line: fingertwin new RECORDING… --out DIR",
+                )
             require_unpacked(path, MOST_UNPACKED)
         raw: Any = mapping
         if mapping is None:
@@ -153,14 +160,13 @@ def look(files: Sent, mapping: Mapping[str, Any] | None, theme: Theme) -> dict[s
 def _proposed(path: Path, given: Held) -> dict[str, Any]:
     """A mapping, line by line with how sure each is; of a saved one what it says."""
     saved = given.mapping
-    found = None
     if saved is None:
         calibration = next((p for p in sorted(given.folder.iterdir()) if p.suffix.lower() in _CALIBRATIONS), None)
         try:
             found = propose_mapping(path, None if calibration is None else str(calibration))
         except ReadingsError as error:
-            # Nothing tells which is which: whoever knows says it by hand.
-            return {"mapping": None, "lines": _unknown(), "doubts": [str(error)], "saved": False}
+            # Nothing tells which is which, or when: whoever knows says it by hand.
+            return {"mapping": None, "lines": _partly(path), "doubts": [str(error)], "saved": False}
     else:
         found = saved
         for taken in found.channels.values():
@@ -180,10 +186,20 @@ def _proposed(path: Path, given: Held) -> dict[str, Any]:
     return {"mapping": _plain(found), "lines": lines, "doubts": list(found.doubts), "saved": saved is not None}
 
 
-def _unknown() -> list[dict[str, Any]]:
-    why = "the names and units tell nothing"
-    rest = {"channel": None, "unit": None, "increment_s": None, "sure": 0.0, "why": why}
-    return [{"is": key} | rest for key in ("t", *AXES)]
+def _partly(path: Path) -> list[dict[str, Any]]:
+    """What is known of a mapping that cannot be proposed whole."""
+    source = open_channels(path)
+    channels = propose_channels(source, []) or {}
+    nothing = {"channel": None, "unit": None, "increment_s": None, "sure": 0.0}
+    lines: list[dict[str, Any]] = [{"is": "t", "why": "no channel is a time, and no step is stated"} | nothing]
+    for key in channels or AXES:
+        line: dict[str, Any] = {"is": key, "why": "the names and units tell nothing"} | nothing
+        if key in channels:
+            ground = ground_of(source, key, channels[key])
+            line |= {"channel": channels[key].channel, "unit": channels[key].unit}
+            line |= {"sure": ground.sure, "why": ground.why}
+        lines.append(line)
+    return lines
 
 
 def _plain(mapping: LabFileMap) -> dict[str, Any]:
@@ -267,6 +283,8 @@ def _line(note: Note) -> dict[str, Any]:
         "location": note.location,
         "role": note.role,
         "repeats": note.repeats,
+        "direction": note.direction,
+        "tapped": note.tapped,
     }
 
 
@@ -335,6 +353,7 @@ def _choices(body: NewFromRecordings) -> list[Choice]:
         note = None
         if choice.kind == "load":
             masses = tuple(choice.masses_g.items())
-            note = Note("load", line, masses, choice.posture, choice.location, choice.role, choice.repeats)
+            given = choice.model_dump(exclude={"kind", "masses_g"})
+            note = Note("load", line, masses, **given)
         out.append(Choice(choice.kind, note, 1.0))
     return out

@@ -103,6 +103,23 @@ def test_a_unit_that_no_file_states_is_never_assumed(service: ServiceReceiver, l
     assert "was not confirmed" in ask(service, f"{AT}/lay", 422, files=files, mapping=mapping)["detail"]
 
 
+@pytest.mark.parametrize("start", [b"\x89HDF\r\n\x1a\n", b"MATLAB 7.3 MAT-file", b"\x02\x50"])
+def test_files_whose_readers_a_hostile_one_may_crash_are_not_opened(start: bytes, service: ServiceReceiver) -> None:
+    said = ask(service, f"{AT}/look", 422, files=sent(("run.bin", start.ljust(2000, b"\0"))))
+    assert "is an HDF5 or C3D file, which a service does not open" in said["detail"]
+    assert "fingertwin new" in said["remedy"]
+
+
+def test_without_a_time_the_other_lines_are_proposed_all_the_same(service: ServiceReceiver, lab: Path) -> None:
+    rows = (lab / "rig.csv").read_text("cp1252").splitlines()[1:]
+    plain = "\n".join(row.split(";", 1)[1] for row in rows) + "\n"
+    body = ask(service, f"{AT}/look", files=sent(("plain.csv", plain.encode())))
+    lines = {line["is"]: line for line in body["proposal"]["lines"]}
+    assert [lines[k]["channel"] for k in ("t", "Fx")] == [None, "Kraft x [N]"]
+    assert (lines["t"]["increment_s"], lines["Fx"]["unit"], body["proposal"]["mapping"]) == (None, "N", None)
+    assert "no channel of time" in body["proposal"]["doubts"][0]
+
+
 def test_the_session_is_the_one_of_the_command_line(
     service: ServiceReceiver, lab: Path, tmp_path: Path, laid: Any, whole: Any
 ) -> None:

@@ -1,0 +1,153 @@
+"""The channels of an HDF5 file: its one-dimensional datasets, the columns of its tables, and fields of records."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import ReadingsError
+from daq.lab.channels import BLOCK_ROWS, Channel, LabChannels
+
+Floats = NDArray[np.float64]
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+# MATLAB puts a text before it.
+MATLAB_HDF5 = b"MATLAB 7.3 MAT-file"
+_UNITS, _NAMES = ("unit", "units"), ("names", "columns", "labels", "channels")
+# A table has no more columns than that; what has is an image.
+_MOST_COLUMNS = 100
+# What the library says of damaged bytes.
+_UNREADABLE = (OSError, RuntimeError, ValueError, KeyError, TypeError, OverflowError, MemoryError)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a channel's numbers are: a dataset, and its column or field; None where it is all of it."""
+
+    dataset: str
+    column: int | str | None = None
+
+
+class Hdf5Channels(LabChannels):
+    """An HDF5 file, such as of h5py, MATLAB (-v7.3), pandas or an acquisition program."""
+
+    def __init__(self, path: Path) -> None:
+        import h5py
+
+        self.path = path
+        self._places: dict[str, _Place] = {}
+        found: list[Channel] = []
+        try:
+            with h5py.File(path) as file:
+                sets: list[tuple[str, Any]] = []
+
+                def visit(name: str, item: Any) -> None:
+                    if isinstance(item, h5py.Dataset):
+                        sets.append((name, item))
+
+                file.visititems(visit)  # which follows no link out of the file
+                for name, item in sets:
+                    found += self._describe(name, item, file)
+        except _UNREADABLE as error:
+            raise self._torn(error) from error
+        # Those with most values first: a table of settings beside the readings is not what is meant.
+        self.channels = tuple(sorted(found, key=lambda c: -(c.count or 0)))
+
+    def blocks(self, names: Sequence[str]) -> Iterator[Floats]:
+        """Yield the numbers (n, k) of some channels."""
+        import h5py
+
+        wanted = [self.readable(name) for name in names]
+        if len({c.count for c in wanted}) > 1:
+            said = ", ".join(f"{c.name} {c.count}" for c in wanted)
+            raise ReadingsError(f"{self.path.name} has channels of different length ({said})", "as many values in each")
+        try:
+            with h5py.File(self.path) as file:
+                for at in range(0, wanted[0].count or 0, BLOCK_ROWS):
+                    yield np.stack([self._numbers(file, c, at) for c in wanted], axis=1)
+        except _UNREADABLE as error:
+            if isinstance(error, ReadingsError):
+                raise
+            raise self._torn(error) from error
+
+    def _numbers(self, file: Any, channel: Channel, at: int) -> Floats:
+        place = self._places[channel.name]
+        item = file[place.dataset]
+        end = min(at + BLOCK_ROWS, channel.count or 0)
+        if place.column is None and item.ndim == 2:
+            values = item[at:end, 0] if item.shape[1] == 1 else item[0, at:end]
+        elif place.column is None:
+            values = item[at:end]
+        elif isinstance(place.column, str):
+            values = item[at:end][place.column]
+        else:
+            values = item[at:end, place.column]
+        return np.asarray(values, dtype=np.float64)
+
+    def _describe(self, name: str, item: Any, file: Any) -> list[Channel]:
+        """The channels of a dataset; none of what holds no values in a row."""
+        if item.shape is None or not 1 <= item.ndim <= 2 or 0 in item.shape:
+            return []
+        group = name.rpartition("/")[0]
+        fault = ""
+        if item.is_virtual or item.external:
+            fault = "holds numbers of other files"
+        rows = int(item.shape[0])
+        if item.ndim == 2 and 1 in item.shape and item.size > 1:  # as MATLAB has a column
+            return [self._add(name, _Place(name), _unit(item, 0), group, fault or _kind(item.dtype), int(item.size))]
+        if item.dtype.names and item.ndim == 1:
+            return [
+                self._add(f"{name}/{field}", _Place(name, field), "", name, fault or _kind(item.dtype[field]), rows)
+                for field in item.dtype.names
+            ]
+        if item.ndim == 1:
+            return [self._add(name, _Place(name), _unit(item, 0), group, fault or _kind(item.dtype), rows)]
+        if item.shape[1] > _MOST_COLUMNS:
+            return []
+        labels = _labels(name, item, file)
+        return [
+            self._add(f"{name}/{label}", _Place(name, k), _unit(item, k), name, fault or _kind(item.dtype), rows)
+            for k, label in enumerate(labels)
+        ]
+
+    def _add(self, name: str, place: _Place, unit: str, group: str, fault: str, count: int) -> Channel:
+        self._places[name] = place
+        return Channel(name, unit, group, fault=fault, count=count)
+
+    def _torn(self, error: Exception) -> ReadingsError:
+        said = " ".join(str(error).split())[:160]
+        return ReadingsError(f"{self.path.name} is torn or damaged ({said})", "a complete HDF5 file", "Copy it again")
+
+
+def _kind(dtype: Any) -> str:
+    return "" if dtype.kind in "fiu" and dtype.shape == () else f"holds {dtype}"
+
+
+def _texts(value: Any) -> list[str]:
+    """An attribute or dataset as texts."""
+    values = np.atleast_1d(value) if not isinstance(value, str | bytes) else [value]
+    return [v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v) for v in values]
+
+
+def _unit(item: Any, column: int) -> str:
+    """The unit that a dataset's attribute states, of a table for each column."""
+    texts = next((_texts(item.attrs[key]) for key in item.attrs if key.lower() in _UNITS), [])
+    if item.ndim == 1 or 1 in item.shape:
+        return texts[0].strip() if len(texts) == 1 else ""
+    return texts[column].strip() if len(texts) == item.shape[1] else ""
+
+
+def _labels(name: str, item: Any, file: Any) -> list[str]:
+    """Names of a table's columns: of an attribute, of what pandas writes beside it, or by number."""
+    count = int(item.shape[1])
+    candidates = [_texts(item.attrs[key]) for key in item.attrs if key.lower() in _NAMES]
+    beside = f"{name.removesuffix('_values')}_items"
+    if name.endswith("_values") and beside in file:
+        candidates.append(_texts(file[beside][:]))
+    fits = [c for c in candidates if len(c) == count and len(set(c)) == count]
+    return fits[0] if fits else [f"column {k + 1}" for k in range(count)]

@@ -1,0 +1,99 @@
+"""What a command asks at a terminal: a wrong answer is said and asked again, so that nothing typed before is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from rich.prompt import Prompt
+
+from daq.errors import InputError
+from daq.lab.drafts import posture_of
+from fingermodel.comparison.observations import posture_rad
+from fingermodel.fingers.finger import Finger
+from server.commands.console import say
+
+T = TypeVar("T")
+
+
+def ask(question: str, read: Callable[[str], T], default: str | None = None) -> T:
+    """Ask until the answer can be read.
+
+    Args:
+        question: in words.
+        read: makes something of the answer; its InputError is said, and the question put again.
+        default: what an empty answer stands for; without one there has to be an answer.
+
+    Raises:
+        EOFError: the input has ended.
+    """
+    while True:
+        text = (Prompt.ask(question, default=default or "", show_default=bool(default))).strip()
+        try:
+            if not text and default is None:
+                raise InputError("no answer", "one: it cannot be left out")
+            return read(text)
+        except InputError as error:
+            say(f"  {error}")
+
+
+def number(text: str) -> float:
+    """Read a number with point or comma.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        return float(text.replace(",", "."))
+    except ValueError:
+        raise InputError(f"{text!r}", "a number, such as 0.85") from None
+
+
+def lines(example: str, read: Callable[[str, bool], object]) -> str:
+    """Ask for lines until an empty one; each has to be understood together with those before it.
+
+    Args:
+        example: of a line, with what else there is to know.
+        read: makes something of all lines so far, and is told whether they are all; its InputError is said, and the
+            last line asked for again.
+
+    Returns:
+        The lines.
+
+    Raises:
+        EOFError: the input has ended.
+    """
+    say(f"{example}; an empty line ends")
+    taken: list[str] = []
+    while True:
+        line = input("  ").strip()
+        tried = [*taken, line] if line else taken
+        try:
+            read("\n".join(tried), not line)
+        except InputError as error:
+            say(f"  {error}")
+            continue
+        if not line:
+            return "\n".join(taken)
+        taken = tried
+
+
+def ask_postures(names: Sequence[str], finger: Finger) -> dict[str, dict[str, float]]:
+    """Ask for the angles of postures [deg], which have to be those of a finger's joints.
+
+    Raises:
+        EOFError: the input has ended.
+    """
+
+    def read(name: str) -> Callable[[str], dict[str, float]]:
+        def angles(text: str) -> dict[str, float]:
+            found = posture_of(f"{name}: {text}")[1]
+            posture_rad(finger.topology, found, f"posture {name}")
+            return found
+
+        return angles
+
+    example = " ".join(
+        f"{joint} {angle}" for joint, angle in zip(finger.topology.rotations, (0, 0, 65, 50), strict=False)
+    )
+    return {name: ask(f"Angles of {name} [deg], such as {example}", read(name)) for name in names}
