@@ -23,6 +23,7 @@ from tests.browser.pages import Watched, browsing, served, watched  # noqa: E402
 
 SESSION, OTHERS = "DEV-02", ("DEV-08", "synek2019_H01")
 IMAGES = HERE / "images"
+RECORDINGS = HERE.parent / "data" / "recordings"
 SIZE = {"width": 1280, "height": 800}
 MOST_BYTES = 200_000
 BENCH = "bench"
@@ -112,6 +113,19 @@ def studies(seen: Watched) -> None:
     seen.page.get_by_role("heading", name="Published and ours").evaluate(TO_SECTION)
 
 
+def new(seen: Watched) -> None:
+    """A lab's recording with the notebook laid onto its plateaus."""
+    seen.open("new", "New session from a recording")
+    seen.page.get_by_label("Recordings", exact=True).set_input_files([RECORDINGS / "rig.csv"])
+    seen.page.get_by_role("button", name="That is right").click()
+    seen.page.get_by_label("Typed or pasted").fill((RECORDINGS / "notes.txt").read_text("utf-8"))
+    seen.page.get_by_role("button", name="Lay onto the plateaus").click()
+    seen.drawn(2)
+    seen.page.mouse.move(0, 0)
+    # The lower trace and the table below it.
+    seen.page.get_by_text("8 plateaus;").evaluate("e => window.scrollBy(0, e.getBoundingClientRect().top - 390)")
+
+
 def help_page(seen: Watched) -> None:
     """Help."""
     seen.open("help", "Help")
@@ -132,6 +146,7 @@ PAGES: list[tuple[str, Callable[[Watched], None], str]] = [
     ("forces", forces, "light"),
     ("fingers", fingers, "light"),
     ("studies", studies, "light"),
+    ("new", new, "light"),
     ("help", help_page, "light"),
 ]
 

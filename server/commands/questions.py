@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
+from rich.markup import escape
 from rich.prompt import Prompt
 
 from daq.errors import InputError
@@ -28,7 +29,7 @@ def ask(question: str, read: Callable[[str], T], default: str | None = None) -> 
         EOFError: the input has ended.
     """
     while True:
-        text = (Prompt.ask(question, default=default or "", show_default=bool(default))).strip()
+        text = Prompt.ask(escape(question), default=default or "", show_default=bool(default)).strip()
         try:
             if not text and default is None:
                 raise InputError("no answer", "one: it cannot be left out")

@@ -32,7 +32,7 @@ def traces_figure(
         what: the plateaus are.
     """
     panels = list(dict.fromkeys(traces.units))
-    height = len(panels) * (_PANEL_PX + _GAP_PX) + _TOP_PX + _BOTTOM_PX
+    height = len(panels) * (_PANEL_PX + _GAP_PX) - _GAP_PX + _TOP_PX + _BOTTOM_PX
     inner = height - _TOP_PX - _BOTTOM_PX
     styles = load_styles(traces.names)
     data: list[Any] = []

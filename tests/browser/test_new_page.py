@@ -69,6 +69,7 @@ def test_a_dropped_recording_becomes_a_session(seen: Watched, lab: Path, tmp_pat
     page.get_by_role("button", name=re.compile("A gap at plateau 16")).click()
     assert page.get_by_label("Plateau 16 is").input_value() == "skip"
     assert page.get_by_label("Plateau 17 is").input_value() == "14"
+    page.get_by_text("Line 16 of the notebook is on no plateau").wait_for()
     page.get_by_label("Plateau 16 is").select_option("14")
     page.get_by_label("Plateau 17 is").select_option("15")
     first = page.get_by_label("Plateau 2 is").input_value(), page.get_by_label("Plateau 3 is").input_value()
@@ -103,6 +104,31 @@ def test_a_dropped_recording_becomes_a_session(seen: Watched, lab: Path, tmp_pat
     page.get_by_role("button", name="That is right").click()
     page.get_by_label("Specimen", exact=True).wait_for()
     expect(page.get_by_label("Specimen", exact=True)).to_have_value("S01")
+
+
+def test_what_no_name_tells_is_chosen_by_hand_and_counted_at_a_rate(seen: Watched, lab: Path, tmp_path: Path) -> None:
+    """Six names that tell nothing, no units, no time."""
+    rows = [line.split(";")[1:] for line in (lab / "rig.csv").read_text("cp1252").splitlines()[1:400]]
+    rows[0] = [f"Kanal {x}" for x in "abcdef"]
+    recording = tmp_path / "run.csv"
+    recording.write_text("\n".join(";".join(row) for row in rows) + "\n", "utf-8")
+    page = seen.page
+    seen.open("new", "New session from a recording")
+    page.get_by_label("Recordings", exact=True).set_input_files([recording])
+    confirm = page.get_by_role("button", name="That is right")
+    confirm.click()
+    page.get_by_role("alert").filter(has_text="give the sampling rate").wait_for()
+    page.get_by_label("Sampling rate [Hz]").fill("25")
+    confirm.click()
+    page.get_by_role("alert").filter(has_text="Fx has no unit").wait_for()
+    assert page.get_by_label("Channel of Tz").input_value() == "Kanal f"
+    for axis, unit in (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Tx", "N-m"), ("Ty", "N-m"), ("Tz", "N-m")):
+        page.get_by_label(f"Unit of {axis}", exact=True).fill(unit)
+    confirm.click()
+    page.get_by_label("Typed or pasted").fill("RI 260, minor_flexion, tip\nRI 650")
+    page.get_by_role("button", name="Lay onto the plateaus").click()
+    page.get_by_text(re.compile(r"^\d plateaus; ")).wait_for()
+    assert page.get_by_label("Plateau 2 is").input_value() == "0"
 
 
 def test_a_file_of_another_kind_is_refused_in_words(seen: Watched, tmp_path: Path) -> None:

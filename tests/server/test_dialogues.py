@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from daq.checks import check
 from daq.lab.files import read_mapping
 from daq.sessions import plain_document, read_session, read_yaml
 from daq.sessions.protocols import plan, read_protocol
+from daq.signals.corrections import measure
 from fingermodel.fingers.files import read_finger
 from tests.server.lab import POSTURE, lab_files
 from tests.server.terminal import answering
@@ -18,6 +21,7 @@ ANGLES = POSTURE.partition(": ")[2]
 SAME_AGAIN = ["", "", "left", "", "0.835", "", "", "", ""]
 
 
+ROOT = Path(__file__).parents[2]
 LEFT = [
     [],
     ["y"],
@@ -74,6 +78,26 @@ def test_a_session_is_made_by_answers_and_wrong_ones_lose_nothing(lab: Path, not
     assert document["load_cell"]["model"] == "ATI Nano17"
     # The mapping that was confirmed serves the next run.
     assert read_mapping(out / "map.yaml").confirmed
+
+
+def test_the_tutorial_shows_what_its_files_give(tmp_path: Path) -> None:
+    files = ROOT / "data" / "recordings"
+    answers = ["y", "S01", "", "", "left", "", "0.835", "", "", "", "", "", "MCP 0 PIP 65 DIP 50"]
+    given = ["new", files / "rig.csv", "--notes", files / "notes.txt", "--out", tmp_path / "monday"]
+    code, shown, err = answering(answers, *given)
+    assert (code, err) == (0, "")
+    tutorial = (ROOT / "docs" / "tutorial-from-your-csv.md").read_text("utf-8")
+    rows = [line for line in tutorial.splitlines() if re.match(r"  (\d  \d|t   |Fx  |not sure)", line)]
+    assert len(rows) == 12
+    assert [row for row in rows if row not in shown] == []
+    assert (files / "notes.txt").read_text("utf-8") in tutorial
+    # They are cut out of a session whose forces are known.
+    source = {c.case.id: c for c in measure(read_session("DEV-02")).cases}
+    made = measure(read_session(tmp_path / "monday")).cases
+    for case, name in zip(made, ("c055", "c056", "c057", "c058", "c094", "c093"), strict=True):
+        hung = {k: v for k, v in source[name].case.masses_g.items() if v}
+        assert (case.case.masses_g, case.case.location) == (hung, source[name].case.location)
+        np.testing.assert_allclose(case.wrench[:3], source[name].wrench[:3], rtol=0, atol=0.02)
 
 
 @pytest.mark.parametrize("interrupted", [False, True])

@@ -70,7 +70,7 @@ export async function view(main) {
     const drawn = found.recordings.map((r) => {
       const place = el("div", { class: "drawn" });
       queueMicrotask(() => figure(place, async (colours) => (colours === r.figure.theme ? r.figure : (await post("/recordings/look", { files: sent, mapping, theme: colours })).recordings.find((o) => o.name === r.name).figure), {}, { signal: away.signal }));
-      return [place, r.recording_notes.map(quiet)];
+      return [place, r.recording_notes.length ? quiet(`${r.recording_notes.join("; ")}.`) : null];
     });
     if (found.proposal) fill(seen, panel("2. Which channel is which", earlier(), proposed(found)), panel("What was recorded", drawn));
     else {
@@ -125,12 +125,14 @@ export async function view(main) {
       fill(told, el("p", { class: "good" }, "Confirmed. ", el("a", { href: `data:application/json,${encodeURIComponent(JSON.stringify(mapping, null, 1))}`, download: "rig.map.yaml" }, "Save the mapping"), " for the next run of the rig."));
       next();
     } }, "That is right");
+    const lined = table([
+      { title: "is", cell: (l) => l.is }, { title: "channel", cell: (l) => l.channel }, { title: "unit", cell: (l) => [l.unit, l.rate] },
+      { title: "sure", n: true, cell: (l) => el("span", { class: l.sure < 0.8 ? "warn" : "" }, number(l.sure, 2)) }, { title: "because", wrap: true, cell: (l) => l.why },
+    ], lines, { caption: proposal.saved ? "By the saved mapping" : "Proposed, not yet taken" });
+    lined.classList.add("form");
     return [
       Object.entries(units).map(([name, list]) => el("datalist", { id: `units-${name}` }, list.map((u) => el("option", { value: u })))),
-      table([
-        { title: "is", cell: (l) => l.is }, { title: "channel", cell: (l) => l.channel }, { title: "unit", cell: (l) => [l.unit, l.rate] },
-        { title: "sure", n: true, cell: (l) => el("span", { class: l.sure < 0.8 ? "warn" : "" }, number(l.sure, 2)) }, { title: "because", wrap: true, cell: (l) => l.why },
-      ], lines, { caption: proposal.saved ? "By the saved mapping" : "Proposed, not yet taken" }),
+      lined,
       proposal.doubts.length ? [el("h3", {}, "To be settled by you"), el("ul", {}, proposal.doubts.map((d) => el("li", {}, d)))] : null,
       el("div", { class: "row" }, confirm), told,
     ];

@@ -8,6 +8,8 @@ const SURE = 0.8;
 const COLOURS = { load: "rgba(0,114,178,0.30)", tare: "rgba(0,158,115,0.38)", skip: "rgba(128,128,128,0.25)", unsure: "rgba(230,159,0,0.48)" };
 const WORDS = { load: "a load", tare: "a tare", skip: "left out", unsure: "to be looked at" };
 
+/** Notes in two lines: what was converted, and the rest. */
+const told = (notes) => [notes.filter((n) => n.includes(" × ")), notes.filter((n) => !n.includes(" × "))].filter((list) => list.length).map((list) => quiet(`${list.join("; ")}.`));
 const written = (masses) => Object.entries(masses).map(([k, g]) => `${k} ${g}`).join(" + ");
 
 /** Masses as typed, such as FDP 950 + FDS 300; null where they are none. */
@@ -32,7 +34,7 @@ export function plateaus(body, header, { signal, draft, keep, again }) {
 
   function taken(kind, line, sure) {
     const from = line === null ? {} : body.lines[line];
-    return { kind, line, sure, masses_g: from.masses_g || {}, posture: from.posture || "", location: from.location || "", role: from.role || "identification", repeats: from.repeats || false, direction: from.direction || "loading", tapped: from.tapped || false };
+    return { kind, line, laid: line, sure, masses_g: from.masses_g || {}, posture: from.posture || "", location: from.location || "", role: from.role || "identification", repeats: from.repeats || false, direction: from.direction || "loading", tapped: from.tapped || false };
   }
 
   /** The trace, each plateau in the colour of what it is taken for. */
@@ -100,16 +102,17 @@ export function plateaus(body, header, { signal, draft, keep, again }) {
   function show() {
     const shown = table([
       { title: "", cell: (r) => [handle(r), String(r.i + 1)] },
-      { title: "window [s]", cell: (r) => r.window_s.map((t) => number(t, 1)).join(" to ") },
-      { title: "change [N]", n: true, cell: (r) => number(r.change_N, 2) },
       { title: "taken for", cell: choice },
       { title: "sure", n: true, cell: (r) => el("span", { class: r.chosen.sure < SURE ? "warn" : "" }, number(r.chosen.sure, 2)) },
-      { title: "hung [g]", cell: (r) => typed(r, "masses_g", "Masses", 14) },
-      { title: "posture", cell: (r) => typed(r, "posture", "Posture", 12) },
+      { title: "change [N]", n: true, cell: (r) => number(r.change_N, 2) },
+      { title: "window [s]", cell: (r) => r.window_s.map((t) => number(t, 1)).join(" to ") },
+      { title: "hung [g]", cell: (r) => typed(r, "masses_g", "Masses", 16) },
+      { title: "posture", cell: (r) => typed(r, "posture", "Posture", 10) },
       { title: "read at", cell: (r) => picked(r, "location", ["tip", "bone"], "Place") },
       { title: "role", cell: (r) => picked(r, "role", ["identification", "validation"], "Role") },
       { title: "", cell: (r) => (r.chosen.kind === "load" ? el("button", { class: "small", "aria-label": `A gap at plateau ${r.i + 1}: this and the next come one later`, onclick: () => later(r.i) }, "gap here") : "") },
     ], rows, { caption: `${rows.length} plateaus; ${rows.filter((r) => r.chosen.sure < SURE).length} to be looked at` });
+    shown.classList.add("form");
     for (const [k, line] of [...shown.querySelectorAll("tbody tr")].entries()) {
       line.addEventListener("dragover", (e) => { if (e.dataTransfer.types.includes("text/x-plateau")) e.preventDefault(); });
       line.addEventListener("drop", (e) => {
@@ -120,7 +123,8 @@ export function plateaus(body, header, { signal, draft, keep, again }) {
         show();
       });
     }
-    fill(list, shown);
+    const lost = body.lines.filter((l, k) => l.kind === "load" && !rows.some((r) => r.chosen.laid === k));
+    fill(list, lost.map((l) => el("p", { class: "warn" }, `Line ${l.line} of the notebook is on no plateau: ${l.said}`)), shown);
     asked();
     draw();
   }
@@ -133,7 +137,7 @@ export function plateaus(body, header, { signal, draft, keep, again }) {
         const known = header.known()[posture] || {};
         postures.set(posture, Object.fromEntries(header.joints().map((joint) => [joint, el("input", { type: "number", step: "any", "aria-label": `${joint} of ${posture} [deg]`, value: known[joint] ?? "" })])));
       }
-      return el("div", { class: "row" }, el("strong", {}, posture), Object.entries(postures.get(posture)).map(([joint, box]) => el("div", {}, el("label", {}, joint, box))));
+      return el("div", { class: "row" }, el("strong", {}, posture), Object.entries(postures.get(posture)).map(([joint, box]) => el("label", { class: "above" }, joint, box)));
     }));
   }
 
@@ -145,7 +149,7 @@ export function plateaus(body, header, { signal, draft, keep, again }) {
     }))]));
   }
 
-  const sends = () => rows.map(({ chosen: { line, sure, ...sent } }) => sent);
+  const sends = () => rows.map(({ chosen: { line, laid, sure, ...sent } }) => sent);
 
   const loads = () => rows.filter((r) => r.chosen.kind === "load");
 
@@ -182,7 +186,7 @@ export function plateaus(body, header, { signal, draft, keep, again }) {
 
   const key = el("p", {}, Object.entries(WORDS).map(([kind, text]) => el("span", { class: "chip", style: `background:${COLOURS[kind]}` }, text)).flatMap((c) => [c, " "]));
   const node = el("div", {},
-    panel("5. Plateaus", body.laid_notes.map(quiet), body.lost.map((l) => el("p", { class: "warn" }, l)), key, place, list),
+    panel("5. Plateaus", told(body.laid_notes), key, place, list),
     panel("6. Postures", quiet("Joint angles in degrees, flexion positive."), angles),
     panel("7. The session", el("div", { class: "row" }, el("div", {}, el("label", { htmlFor: "new-id" }, "Name of the session"), name), el("button", { onclick: check }, "Check it"), el("button", { class: "main", onclick: make }, "Make the session")), made));
   show();
