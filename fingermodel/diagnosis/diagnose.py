@@ -27,7 +27,7 @@ from fingermodel.diagnosis.verdict.hints import Hint, hints
 from fingermodel.diagnosis.verdict.own_curve import own_curves
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, checks, holding, together
 from fingermodel.diagnosis.verdict.sensitivity import Sensitivity, sensitivity
-from fingermodel.diagnosis.verdict.session_faults import SessionFault, session_faults
+from fingermodel.diagnosis.verdict.session_faults import PutRight, SessionFault, outdoes, put_right, session_faults
 from fingermodel.diagnosis.verdict.verdict import Verdict, judge, likeliest, stated_node, sure_names
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
@@ -137,7 +137,14 @@ def diagnose(
     had = {name.split(".")[0] for name in held}
     candidates = Candidates.of(model, sagittal=session.plane == "sagittal", without=had)
     most = MOST_FITS * (3 if thorough else 1)
-    searched = Searcher(session, candidates, progress).run(start, most)
+    # Before the search: what would make up for a fault of the whole session is no finding.
+    put: list[PutRight] = []
+
+    def outdone(nothing: Optimum, log_posterior: float) -> bool:
+        put.extend(put_right(candidates, nothing))
+        return outdoes(put, log_posterior)
+
+    searched = Searcher(session, candidates, progress).run(start, most, outdone)
     session = searched.nothing.session
     posterior = Posterior.of(searched.fits, searched.promised)
     nothing = posterior.nothing
@@ -153,7 +160,7 @@ def diagnose(
     asked = sensitivity(posterior, verdict)
     found: tuple[Hint, ...] = ()
     curves: tuple[SmoothCurve, ...] = ()
-    faults = tuple(session_faults(session, candidates, posterior))
+    faults = tuple(session_faults(put, posterior))
     if faults:
         # To be put right in the session: what would make up for it is no finding.
         verdict = in_doubt(verdict, said(faults[0]))

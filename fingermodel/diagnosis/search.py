@@ -78,14 +78,24 @@ class Searcher:
         self._prior: dict[Explanation, float] = {}
         self._kept = 0
 
-    def run(self, start: Floats | None = None, most: int = MOST_FITS) -> Searched:
+    def run(
+        self,
+        start: Floats | None = None,
+        most: int = MOST_FITS,
+        outdone: Callable[[Optimum, float], bool] = lambda _, __: False,
+    ) -> Searched:
         """Search.
 
         Args:
             start: (parameters,) of an earlier fit of the base model, tried besides the priors' centre.
             most: fits.
+            outdone: tells from the base model, and from the log posterior that no explanation exceeds, whether
+                something else explains the readings so much better that nothing is to be searched for.
         """
-        self._explain(self._without_bad_cases(start), most)
+        every = self._begun(start)
+        if outdone(self._fits[NOTHING], self._most_of_any(every)):
+            return Searched(self._hyper, self._fits, self._rest())
+        self._explain(self._without_bad_cases(every, start), most)
         while len(self._slipped) < self._most_slips and (cases := self._overlooked()):
             kept, before = (self._slipped, self._fitter, self._fits), self._leader.log_posterior
             self._slipped, self._fits = (*self._slipped, cases), {}
@@ -122,9 +132,19 @@ class Searcher:
                     best, found = value, self._worst({case: (value, one.partner)})
         return found
 
-    def _without_bad_cases(self, start: Floats | None) -> Optimum:
+    def _most_of_any(self, every: Optimum) -> float:
+        """Log posterior that no explanation exceeds: fitted as well as with all candidates, at the base model's price.
+
+        As many cases as may be slips are explained entirely.
+        """
+        base = self._fits[NOTHING]
+        gains = (base.log_joint(n) + 0.5 * (base.misfit(n) - every.misfit(n)) for n in {base.best, every.best})
+        worst = sorted((apart.misfit for apart in every.left_out(every.best).values()), reverse=True)
+        slips = sum(max(LOG_PRIOR_ODDS + 0.5 * misfit, 0.0) for misfit in worst[: self._most_slips])
+        return max(base.log_posterior, *gains) + slips
+
+    def _without_bad_cases(self, every: Optimum, start: Floats | None) -> Optimum:
         """Take cases for bad, the worst first, until none is; then those back that the later ones had made so."""
-        every = self._begun(start)
         taken: list[frozenset[int]] = []
         while len(self._slipped) < self._most_slips and (worst := self._worst(self._least_odds(every))):
             if worst in taken:
@@ -368,11 +388,15 @@ class Searcher:
             self._keep(self._fitter.fit(fit.explanation, start, fit.best, self._bad))
 
     def _rest(self) -> dict[Explanation, tuple[float, float]]:
-        """What the leader promises explanations that were not fitted, and their log prior."""
+        """What the leader promises explanations that were not fitted, and their log prior.
+
+        No more than would have had them fitted: a straight line from far off may promise anything.
+        """
         leader = self._leader
+        most = leader.log_posterior - WITHIN
         offers = dict.fromkeys([*self._candidates.neighbours(leader.explanation), *self._singles])
         promised = self._promised(leader, [e for e in offers if e not in self._fits], [leader.best])
-        return {e: (value, self._log_prior(e)) for e, value in promised.items()}
+        return {e: (min(value, most), self._log_prior(e)) for e, value in promised.items()}
 
 
 def _best_forms(promised: dict[Explanation, float]) -> list[Explanation]:

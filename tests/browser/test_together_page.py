@@ -44,5 +44,14 @@ def test_three_specimens_are_diagnosed_together(seen: Watched, tmp_path: Path) -
         told = seen.page.locator("section", has=seen.page.get_by_role("heading", name=heading))
         assert columns in told.inner_text()
     seen.page.screenshot(path=tmp_path / "together.png", full_page=True)
+    # Loaded again, the page shows the same answer; begun anew, it offers it.
+    seen.page.reload()
+    seen.page.locator(".js-plotly-plot").nth(2).wait_for()
+    assert seen.text().count("Beyond the catalogue they share") == 1
+    seen.open("fingers", "Fingers")
+    seen.open("together", "Several sessions together")
+    seen.page.get_by_text("Diagnosed before (1)").click()
+    seen.page.get_by_role("link", name=", ".join(SPECIMENS)).click()
+    seen.page.locator(".js-plotly-plot").nth(2).wait_for()
     seen.page.get_by_role("link", name=SPECIMENS[1]).click()
     seen.page.get_by_role("heading", name=f"{SPECIMENS[1]}: find the missing effect").wait_for()

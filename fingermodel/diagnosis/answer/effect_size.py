@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, inputs_of
-from fingermodel.diagnosis.posterior.gaussian import root_of
 from fingermodel.diagnosis.settings import SEED
+from fingermodel.fitting.roots import root_of
 
 Floats = NDArray[np.float64]
 

@@ -13,6 +13,7 @@ from scipy.linalg import cho_solve
 from scipy.special import chdtrc
 
 from fingermodel.comparison.observations import Observations
+from fingermodel.fitting.roots import root_of
 
 Floats = NDArray[np.float64]
 Verdict = Literal["holds", "violated", "not_tested"]
@@ -76,8 +77,8 @@ class Residuals:
     noise_assumed: bool
 
     @cached_property
-    def _factor(self) -> NDArray[np.floating[Any]]:
-        return np.linalg.cholesky(self.covariance)
+    def _factor(self) -> Floats:
+        return root_of(self.covariance)
 
     @cached_property
     def _solved(self) -> Floats:

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from fingermodel.comparison.comparison import muscles_of
 from fingermodel.diagnosis.diagnose import Diagnosis
-from fingermodel.diagnosis.posterior.gaussian import root_of
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import free_mask
 from fingermodel.diagnosis.settings import LIVE, SEED, WORTH_NAT
 from fingermodel.fitting.identification import slopes_of
+from fingermodel.fitting.roots import root_of
 from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from fingermodel.diagnosis.posterior.gaussian import add_one
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.discrepancy import smooth_over
+from fingermodel.fitting.roots import inverse_of, root_of_one_plus
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -61,8 +61,7 @@ def gain(said: Sequence[Said], size: float, kept: Ints | None = None) -> float:
     score = np.sum([s.score for s in said], axis=0) * size
     if kept is not None:
         information, score = information[np.ix_(kept, kept)], score[kept]
-    add_one(information)
-    root = np.linalg.cholesky(information)
+    root = root_of_one_plus(information)
     step = solve_triangular(root, score, lower=True, check_finite=False)
     return float(0.5 * step @ step - np.log(np.diag(root)).sum())
 
@@ -213,8 +212,8 @@ class SmoothCurve:
 def values_of(curves: Curves, said: Sequence[Said], size: float) -> tuple[Floats, Floats]:
     """Mean and standard deviation (parts, postures) of a curve, in the stage's unit."""
     information = np.sum([s.information for s in said], axis=0) * size**2
-    add_one(information)
-    covariance = np.linalg.inv(information)
+    inverse = inverse_of(root_of_one_plus(information))
+    covariance = inverse.T @ inverse
     weights = covariance @ np.sum([s.score for s in said], axis=0) * size
     root, features = curves.root, curves.root.shape[1]
     mean = size * weights.reshape(-1, features) @ root.T

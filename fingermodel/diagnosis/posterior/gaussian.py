@@ -12,8 +12,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotrf, dtrtri
 from scipy.special import log_ndtr, ndtri_exp
+
+from fingermodel.fitting.roots import root_of, root_of_one_plus
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -65,13 +66,10 @@ class Quadratic:
         chosen = self.hessian if len(moving) == len(self.gradient) else self.hessian[moving[:, None], moving]
         inner = chosen * w
         inner *= w[:, None]
-        add_one(inner)
-        factor, failed = dpotrf(inner, lower=1, clean=1, overwrite_a=1)
-        if failed:
-            raise np.linalg.LinAlgError("1 + w G w is not positive definite: G is not finite")
+        factor = root_of_one_plus(inner)
         score = w * self.gradient[moving] - x[kept] / w
         step = solve_triangular(factor, score, lower=True, check_finite=False)
-        return np.asarray(factor, dtype=np.float64), np.asarray(step, dtype=np.float64), moving
+        return factor, np.asarray(step, dtype=np.float64), moving
 
     def at(self, moved: Ints, by: Floats) -> Quadratic:
         """The same after some weights have been moved, and counted from there."""
@@ -140,9 +138,8 @@ def screened(quadratic: Quadratic, sets: list[tuple[int, ...]], x: Floats, one_s
     real = index >= 0
     # Where a set is shorter, what fills it up has no slope: it changes nothing.
     inner = at_null.hessian[index[:, :, None], index[:, None, :]] * (real[:, :, None] & real[:, None, :])
-    add_one(inner)
     score = at_null.gradient[index] * real
-    factor = np.linalg.cholesky(inner)
+    factor = root_of_one_plus(inner)
     inverse = np.linalg.inv(factor)
     step = np.einsum("sij,sj->si", inverse, score)
     mean = np.einsum("sji,sj->si", inverse, step)
@@ -203,43 +200,6 @@ def gain_of_each(information: Floats, score: Floats) -> Floats:
     """
     out: Floats = 0.5 * score**2 / (1.0 + information) - 0.5 * np.log1p(information)
     return out
-
-
-def add_one(gram: Floats) -> None:
-    """Add 1 to the diagonal of inner products (…, k, k) in place, so that what comes of it is positive definite.
-
-    They are known to rounding errors only, and these may be more than 1 where slopes are steep: by so much more is
-    added.
-    """
-    k = gram.shape[-1]
-    diagonal = gram[..., np.arange(k), np.arange(k)]
-    gram[..., np.arange(k), np.arange(k)] = diagonal * (1.0 + k * np.finfo(np.float64).eps) + 1.0
-
-
-def root_of(covariance: Floats) -> Floats:
-    """Lower triangular root (k, k) of a positive semidefinite covariance, however nearly singular.
-
-    What rounding has made negative, and directions without any variance, get a variance of rounding's size.
-    """
-    size = max(float(np.trace(covariance)) / max(len(covariance), 1), 1e-300)
-    symmetric = 0.5 * (covariance + covariance.T)
-    if not np.isfinite(symmetric).all():
-        raise np.linalg.LinAlgError("a covariance is not finite")
-    jitter = 1e-12
-    while True:
-        try:
-            return np.asarray(np.linalg.cholesky(symmetric + jitter * size * np.eye(len(covariance))))
-        except np.linalg.LinAlgError:
-            # Of a covariance this ends: once the jitter exceeds what rounding took away.
-            jitter *= 100.0
-
-
-def inverse_of(root: Floats) -> Floats:
-    """Inverse (k, k) of a lower triangular root."""
-    inverse, failed = dtrtri(root, lower=1)
-    if failed:
-        raise np.linalg.LinAlgError("a root of a covariance has nothing on its diagonal")
-    return np.asarray(inverse, dtype=np.float64)
 
 
 @cache

@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.sparse import csr_array
 
-from fingermodel.diagnosis.posterior.gaussian import Quadratic, add_one
+from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.posterior.hyper import FAMILIES, NOISE, SCATTER, Hyperparameters, Node
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Rows, Session, WhitenedSmooth, whitened
 from fingermodel.fitting.fit_report import held_at_bound
 from fingermodel.fitting.identification import slopes_of
+from fingermodel.fitting.roots import root_of_one_plus
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -29,7 +30,6 @@ Mask = NDArray[np.bool_]
 # Names of the blocks; `smooth0`, … and `form0`, … besides.
 ALWAYS, BUDGET, ANATOMY, OWN, OTHERS = "always", "budget", "anatomy", "own", "others"
 
-_EPS = float(np.finfo(np.float64).eps)
 # Share of the largest change from which a reading counts as touched by an effect.
 _TOUCHED = 0.05
 
@@ -239,9 +239,7 @@ class Linearised:
 
     def _turned(self, inner: Inner, name: str) -> Floats:
         if not inner.across:
-            gram = self._product(inner, ALWAYS, ALWAYS).copy()
-            add_one(gram)
-            inner.across["factor"] = np.asarray(np.linalg.cholesky(gram), dtype=np.float64)
+            inner.across["factor"] = root_of_one_plus(self._product(inner, ALWAYS, ALWAYS).copy())
         if name not in inner.across:
             product = self._product(inner, ALWAYS, name)
             if name == "residual":
@@ -255,9 +253,6 @@ class Linearised:
         if (a, b) not in inner.beside:
             plain = self._product(inner, a, b)
             inner.beside[a, b] = plain - self._turned(inner, a).T @ self._turned(inner, b)
-            if a == b:
-                # What is left may be less than the rounding errors of what it is left of.
-                inner.beside[a, b].flat[:: len(plain) + 1] += self.size(ALWAYS) * _EPS * np.diag(plain)
         return inner.beside[a, b]
 
     def _inner_at(self, node: Node, bad: frozenset[int]) -> Inner:

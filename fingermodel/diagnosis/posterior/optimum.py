@@ -11,12 +11,19 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
-from fingermodel.diagnosis.posterior.gaussian import Freed, Quadratic, add_one, log_mass, log_mass_apart, screened
+from fingermodel.diagnosis.posterior.gaussian import (
+    Freed,
+    Quadratic,
+    log_mass,
+    log_mass_apart,
+    screened,
+)
 from fingermodel.diagnosis.posterior.hyper import NOISE, Node, climbed, explored
 from fingermodel.diagnosis.posterior.linearised import OTHERS, OWN, Linearised
 from fingermodel.diagnosis.session_model.bad_cases import Apart, bad_size, gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.settings import NODES_WITHIN
+from fingermodel.fitting.roots import root_of_one_plus
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -217,9 +224,7 @@ class Optimum(Linearised):
         blocks = self.whitened_blocks(names, node)
         left = self.whitened_columns(self.residual, node) + blocks @ self.places(names)
         columns = blocks * self.widths(names, node)
-        gram = columns.T @ columns
-        add_one(gram)
-        return solve_triangular(np.linalg.cholesky(gram), columns.T, lower=True, check_finite=False), left
+        return solve_triangular(root_of_one_plus(columns.T @ columns), columns.T, lower=True, check_finite=False), left
 
     def asked(self, columns: Floats, node: Node) -> tuple[Floats, Floats]:
         """What the readings say of further columns, each by itself, beside everything that acts at a node.
@@ -262,7 +267,7 @@ class Optimum(Linearised):
         left = left / spread
         turned = new - across.T @ (across @ new)
         plain = left - across.T @ (across @ left)
-        more = 1.0 + np.einsum("nk,nk->k", new, turned)
+        more = 1.0 + np.maximum(np.einsum("nk,nk->k", new, turned), 0.0)
         # The column takes u uᵀ from the inverse covariance.
         u = turned / np.sqrt(more)
         moved = plain[:, None] - u * (new.T @ plain / np.sqrt(more))

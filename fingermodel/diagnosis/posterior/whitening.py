@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from fingermodel.diagnosis.posterior.gaussian import add_one, inverse_of
 from fingermodel.diagnosis.session_model.session import Rows, whitened
+from fingermodel.fitting.roots import inverse_of, root_of_one_plus
 from fingermodel.fitting.tiles import Tiles
 
 Floats = NDArray[np.float64]
@@ -45,12 +45,8 @@ class Whitening:
         u = whitened(roots, shared)
         count, weights = u.shape
         if weights * _MANY > count:
-            covariance = u @ u.T
-            add_one(covariance)
-            return cls(roots, dense=Tiles.of(inverse_of(np.asarray(np.linalg.cholesky(covariance)))))
-        gram = u.T @ u
-        add_one(gram)
-        root = np.asarray(np.linalg.cholesky(gram))
+            return cls(roots, dense=Tiles.of(inverse_of(root_of_one_plus(u @ u.T))))
+        root = root_of_one_plus(u.T @ u)
         # With L Lᵀ = 1 + Uᵀ U, 1 − U (L + 1)⁻ᵀ L⁻¹ Uᵀ is a root of the inverse of 1 + U Uᵀ (Potter; Andrews 1968).
         right = solve_triangular(root, u.T, lower=True, check_finite=False)
         root.flat[:: weights + 1] += 1.0

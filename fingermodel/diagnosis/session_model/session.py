@@ -23,6 +23,7 @@ from fingermodel.diagnosis.session_model.discrepancy import Places, constant_col
 from fingermodel.diagnosis.settings import CLAMP_SHARE, LEVER_MM
 from fingermodel.fingers import Plane
 from fingermodel.fitting.problems import Problem, weighted_problem
+from fingermodel.fitting.roots import root_of
 from fingermodel.model import Model, tips_of
 
 Floats = NDArray[np.float64]
@@ -95,9 +96,9 @@ class CaseNoise:
         """Inverse roots (g, L, L) of the same, and ln det of the whole covariance."""
         out, log_det = [], 0.0
         for rows, blocks in self.covariances(scatter, multiple, bad):
-            roots = np.linalg.cholesky(blocks)
+            roots = root_of(blocks)
             log_det += 2.0 * float(np.log(np.diagonal(roots, axis1=1, axis2=2)).sum())
-            out.append((rows, np.linalg.inv(roots)))
+            out.append((rows, np.asarray(np.linalg.inv(roots), dtype=np.float64)))
         return out, log_det
 
 

@@ -128,16 +128,17 @@ class PossibleSlips:
         inputs = self._observations.inputs
         entered = np.asarray(self._model.predict(inputs, theta).reading)
         out = np.empty((len(slips), 6))
-        step = len(self._observations.ids)
+        columns = {name: np.asarray(column) for name, column in inputs.filled()._asdict().items()}
+        step = len(columns["tension"])
         cases, like = (
             np.array(column, dtype=np.intp) for column in ([c for c, _ in slips], [s.like for _, s in slips])
         )
         tension = np.array([s.tension for _, s in slips])
-        # In batches of the session's own size, for which the program is compiled already.
+        # In batches of the size for which the session's own program is compiled.
         for start in range(0, len(slips), step):
             at = np.minimum(np.arange(start, start + step), len(slips) - 1)
-            fields = {name: np.asarray(column)[cases[at]] for name, column in inputs._asdict().items()}
-            fields |= {name: np.asarray(getattr(inputs, name))[like[at]] for name in ("posture", "setting")}
+            fields = {name: column[cases[at]] for name, column in columns.items()}
+            fields |= {name: columns[name][like[at]] for name in ("posture", "setting")}
             changed = self._model.predict(LoadCaseInput.batch(**(fields | {"tension": tension[at]})), theta).reading
             stop = min(start + step, len(slips))
             out[start:stop] = np.asarray(changed)[: stop - start]

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, expit, logit, logsumexp
 
-from fingermodel.diagnosis.posterior.gaussian import root_of
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
@@ -24,6 +23,7 @@ from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slips import Explained, Slips
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, P_VALUE
+from fingermodel.fitting.roots import root_of
 
 Floats = NDArray[np.float64]
 

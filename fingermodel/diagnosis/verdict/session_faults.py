@@ -7,7 +7,7 @@ in which what was entered differs from what was done in every case at once.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal, get_args
@@ -15,16 +15,17 @@ from typing import Literal, get_args
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import logit, logsumexp
 
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.posterior.fitting import Fitter
-from fingermodel.diagnosis.posterior.marginals import Posterior, weighed
+from fingermodel.diagnosis.posterior.marginals import Posterior
+from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
 from fingermodel.diagnosis.session_model.session import Session, session_of
-from fingermodel.diagnosis.settings import GAIN_SPREAD, P_FAULT, SUSPECT
+from fingermodel.diagnosis.settings import GAIN_SPREAD, P_FAULT, SURE, SUSPECT
 
 Floats = NDArray[np.float64]
 Kind = Literal["tendon_labels", "side", "posture", "mass_unit", "axes", "unit", "gain", "tare"]
@@ -62,6 +63,21 @@ class SessionFault:
     probability: float
 
 
+@dataclass(frozen=True)
+class PutRight:
+    """How well the readings are explained with one fault put right.
+
+    Attributes:
+        kind: of fault.
+        words: what was done instead of what was entered.
+        log_posterior: of the base model, and of one effect beside it; the fault's own prior included.
+    """
+
+    kind: Kind
+    words: str
+    log_posterior: float
+
+
 @dataclass(frozen=True, eq=False)
 class _Corrected:
     """The session with one fault put right."""
@@ -73,52 +89,72 @@ class _Corrected:
     log_density: float = 0.0
 
 
-def session_faults(session: Session, candidates: Candidates, posterior: Posterior) -> list[SessionFault]:
+def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
+    """Put faults of the whole session right, one at a time, and fit the base model again.
+
+    Args:
+        candidates: of the diagnosis.
+        nothing: the base model of the session as it was entered.
+    """
+    session = nothing.session
+    by_balance = list(_frames(session))
+    offers = list(_corrected(session)) + ([] if by_balance else [_turned(session.observations)])
+    missed = {offer: _missed(session, offer.observations) for offer in offers}
+    as_entered = _missed(session, session.observations)
+    nearest = [offer for offer in sorted(offers, key=lambda o: missed[o]) if missed[offer] < as_entered]
+    counts = Counter(o.kind for o in offers)
+    return [
+        PutRight(o.kind, o.words, _log_share(counts[o.kind]) + _log_posterior(session, candidates, nothing, o))
+        for o in [*by_balance, *nearest[:_FITTED]]
+    ]
+
+
+def session_faults(found: Sequence[PutRight], posterior: Posterior) -> list[SessionFault]:
     """Weigh faults of the whole session against everything that was found without them.
 
     Args:
-        session: as it was entered.
-        candidates: of the diagnosis.
+        found: of `put_right`.
         posterior: of the session as entered.
 
     Returns:
         What is more probable than not, most probable first.
     """
-    offers, gains = list(_corrected(session)), list(_gains(session, posterior))
-    # Each kind is as probable as any other, and so is each fault of its kind.
-    counts = Counter([o.kind for o in offers] + [kind for (kind, _), _ in gains])
-    share = {k: float(np.log(P_FAULT / len(get_args(Kind)) / max(counts[k], 1))) for k in get_args(Kind)}
-    found = [(g, share[g[0]] + log) for g, log in gains]
-    missed = {offer: _missed(session, offer.observations) for offer in offers}
-    as_entered = _missed(session, session.observations)
-    nearest = [offer for offer in sorted(offers, key=lambda o: missed[o]) if missed[offer] < as_entered]
-    found += [
-        ((offer.kind, offer.words), share[offer.kind] + _log_weight(session, candidates, posterior, offer))
-        for offer in [*_frames(session), *nearest[:_FITTED]]
-    ]
-    total = float(logsumexp([posterior.log_norm, *(log for _, log in found)]))
-    out = [SessionFault(kind, words, float(np.exp(log - total))) for (kind, words), log in found]
+    gains = list(_gains(posterior))
+    found = [*found, *(PutRight("gain", words, _log_share(len(gains)) + log) for words, log in gains)]
+    # As a slip in one case it is weighed by the whole likelihood, not by a power of it.
+    as_it_is = [fit.log_posterior for fit in posterior.fits.values()]
+    total = float(logsumexp([*as_it_is, *(f.log_posterior for f in found)]))
+    out = [SessionFault(f.kind, f.words, float(np.exp(f.log_posterior - total))) for f in found]
     return sorted((f for f in out if f.probability >= SUSPECT), key=lambda f: -f.probability)
 
 
-def _log_weight(session: Session, candidates: Candidates, posterior: Posterior, offer: _Corrected) -> float:
-    """Log weight of the base model with a fault put right, and of one effect beside it; without the fault's share."""
+def outdoes(found: Sequence[PutRight], log_posterior: float) -> bool:
+    """Whether a fault is sure whatever may act, if nothing that acts has a higher log posterior than this."""
+    return any(f.log_posterior - log_posterior > logit(SURE) for f in found)
+
+
+def _log_share(alike: int) -> float:
+    """Log prior of a fault: each kind is as probable as any other, and so is each fault of its kind."""
+    return float(np.log(P_FAULT / len(get_args(Kind)) / max(alike, 1)))
+
+
+def _log_posterior(session: Session, candidates: Candidates, nothing: Optimum, offer: _Corrected) -> float:
+    """Of the base model with a fault put right, and of one effect beside it; without the fault's share."""
     other = session_of(session.model, offer.observations, session.plane)
     other = replace(other, problem=replace(other.problem, free=session.problem.free))
-    nothing = posterior.nothing
     fitter = Fitter(other, candidates, nothing.hyper)
     first = fitter.fit(NOTHING, session.problem.centre, nothing.hyper.start(0))
     again = replace(fitter, session=other.seen_from(first.theta))
     base = again.fit(NOTHING, first.theta, first.mode)
-    alone = weighed(base.log_posterior + offer.log_density, base.log_prior)
-    if alone < posterior.weight(nothing):
+    alone = base.log_posterior + offer.log_density
+    if alone < nothing.log_posterior:
         return alone
     # An effect may act as well: the one that the base promises most.
     node = base.hyper.without_smooth(base.best)
     promised = base.promises(candidates.singles, [base.best, node])
     best = candidates.singles[int(np.argmax(promised + [candidates.log_prior(e) for e in candidates.singles]))]
     beside = again.fit(best, base.expected(best, node), node)
-    return float(np.logaddexp(alone, weighed(beside.log_posterior + offer.log_density, beside.log_prior)))
+    return float(np.logaddexp(alone, beside.log_posterior + offer.log_density))
 
 
 def _missed(session: Session, observations: Observations) -> float:
@@ -134,9 +170,9 @@ def _missed(session: Session, observations: Observations) -> float:
     return float(np.log1p(((measured - predicted) / width) ** 2).sum())
 
 
-def _gains(session: Session, posterior: Posterior) -> Iterator[tuple[tuple[Kind, str], float]]:
-    """Log weight of another gain of either mount alone, beside the base model; without the fault's share."""
-    nothing = posterior.nothing
+def _gains(posterior: Posterior) -> Iterator[tuple[str, float]]:
+    """Log posterior of another gain of either mount alone, beside the base model; without the fault's share."""
+    nothing, session = posterior.nothing, posterior.nothing.session
     observations, rows = session.observations, session.rows[session.fitted]
     predicted = np.asarray(session.model.predict(observations.inputs, nothing.theta).reading).reshape(-1)[rows]
     for place in dict.fromkeys(observations.locations):
@@ -147,8 +183,7 @@ def _gains(session: Session, posterior: Posterior) -> Iterator[tuple[tuple[Kind,
         width = GAIN_SPREAD
         gain = float(gain_if_bad(information[:, None] * width**2, score * width))
         value = 1.0 + float(score[0] / (information[0] + width**-2))
-        words = f"the cell at the {place} has a gain of {value:.2f}"
-        yield ("gain", words), weighed(nothing.log_posterior + gain, nothing.log_prior)
+        yield f"the cell at the {place} has a gain of {value:.2f}", nothing.log_posterior + gain
 
 
 def _corrected(session: Session) -> Iterator[_Corrected]:
@@ -190,6 +225,12 @@ def _frames(session: Session) -> Iterator[_Corrected]:
         words = f"{mistake.words[0].upper()}{mistake.words[1:]}"
         density = float(session.fitted.sum() * np.log(mistake.factor))
         yield _Corrected("unit" if mistake.unit else "axes", words, mistake.put_right(session.observations), density)
+
+
+def _turned(observations: Observations) -> _Corrected:
+    """Forces on the finger, entered as those that it exerts: what balance shows only where both mounts were read."""
+    words = "the readings are what the cell exerts on the finger: every sign is turned"
+    return _Corrected("axes", words, replace(observations, wrench=-observations.wrench))
 
 
 def _angles(session: Session) -> Iterator[_Corrected]:

@@ -1,22 +1,25 @@
 // Several sessions together: what they share, also a law that is in no catalogue.
-import { get, post } from "../api.js";
+import { at, get, post } from "../api.js";
 import { el, empty, fill, panel, problem, quiet, table } from "../dom.js";
-import { masses, number, percent, withUnit, words } from "../format.js";
+import { masses, number, percent, when, withUnit, words } from "../format.js";
 import { figure } from "../plot.js";
 import { awaited } from "./work.js";
 
 const FEWEST = 2;
+// Of so many newest jobs those of several sessions are offered again.
+const JOBS = 200;
 
-export async function view(main) {
+export async function view(main, { asked }) {
   const away = new AbortController();
   const list = el("div");
   const place = el("div", { "aria-live": "polite" });
+  const before = el("div");
   const answer = el("div");
   const chosen = new Set();
   const start = el("button", { class: "main", disabled: true, onclick: () => diagnose() }, "Diagnose together");
   fill(main, el("h1", {}, "Several sessions together"),
     quiet("Sessions of specimens that were loaded in the same way: which effect all have, and what they miss alike that no effect describes."),
-    panel("Sessions", list, el("div", { class: "row" }, start), place), answer);
+    panel("Sessions", list, el("div", { class: "row" }, start), before, place), answer);
 
   try {
     const rows = (await get("/sessions", { limit: 500 }, away.signal)).sessions;
@@ -31,12 +34,27 @@ export async function view(main) {
     if (error.name !== "AbortError") fill(list, problem(error));
   }
 
+  async function earlier() {
+    const { jobs } = await get("/jobs", { limit: JOBS }, away.signal);
+    const pooled = jobs.filter((j) => j.kind === "pooled" && ["queued", "running", "done"].includes(j.state));
+    fill(before, pooled.length ? el("details", {}, el("summary", {}, `Diagnosed before (${pooled.length})`), el("ul", {}, pooled.map((j) =>
+      el("li", {}, el("a", { href: address(j.id) }, j.request.sessions.join(", ")), ` ${when(j.created_utc)}${j.state === "done" ? "" : ` (${j.state})`}`)))) : null);
+  }
+
   async function diagnose() {
     start.disabled = true;
     fill(answer);
-    const asked = post("/diagnoses", { sessions: [...chosen], model: null });
-    const job = await awaited(place, asked, "Diagnosing the sessions", away.signal, diagnose);
+    const job = post("/diagnoses", { sessions: [...chosen], model: null });
+    // The address keeps the job: loaded again, the page shows the same answer.
+    job.then(({ id }) => history.replaceState(null, "", address(id)), () => {});
+    await show(job, diagnose);
     start.disabled = chosen.size < FEWEST;
+    if (!away.signal.aborted) await earlier();
+  }
+
+  async function show(asking, again) {
+    fill(answer);
+    const job = await awaited(place, asking, "Diagnosing the sessions", away.signal, again);
     if (!job || away.signal.aborted) return;
     const body = job.result;
     fill(answer, ...told(body));
@@ -45,8 +63,13 @@ export async function view(main) {
     }
   }
 
-  return { leave: () => away.abort() };
+  const kept = (id) => show(get(at("jobs", id), {}, away.signal));
+  await earlier();
+  if (asked.job) kept(asked.job);
+  return { leave: () => away.abort(), asked: ({ job }) => { if (job) kept(job); } };
 }
+
+const address = (job) => `#/together?job=${encodeURIComponent(job)}`;
 
 function told(body) {
   const shared = body.shared;

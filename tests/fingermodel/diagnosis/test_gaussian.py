@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
-from fingermodel.diagnosis.posterior.gaussian import Quadratic, log_mass, log_mass_apart, root_of, screened
+from fingermodel.diagnosis.posterior.gaussian import Quadratic, log_mass, log_mass_apart, screened
+from fingermodel.fitting.roots import root_of
 
 Floats = NDArray[np.float64]
 SEEDS = st.integers(0, 10**6)

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fingermodel.diagnosis.posterior.fitting import Fitter
-from fingermodel.diagnosis.posterior.gaussian import add_one, root_of
 from fingermodel.diagnosis.posterior.hyper import Hyperparameters
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import Apart
@@ -16,6 +15,7 @@ from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.session_model.slips import Slips
 from fingermodel.diagnosis.settings import SLIP_SHARES
+from fingermodel.fitting.roots import root_of, root_of_one_plus
 from server.application.workflow import open_bench
 from tests.fingermodel.diagnosis.dense import dense
 
@@ -85,8 +85,13 @@ def test_steep_and_nearly_collinear_columns_end_no_factorisation(
     first = rng.normal(size=(40, 1)) * 10.0**log_scale
     columns = first + rng.normal(size=(40, size)) * 10.0 ** (log_scale - log_spread)
     gram = columns.T @ columns
-    add_one(gram)
-    assert np.isfinite(np.linalg.cholesky(gram)).all()
+    found = root_of_one_plus(gram.copy())
+    assert found @ found.T == pytest.approx(gram + np.eye(size), abs=1e-12 * size * np.trace(gram))
+    # Whatever rounding has made of it, and of several at once.
+    several = np.stack([gram, gram - 1e-15 * np.trace(gram) * np.eye(size), 0.0 * gram])
+    for root in root_of_one_plus(several):
+        assert np.isfinite(root).all()
+        assert np.log(np.diag(root)).sum() > -1e-9
     covariance = columns @ columns.T
     root = root_of(covariance)
     assert root @ root.T == pytest.approx(covariance, abs=1e-5 * np.trace(covariance))
