@@ -14,7 +14,7 @@ from fingermodel.compiled.programs import Stored
 from fingermodel.fitting.identification import _slopes
 from fingermodel.fitting.problems import map_problem
 from fingermodel.model import predict_batch
-from server.application.workflow import open_bench
+from fingermodel.session import Session
 
 TARGET = 8.0
 CALLS = 200
@@ -22,7 +22,7 @@ CALLS = 200
 
 def main() -> None:
     """Print the table."""
-    bench = open_bench("DEV-08", catalogue=True)
+    bench = Session.open("DEV-08")
     jax.config.update("jax_enable_compilation_cache", False)
     problem = map_problem(bench.model, bench.observations)
     model, fitted = problem.model, problem.fitted_readings

@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from benchmarks.machine import most_memory_bytes, repeat, table, wait_until_quiet
+from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.diagnosis.diagnose import diagnose
 from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, Member, free_mask
 from fingermodel.fitting.identification import refit_map
 from fingermodel.fitting.problems import Problem, map_problem, objective_at
-from server.application.workflow import open_bench, prepare_jax
+from fingermodel.session import Session
 from tests.simulator import draw_session
 from tests.simulator.protocols import Protocol
 
@@ -41,7 +42,7 @@ ITERATIONS = 200
 def main() -> None:
     """Time them and print the tables."""
     prepare_jax()
-    benches = {name: open_bench(name, catalogue=True) for name in SESSIONS}
+    benches = {name: Session.open(name) for name in SESSIONS}
     fits = {name: diagnose(b.model, b.observations) for name, b in benches.items()}
     wait_until_quiet()
     rows, seconds = [], {}
@@ -93,7 +94,7 @@ def one_size(count: int) -> None:
         draw_session(
             Path(folder), 77, {"hanger_mass": 40.0}, nuisance_scale=1.0, done=lambda plan: (sized(plan, count),) * 2
         )
-        bench = open_bench(folder, catalogue=True)
+        bench = Session.open(folder)
         seconds = []
         for _ in range(2):
             found = diagnose(bench.model, bench.observations)
@@ -138,7 +139,7 @@ def _cold(session: str) -> float:
 
 
 def _rival(ours_s: float) -> None:
-    bench = open_bench("DEV-08", catalogue=True)
+    bench = Session.open("DEV-08")
     base = map_problem(bench.model, bench.observations)
     candidates = Candidates.of(bench.model, sagittal=bench.model.finger.judged_in == "sagittal").all
     rows, each = [], []

@@ -26,7 +26,7 @@ def carry_on(seed: int, most: int) -> dict[str, Any]:
     """Diagnose a session, and measure what the plan offers until the true name is sure."""
     from fingermodel.diagnosis.diagnose import diagnose
     from fingermodel.diagnosis.next_cases.next_cases import plan_next
-    from server.application.workflow import open_bench
+    from fingermodel.session import Session
     from tests.simulator import draw_session, draw_truth
 
     effects, _ = draw_truth("one", seed)
@@ -37,7 +37,7 @@ def carry_on(seed: int, most: int) -> dict[str, Any]:
     while True:
         with tempfile.TemporaryDirectory() as folder:
             draw_session(Path(folder), seed, effects, protocol=protocol_of(seed), further=further)
-            bench = open_bench(folder, catalogue=True)
+            bench = Session.open(folder)
             found = diagnose(bench.model, bench.observations)
         true = name.split(".")[0]
         track.append(sum(p for n, p in found.posterior.inclusion.items() if n in (name, true)))

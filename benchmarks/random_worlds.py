@@ -51,8 +51,8 @@ def base_seed(name: str | None) -> int:
 
 def one_session(seed: tuple[int, int], measured: str) -> dict[str, Any]:
     """Draw a session, diagnose it, and keep what was hidden and what was answered."""
+    from fingermodel.session import Session
     from server.application.diagnosing import diagnosis_answer, run_diagnosis
-    from server.application.workflow import open_bench
     from tests.random_worlds import write_world
 
     with tempfile.TemporaryDirectory() as folder:
@@ -61,7 +61,7 @@ def one_session(seed: tuple[int, int], measured: str) -> dict[str, Any]:
         row["mended"] = mended(Path(folder) / "session.yaml")
         began = time.perf_counter()
         try:
-            bench = open_bench(folder, catalogue=True)
+            bench = Session.open(folder)
             row["answer"] = scores.kept_of(diagnosis_answer(bench, run_diagnosis(bench)))
         except Exception as error:
             # Whatever it is, the user has no answer.

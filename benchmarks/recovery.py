@@ -64,11 +64,11 @@ def one_session(kind: Kind, seed: int, second: bool = False) -> dict[str, Any]:
     from fingermodel.diagnosis.answer.answer import suspects
     from fingermodel.diagnosis.diagnose import diagnose
     from fingermodel.diagnosis.verdict.verdict import stated_node
-    from server.application.workflow import open_bench
+    from fingermodel.session import Session
 
     with tempfile.TemporaryDirectory() as folder:
         drawn = draw(Path(folder), kind, seed, second)
-        bench = open_bench(folder, catalogue=True)
+        bench = Session.open(folder)
         found = diagnose(bench.model, bench.observations)
         posterior = found.posterior
         ranked = sorted(posterior.fits.values(), key=lambda f: -f.log_posterior)

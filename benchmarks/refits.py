@@ -15,7 +15,7 @@ from fingermodel.fingers import Topology
 from fingermodel.fitting.eq5 import independent_muscles, refit_slsqp
 from fingermodel.fitting.identification import refit_map
 from fingermodel.fitting.problems import Problem, eq5_problem, objective_at
-from server.application.workflow import open_bench
+from fingermodel.session import Session
 from tests.fingermodel.mujoco_finger import sharing
 
 Floats = NDArray[np.float64]
@@ -28,7 +28,7 @@ ACCURACY = 1e-8
 
 def main() -> None:
     """Time them and print the table."""
-    bench = open_bench(SESSION)
+    bench = Session.open(SESSION, catalogue=False)
     problem = eq5_problem(bench.model, bench.observations)
     rival = SeparateProblems(problem)
     wait_until_quiet()

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from benchmarks.machine import commit, publish
 from benchmarks.recovery import KINDS, protocol_of
 from fingermodel.diagnosis.model_free.frames import UNITS_N, rig_mistake
-from server.application.workflow import Bench, open_bench
+from fingermodel.session import Session
 from tests.simulator import draw_session, draw_truth
 
 Floats = NDArray[np.float64]
@@ -63,7 +63,7 @@ def main() -> None:
             seed = FIRST_SEED + k
             with tempfile.TemporaryDirectory() as folder:
                 draw_session(Path(folder), seed, *draw_truth(kind, seed), protocol=protocol_of(seed))
-                bench = open_bench(folder)
+                bench = Session.open(folder, catalogue=False)
             wrench = bench.observations.wrench
             found["as it is"]["not named" if said_of(bench, wrench) is None else "something else named"] += 1
             axes, names = drawn_axes(rng)
@@ -78,7 +78,7 @@ def main() -> None:
     publish(options.out, report(found, options.sessions))
 
 
-def said_of(bench: Bench, wrench: Floats) -> str | None:
+def said_of(bench: Session, wrench: Floats) -> str | None:
     """What is said of other readings of a session."""
     found = rig_mistake(bench.model, replace(bench.observations, wrench=wrench))
     return None if found is None else found.words

@@ -35,8 +35,8 @@ SHOWS = 3.0
 
 def one_session(seed: int, kind: str | None, acts: bool, scatter: float) -> dict[str, Any]:
     """Draw a session with a slip, diagnose it, and keep what was done and what was said."""
+    from fingermodel.session import Session
     from server.application.diagnosing import diagnosis_answer, run_diagnosis
-    from server.application.workflow import open_bench
 
     plan, effects = PROTOCOLS["dev"](), draw_truth("one", seed).effects if acts else {}
     done = Done(seed, scatter, kind)
@@ -45,14 +45,14 @@ def one_session(seed: int, kind: str | None, acts: bool, scatter: float) -> dict
         true = draw_session(place, seed, effects, nuisance_scale=1.0, done=done)
         said = draw_session(place / "as stated", seed, effects, nuisance_scale=1.0, done=lambda p: (done(p)[1], p))
         clean = draw_session(place / "clean", seed, effects, nuisance_scale=1.0)
-        bench = open_bench(place, catalogue=True)
+        bench = Session.open(place)
         began = time.perf_counter()
         body = diagnosis_answer(bench, run_diagnosis(bench))
         seconds = time.perf_counter() - began
         plain = None
         if acts and kind is not None:
             draw_session(place / "no slip", seed, effects, nuisance_scale=1.0, done=Done(seed, scatter))
-            bench = open_bench(place / "no slip", catalogue=True)
+            bench = Session.open(place / "no slip")
             plain = diagnosis_answer(bench, run_diagnosis(bench))["effects"]
     wrong = done.wrong(plan)
     moved = np.array([true.wrench[c][:3] - said.wrench[c][:3] for c in wrong]).reshape(-1, 3)

@@ -23,6 +23,7 @@ from scipy.optimize import linprog
 from scipy.sparse import block_diag, csr_matrix
 
 from benchmarks.machine import OWN_SHARE, Timing, commit, describe_machine, publish, repeat, wait_until_quiet
+from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.dynamics.inertia import ChainInertia, chain_inertia
 from fingermodel.dynamics.inverse import Movement, inverse_dynamics
 from fingermodel.dynamics.motion import read_motion
@@ -33,7 +34,6 @@ from fingermodel.muscles.muscle_files import read_muscles
 from fingermodel.recruitment.minmax import Recruitment, min_max
 from fingermodel.recruitment.moments import arms_and_excursions
 from fingermodel.studies.movement import work_out
-from server.application.workflow import prepare_jax
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from daq.errors import InputError, ModelError, SessionError
-    from fingermodel.api import Diagnosis, add, compare, diagnose, refit, save
+    from fingermodel.api import Diagnosis, add, diagnose, refit, save
+    from fingermodel.comparing import compare
     from fingermodel.comparison.comparison import CaseComparison, Comparison, ErrorSummary
     from fingermodel.diagnosis.answer.addition import Addition
     from fingermodel.effects.catalogue import CATALOGUE
@@ -68,7 +69,8 @@ __all__ = [
 
 _MODULES = {
     "daq.errors": ("InputError", "ModelError", "SessionError"),
-    "fingermodel.api": ("Diagnosis", "add", "compare", "diagnose", "refit", "save"),
+    "fingermodel.api": ("Diagnosis", "add", "diagnose", "refit", "save"),
+    "fingermodel.comparing": ("compare",),
     "fingermodel.comparison.comparison": ("CaseComparison", "Comparison", "ErrorSummary"),
     "fingermodel.diagnosis.answer.addition": ("Addition",),
     "fingermodel.effects.catalogue": ("CATALOGUE",),

@@ -1,4 +1,4 @@
-"""What is done with a session: compare, refit, diagnose, add, save. Values in, values out.
+"""What is done with a session: refit, diagnose, add, save. Values in, values out.
 
 The package exports these functions: `from fingermodel import Session, compare, refit, diagnose, add, save`.
 """
@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from daq.errors import InputError
-from fingermodel.comparison import comparison
-from fingermodel.comparison.comparison import Comparison
+from fingermodel.comparing import compare
 from fingermodel.diagnosis.answer.addition import Addition, add_effects
 from fingermodel.diagnosis.answer.answer import answer
 from fingermodel.diagnosis.diagnose import diagnose as search
@@ -32,28 +31,11 @@ if TYPE_CHECKING:
     from fingermodel.fingers import Plane
     from fingermodel.model_files import Revision
 
-__all__ = ["Diagnosis", "add", "compare", "diagnose", "refit", "save"]
+__all__ = ["Diagnosis", "add", "diagnose", "refit", "save"]
 
 Progress = Callable[[float], None]
 # Starts of the solver: enough to see whether other values fit as well, still about a second.
 STARTS = 8
-
-
-def compare(session: Session) -> Comparison:
-    """Compare the measured forces of a session with those that its model predicts.
-
-    Args:
-        session: with the model that predicts.
-
-    Example:
-        >>> from fingermodel import Session, compare
-        >>> comparison = compare(Session.open("DEV-02"))
-        >>> round(comparison.rmse_N("validation/tip"), 2)
-        0.26
-        >>> comparison.cases[0].residual_N.shape
-        (3,)
-    """
-    return comparison.compare(session.model, session.observations, session.theta)
 
 
 def refit(

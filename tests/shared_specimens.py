@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.comparison.observations import Observations
-from server.application.workflow import Bench, open_bench
+from fingermodel.session import Session
 from tests.simulator import draw_session
 
 Floats = NDArray[np.float64]
@@ -37,7 +37,7 @@ class TorqueLaw:
         return f"torque[{self.joint}] += k * t_{self.muscle}" + (f" * sin(q_{self.angle})" if self.angle else "")
 
 
-def specimen(folder: Path, seed: int, laws: tuple[TorqueLaw, ...], size: float = 0.8) -> tuple[Bench, Observations]:
+def specimen(folder: Path, seed: int, laws: tuple[TorqueLaw, ...], size: float = 0.8) -> tuple[Session, Observations]:
     """Draw a session of a specimen in which some laws act.
 
     Args:
@@ -47,7 +47,7 @@ def specimen(folder: Path, seed: int, laws: tuple[TorqueLaw, ...], size: float =
         size: of specimen and rig against the budget.
     """
     draw_session(folder, seed, {}, nuisance_scale=size)
-    bench = open_bench(folder, catalogue=True)
+    bench = Session.open(folder)
     observations, topology = bench.observations, bench.model.finger.topology
     wrench = observations.wrench.copy()
     posture, tension = np.asarray(observations.inputs.posture), np.asarray(observations.inputs.tension)
@@ -59,7 +59,7 @@ def specimen(folder: Path, seed: int, laws: tuple[TorqueLaw, ...], size: float =
     return bench, replace(observations, wrench=wrench)
 
 
-def _answer(bench: Bench, rotation: int) -> Floats:
+def _answer(bench: Session, rotation: int) -> Floats:
     """Change (cases, 6) of all readings per N mm of torque about a rotation, by virtual work on the stated finger."""
     from fingermodel.diagnosis.session_model.session import session_of
 

@@ -6,31 +6,33 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fingermodel import comparing
 from fingermodel.comparison.comparison import Comparison, compare
 from fingermodel.diagnosis.answer.addition import Addition, add_effects
 from fingermodel.effects.formula import formula_effect
 from fingermodel.effects.user import load_effect, shipped_effects
 from fingermodel.model_files import Step
+from fingermodel.session import Progress, Session
+from server.application.provenance import provenance
 from server.application.refitting import fit_body, refit_compared
-from server.application.workflow import Bench, Progress, compare_bench, provenance
 
 if TYPE_CHECKING:
     from fingermodel.stages import Effect
 
 
 def add_bench(
-    bench: Bench, names: Sequence[str], without: Sequence[str], tell: Progress | None = None
+    bench: Session, names: Sequence[str], without: Sequence[str], tell: Progress | None = None
 ) -> tuple[Comparison, Addition, Comparison]:
     """Refit with effects added and others taken out; errors before are those of the model as it was given."""
     held = bench.held_without(without)
-    before = compare_bench(bench)
+    before = comparing.compare(bench)
     start = bench.theta if bench.refitted else None
     addition = add_effects(bench.model, bench.observations, names, held=held, start=start, progress=tell)
     return before, addition, compare(bench.model, bench.observations, addition.fit.theta)
 
 
 def refitted_alone(
-    bench: Bench, names: Sequence[str], without: Sequence[str], tell: Progress | None = None
+    bench: Session, names: Sequence[str], without: Sequence[str], tell: Progress | None = None
 ) -> Comparison | None:
     """Compare the model refitted without what is to be added; None where nothing is."""
     if not names:
@@ -46,7 +48,7 @@ def addition_step(addition: Addition, without: Sequence[str], alone: Comparison 
 
 
 def addition_body(
-    bench: Bench,
+    bench: Session,
     addition: Addition,
     before: Comparison,
     alone: Comparison | None,

@@ -13,7 +13,9 @@ from daq.bench.record import BenchSetup
 from daq.bench.result import PUBLISHED_TENSION_FACTOR
 from daq.sessions.models import LoadCase, TensionEstimate
 from daq.signals.corrections import assemble
-from server.application.workflow import Bench, compare_bench, prepare_jax
+from fingermodel.comparing import compare
+from fingermodel.compiled.compilation import prepare_jax
+from fingermodel.session import Session
 
 Floats = NDArray[np.float64]
 Masses = tuple[tuple[str, float], ...]
@@ -107,8 +109,8 @@ def _predicted(setup: BenchSetup, model: str | None) -> Mapping[Key, Floats]:
     measured = assemble(session, {})
     layout, budget = layout_of(measured), budget_of(session.budget)
     loaded = load_model(model, session.id, session.finger, session.folder, layout, budget)
-    bench = Bench(measured, observe(measured, loaded.model.finger, loaded.model.budget), loaded)
-    forces = [np.asarray(c.predicted_N) for c in compare_bench(bench).cases]
+    bench = Session(measured, observe(measured, loaded.model.finger, loaded.model.budget), loaded)
+    forces = [np.asarray(c.predicted_N) for c in compare(bench).cases]
     return dict(zip(map(_key, session.cases), forces, strict=True))
 
 

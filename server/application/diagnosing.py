@@ -12,23 +12,24 @@ from fingermodel.diagnosis.answer.answer import nulls_beside
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.frozen import Confirmation, read_frozen, score
 from fingermodel.diagnosis.next_cases.next_cases import name_of, plan_next
-from server.application.workflow import Bench, at_fit, provenance
+from fingermodel.session import Session
+from server.application.provenance import provenance
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
 
-def run_diagnosis(bench: Bench, thorough: bool = False, tell: Any = None) -> Diagnosis:
+def run_diagnosis(bench: Session, thorough: bool = False, tell: Any = None) -> Diagnosis:
     """Diagnose a bench; effects that its model holds already are part of the base model."""
     return diagnose(bench, thorough=thorough, progress=tell).details
 
 
-def diagnosis_body(bench: Bench, diagnosis: Diagnosis, frozen: list[Path] | None = None) -> dict[str, Any]:
+def diagnosis_body(bench: Session, diagnosis: Diagnosis, frozen: list[Path] | None = None) -> dict[str, Any]:
     """The contract's answer, with what files of frozen predictions say; by default those in `models`."""
     return diagnosis_answer(bench, diagnosis, frozen_documents(bench, frozen))
 
 
-def diagnosis_answer(bench: Bench, diagnosis: Diagnosis, frozen: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+def diagnosis_answer(bench: Session, diagnosis: Diagnosis, frozen: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
     """The contract's answer.
 
     Args:
@@ -60,7 +61,7 @@ def bare_verdict(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def frozen_documents(bench: Bench, paths: list[Path] | None) -> list[dict[str, Any]]:
+def frozen_documents(bench: Session, paths: list[Path] | None) -> list[dict[str, Any]]:
     """Read frozen predictions: those given, or those of the session's specimen in `models`."""
     if paths is not None:
         return [read_frozen(path) for path in paths]
@@ -69,7 +70,7 @@ def frozen_documents(bench: Bench, paths: list[Path] | None) -> list[dict[str, A
     return [document for document in found if document["specimen"] == specimen]
 
 
-def confirmation(bench: Bench, diagnosis: Diagnosis, frozen: Sequence[Mapping[str, Any]]) -> Confirmation | None:
+def confirmation(bench: Session, diagnosis: Diagnosis, frozen: Sequence[Mapping[str, Any]]) -> Confirmation | None:
     """Hold predictions frozen earlier against what has been measured since; None where there are none."""
     session, best = bench.measured.session.id, name_of(diagnosis.best)
     scores = [score(document, best, session, bench.observations) for document in frozen]
@@ -77,7 +78,7 @@ def confirmation(bench: Bench, diagnosis: Diagnosis, frozen: Sequence[Mapping[st
     return (told or scores)[-1] if scores else None
 
 
-def drawn_effect(bench: Bench, body: Mapping[str, Any]) -> go.Figure | None:
+def drawn_effect(bench: Session, body: Mapping[str, Any]) -> go.Figure | None:
     """Draw the finger with what the verdict would add, in the case that it changes most; None where that is nothing."""
     from server.figures.effect_on_finger import effect_on_finger
     from server.figures.style import NothingToDrawError
@@ -87,6 +88,6 @@ def drawn_effect(bench: Bench, body: Mapping[str, Any]) -> go.Figure | None:
     if row is None:
         return None
     try:
-        return effect_on_finger(at_fit(bench, row["fit"]), added)
+        return effect_on_finger(bench.at_values(row["fit"]), added)
     except NothingToDrawError:
         return None

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from server.application.workflow import Bench, origin_of, readings_digest
+from fingermodel.session import Session, readings_digest
+from server.application.provenance import origin_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def draw_comparison(
-    bench: Bench,
+    bench: Session,
     comparison: Comparison,
     folder: Path,
     *,
@@ -56,7 +57,7 @@ def draw_comparison(
     return next(f for f in files if f.suffix == ".html")
 
 
-def comparison_notes(bench: Bench) -> list[str]:
+def comparison_notes(bench: Session) -> list[str]:
     """What the reader of a comparison should know of its corrections and its model."""
     measured = bench.measured
     factor = f"Friction factor c = {measured.tension_factor:g} ({measured.tension_factor_source})."

@@ -13,6 +13,7 @@ from daq.export.tables import sha256_of, sources_of
 from daq.sessions import find_session, read_session
 from daq.signals.corrections import measure
 from fingermodel.model_files import read_revision
+from fingermodel.session import Progress, Session
 from server.application.exporting import (
     ENDINGS,
     OF_MODELS,
@@ -25,7 +26,6 @@ from server.application.exporting import (
     write_whole,
     writing,
 )
-from server.application.workflow import Bench, Progress, open_bench
 
 
 def export_file(
@@ -85,7 +85,7 @@ def _export_revision(source: Path, file_format: str, out: Path | None, model: st
 def _export_session(
     source: str, file_format: str, out: Path | None, model: str | None, tell: Progress
 ) -> dict[str, Any]:
-    bench = open_bench(source, model, tell)
+    bench = Session.open(source, model, progress=tell, catalogue=False)
     session = bench.measured.session
     path = _path(out, session.id, file_format)
     about = about_bench(bench, sources_of(session, find_session(source)))
@@ -111,7 +111,7 @@ def _export_supplement(source: str, out: Path | None, model: str | None, tell: P
     if model is None:
         measured = measure(read_session(source), tell)
     else:
-        bench = open_bench(source, model, tell)
+        bench = Session.open(source, model, progress=tell, catalogue=False)
         measured, models = bench.measured, _revisions(model, bench)
     path = _path(out, measured.session.id, "supplement")
     with writing(path):
@@ -119,7 +119,7 @@ def _export_supplement(source: str, out: Path | None, model: str | None, tell: P
     return {"file": str(path), "rows": rows, "replaced": replaced}
 
 
-def _revisions(model: str, bench: Bench) -> list[dict[str, Any]]:
+def _revisions(model: str, bench: Session) -> list[dict[str, Any]]:
     """The document of the model, and of the revisions before it that lie beside it."""
     path = Path(model)
     if path.suffix != ".json":

@@ -12,13 +12,14 @@ from daq.export.excel import write_excel
 from daq.export.formats import write_hdf5, write_mat
 from daq.export.supplement import model_members, write_supplement
 from daq.export.tables import case_columns, software, window_columns, write_columns, write_table
+from fingermodel.comparing import compare
 from fingermodel.diagnosis import settings
 from fingermodel.fingers.files import finger_names, read_finger
-from server.application.workflow import Bench, compare_bench
+from fingermodel.session import Session
 
 if TYPE_CHECKING:
     from daq.measured import MeasuredSession
-    from daq.sessions.models import Session
+    from daq.sessions.models import Session as BenchSession
     from fingermodel.comparison.comparison import Comparison
     from fingermodel.model_files import Revision
 
@@ -77,18 +78,18 @@ def about_revision(revision: Revision, sources: Mapping[str, str]) -> dict[str, 
     }
 
 
-def bench_columns(bench: Bench, hidden: Collection[str] = ()) -> dict[str, list[Any]]:
+def bench_columns(bench: Session, hidden: Collection[str] = ()) -> dict[str, list[Any]]:
     """Measured and predicted cases as columns, one row a case.
 
     Args:
         bench: session and model.
         hidden: cases whose predictions are left empty.
     """
-    columns = {**case_columns(bench.measured), **_predicted_columns(compare_bench(bench), hidden)}
+    columns = {**case_columns(bench.measured), **_predicted_columns(compare(bench), hidden)}
     return columns | {"model": [bench.loaded.name] * len(columns["id"])}
 
 
-def about_bench(bench: Bench, sources: Mapping[str, Any], hidden: Collection[str] = ()) -> dict[str, Any]:
+def about_bench(bench: Session, sources: Mapping[str, Any], hidden: Collection[str] = ()) -> dict[str, Any]:
     """What a table of cases came from; `sources` are fingerprints by name."""
     measured = bench.measured
     notes = list(measured.notes)
@@ -105,8 +106,8 @@ def about_bench(bench: Bench, sources: Mapping[str, Any], hidden: Collection[str
 
 
 def write_whole(
-    bench: Bench,
-    session: Session,
+    bench: Session,
+    session: BenchSession,
     path: Path,
     file_format: str,
     about: Mapping[str, Any],
@@ -129,7 +130,7 @@ def write_whole(
 
 def write_paper(
     measured: MeasuredSession,
-    bench: Bench | None,
+    bench: Session | None,
     models: Sequence[Mapping[str, Any]],
     path: Path,
     session_file: Path,
@@ -167,7 +168,7 @@ def write_paper(
     return len(columns["id"]), replaced
 
 
-def own_finger(session: Session) -> dict[str, Any] | None:
+def own_finger(session: BenchSession) -> dict[str, Any] | None:
     """The document of the session's finger, where it does not come with the software."""
     if session.finger in finger_names() and not (session.folder and (session.folder / session.finger).is_file()):
         return None

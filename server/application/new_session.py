@@ -19,11 +19,11 @@ from daq.lab.levels import Level, find_levels
 from daq.lab.notebook import Note, read_notes
 from daq.recordings.readings import ReadingBlock, write_readings
 from daq.sessions import parse_session, write_session
-from daq.sessions.models import Session
+from daq.sessions.models import Session as BenchSession
 from daq.vocabulary import did_you_mean
 
 if TYPE_CHECKING:
-    from server.application.workflow import Bench
+    from fingermodel.session import Session
 
 READINGS, MAPPING, SESSION = "readings.parquet", "map.yaml", "session.yaml"
 HEADER = ("specimen", "finger", "tension_factor", "load_cell", "gravity_m_s2", "environment", "budget")
@@ -149,7 +149,7 @@ def lacking(wanted: Sequence[str], postures: Mapping[str, Any]) -> list[str]:
     return [name for name in dict.fromkeys(wanted) if name not in postures]
 
 
-def session_of(document: Mapping[str, Any]) -> Session:
+def session_of(document: Mapping[str, Any]) -> BenchSession:
     """Return the session that a document describes.
 
     Raises:
@@ -163,7 +163,7 @@ def session_of(document: Mapping[str, Any]) -> Session:
 
 def write_new(
     out: Path,
-    session: Session,
+    session: BenchSession,
     blocks: Sequence[ReadingBlock],
     mapping: LabFileMap | None,
     finger: Path | None = None,
@@ -187,7 +187,7 @@ def write_new(
     write_session(session, out)
 
 
-def suspects(bench: Bench) -> list[Suspect]:
+def suspects(bench: Session) -> list[Suspect]:
     """Return the cases whose reading looks much more like another load than like what was entered, worst first.
 
     The finger is taken as it is, without fitting anything, so that only what is far off is named: a reading of which

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any
 from daq.audit import note
 from daq.errors import ModelError
 from fingermodel.diagnosis.next_cases.frozen import freeze, write_frozen
-from server.application.workflow import Bench, provenance, readings_digest
+from fingermodel.session import Session, readings_digest
+from server.application.provenance import provenance
 
 if TYPE_CHECKING:
     from fingermodel.diagnosis.diagnose import Diagnosis
     from fingermodel.diagnosis.next_cases.next_cases import Plan
 
 
-def plan_body(bench: Bench, diagnosis: Diagnosis, plan: Plan) -> dict[str, Any]:
+def plan_body(bench: Session, diagnosis: Diagnosis, plan: Plan) -> dict[str, Any]:
     """The answer, without the place of what was frozen."""
     return provenance(bench) | {
         "verdict": diagnosis.verdict.kind,
@@ -26,7 +27,7 @@ def plan_body(bench: Bench, diagnosis: Diagnosis, plan: Plan) -> dict[str, Any]:
     }
 
 
-def freeze_plan(bench: Bench, plan: Plan, out: Path | None) -> Path:
+def freeze_plan(bench: Session, plan: Plan, out: Path | None) -> Path:
     """Write the plan's predictions down before the cases are measured."""
     document = frozen_plan(bench, plan, readings_digest(bench.measured))
     path = out or Path("models") / f"{bench.measured.session.id}-frozen-{document['sha256'][:8]}.json"
@@ -36,7 +37,7 @@ def freeze_plan(bench: Bench, plan: Plan, out: Path | None) -> Path:
     return path
 
 
-def frozen_plan(bench: Bench, plan: Plan, readings_sha256: str | None) -> dict[str, Any]:
+def frozen_plan(bench: Session, plan: Plan, readings_sha256: str | None) -> dict[str, Any]:
     """Return the document of the plan's predictions.
 
     Raises:

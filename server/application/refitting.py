@@ -5,20 +5,22 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from fingermodel.comparison.comparison import Comparison, compare
-from server.application.workflow import Bench, Progress, compare_bench, refit_bench
+from fingermodel.api import refit
+from fingermodel.comparing import compare
+from fingermodel.comparison.comparison import Comparison
+from fingermodel.session import Progress, Session
 
 if TYPE_CHECKING:
     from fingermodel.fitting.fit_report import Fit
 
 
 def refit_compared(
-    bench: Bench, method: str = "map", plane: str | None = None, tell: Progress | None = None
+    bench: Session, method: str = "map", plane: str | None = None, tell: Progress | None = None
 ) -> tuple[Comparison, Fit, Comparison]:
     """Refit a bench's model, with the comparison before and after."""
-    before = compare_bench(bench)
-    fit = refit_bench(bench, method, plane, progress=tell)
-    return before, fit, compare(bench.model, bench.observations, fit.theta)
+    before = compare(bench)
+    fit = refit(bench, method, plane=plane, progress=tell)  # type: ignore[arg-type]  # refused by its value
+    return before, fit, compare(bench.at(fit))
 
 
 def fit_body(fit: Fit, before: Comparison, after: Comparison) -> dict[str, Any]:

@@ -9,10 +9,11 @@ from daq.errors import InputError
 from fingermodel.effects.catalogue import CATALOGUE, EFFECTS
 from fingermodel.effects.formula_tree import near
 from fingermodel.model_files import free_path, require_new
+from fingermodel.revisions import save_revision
+from fingermodel.session import Session
 from server.application.additions import add_bench, addition_body, addition_step, refitted_alone, resolved_effects
 from server.application.catalogue import effect_row
 from server.application.drawing import draw_comparison
-from server.application.workflow import open_bench, save_revision
 from server.commands.console import answer, progress, say, table
 from server.commands.twin import print_fall, print_fit, say_first
 
@@ -60,7 +61,7 @@ def _add_to_session(
         require_new(out)
     chosen, own = resolved_effects(effects)
     with progress("Reading and correcting") as tell:
-        bench = open_bench(session, model, tell, catalogue=True, effects=own)
+        bench = Session.open(session, model, progress=tell, effects=own)
     with progress("Refitting") as tell:
         before, addition, after = add_bench(bench, chosen, without, tell)
     with progress("Refitting without it") as tell:

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from fingermodel.parameters import with_unit
+from fingermodel.session import Session, readings_digest
 from server.application.diagnosing import bare_verdict, diagnosis_body, drawn_effect, run_diagnosis
-from server.application.workflow import bench_of, open_bench, origin_of, readings_digest
+from server.application.provenance import origin_of
 from server.commands.console import answer, progress, say, table
 from server.commands.twin import say_first
 
@@ -26,12 +27,12 @@ def diagnose_session(
 ) -> None:
     """Diagnose one session and show it."""
     with progress("Reading and correcting") as tell:
-        bench = open_bench(session, model, tell, catalogue=True, effects=effects)
+        bench = Session.open(session, model, progress=tell, effects=effects)
     with progress("Fitting every effect") as tell:
         diagnosis = run_diagnosis(bench, thorough, tell)
     body = diagnosis_body(bench, diagnosis, frozen)
     if bench.measured.session.amendments:
-        entered = bench_of(bench.measured.as_entered, model, catalogue=True, effects=effects)
+        entered = Session.of(bench.measured.as_entered, model, effects=effects)
         with progress("The same without the amendments") as tell:
             body["without_amendments"] = bare_verdict(run_diagnosis(entered, thorough, tell))
     page = None

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from fingermodel.session import Session
 from fingermodel.studies.inversion import invert_bench
 from fingermodel.studies.inverted import Assigned, Inversion, InvertedCase
-from server.application.workflow import open_bench, provenance
+from server.application.provenance import provenance
 from server.commands.console import answer, progress, say, table
 
 
@@ -18,7 +19,7 @@ def invert_session(session: str, closure: str, model: str | None, figures: Path 
         ModelError: a finger that the closure does not fit.
     """
     with progress("Reading and correcting") as tell:
-        bench = open_bench(session, model, tell)
+        bench = Session.open(session, model, progress=tell, catalogue=False)
     with progress("Inverting"):
         inversion = invert_bench(bench, closure)
     name, about = bench.measured.session.id, provenance(bench)

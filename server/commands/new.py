@@ -23,7 +23,8 @@ from daq.lab.proposals import OF_THE_FILE, grounds, propose_mapping
 from daq.lab.traces import as_recording
 from daq.sessions import plain_document, read_session, read_yaml
 from fingermodel.fingers.files import finger_names, read_finger
-from fingermodel.fingers.finger import Finger
+from fingermodel.fingers import Finger
+from fingermodel.session import Session
 from server.application.exporting import writing
 from server.application.new_session import (
     MAPPING,
@@ -44,7 +45,6 @@ from server.application.new_session import (
     suspects,
     write_new,
 )
-from server.application.workflow import open_bench
 from server.commands.console import answer, progress, say, table
 from server.commands.mapping_dialogue import settled
 from server.commands.questions import ask, ask_postures, lines, number
@@ -160,7 +160,7 @@ def _suspects(folder: Path) -> tuple[list[Suspect], str]:
     """Cases that look like something else, or why the model could not be held against the session."""
     try:
         with progress("Holding each case against the model"):
-            return suspects(open_bench(folder)), ""
+            return suspects(Session.open(folder, catalogue=False)), ""
     except InputError as error:
         return [], str(error)
 

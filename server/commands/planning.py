@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from fingermodel.diagnosis.next_cases.next_cases import plan_next
+from fingermodel.session import Session
 from server.application.diagnosing import run_diagnosis
 from server.application.planning import freeze_plan, plan_body
-from server.application.workflow import open_bench
 from server.commands.console import answer, progress, say, table
 from server.commands.twin import say_first
 
@@ -17,7 +17,7 @@ def next_cases(
 ) -> None:
     """Diagnose a session, rank what could be measured next, and freeze what the explanations say of it."""
     with progress("Reading and correcting") as tell:
-        bench = open_bench(session, model, tell, catalogue=True, effects=effects)
+        bench = Session.open(session, model, progress=tell, effects=effects)
     with progress("Fitting every effect") as tell:
         diagnosis = run_diagnosis(bench, False, tell)
     with progress("Weighing load cases"):

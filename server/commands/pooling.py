@@ -9,9 +9,9 @@ from typing import Any
 from daq.errors import InputError
 from fingermodel.diagnosis.several_sessions.several import Pooled, diagnose_pooled
 from fingermodel.parameters import with_unit
+from fingermodel.session import Session
 from server.application.diagnosing import diagnosis_body
 from server.application.pooling import pooled_body, write_law
-from server.application.workflow import open_bench
 from server.commands.console import answer, progress, say, table
 from server.commands.twin import say_first
 
@@ -42,7 +42,7 @@ def diagnose_sessions(
     benches = []
     for name in sessions:
         with progress(f"Reading {name}") as tell:
-            benches.append(open_bench(name, model, tell, catalogue=True, effects=effects))
+            benches.append(Session.open(name, model, progress=tell, effects=effects))
     with progress("Fitting every effect to every session") as tell:
         pooled = diagnose_pooled(
             [(b.measured.session.id, b.model, b.observations) for b in benches],

@@ -7,17 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
+from fingermodel.comparing import compare
 from fingermodel.fitting.fit_report import CORRELATED, Fit, FittedParameter
 from fingermodel.model_files import free_path, require_new
+from fingermodel.revisions import save_revision
+from fingermodel.session import Session
 from server.application.drawing import draw_comparison
+from server.application.provenance import provenance
 from server.application.refitting import fit_body, refit_compared
-from server.application.workflow import (
-    Bench,
-    compare_bench,
-    open_bench,
-    provenance,
-    save_revision,
-)
 from server.commands.amend import amended_line
 from server.commands.console import answer, progress, say, shown, table
 
@@ -33,8 +30,8 @@ def compare_session(
 ) -> None:
     """Compare a session with a model and show it."""
     with progress("Reading and correcting") as tell:
-        bench = open_bench(session, model, tell, effects=effects)
-    comparison = compare_bench(bench)
+        bench = Session.open(session, model, progress=tell, effects=effects, catalogue=False)
+    comparison = compare(bench)
     body = provenance(bench) | comparison.as_dict()
     page = draw_comparison(bench, comparison, figures) if figures else None
     if page:
@@ -63,7 +60,7 @@ def refit_session(
     if out is not None:
         require_new(out)
     with progress("Reading and correcting") as tell:
-        bench = open_bench(session, model, tell, effects=effects)
+        bench = Session.open(session, model, progress=tell, effects=effects, catalogue=False)
     with progress("Refitting") as tell:
         before, fit, after = refit_compared(bench, method, plane, tell)
     path = out or free_path(Path("models"), bench.measured.session.id)
@@ -90,7 +87,7 @@ def say_first(body: Mapping[str, Any]) -> None:
         say(amended_line(row))
 
 
-def print_comparison(bench: Bench, comparison: Comparison) -> None:
+def print_comparison(bench: Session, comparison: Comparison) -> None:
     """Print the errors, then case by case, then by muscle and posture."""
     name = f"{bench.measured.session.id} against {bench.loaded.name}"
     table(f"{name}: errors of the predicted force", *_errors(comparison.summary()), _OF_ERRORS)

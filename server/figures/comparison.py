@@ -97,7 +97,7 @@ def comparison_report(
         theta: fitted parameters of `comparison`.
         model_name: for titles.
         notes: further sentences for the beginning.
-        origin: what the report rests on (see `workflow.origin_of`).
+        origin: what the report rests on (see `origin_of`).
         static: whether to write PNG and SVG.
 
     Returns:

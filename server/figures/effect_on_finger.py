@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fingermodel import api
+from fingermodel import comparing
 from fingermodel.comparison.comparison import PLANES
 from fingermodel.session import Session
 from server.figures.before import with_before
@@ -29,7 +29,7 @@ def effect_on_finger(bench: Session, effects: Sequence[str], case: str | None = 
     Raises:
         NothingToDrawError: no such case, or the effects change nothing.
     """
-    within, without = api.compare(bench).cases, api.compare(bench.without(effects)).cases
+    within, without = comparing.compare(bench).cases, comparing.compare(bench.without(effects)).cases
     count = PLANES[bench.model.finger.judged_in]
     changes = {
         a.id: round(float(np.linalg.norm((a.predicted_N - b.predicted_N)[:count])), 3)

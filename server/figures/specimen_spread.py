@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from fingermodel import api
+from fingermodel import comparing
 from fingermodel.comparison.comparison import Comparison
 from fingermodel.session import Session
 from server.figures.arrows import Spread, spread_between
@@ -20,4 +20,4 @@ def spread_of(session: Session, comparison: Comparison) -> Mapping[str, Spread] 
     folder = session.measured.session.folder
     own = [folder.parent / str(m) for m in members] if folder else []
     paths = [p if p.is_dir() else Path(str(m)) for p, m in zip(own, members, strict=False)]
-    return spread_between(comparison, [api.compare(Session.open(p, catalogue=False)) for p in paths])
+    return spread_between(comparison, [comparing.compare(Session.open(p, catalogue=False)) for p in paths])

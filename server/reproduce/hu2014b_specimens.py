@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from fingermodel import api
-from fingermodel.comparison.comparison import compare
+from fingermodel import api, comparing
 from fingermodel.session import Session
 from server.reproduce.study import Progress, Sheet
 
@@ -22,7 +21,10 @@ def against_rhombus(progress: Progress) -> tuple[Sheet, dict[str, Any]]:
         for k, (finger, title) in enumerate(FINGERS.items()):
             bench = Session.open(f"synek2019_{specimen}", finger, catalogue=False)
             fit = api.refit(bench)
-            compared = {"before": api.compare(bench), "after": compare(bench.model, bench.observations, fit.theta)}
+            compared = {
+                "before": comparing.compare(bench),
+                "after": comparing.compare(bench.at(fit)),
+            }
             errors = {
                 when: {
                     key: one.select(*key.split("/")).errors("sagittal")

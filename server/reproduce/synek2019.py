@@ -10,7 +10,7 @@ import numpy as np
 from daq.sessions import read_session
 from daq.signals.corrections import measure
 from daq.signals.friction import friction
-from fingermodel import api
+from fingermodel import api, comparing
 from fingermodel.comparison.comparison import Comparison, compare
 from fingermodel.comparison.superposition import superposition
 from fingermodel.scaling import mean_moment_arms
@@ -111,7 +111,7 @@ def published_rows() -> list[Row]:
 def _plots() -> list[Plot]:
     """The mean human finger under the published model, beside the model before its optimisation."""
     bench = Session.open("synek2019_HMEAN", "synek2019_optimised", catalogue=False)
-    before, comparison = api.compare(Session.open("synek2019_HMEAN", catalogue=False)), api.compare(bench)
+    before, comparison = comparing.compare(Session.open("synek2019_HMEAN", catalogue=False)), comparing.compare(bench)
     plans = comparison_plans(
         bench.model,
         bench.observations,
@@ -163,8 +163,8 @@ def _friction_rows() -> list[Row]:
 
 
 def _identification_rows(mean: Session, optimised: Session) -> list[Row]:
-    initial = api.compare(mean).select("identification", "tip")
-    best = api.compare(optimised).select("identification", "tip")
+    initial = comparing.compare(mean).select("identification", "tip")
+    best = comparing.compare(optimised).select("identification", "tip")
     refitted = _after(mean, "slsqp").select("identification", "tip")
     rows = []
     for name, comparison, rmse, relative in (
@@ -233,7 +233,7 @@ def _mean_arms(bench: Session) -> dict[tuple[str, str], float]:
 
 
 def _validation_rows(optimised: Session) -> list[Row]:
-    comparison = api.compare(optimised)
+    comparison = comparing.compare(optimised)
     rows = []
     for location, numbers in (("tip", ("3.10", "0.25", "11.03")), ("bone", ("3.32", "0.16", "2.34"))):
         e = comparison.select("validation", location).errors("sagittal")
@@ -274,7 +274,7 @@ def _ratio_rows(optimised: Session) -> list[Row]:
 
 def _bonobo_rows() -> list[Row]:
     bench = Session.open("synek2019_B01", catalogue=False)
-    before = api.compare(bench)
+    before = comparing.compare(bench)
     after = _after(bench, "map")
     tension, bone = _ratios(bench.model, bench.observations)
     arms = _mean_arms(bench)
@@ -317,11 +317,11 @@ def _bonobo_rows() -> list[Row]:
 
 def _fit(session: str, name: str) -> SpecimenFit:
     bench = Session.open(session, catalogue=False)
-    before = api.compare(bench)
+    before = comparing.compare(bench)
     return SpecimenFit(
         name,
         {
-            "published_model": api.compare(Session.open(session, "synek2019_optimised", catalogue=False)),
+            "published_model": comparing.compare(Session.open(session, "synek2019_optimised", catalogue=False)),
             "published_method": _after(bench, "slsqp"),
             "ours": _after(bench, "map"),
             "superposition": superposition(bench.model, bench.observations, before),

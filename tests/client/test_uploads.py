@@ -15,9 +15,10 @@ from daq.locations import data_dir
 from daq.recordings.readings import open_readings
 from daq.sessions import find_session, read_session
 from daq.uplink.recording import STREAM
+from fingermodel.comparing import compare
+from fingermodel.session import Session
 from fingertwin.client import Client, ServiceError, ServiceUnreachableError
 from fingertwin.client import upload as uploading
-from server.application.workflow import compare_bench, open_bench
 from tests.client.services import URL, InProcess, receiver_in
 from tests.server.service.running import ServiceReceiver
 
@@ -36,7 +37,7 @@ def recorded(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("name", ["DEV-01", "synek2019_H01"])
 def test_an_uploaded_session_compares_as_on_the_command_line(twin: Client, name: str) -> None:
-    local = compare_bench(open_bench(name)).as_dict()
+    local = compare(Session.open(name, catalogue=False)).as_dict()
     comparison = twin.upload(name).compare()
     assert [c.id for c in comparison.cases] == [c["id"] for c in local["cases"]]
     for key in ("measured_N", "measured_sd_N", "predicted_N", "residual_N"):
@@ -133,7 +134,7 @@ def test_a_finger_of_ones_own_comes_along(twin: Client, tmp_path: Path) -> None:
     folder = copied("synek2019_H02", tmp_path / "own", id="T-3", finger="mine.yaml")
     text = (data_dir() / "fingers" / "synek2019_optimised.yaml").read_text(encoding="utf-8")
     (folder / "mine.yaml").write_text(text, encoding="utf-8")
-    local = compare_bench(open_bench(folder)).summary()
+    local = compare(Session.open(folder, catalogue=False)).summary()
     session = twin.upload(folder)
     # No revision stands for it yet, so both are the finger that came along, which has no name in the service.
     for comparison in (session.compare(model=None), session.compare()):

@@ -18,9 +18,13 @@ from daq.export.redaction import Redactor
 from daq.export.supplement import versions, write_supplement
 from daq.export.tables import case_columns
 from daq.recordings.readings import ReadingBlock
-from daq.sessions import Session, read_session
+from daq.sessions import Session as BenchSession
+from daq.sessions import read_session
 from daq.signals.corrections import measure
-from server.application.workflow import compare_bench, open_bench, refit_bench, save_revision
+from fingermodel.api import refit
+from fingermodel.comparing import compare
+from fingermodel.revisions import save_revision
+from fingermodel.session import Session
 from server.commands.files import export_source
 from tests.daq.benches import WRENCH, bench, record, recorded, save
 
@@ -69,7 +73,7 @@ def recording() -> ReadingBlock:
     return record([np.asarray(level) for level in levels], noise=0.01)
 
 
-def supplement(session: Session, file: Path, **more: Any) -> dict[str, bytes]:
+def supplement(session: BenchSession, file: Path, **more: Any) -> dict[str, bytes]:
     """Write a supplement and return its members."""
     measured = measure(session)
     write_supplement(measured, case_columns(measured), file, about=ABOUT, **more)
@@ -256,10 +260,10 @@ def test_a_session_of_averaged_forces(tmp_path: Path) -> None:
 
 def test_the_command_adds_model_revisions_seeds_and_commands(tmp_path: Path) -> None:
     first, second = tmp_path / "models" / "H01-r1.json", tmp_path / "models" / "H01-r2.json"
-    opened = open_bench("synek2019_H01")
-    fit, summary = refit_bench(opened), compare_bench(opened).summary()
+    opened = Session.open("synek2019_H01", catalogue=False)
+    fit, summary = refit(opened), compare(opened).summary()
     save_revision(opened, fit, first, summary, summary)
-    save_revision(open_bench("synek2019_H01", str(first)), fit, second, summary, summary)
+    save_revision(Session.open("synek2019_H01", str(first), catalogue=False), fit, second, summary, summary)
     made = json.loads(second.read_text(encoding="utf-8"))
     export_source("synek2019_H01", "supplement", tmp_path / "x.zip", str(second), str(tmp_path / "answer.json"))
     with zipfile.ZipFile(tmp_path / "x.zip") as archive:
@@ -284,7 +288,7 @@ def test_the_command_adds_model_revisions_seeds_and_commands(tmp_path: Path) -> 
         "fingertwin refit session.yaml --model synek2019_initial --out again-1.json --method map",
     ]
     # What lies in the archive predicts what the table says.
-    again = compare_bench(open_bench(folder / "session.yaml", str(folder / "models" / "model.json")))
+    again = compare(Session.open(folder / "session.yaml", str(folder / "models" / "model.json"), catalogue=False))
     header, *rows = (folder / "cases.csv").read_text(encoding="utf-8").splitlines()
     column = header.split(",").index("predicted_Fy_N")
     assert [float(r.split(",")[column]) for r in rows] == [float(c.predicted_N[1]) for c in again.cases]
@@ -302,7 +306,7 @@ def test_a_finger_of_ones_own_comes_along(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "x.zip") as archive:
         archive.extractall(tmp_path / "unpacked")
     assert read_session(tmp_path / "unpacked").finger == "finger.yaml"
-    again, original = (compare_bench(open_bench(f)) for f in (tmp_path / "unpacked", folder))
+    again, original = (compare(Session.open(f, catalogue=False)) for f in (tmp_path / "unpacked", folder))
     np.testing.assert_array_equal(again.cases[0].predicted_N, original.cases[0].predicted_N)
 
 

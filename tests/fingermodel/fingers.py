@@ -9,20 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.fingers import Finger, FingerValues, Joint, Segment, Topology
-from server.application.workflow import Bench, open_bench
 
 Floats = NDArray[np.float64]
 PUBLISHED = ("synek2019_H01", "synek2019_H02", "synek2019_H03", "synek2019_B01", "synek2019_HMEAN")
 FINGERS = ("an1979_middle", "synek2019_initial", "synek2019_optimised", "synek2019_bonobo")
-__all__ = [
-    "FINGERS",
-    "PUBLISHED",
-    "Bench",
-    "open_bench",
-    "random_case",
-    "six_axes",
-    "straight",
-]
 
 
 def straight(finger: Finger) -> Finger:

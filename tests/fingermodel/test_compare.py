@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fingermodel.comparing import compare
 from fingermodel.comparison.comparison import CaseComparison, Comparison, summarise
 from fingermodel.comparison.superposition import superposition
-from server.application.workflow import compare_bench
-from tests.fingermodel.fingers import PUBLISHED, open_bench
+from fingermodel.session import Session
+from tests.fingermodel.fingers import PUBLISHED
 
 
 def case(measured: list[float], predicted: list[float], sd: float = 0.01, **changes: str) -> CaseComparison:
@@ -63,7 +64,7 @@ def test_errors_do_not_depend_on_the_axes_and_relative_ones_not_on_the_unit(angl
 
 def test_every_case_is_in_exactly_one_summary() -> None:
     for name in PUBLISHED:
-        comparison = compare_bench(open_bench(name))
+        comparison = compare(Session.open(name, catalogue=False))
         assert sum(s["space"]["cases"] for s in comparison.summary().values()) == len(comparison.cases) == 40
         for what in ("muscles", "posture", "location"):
             assert sum(s["space"]["cases"] for s in comparison.by(what).values()) == 40
@@ -71,8 +72,8 @@ def test_every_case_is_in_exactly_one_summary() -> None:
 
 def test_superposition_limit_is_the_published_one() -> None:
     """Tip 2.69° and 6.3 %, bone 3.94° and 2.60 % for the mean human: single-tendon forces simply added."""
-    bench = open_bench("synek2019_HMEAN")
-    limit = superposition(bench.model, bench.observations, compare_bench(bench))
+    bench = Session.open("synek2019_HMEAN", catalogue=False)
+    limit = superposition(bench.model, bench.observations, compare(bench))
     tip, bone = (limit.select("validation", where).errors("sagittal") for where in ("tip", "bone"))
     assert tip.direction_error_deg == pytest.approx(2.69, abs=0.005)
     assert tip.magnitude_error_pct == pytest.approx(6.3, abs=0.05)
@@ -81,8 +82,8 @@ def test_superposition_limit_is_the_published_one() -> None:
 
 
 def test_z_is_the_residual_in_standard_uncertainties() -> None:
-    bench = open_bench("DEV-01")
-    comparison = compare_bench(bench)
+    bench = Session.open("DEV-01", catalogue=False)
+    comparison = compare(bench)
     i = 7
     block = bench.observations.case_covariance[i][:3, :3]
     residual = comparison.cases[i].measured_N - comparison.cases[i].predicted_N

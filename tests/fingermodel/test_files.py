@@ -20,7 +20,8 @@ from fingermodel.fingers.files import finger_document, finger_names, read_finger
 from fingermodel.fitting.identification import refit_map
 from fingermodel.fitting.problems import map_problem
 from fingermodel.model_files import free_path, load_model, read_revision, revision_document, write_revision
-from tests.fingermodel.fingers import FINGERS, open_bench
+from fingermodel.session import Session
+from tests.fingermodel.fingers import FINGERS
 
 
 def test_shipped_fingers_are_the_known_ones() -> None:
@@ -122,7 +123,7 @@ def test_a_wrong_name_is_met_with_the_right_one() -> None:
 
 
 def test_a_revision_predicts_what_the_fit_did_and_keeps_its_parent(tmp_path: Path) -> None:
-    bench = open_bench("synek2019_H02")
+    bench = Session.open("synek2019_H02", catalogue=False)
     fit = refit_map(map_problem(bench.model, bench.observations))
     after = compare(bench.model, bench.observations, fit.theta)
     document = revision_document(bench.model, fit, bench.loaded.parent, "synek2019_H02", {}, after.summary(), None)
@@ -133,14 +134,14 @@ def test_a_revision_predicts_what_the_fit_did_and_keeps_its_parent(tmp_path: Pat
     with pytest.raises(ModelError, match="never overwritten"):
         write_revision(document, path)
 
-    again = open_bench("synek2019_H02", str(path))
+    again = Session.open("synek2019_H02", str(path), catalogue=False)
     assert again.loaded.parent == document["id"]
     assert read_revision(path).parent == "synek2019_initial"
     repeated = compare(again.model, again.observations, again.theta)
     assert_allclose([c.predicted_N for c in repeated.cases], [c.predicted_N for c in after.cases], atol=1e-9)
 
     # On another specimen its anatomy holds, and the errors of this rig do not.
-    other = open_bench("synek2019_H03", str(path))
+    other = Session.open("synek2019_H03", str(path), catalogue=False)
     assert "errors of that rig are not" in other.loaded.notes[0]
     budget = other.model.parameters.of_kind("budget")
     assert not other.theta[budget].any()
@@ -171,13 +172,13 @@ def test_damaged_revisions_get_one_line(text: str, tmp_path: Path) -> None:
 
 
 def test_no_model_file() -> None:
-    bench = open_bench("synek2019_H01")
+    bench = Session.open("synek2019_H01", catalogue=False)
     with pytest.raises(ModelError, match="no model file"):
         load_model("absent.json", "x", "an1979_middle", None, layout_of(bench.measured), bench.model.budget)
 
 
 def test_revision_holds_only_plain_json(tmp_path: Path) -> None:
-    bench = open_bench("synek2019_H01")
+    bench = Session.open("synek2019_H01", catalogue=False)
     fit = refit_map(map_problem(bench.model, bench.observations))
     document = revision_document(bench.model, fit, "x", "y", {}, {}, None)
     text = json.dumps(document, allow_nan=False)

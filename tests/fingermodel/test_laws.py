@@ -19,9 +19,10 @@ from fingermodel.fingers import FingerValues, Topology
 from fingermodel.fingers.files import read_finger
 from fingermodel.kinematics import TipKinematics, joint_poses, tip_kinematics
 from fingermodel.model import clamp_forces_batch, jax_values, posture_moment_arms
+from fingermodel.session import Session
 from fingermodel.statics import ClampForces, clamp_forces, joint_loads, joint_torques
 from fingermodel.tendons import joint_pulls, segment_lengths
-from tests.fingermodel.fingers import FINGERS, open_bench, random_case, six_axes, straight
+from tests.fingermodel.fingers import FINGERS, random_case, six_axes, straight
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -128,7 +129,7 @@ def test_wrapped_arms_stay_as_they_are_at_zero(finger_name: str) -> None:
 
 
 def test_derivatives_with_respect_to_every_parameter_agree_with_differences() -> None:
-    bench = open_bench("synek2019_H01")
+    bench = Session.open("synek2019_H01", catalogue=False)
     model, inputs = bench.model, bench.observations.inputs
     case = jax.tree.map(lambda field: field[:1], inputs)
     rng = np.random.default_rng(3)
@@ -145,7 +146,7 @@ def test_derivatives_with_respect_to_every_parameter_agree_with_differences() ->
 
 
 def test_null_errors_of_the_rig_change_nothing_exactly() -> None:
-    bench = open_bench("synek2019_H01")
+    bench = Session.open("synek2019_H01", catalogue=False)
     prediction = bench.model.predict(bench.observations.inputs)
     at_tip = np.array([location == "tip" for location in bench.observations.locations])
     reading = np.asarray(prediction.reading)

@@ -21,8 +21,9 @@ from fingermodel.diagnosis.model_free.nulls import Null, moments_violated, nulls
 from fingermodel.fingers.files import read_finger
 from fingermodel.model import Model, jax_values, tip_kinematics_batch
 from fingermodel.rig import simulate_session
+from fingermodel.session import Session
 from fingermodel.stages import LoadCaseInput
-from tests.fingermodel.fingers import PUBLISHED, Bench, open_bench
+from tests.fingermodel.fingers import PUBLISHED
 from tests.simulator import Size, draw_session
 
 Floats = NDArray[np.float64]
@@ -30,12 +31,12 @@ NAMES = ["balance", "fds_no_dip_torque", "superposition", "load_levels", "repeat
 
 
 @pytest.fixture(scope="module")
-def bench() -> Bench:
-    return open_bench("DEV-01")
+def bench() -> Session:
+    return Session.open("DEV-01", catalogue=False)
 
 
 @pytest.fixture(scope="module")
-def twice(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+def twice(tmp_path_factory: pytest.TempPathFactory) -> Session:
     """Every load case of the published protocol hung twice."""
     folder = tmp_path_factory.mktemp("twice")
     simulate_session(
@@ -47,7 +48,7 @@ def twice(tmp_path_factory: pytest.TempPathFactory) -> Bench:
         repeats=2,
         readings_name="readings.parquet",
     )
-    return open_bench(folder)
+    return Session.open(folder, catalogue=False)
 
 
 def exact(model: Model, observations: Observations, theta: Floats | None = None) -> Observations:
@@ -95,7 +96,7 @@ def cases_of(observations: Observations, *muscles: str, location: str = "tip") -
     ]
 
 
-def test_exact_forces_obey_them_all(bench: Bench) -> None:
+def test_exact_forces_obey_them_all(bench: Session) -> None:
     found = by_name(nulls(bench.model, exact(bench.model, bench.observations)))
     assert found.pop("repeats").verdict == "not_tested"
     for null in found.values():
@@ -151,7 +152,7 @@ def hook_droops_under_load(o: Observations, w: Floats) -> None:
     ],
 )
 def test_a_violation_is_named_by_its_own_test_alone(
-    change: Callable[[Observations, Floats], None], names: set[str], words: tuple[str, ...], bench: Bench
+    change: Callable[[Observations, Floats], None], names: set[str], words: tuple[str, ...], bench: Session
 ) -> None:
     observations = exact(bench.model, bench.observations)
     change(observations, observations.wrench)
@@ -165,7 +166,7 @@ def test_a_violation_is_named_by_its_own_test_alone(
             assert word in found[name].text
 
 
-def test_unweighed_hangers_are_weighed(bench: Bench) -> None:
+def test_unweighed_hangers_are_weighed(bench: Session) -> None:
     inputs = bench.observations.inputs
     tension = np.asarray(inputs.tension)
     heavier = tension + 25.0 * np.asarray(inputs.weight)[:, None] * (tension > 0.0)
@@ -179,7 +180,7 @@ def test_unweighed_hangers_are_weighed(bench: Bench) -> None:
     assert "at the bone" in found["superposition"].text
 
 
-def test_a_zero_that_is_off_is_told_with_its_mount(bench: Bench) -> None:
+def test_a_zero_that_is_off_is_told_with_its_mount(bench: Session) -> None:
     observations = exact(bench.model, bench.observations)
     bone_zero_off(observations, observations.wrench)
     found = by_name(nulls(bench.model, observations))
@@ -187,13 +188,13 @@ def test_a_zero_that_is_off_is_told_with_its_mount(bench: Bench) -> None:
     assert "(0.30, \N{MINUS SIGN}0.10, 0.20) N at the bone" in found["load_levels"].text
 
 
-def test_a_friction_factor_above_one_is_flagged(bench: Bench) -> None:
+def test_a_friction_factor_above_one_is_flagged(bench: Session) -> None:
     observations = exact(bench.model, bench.observations)
     found = by_name(nulls(bench.model, replace(observations, wrench=1.25 * observations.wrench)))
     assert "c is above 1 in 21 of 21 loads" in found["balance"].text
 
 
-def test_what_the_budget_allows_violates_nothing(bench: Bench) -> None:
+def test_what_the_budget_allows_violates_nothing(bench: Session) -> None:
     """Errors of the rig and another specimen, drawn from their priors: no test minds."""
     table = bench.model.parameters
     for seed in range(12):
@@ -207,13 +208,13 @@ def test_what_the_budget_allows_violates_nothing(bench: Bench) -> None:
     ("group", "name"),
     [("mounting_rotation.bone.y", "balance"), ("zero.tip.z", "load_levels"), ("posture_angle", "balance")],
 )
-def test_what_it_does_not_allow_does(group: str, name: str, bench: Bench) -> None:
+def test_what_it_does_not_allow_does(group: str, name: str, bench: Session) -> None:
     table = bench.model.parameters
     theta = table.initial + 8.0 * np.where(table.select(group), table.sd, 0.0)
     assert name in violated(nulls(bench.model, exact(bench.model, bench.observations, theta)))
 
 
-def test_a_wrong_angle_changes_the_forces_as_it_is_said_to(bench: Bench) -> None:
+def test_a_wrong_angle_changes_the_forces_as_it_is_said_to(bench: Session) -> None:
     """The same torques at a moved posture need the forces that the angles' columns tell."""
     observations, finger = exact(bench.model, bench.observations), bench.model.finger
     columns = readings_of(bench.model, observations).angles[0]
@@ -240,7 +241,7 @@ def test_a_wrong_angle_changes_the_forces_as_it_is_said_to(bench: Bench) -> None
             assert said[i, reactions, setting, rotation] == pytest.approx(slope[i], abs=1e-5)
 
 
-def test_a_session_that_lacks_what_they_need_is_told_why(bench: Bench) -> None:
+def test_a_session_that_lacks_what_they_need_is_told_why(bench: Session) -> None:
     o = exact(bench.model, bench.observations)
     at_tip = only(o, [i for i, x in enumerate(o.locations) if x == "tip"])
     found = by_name(nulls(bench.model, at_tip))
@@ -264,7 +265,7 @@ def test_a_session_that_lacks_what_they_need_is_told_why(bench: Bench) -> None:
 
 @pytest.mark.parametrize("session", PUBLISHED)
 def test_published_sessions_rest_nothing_on_an_assumed_noise(session: str) -> None:
-    bench = open_bench(session)
+    bench = Session.open(session, catalogue=False)
     found = by_name(nulls(bench.model, bench.observations))
     assert found["balance"].verdict == found["superposition"].verdict == "holds"
     assert "the noise is assumed" in found["balance"].text
@@ -272,12 +273,12 @@ def test_published_sessions_rest_nothing_on_an_assumed_noise(session: str) -> No
     assert json.loads(json.dumps([n.as_dict() for n in found.values()], allow_nan=False))
 
 
-def test_no_noise_at_all_still_has_an_answer(bench: Bench) -> None:
+def test_no_noise_at_all_still_has_an_answer(bench: Session) -> None:
     quiet = replace(bench.observations, noise=Noise(np.zeros_like(bench.observations.noise.blocks)))
     assert not violated(nulls(bench.model, exact(bench.model, quiet)))
 
 
-def test_repeats_agree(twice: Bench) -> None:
+def test_repeats_agree(twice: Session) -> None:
     found = by_name(nulls(twice.model, twice.observations))
     assert not violated(tuple(found.values()))
     assert found["repeats"].verdict == "holds"
@@ -290,7 +291,7 @@ def second_half(o: Observations) -> NDArray[np.bool_]:
     return np.arange(len(o.ids)) >= len(o.ids) // 2
 
 
-def test_a_finger_that_softens_shows_in_its_repeats(twice: Bench) -> None:
+def test_a_finger_that_softens_shows_in_its_repeats(twice: Session) -> None:
     o = exact(twice.model, twice.observations)
     o.wrench[second_half(o)] *= 0.95
     null = by_name(nulls(twice.model, o))["repeats"]
@@ -298,7 +299,7 @@ def test_a_finger_that_softens_shows_in_its_repeats(twice: Bench) -> None:
     assert "over the session a change of \N{MINUS SIGN}" in null.text
 
 
-def test_unloading_is_held_against_loading(twice: Bench) -> None:
+def test_unloading_is_held_against_loading(twice: Session) -> None:
     o = exact(twice.model, twice.observations)
     second = second_half(o)
     o = replace(o, inputs=o.inputs._replace(unloading=jnp.asarray(second)))
@@ -311,7 +312,7 @@ def test_unloading_is_held_against_loading(twice: Bench) -> None:
     assert "7.7 ± " in null.text
 
 
-def test_a_posture_set_anew_may_differ_by_its_angles(twice: Bench) -> None:
+def test_a_posture_set_anew_may_differ_by_its_angles(twice: Session) -> None:
     """The second round in settings of its own, its angles off by the budget: agreement; by six times that: not."""
     o = twice.observations
     settings = tuple(o.layout.settings)
@@ -333,7 +334,7 @@ def test_good_sessions_of_another_simulator_violate_next_to_nothing(tmp_path: Pa
         for seed in range(1, 5):
             folder = tmp_path / f"{protocol}{seed}"
             draw_session(folder, seed, protocol=protocol, nuisance_scale=1.0)
-            bench = open_bench(folder)
+            bench = Session.open(folder, catalogue=False)
             wrong += [(protocol, seed, name) for name in violated(nulls(bench.model, bench.observations))]
     assert len(wrong) < 2, wrong
 
@@ -344,7 +345,7 @@ def test_an_offset_turns_the_noise_of_forces_into_moments_that_are_none_of_the_c
 ) -> None:
     """Its origin lies 6 to 8 mm off, so that a few mN of noise are more than its moments' own."""
     draw_session(tmp_path, seed)
-    bench = open_bench(tmp_path)
+    bench = Session.open(tmp_path, catalogue=False)
     assert not moments_violated(bench.model, bench.observations, 2.0)
     # What a clamp that jams carries, now one way and now the other, shows all the same.
     wrench = bench.observations.wrench.copy()
@@ -367,7 +368,7 @@ def test_its_effects_violate_what_they_should(
     effects: dict[str, Size], name: str, others: set[str], tmp_path: Path
 ) -> None:
     draw_session(tmp_path, 7, effects, nuisance_scale=1.0)
-    bench = open_bench(tmp_path)
+    bench = Session.open(tmp_path, catalogue=False)
     found = violated(nulls(bench.model, bench.observations))
     assert not name or name in found
     assert not found & others

@@ -15,7 +15,8 @@ from fingermodel.diagnosis.diagnose import diagnose
 from fingermodel.diagnosis.model_free.budget import readings_of
 from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.model_free.nulls import nulls
-from tests.fingermodel.fingers import PUBLISHED, Bench, open_bench
+from fingermodel.session import Session
+from tests.fingermodel.fingers import PUBLISHED
 from tests.simulator import draw_session, draw_truth
 
 Floats = NDArray[np.float64]
@@ -23,16 +24,16 @@ FACTORS = {"millinewtons": 1e3, "kilonewtons": 1e-3, "pounds-force": 1 / 4.4482,
 
 
 @pytest.fixture(scope="module")
-def bench() -> Bench:
-    return open_bench("DEV-02")
+def bench() -> Session:
+    return Session.open("DEV-02", catalogue=False)
 
 
-def mistake(bench: Bench, wrench: Floats) -> str | None:
+def mistake(bench: Session, wrench: Floats) -> str | None:
     found = rig_mistake(bench.model, replace(bench.observations, wrench=wrench))
     return found.words if found else None
 
 
-def mistaken(bench: Bench, axes: Floats, *places: str) -> Floats:
+def mistaken(bench: Session, axes: Floats, *places: str) -> Floats:
     """Readings of which somebody took the axes for others at some mounts."""
     out = bench.observations.wrench.copy()
     at = np.isin(bench.observations.locations, places)
@@ -50,7 +51,7 @@ def axes_of(order: list[int], signs: list[float]) -> Floats:
     places=st.sampled_from([("tip", "bone"), ("tip",), ("bone",)]),
 )
 def test_axes_that_were_taken_for_others_are_named(
-    order: list[int], signs: list[float], places: tuple[str, ...], bench: Bench
+    order: list[int], signs: list[float], places: tuple[str, ...], bench: Session
 ) -> None:
     said = mistake(bench, mistaken(bench, axes_of(order, signs), *places))
     if order[:2] == [0, 1] and signs[:2] == [1.0, 1.0]:
@@ -68,20 +69,20 @@ def test_axes_that_were_taken_for_others_are_named(
 
 
 @pytest.mark.parametrize(("unit", "factor"), FACTORS.items())
-def test_another_unit_is_named(unit: str, factor: float, bench: Bench) -> None:
+def test_another_unit_is_named(unit: str, factor: float, bench: Session) -> None:
     said = mistake(bench, factor * bench.observations.wrench)
     assert said is not None
     assert f"as {unit} have to be" in said
 
 
-def test_two_mistakes_at_once_are_both_named(bench: Bench) -> None:
+def test_two_mistakes_at_once_are_both_named(bench: Session) -> None:
     said = mistake(bench, 1e3 * mistaken(bench, -np.eye(3), "tip", "bone"))
     assert said is not None
     assert "turned round" in said
     assert "millinewtons" in said
 
 
-def test_forces_in_the_metacarpal_s_axes_are_named(bench: Bench) -> None:
+def test_forces_in_the_metacarpal_s_axes_are_named(bench: Session) -> None:
     wrench, tip = bench.observations.wrench.copy(), np.array(bench.observations.locations) == "tip"
     to_base = readings_of(bench.model, bench.observations).to_base[tip]
     wrench[tip, :3] = np.einsum("kab,kb->ka", to_base, wrench[tip, :3])
@@ -92,29 +93,29 @@ def test_forces_in_the_metacarpal_s_axes_are_named(bench: Bench) -> None:
 
 @pytest.mark.parametrize("session", ["DEV-01", "DEV-02", "DEV-05", "DEV-12", *PUBLISHED])
 def test_no_session_as_it_was_recorded_is_called_mistaken(session: str) -> None:
-    found = open_bench(session)
+    found = Session.open(session, catalogue=False)
     assert rig_mistake(found.model, found.observations) is None
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_no_missing_effect_is_taken_for_one(seed: int, tmp_path: Path) -> None:
     draw_session(tmp_path, seed, *draw_truth("outside" if seed % 2 else "two", seed))
-    found = open_bench(tmp_path)
+    found = Session.open(tmp_path, catalogue=False)
     assert rig_mistake(found.model, found.observations) is None
 
 
 @pytest.mark.parametrize("factor", [0.75, 1.3])
-def test_friction_and_calibration_are_no_unit(factor: float, bench: Bench) -> None:
+def test_friction_and_calibration_are_no_unit(factor: float, bench: Session) -> None:
     assert mistake(bench, factor * bench.observations.wrench) is None
 
 
 def test_heavy_hangers_are_no_unit(tmp_path: Path) -> None:
     draw_session(tmp_path, 2, {"hanger_mass": 60.0})
-    found = open_bench(tmp_path)
+    found = Session.open(tmp_path, catalogue=False)
     assert rig_mistake(found.model, found.observations) is None
 
 
-def test_what_no_mistake_known_here_makes_is_called_none(bench: Bench) -> None:
+def test_what_no_mistake_known_here_makes_is_called_none(bench: Session) -> None:
     rng = np.random.default_rng(1)
     assert mistake(bench, rng.normal(size=bench.observations.wrench.shape)) is None
     assert mistake(bench, np.zeros_like(bench.observations.wrench)) is None
@@ -122,13 +123,13 @@ def test_what_no_mistake_known_here_makes_is_called_none(bench: Bench) -> None:
     assert rig_mistake(bench.model, replace(bench.observations, wrench=one_end)) is None
 
 
-def test_it_is_said_where_tip_and_bone_do_not_balance_and_with_the_verdict(bench: Bench) -> None:
+def test_it_is_said_where_tip_and_bone_do_not_balance_and_with_the_verdict(bench: Session) -> None:
     wrong = replace(bench.observations, wrench=mistaken(bench, axes_of([1, 0, 2], [1.0] * 3), "tip", "bone"))
     words = "were the forces taken as (y, x, z) instead of (x, y, z), tip and bone would balance"
     (balance,) = [n for n in nulls(bench.model, wrong) if n.name == "balance"]
     assert balance.verdict == "violated"
     assert words in balance.text
-    catalogue = open_bench("DEV-02", catalogue=True)
+    catalogue = Session.open("DEV-02")
     found = diagnose(catalogue.model, wrong)
     # What would make up for it is no finding.
     assert found.verdict.kind in ("none_of_catalogue", "undecided")

@@ -18,8 +18,8 @@ from fingermodel.fingers.files import read_finger
 from fingermodel.fitting.identification import solve, whole_slopes
 from fingermodel.fitting.problems import map_problem, residual_at
 from fingermodel.model import Model, predict_case
+from fingermodel.session import Session
 from fingermodel.stages import LoadCaseInput
-from server.application.workflow import open_bench
 from tests.own_effect import python_file
 from tests.simulator import draw_session
 
@@ -99,7 +99,7 @@ def test_it_can_be_differentiated(cache: Path) -> None:
 
 
 def test_an_effect_from_a_file_is_traced_in_every_process(cache: Path, tmp_path: Path) -> None:
-    bench = open_bench("synek2019_H01")
+    bench = Session.open("synek2019_H01", catalogue=False)
     model = Model(
         read_finger("an1979_middle"), bench.model.layout, bench.model.budget, (load_effect(python_file(tmp_path)),)
     )
@@ -108,7 +108,7 @@ def test_an_effect_from_a_file_is_traced_in_every_process(cache: Path, tmp_path:
 
 
 def test_an_effect_that_does_not_act_is_skipped_without_a_trace() -> None:
-    bench = open_bench("synek2019_H01", catalogue=True)
+    bench = Session.open("synek2019_H01")
     problem = map_problem(bench.model, bench.observations)
     start = problem.centre + 0.3 * problem.scale * np.where(problem.free, 1.0, 0.0)
     skipped, whole = solve(problem, start, evaluations=1), whole_slopes(problem, start)
@@ -122,7 +122,7 @@ def test_an_effect_that_does_not_act_is_skipped_without_a_trace() -> None:
 
 def test_preparing_load_cases_and_readings_compiles_nothing() -> None:
     """A small program for each new shape takes some 10 ms; a session had fifty of them."""
-    bench = open_bench("DEV-01", catalogue=True)
+    bench = Session.open("DEV-01")
     inputs = bench.observations.inputs
     events: list[str] = []
 
@@ -151,7 +151,7 @@ def test_a_session_that_grows_by_a_few_cases_finds_its_programs_compiled(tmp_pat
     further = [("pinch", "tip", {"FDP": 500.0}), ("claw", "bone", {"EDC": 500.0})]
     for name, more in (("before", []), ("after", further)):
         draw_session(tmp_path / name, 1, protocol="three_levels", further=more)
-    before, after = (open_bench(str(tmp_path / name), catalogue=True) for name in ("before", "after"))
+    before, after = (Session.open(str(tmp_path / name)) for name in ("before", "after"))
     grown = len(after.observations.ids) - len(before.observations.ids)
     settings = len(after.observations.layout.settings) - len(before.observations.layout.settings)
     assert (grown, settings) == (2, 2)
@@ -169,7 +169,7 @@ def test_a_session_that_grows_by_a_few_cases_finds_its_programs_compiled(tmp_pat
 
 def test_room_for_more_settings_and_cases_changes_no_answer(tmp_path: Path) -> None:
     draw_session(tmp_path, 1, protocol="three_levels")
-    bench = open_bench(str(tmp_path), catalogue=True)
+    bench = Session.open(str(tmp_path))
     model, inputs = bench.model, bench.observations.inputs
     assert len(model.placed(model.initial)) > len(model.parameters)
     assert inputs.filled().setting.shape[0] > inputs.setting.shape[0]

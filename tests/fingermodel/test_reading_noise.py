@@ -7,15 +7,15 @@ import pytest
 from numpy.typing import NDArray
 
 from fingermodel.comparison.reading_noise import Noise, SharedTare
-from server.application.workflow import Bench, open_bench
+from fingermodel.session import Session
 
 
 @pytest.fixture(scope="module", params=["DEV-01", "synek2019_H01"])
-def bench(request: pytest.FixtureRequest) -> Bench:
-    return open_bench(request.param)
+def bench(request: pytest.FixtureRequest) -> Session:
+    return Session.open(request.param, catalogue=False)
 
 
-def test_the_parts_are_the_covariance_of_the_measured_session(bench: Bench) -> None:
+def test_the_parts_are_the_covariance_of_the_measured_session(bench: Session) -> None:
     observations, n = bench.observations, 6 * len(bench.measured.cases)
     spread = np.diag([bench.model.budget.reading_sd_N**2] * 3 + [(10 * bench.model.budget.reading_sd_N) ** 2] * 3)
     stated = np.array([0.0 if m.noise_stated else 1.0 for m in bench.measured.cases])
@@ -30,7 +30,7 @@ def test_the_parts_are_the_covariance_of_the_measured_session(bench: Bench) -> N
         np.testing.assert_allclose(apart[6 * k + every[:, None], 6 * k + every], own, atol=1e-15)
 
 
-def test_some_readings_have_their_part_of_the_covariance(bench: Bench) -> None:
+def test_some_readings_have_their_part_of_the_covariance(bench: Session) -> None:
     noise = bench.observations.noise
     whole, rows = _whole(noise), np.arange(6 * len(noise.blocks))[1::5]
     np.testing.assert_allclose(noise.of(rows), whole[np.ix_(rows, rows)], rtol=1e-12, atol=1e-18)

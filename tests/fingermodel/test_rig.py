@@ -20,7 +20,7 @@ from fingermodel.fingers.files import read_finger
 from fingermodel.fitting.identification import refit_map
 from fingermodel.fitting.problems import map_problem
 from fingermodel.rig import simulate_session
-from tests.fingermodel.fingers import Bench, open_bench
+from fingermodel.session import Session
 
 CELL = SimulatedCell(rate_hz=50.0)
 
@@ -41,7 +41,7 @@ def test_a_simulated_session_passes_every_check(rig: tuple[Path, dict[str, np.nd
 
 def test_it_measures_back_to_its_truth_within_the_stated_uncertainty(rig: tuple[Path, dict[str, np.ndarray]]) -> None:
     folder, truth = rig
-    bench = open_bench(folder)
+    bench = Session.open(folder, catalogue=False)
     error = np.array([m.wrench - truth[m.case.id] for m in bench.measured.cases])
     sd = np.sqrt([np.diag(c) for c in bench.observations.case_covariance])
     z = error / sd
@@ -124,7 +124,7 @@ def test_bad_protocols_get_one_line(text: str, tmp_path: Path) -> None:
 
 def test_known_weights_on_the_cell_enter_the_fit(rig: tuple[Path, dict[str, np.ndarray]]) -> None:
     """A cell that reads 1 % too much in y: the certificate's prior alone cannot know, a known weight can."""
-    bench = open_bench(rig[0])
+    bench = Session.open(rig[0], catalogue=False)
     known = np.array([0.0, -19.62, 0.0])
     weighed = MeasuredCheck(
         force_N=known,
@@ -140,7 +140,7 @@ def test_known_weights_on_the_cell_enter_the_fit(rig: tuple[Path, dict[str, np.n
     assert after[1] < 0.5 * before[1]
 
 
-def _gain(bench: Bench, checks: tuple[MeasuredCheck, ...]) -> tuple[float, float]:
+def _gain(bench: Session, checks: tuple[MeasuredCheck, ...]) -> tuple[float, float]:
     measured = replace(measure(bench.measured.session), checks=checks)
     model = bench.model
     fit = refit_map(map_problem(model, observe(measured, model.finger, replace(model.budget, cell_gain_sd=0.02))))

@@ -19,9 +19,9 @@ from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.frozen import freeze, read_frozen, score, write_frozen
 from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, name_of, plan_next
 from fingermodel.diagnosis.several_sessions.several import Pooled, diagnose_pooled
+from fingermodel.session import Session
 from server.application.additions import add_bench
 from server.application.diagnosing import run_diagnosis
-from server.application.workflow import Bench, open_bench
 from tests.simulator import Kind, draw_session, draw_truth
 
 TRUTH = Path(__file__).parents[1] / "truth"
@@ -29,8 +29,8 @@ HOOK, FLEXED = "hook", "major_flexion"
 
 
 @cache
-def diagnosed(session: str) -> tuple[Bench, Diagnosis]:
-    bench = open_bench(session, catalogue=True)
+def diagnosed(session: str) -> tuple[Session, Diagnosis]:
+    bench = Session.open(session)
     return bench, run_diagnosis(bench)
 
 
@@ -180,7 +180,7 @@ def test_adding_the_true_effect_is_what_the_diagnosis_promised() -> None:
 def test_an_effect_is_added_where_the_base_fits_from_some_starts_only(tmp_path: Path) -> None:
     # From the priors' centre alone this base ends in a posture that transmits no force.
     draw_session(tmp_path, 1015, draw_truth("one", 1015)[0], protocol="three_levels")
-    bench = open_bench(tmp_path, catalogue=True)
+    bench = Session.open(tmp_path)
     added = add_effects(bench.model, bench.observations, ["axis_tilt"], starts=1)
     assert added.names == ("axis_tilt",)
     assert 50.0 < added.log_evidence_gain < 1000.0
@@ -190,7 +190,7 @@ def test_an_effect_is_added_where_the_base_fits_from_some_starts_only(tmp_path: 
 def test_sessions_of_other_physics_are_named_nothing_false(tmp_path: Path, kind: Kind) -> None:
     effects, outside = draw_truth(kind, 1)
     draw_session(tmp_path, 1, effects, outside, nuisance_scale=1.0)
-    verdict = run_diagnosis(open_bench(tmp_path, catalogue=True)).verdict
+    verdict = run_diagnosis(Session.open(tmp_path)).verdict
     true = {name.split(".")[0] for name in effects}
     assert set(verdict.effects) <= true, (effects, outside, verdict)
 
@@ -205,7 +205,7 @@ def test_sessions_of_other_physics_are_named_nothing_false(tmp_path: Path, kind:
 def test_two_that_hide_each_other_are_both_found(tmp_path: Path, drawn: int) -> None:
     effects, _ = draw_truth("two", drawn)
     draw_session(tmp_path, drawn, effects)
-    verdict = run_diagnosis(open_bench(tmp_path, catalogue=True)).verdict
+    verdict = run_diagnosis(Session.open(tmp_path)).verdict
     assert verdict.kind == "found"
     assert set(verdict.effects) == {name.split(".")[0] for name in effects}
 
@@ -217,21 +217,21 @@ def test_a_slip_in_one_case_is_the_first_suspect_and_the_finding_stands(tmp_path
     slipped = wrong.model_copy(update={"masses_g": {"EDC": 400.0}})
     cases = tuple(slipped if c.id == wrong.id else c for c in session.cases)
     write_session(session.model_copy(update={"cases": cases}), tmp_path)
-    body = answer(run_diagnosis(open_bench(tmp_path, catalogue=True)))
+    body = answer(run_diagnosis(Session.open(tmp_path)))
     assert [s["case"] for s in body["suspects"]] == [wrong.id]
     assert body["suspects"][0]["probability"] > 0.9
     assert (body["verdict"], body["effects"]) == ("found", ["zero_offset"])
 
 
 @pytest.fixture(scope="module")
-def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, Diagnosis, Path]:
+def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Session, Diagnosis, Path]:
     folder = tmp_path_factory.mktemp("hanger")
     draw_session(folder, 11, {"hanger_mass": 30.0}, nuisance_scale=0.7)
-    bench = open_bench(folder, catalogue=True)
+    bench = Session.open(folder)
     return bench, run_diagnosis(bench), folder
 
 
-def test_the_next_case_tests_the_finding(planned: tuple[Bench, Diagnosis, Path]) -> None:
+def test_the_next_case_tests_the_finding(planned: tuple[Session, Diagnosis, Path]) -> None:
     _, found, _ = planned
     plan = plan_next(found)
     assert found.verdict.effects == ("hanger_mass",)
@@ -240,7 +240,7 @@ def test_the_next_case_tests_the_finding(planned: tuple[Bench, Diagnosis, Path])
     assert any("weigh the hangers" in text for text in plan.instruments)
 
 
-def test_a_frozen_prediction_confirms_or_refutes(planned: tuple[Bench, Diagnosis, Path], tmp_path: Path) -> None:
+def test_a_frozen_prediction_confirms_or_refutes(planned: tuple[Session, Diagnosis, Path], tmp_path: Path) -> None:
     bench, found, _ = planned
     measured = [PlannedReading(p, "tip", {"FDS": 950.0}) for p in (HOOK, "minor_flexion", FLEXED)]
     document = freeze(plan_next(found, measured), "earlier", "specimen", "model", None, ())
@@ -255,7 +255,7 @@ def test_a_frozen_prediction_confirms_or_refutes(planned: tuple[Bench, Diagnosis
     clean = tmp_path / "clean"
     clean.mkdir()
     draw_session(clean, 11, None, nuisance_scale=0.7)
-    other = score(read_frozen(path), name_of(found.best), "later", open_bench(clean, catalogue=True).observations)
+    other = score(read_frozen(path), name_of(found.best), "later", Session.open(clean).observations)
     assert other.confirmed is not True
     path.write_text(path.read_text(encoding="utf-8").replace('"tip"', '"bone"'), encoding="utf-8")
     with pytest.raises(ModelError, match="changed after"):
@@ -265,20 +265,20 @@ def test_a_frozen_prediction_confirms_or_refutes(planned: tuple[Bench, Diagnosis
 def test_a_clamp_that_resists_twist_is_taken_for_no_effect(tmp_path: Path) -> None:
     # It looks like another tip location in forces and Mz, but not in Mx and My.
     draw_session(tmp_path, 1006, outside="clamp_moments")
-    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    found = run_diagnosis(Session.open(tmp_path))
     assert not found.verdict.effects
 
 
 def test_what_rigs_are_known_to_do_is_recognised_and_can_be_added(tmp_path: Path) -> None:
     draw_session(tmp_path, 1012, outside="edc_subluxation")
-    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    found = run_diagnosis(Session.open(tmp_path))
     body = answer(found)
     assert body["effects"] == []
     assert body["ready_made"][0]["effect"] == "edc_subluxation"
     assert body["ready_made"][0]["probability"] > 0.8
     assert not any(m.candidate.name == "edc_subluxation" for m in diagnosed("DEV-01")[1].best.explanation.members)
     assert answered("DEV-01")["ready_made"] == []
-    held = open_bench(tmp_path, catalogue=True, effects=["edc_subluxation"])
+    held = Session.open(tmp_path, effects=["edc_subluxation"])
     before, addition, after = add_bench(held, ["edc_subluxation"], ())
     assert addition.log_evidence_gain > 100.0
     unseen = [c.select(role="validation").errors("space").rmse_N for c in (before, after)]
@@ -293,7 +293,7 @@ def pooled_of(folder: Path, drawn: Mapping[int, Mapping[str, Any]], outside: str
         own = folder / str(specimen)
         own.mkdir()
         draw_session(own, specimen, dict(effects) or None, outside, nuisance_scale=0.8)
-        bench = open_bench(own, catalogue=True)
+        bench = Session.open(own)
         sessions.append((bench.measured.session.id, bench.model, bench.observations))
     return diagnose_pooled(sessions)
 
@@ -336,7 +336,7 @@ def test_a_few_cases_decide_nothing(tmp_path: Path) -> None:
     session = read_session("synek2019_H01")
     few = [c for c in session.cases if c.role == "identification"][:4]
     write_session(session.model_copy(update={"cases": tuple(few)}), tmp_path)
-    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    found = run_diagnosis(Session.open(tmp_path))
     assert found.verdict.kind == "undecided"
     assert not found.verdict.effects
     assert any("too few" in s for s in found.verdict.short)

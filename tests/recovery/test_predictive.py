@@ -9,12 +9,12 @@ import numpy as np
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.verdict.predictive import check, predicted
 from fingermodel.fitting.identification import drawn_starts, slopes_of
+from fingermodel.session import Session
 from server.application.diagnosing import run_diagnosis
-from server.application.workflow import open_bench
 
 
 def test_slopes_of_validation_readings_are_those_of_the_prediction() -> None:
-    bench = open_bench("DEV-08", catalogue=True)
+    bench = Session.open("DEV-08")
     session = session_of(bench.model, bench.observations)
     problem = replace(session.problem, free=session.problem.free | bench.model.parameters.of_kind("effect"))
     rows = session.rows[~session.fitted]
@@ -37,7 +37,7 @@ def test_slopes_of_validation_readings_are_those_of_the_prediction() -> None:
 
 
 def test_validation_readings_of_unknown_uncertainty_do_not_count() -> None:
-    bench = open_bench("DEV-08", catalogue=True)
+    bench = Session.open("DEV-08")
     held = bench.observations.where("validation")
     moments = (6 * held[:, None] + np.arange(3, 6)).reshape(-1)
     turn = np.tile(np.eye(6), (len(bench.observations.ids), 1, 1))
@@ -48,7 +48,7 @@ def test_validation_readings_of_unknown_uncertainty_do_not_count() -> None:
 
 
 def test_a_validation_case_that_is_spoilt_is_named_and_the_others_still_speak() -> None:
-    bench = open_bench("DEV-08", catalogue=True)
+    bench = Session.open("DEV-08")
     found = run_diagnosis(bench)
     sound = check(found.best)
     assert sound.bad == {}
@@ -68,7 +68,7 @@ def test_a_validation_case_that_is_spoilt_is_named_and_the_others_still_speak() 
 
 
 def test_without_validation_cases_nothing_is_vetoed() -> None:
-    bench = open_bench("DEV-08", catalogue=True)
+    bench = Session.open("DEV-08")
     roles = tuple("check" if role == "validation" else role for role in bench.observations.roles)
     found = run_diagnosis(replace(bench, observations=replace(bench.observations, roles=roles)))
     assert found.verdict.effects == ("zero_offset",)

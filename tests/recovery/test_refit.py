@@ -12,6 +12,7 @@ from scipy import stats
 
 from daq.sessions.protocols import read_protocol
 from daq.standins.simulated import SimulatedCell
+from fingermodel.api import refit
 from fingermodel.budget import CERTIFICATE, SYNEK2019
 from fingermodel.fingers import Finger
 from fingermodel.fingers.files import read_finger
@@ -21,8 +22,8 @@ from fingermodel.fitting.identification import refit_map
 from fingermodel.fitting.problems import eq5_problem, map_problem, objective_at
 from fingermodel.model import Model
 from fingermodel.rig import simulate_session
+from fingermodel.session import Session
 from fingermodel.stages import Layout
-from server.application.workflow import Bench, open_bench, refit_bench
 
 Floats = NDArray[np.float64]
 CELL = SimulatedCell(rate_hz=25.0, noise_sd=(0.03,) * 3 + (0.2,) * 3)
@@ -35,7 +36,7 @@ LAYOUT = Layout(tuple((p, 0) for p in POSTURES), (("tip", 0), ("bone", 0)))
 class Recovered(NamedTuple):
     """A simulated session, its refit, and the truth as a parameter vector and as wrenches by case."""
 
-    bench: Bench
+    bench: Session
     fit: Fit
     truth: Floats
     wrenches: dict[str, Floats]
@@ -60,9 +61,9 @@ def recovered(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     _, wrenches = simulate_session(
         finger, read_protocol("levels"), folder, cell=CELL, seed=seed, finger_name="an1979_middle", truth=rig
     )
-    bench = open_bench(folder)
+    bench = Session.open(folder, catalogue=False)
     theta = np.array([truth[name] for name in bench.model.parameters.names])
-    return Recovered(bench, refit_bench(bench), theta, wrenches)
+    return Recovered(bench, refit(bench), theta, wrenches)
 
 
 def test_truth_lies_within_the_stated_uncertainty(recovered: Recovered) -> None:
@@ -126,7 +127,7 @@ def test_values_that_fit_as_well_widen_the_uncertainty(recovered: Recovered) -> 
 
 def test_what_was_not_loaded_is_called_unknown() -> None:
     """Without EDC cases the data say nothing about how the hood shares its tension."""
-    bench = open_bench("synek2019_H01")
+    bench = Session.open("synek2019_H01", catalogue=False)
     keep = ["EDC" not in m for m in bench.observations.masses_g]
     roles = tuple(r if k else "validation" for r, k in zip(bench.observations.roles, keep, strict=True))
     fit = refit_map(map_problem(bench.model, replace(bench.observations, roles=roles)))
@@ -138,7 +139,7 @@ def test_what_was_not_loaded_is_called_unknown() -> None:
 
 def test_a_flat_direction_has_no_uncertainty_but_a_flag() -> None:
     """Eq 5 puts no prior on the fractions: without EDC cases its fraction is undetermined, not merely wide."""
-    bench = open_bench("synek2019_H01")
+    bench = Session.open("synek2019_H01", catalogue=False)
     roles = tuple(
         "validation" if "EDC" in m else r
         for r, m in zip(bench.observations.roles, bench.observations.masses_g, strict=True)
@@ -152,7 +153,7 @@ def test_a_flat_direction_has_no_uncertainty_but_a_flag() -> None:
 
 def test_two_parameters_that_act_alike_are_named_as_a_pair() -> None:
     """A common error of friction and the gain of the cell scale every tip force alike."""
-    bench = open_bench("synek2019_HMEAN")
+    bench = Session.open("synek2019_HMEAN", catalogue=False)
     budget = replace(SYNEK2019, name="wide", tension_factor_common_sd=0.5, cell_gain_sd=0.5)
     model = Model(bench.model.finger, bench.model.layout, budget)
     fit = refit_map(map_problem(model, bench.observations))
@@ -163,7 +164,7 @@ def test_two_parameters_that_act_alike_are_named_as_a_pair() -> None:
 
 
 def test_a_parameter_at_its_bound_is_said_to_be() -> None:
-    bench = open_bench("DEV-12")
+    bench = Session.open("DEV-12", catalogue=False)
     fit = refit_map(map_problem(bench.model, bench.observations))
     held = [p for p in fit.parameters if p.at_bound]
     assert held
@@ -173,7 +174,7 @@ def test_a_parameter_at_its_bound_is_said_to_be() -> None:
 
 def test_our_solver_is_no_worse_than_slsqp_on_the_published_objective() -> None:
     for name in ("synek2019_HMEAN", "synek2019_H01"):
-        bench = open_bench(name)
+        bench = Session.open(name, catalogue=False)
         problem = eq5_problem(bench.model, bench.observations)
         published, ours = refit_slsqp(problem), refit_map(problem)
         assert published.outcome == ours.outcome == "converged"
@@ -183,7 +184,7 @@ def test_our_solver_is_no_worse_than_slsqp_on_the_published_objective() -> None:
 
 def test_eq5_finds_the_published_points() -> None:
     """The identification run again ends at the published optimised model (same data, same objective)."""
-    bench = open_bench("synek2019_HMEAN")
+    bench = Session.open("synek2019_HMEAN", catalogue=False)
     fit = refit_slsqp(eq5_problem(bench.model, bench.observations))
     published = Model(read_finger("synek2019_optimised"), bench.model.layout, bench.model.budget).initial
     points = bench.model.parameters.select("point.")

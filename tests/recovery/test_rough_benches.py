@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
+from fingermodel.session import Session
 from server.application.diagnosing import diagnosis_answer, run_diagnosis
-from server.application.workflow import open_bench
 from tests.simulator import draw_session
 
 
@@ -40,7 +40,7 @@ def rough(folder: Path, seed: int, effects: dict[str, Any], scatter: float, spoi
 
 @cache
 def diagnosed(folder: Path) -> dict[str, Any]:
-    bench = open_bench(folder, catalogue=True)
+    bench = Session.open(folder)
     return diagnosis_answer(bench, run_diagnosis(bench))
 
 

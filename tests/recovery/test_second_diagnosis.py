@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from fingermodel.diagnosis.answer.answer import parameters_of
+from fingermodel.session import Session
 from server.application.diagnosing import run_diagnosis
-from server.application.workflow import open_bench
 from tests.second_simulator import Kind, write_session
 
 
@@ -27,7 +27,7 @@ from tests.second_simulator import Kind, write_session
 def test_an_effect_of_another_form_is_named(tmp_path: Path, kind: Kind, seed: int, effects: tuple[str, ...]) -> None:
     truth = write_session(tmp_path, kind, seed)
     assert truth.effects == effects
-    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    found = run_diagnosis(Session.open(tmp_path))
     assert (found.verdict.kind, found.verdict.effects) == ("found", effects), found.verdict
     if effects == ("suture_angle",):
         sizes = {p["name"]: p["value"] for p in parameters_of(found.best)}
@@ -38,5 +38,5 @@ def test_an_effect_of_another_form_is_named(tmp_path: Path, kind: Kind, seed: in
 @pytest.mark.parametrize("seed", [2, 4, 8])
 def test_what_the_catalogue_does_not_hold_is_not_named(tmp_path: Path, seed: int) -> None:
     truth = write_session(tmp_path, "outside", seed)
-    found = run_diagnosis(open_bench(tmp_path, catalogue=True))
+    found = run_diagnosis(Session.open(tmp_path))
     assert not found.verdict.effects, truth.outside

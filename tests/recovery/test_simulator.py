@@ -16,7 +16,7 @@ from daq.sessions import read_session
 from daq.signals.corrections import measure
 from fingermodel.fingers.files import read_finger
 from fingermodel.model import clamp_forces_batch, jax_values
-from server.application.workflow import open_bench
+from fingermodel.session import Session
 from tests.simulator import CATALOGUE, OUTSIDE, PROTOCOLS, Size, Truth, draw_session, draw_truth
 from tests.simulator.finger import ROTATIONS, finger_forces, read_numbers
 
@@ -74,7 +74,7 @@ def chosen(protocol: str, **wanted: str) -> np.ndarray:
 @pytest.mark.parametrize("protocol", list(PROTOCOLS))
 def test_with_nothing_wrong_it_is_the_model(protocol: str, tmp_path: Path) -> None:
     truth = draw_session(tmp_path, 1, protocol=protocol, nuisance_scale=0.0)
-    bench = open_bench(tmp_path)
+    bench = Session.open(tmp_path, catalogue=False)
     predicted = bench.model.predict(bench.observations.inputs)
     ours = np.array([truth.wrench[i] for i in bench.observations.ids])
     assert len(ours) == len(truth.wrench) == len(PROTOCOLS[protocol]().cases)

@@ -10,15 +10,15 @@ import pytest
 import yaml
 from pyarrow import parquet
 
+from fingermodel.session import Session
 from server.application.diagnosing import diagnosis_answer, run_diagnosis
-from server.application.workflow import open_bench
 from tests.simulator import draw_session
 from tests.simulator.protocols import PROTOCOLS
 from tests.simulator.slips import Done
 
 
 def diagnosed(folder: Path) -> dict[str, Any]:
-    bench = open_bench(folder, catalogue=True)
+    bench = Session.open(folder)
     return diagnosis_answer(bench, run_diagnosis(bench))
 
 

@@ -205,7 +205,7 @@ def test_an_interrupt_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(*_: object, **__: object) -> NoReturn:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("server.commands.twin.open_bench", interrupt)
+    monkeypatch.setattr("server.commands.twin.Session.open", interrupt)
     answer = run("refit", H01)
     assert (answer.code, answer.out, answer.err.count("\n")) == (130, "", 1)
     assert answer.err.startswith("fingertwin: Interrupted")

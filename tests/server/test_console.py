@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from daq.plain_json import clean
-from server.application.workflow import Bench, compare_bench, open_bench
+from fingermodel.comparing import compare
+from fingermodel.session import Session
 from server.cli_options import GROUPS, effects_like, sessions_like
 from server.commands import console
 from server.commands.additions import print_history
@@ -18,8 +19,8 @@ from tests.server.conftest import WIDTHS
 
 
 @pytest.fixture(scope="module")
-def bench() -> Bench:
-    return open_bench("synek2019_H01")
+def bench() -> Session:
+    return Session.open("synek2019_H01", catalogue=False)
 
 
 def numbers(value: Any) -> set[str]:
@@ -33,10 +34,10 @@ def numbers(value: Any) -> set[str]:
 
 @pytest.mark.parametrize("wide", WIDTHS)
 def test_every_number_of_a_comparison_stands_whole(
-    wide: int, bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    wide: int, bench: Session, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(wide))
-    comparison = compare_bench(bench)
+    comparison = compare(bench)
     print_comparison(bench, comparison)
     text = capsys.readouterr().out
     body = clean(comparison.as_dict())

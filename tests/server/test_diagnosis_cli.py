@@ -10,8 +10,8 @@ import pytest
 
 from fingermodel.effects.catalogue import CATALOGUE
 from fingermodel.effects.user import effect_document, load_effect
+from fingermodel.session import Session
 from server.application.refitting import refit_compared
-from server.application.workflow import open_bench
 from server.commands.additions import print_history
 from server.commands.diagnosis import _print_verdict
 from server.figures.diagnosis_revisions import steps_of
@@ -100,7 +100,7 @@ def test_the_fall_of_the_error_shows_what_a_refit_alone_reaches(
     added: tuple[Path, dict[str, Any]], capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, body = added
-    plain = refit_compared(open_bench("DEV-02", catalogue=True))[2].summary()
+    plain = refit_compared(Session.open("DEV-02"))[2].summary()
     places = list(plain)
     assert [body["refitted_alone"][p]["space"]["rmse_N"] for p in places] == pytest.approx(
         [plain[p]["space"]["rmse_N"] for p in places]

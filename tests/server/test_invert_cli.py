@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from fingermodel.inverse.closures import NAMES
+from fingermodel.session import Session
 from fingermodel.studies.inversion import invert_bench
 from fingermodel.studies.inverted import Inversion
-from server.application.workflow import Bench, open_bench
 from server.figures.inversion import inversion_plots
 from tests.server.command_line import Document, altered, refused, run
 
@@ -21,12 +21,12 @@ Invert = Callable[[str], Inversion]
 
 
 @pytest.fixture(scope="module")
-def bench() -> Bench:
-    return open_bench(SESSION)
+def bench() -> Session:
+    return Session.open(SESSION, catalogue=False)
 
 
 @pytest.fixture(scope="module")
-def inverted(bench: Bench) -> Invert:
+def inverted(bench: Session) -> Invert:
     done: dict[str, Inversion] = {}
 
     def ask(closure: str) -> Inversion:
@@ -132,7 +132,7 @@ def test_the_command_writes_its_figures(tmp_path: Path) -> None:
 def test_a_simulated_index_finger_is_inverted(tmp_path: Path) -> None:
     session = tmp_path / "index"
     assert run("simulate", "synek2019", "--model", "an1979_index", "--noise-N", "0", "--out", session).code == 0
-    alone = [c for c in invert_bench(open_bench(str(session))).cases if set(c.masses_g) == {"FDP"}]
+    alone = [c for c in invert_bench(Session.open(str(session), catalogue=False)).cases if set(c.masses_g) == {"FDP"}]
     assert alone
     for case in alone:
         assert case.muscles["FDP"].force_N == pytest.approx(case.muscles["FDP"].hung_N, rel=0.02)

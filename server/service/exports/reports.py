@@ -12,8 +12,10 @@ import orjson
 from daq.checks import check
 from daq.errors import InputError
 from daq.findings import finding
+from fingermodel.comparing import compare
+from fingermodel.session import Session
 from server.application.checking import model_findings
-from server.application.workflow import Bench, compare_bench, origin_of
+from server.application.provenance import origin_of
 from server.service.exports.session_folders import session_folder
 from server.service.figures.comparison import Only, drawn_comparison
 from server.service.figures.diagnosed import diagnosed
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
     import plotly.graph_objects as go
 
     from daq.findings import Finding
-    from daq.sessions.models import Session
+    from daq.sessions.models import Session as BenchSession
     from fingermodel.comparison.comparison import Comparison
     from server.figures.arrows import Spread
     from server.figures.report import Section
@@ -49,7 +51,7 @@ def checked(parts: Services, session: str) -> dict[str, Any]:
     return {"schema": "fingertwin/check/1"} | {k: v for k, v in report.as_dict().items() if k != "schema"}
 
 
-def _model_findings(parts: Services, measured: Measured, kept: Session) -> Sequence[Finding]:
+def _model_findings(parts: Services, measured: Measured, kept: BenchSession) -> Sequence[Finding]:
     try:
         # A finger that is a file of the bench is not looked for here.
         parts.twins.model(None, measured)
@@ -101,7 +103,7 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
     named = resolved(parts, measured, model)
     bench = parts.twins.bench(measured, named)
     history = list(bench.loaded.history) or history
-    comparison = seen(measured, compare_bench(bench))
+    comparison = seen(measured, compare(bench))
     spread = spread_of(parts, spread_members(parts, measured), comparison)
     if job is not None:
         figures: dict[str, go.Figure] = {}
@@ -169,7 +171,7 @@ def _finger(parts: Services, measured: Measured, job: str, answer: Mapping[str, 
 
 
 def _beside(
-    parts: Services, measured: Measured, bench: Bench, comparison: Comparison, spread: Mapping[str, Spread] | None
+    parts: Services, measured: Measured, bench: Session, comparison: Comparison, spread: Mapping[str, Spread] | None
 ) -> list[Section]:
     """The predictions of a revision on the finger beside those of what it was made from."""
     from server.figures.report import Picture, Section
@@ -181,7 +183,7 @@ def _beside(
         parent = str(parts.revisions.read(bench.loaded.name)["parent"])
         known = parent in parts.sessions.fingers or parent in [h["id"] for h in bench.loaded.history[1:]]
         other = parts.twins.bench(measured, parent if known else None)
-        before = (other.loaded.name, other, compare_bench(other))
+        before = (other.loaded.name, other, compare(other))
         figure, caption = drawn_comparison("vectors", bench, comparison, Only(), before, spread)
         return [Section("Before and after, on the finger", [Picture(figure, caption)])]
     return []

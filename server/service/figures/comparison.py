@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
-from server.application.workflow import Bench
+from fingermodel.session import Session
 from server.figures.before import with_before
 
 if TYPE_CHECKING:
@@ -49,10 +49,10 @@ class Only:
 
 def drawn_comparison(
     name: str,
-    bench: Bench,
+    bench: Session,
     comparison: Comparison,
     only: Only,
-    before: tuple[str, Bench, Comparison] | None,
+    before: tuple[str, Session, Comparison] | None,
     spread: Mapping[str, Spread] | None,
 ) -> tuple[go.Figure, str]:
     """Draw a figure and return it with its caption.
@@ -96,7 +96,7 @@ def drawn_comparison(
 
 
 def _beside(
-    name: str, figure: go.Figure, before: tuple[str, Bench, Comparison], only: Only, shown: Comparison
+    name: str, figure: go.Figure, before: tuple[str, Session, Comparison], only: Only, shown: Comparison
 ) -> go.Figure:
     """The same vectors as an earlier model predicted them, beside those of this one."""
     from server.figures.comparison import comparison_plans
@@ -119,7 +119,7 @@ def _beside(
 
 
 def _of_some(
-    name: str, bench: Bench, shown: Comparison, only: Only, before: tuple[str, Comparison] | None
+    name: str, bench: Session, shown: Comparison, only: Only, before: tuple[str, Comparison] | None
 ) -> go.Figure:
     from server.figures.scatter import scatter_figure
     from server.figures.summary import errors_figure

@@ -11,8 +11,9 @@ from copy import deepcopy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
+from fingermodel import comparing
 from fingermodel.comparison.comparison import compare
-from server.application.workflow import Bench, compare_bench
+from fingermodel.session import Session
 from server.service.answers import dumps
 from server.service.figures.answer import Theme, on_page, shown, shown_data
 from server.service.figures.cases import Told, told_of
@@ -91,11 +92,11 @@ class Figures:
             from server.figures.style import NothingToDrawError
 
             bench = parts.twins.bench(measured, named)
-            comparison = seen(measured, compare_bench(bench))
+            comparison = seen(measured, comparing.compare(bench))
             held = None
             if before is not None:
                 other = parts.twins.bench(measured, earlier)
-                held = (other.loaded.name, other, seen(measured, compare_bench(other)))
+                held = (other.loaded.name, other, seen(measured, comparing.compare(other)))
             about = _about(measured, bench) | {"before": None if held is None else held[0]}
             try:
                 figure, caption = drawn_comparison(
@@ -335,7 +336,7 @@ def _hidden(measured: Measured) -> list[str]:
     return sorted(blinded(measured))
 
 
-def _about(measured: Measured, bench: Bench) -> dict[str, Any]:
+def _about(measured: Measured, bench: Session) -> dict[str, Any]:
     return {
         "session": measured.record.id,
         "session_version": measured.record.version,

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from daq.bench.result import PUBLISHED_TENSION_FACTOR
 from daq.errors import InputError
+from fingermodel.comparing import compare
 from fingermodel.comparison.observations import posture_rad
 from fingermodel.fingers.files import read_finger
 from fingermodel.predicting import Predictor
-from server.application.workflow import compare_bench
 from server.service.services import Services
 from server.service.sessions.blinding import HIDDEN
 from server.service.sessions.measuring import Measured
@@ -170,7 +170,7 @@ def _predicted(
 ) -> Floats | None:
     """Predict the force on the cell: of a measured case as the comparison does, of others from what will hang."""
     if measured.force(case.id) is not None:
-        cases = compare_bench(parts.twins.bench(measured, model)).cases
+        cases = compare(parts.twins.bench(measured, model)).cases
         return next((np.asarray(c.predicted_N) for c in cases if c.id == case.id), None)
     document = measured.record.document or {}
     factor = document.get("tension_factor")

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from server.application.workflow import Bench, compare_bench
+from fingermodel.comparing import compare
+from fingermodel.session import Session
 from server.service.models.twins import IN_FORCE
 from server.service.services import Services
 from server.service.sessions.measuring import Measured
@@ -56,10 +57,10 @@ def spread_of(parts: Services, members: Sequence[Measured], comparison: Comparis
         return None
     from server.figures.arrows import spread_between
 
-    return spread_between(comparison, [compare_bench(parts.twins.bench(m)) for m in members])
+    return spread_between(comparison, [compare(parts.twins.bench(m)) for m in members])
 
 
-def settings_of(bench: Bench, name: str, found: Mapping[str, float]) -> tuple[str, list[Setting]]:
+def settings_of(bench: Session, name: str, found: Mapping[str, float]) -> tuple[str, list[Setting]]:
     """Return the title of an effect, and the values that its parameters are given for a picture of what it changes.
 
     A parameter that the model has fitted keeps its value; others take the upper end of their plausible range, or
@@ -98,7 +99,7 @@ def settings_of(bench: Bench, name: str, found: Mapping[str, float]) -> tuple[st
     return effect.title or effect.name, settings
 
 
-def _chosen(effect: Effect, name: str, bench: Bench) -> list[str]:
+def _chosen(effect: Effect, name: str, bench: Session) -> list[str]:
     topology, layout = bench.model.finger.topology, bench.model.layout
     variants = effect.variants(topology, layout)
     declared = [p.name for p in effect.parameters(topology, layout)]

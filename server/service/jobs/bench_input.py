@@ -14,18 +14,19 @@ from daq.recordings.plateaus import Plateau
 from daq.recordings.windows import Span
 from daq.sessions import FINGER_DOCUMENT, parse_session
 from daq.signals.corrections import assemble, windows_of
+from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.effects.user import effect_from_dict
 from fingermodel.fingers.files import finger_from_dict, finger_names, read_finger
 from fingermodel.model_files import revision_of
-from server.application.workflow import bench_of, prepare_jax
+from fingermodel.session import Session
 
 if TYPE_CHECKING:
     from daq.measured import MeasuredSession
-    from daq.sessions.models import Session
+    from daq.sessions.models import Session as BenchSession
     from fingermodel.fingers import Finger
     from fingermodel.model_files import Revision
+    from fingermodel.session import Session
     from fingermodel.stages import Effect
-    from server.application.workflow import Bench
 
 __all__ = ["FINGER_DOCUMENT", "BenchInput"]
 
@@ -55,7 +56,7 @@ class BenchInput:
     @classmethod
     def of(
         cls,
-        session: Session,
+        session: BenchSession,
         plateaus: Mapping[Span, Plateau],
         notes: tuple[str, ...] = (),
         *,
@@ -95,7 +96,7 @@ class BenchInput:
             raise faults[0]
         return assemble(session, self.plateaus, self.notes)
 
-    def open(self, *, catalogue: bool = False, effects: Sequence[Effect] = (), as_entered: bool = False) -> Bench:
+    def open(self, *, catalogue: bool = False, effects: Sequence[Effect] = (), as_entered: bool = False) -> Session:
         """Load the model and hold it against the session.
 
         Args:
@@ -111,7 +112,7 @@ class BenchInput:
         measured = self.measured()
         if as_entered:
             measured = measured.as_entered
-        bench = bench_of(measured, self._model(), catalogue=catalogue, effects=[*own, *effects])
+        bench = Session.of(measured, self._model(), catalogue=catalogue, effects=[*own, *effects])
         return replace(bench, findings=warnings_of(measured, self.plateaus))
 
     def _model(self) -> Finger | Revision:

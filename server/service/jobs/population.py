@@ -37,13 +37,13 @@ if TYPE_CHECKING:
     from fingermodel.comparison.comparison import Comparison
     from fingermodel.comparison.observations import Observations
     from fingermodel.fitting.fit_report import Fit
-    from server.application.workflow import Bench
+    from fingermodel.session import Session
 
 Floats = NDArray[np.float64]
 
 # Benches that a process keeps open between fits.
 _KEPT_OPEN = 8
-_open: OrderedDict[tuple[str, bool], Bench] = OrderedDict()
+_open: OrderedDict[tuple[str, bool], Session] = OrderedDict()
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +131,7 @@ def fit_part(part: Part) -> Result:
     return _result(part, bench, fit, after) | {"added": list(names), "log_evidence_gain": gain}
 
 
-def _refitted(bench: Bench, part: Part, estimate: Result) -> tuple[Fit, Comparison]:
+def _refitted(bench: Session, part: Part, estimate: Result) -> tuple[Fit, Comparison]:
     observations = drawn(bench, part.seed, part.bench.id, part.replicate)
     problem = map_problem(bench.model, observations, None, estimate["effect_parameters"])
     start = problem.centre.copy()
@@ -141,7 +141,7 @@ def _refitted(bench: Bench, part: Part, estimate: Result) -> tuple[Fit, Comparis
     return fit, compare(bench.model, bench.observations, fit.theta)
 
 
-def drawn(bench: Bench, seed: int, session: str, replicate: int) -> Observations:
+def drawn(bench: Session, seed: int, session: str, replicate: int) -> Observations:
     """Draw the readings that are fitted anew, about the measured ones.
 
     Args:
@@ -158,7 +158,7 @@ def drawn(bench: Bench, seed: int, session: str, replicate: int) -> Observations
     return replace(bench.observations, wrench=wrench)
 
 
-def _result(part: Part, bench: Bench, fit: Fit, after: Comparison) -> Result:
+def _result(part: Part, bench: Session, fit: Fit, after: Comparison) -> Result:
     session = bench.measured.session
     effects = [p for p in fit.parameters if p.kind == "effect"]
     out: Result = clean(
@@ -182,7 +182,7 @@ def _result(part: Part, bench: Bench, fit: Fit, after: Comparison) -> Result:
     return out
 
 
-def _opened(part: Part) -> Bench:
+def _opened(part: Part) -> Session:
     """Open a bench, or take it from those that this process has opened before."""
     key = part.fingerprint, part.catalogue
     bench = _open.pop(key, None) or part.bench.open(catalogue=part.catalogue)

@@ -9,14 +9,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from daq.plain_json import clean
+from fingermodel import api
+from fingermodel.comparing import compare
 from fingermodel.diagnosis.next_cases.next_cases import plan_next
 from fingermodel.diagnosis.several_sessions.several import diagnose_pooled
+from fingermodel.revisions import describe_revision
+from fingermodel.session import Session
 from server.application.additions import add_bench, addition_body, addition_step, refitted_alone, resolved_effects
 from server.application.diagnosing import bare_verdict, diagnosis_answer, run_diagnosis
 from server.application.planning import frozen_plan, plan_body
 from server.application.pooling import pooled_body
+from server.application.provenance import provenance
 from server.application.refitting import fit_body, refit_compared
-from server.application.workflow import compare_bench, describe_revision, open_bench, provenance, refit_bench
 from server.reproduce.study import reproduce as compute
 from server.reproduce.study import study_of
 from server.service.jobs.bench_input import BenchInput
@@ -25,7 +29,7 @@ from server.service.jobs.worker import Tell
 
 if TYPE_CHECKING:
     from fingermodel.diagnosis.diagnose import Diagnosis
-    from server.application.workflow import Bench
+    from fingermodel.session import Session
 
 Answer = dict[str, Any]
 
@@ -123,12 +127,12 @@ def reproduce(payload: ReproduceInput, tell: Tell) -> Answer:
 
 def warm() -> None:
     """Load the array compiler and the compiled models, so that a worker's first job finds them there."""
-    bench = open_bench(_WARM_SESSION, catalogue=True)
-    compare_bench(bench)
-    refit_bench(bench, starts=1)
+    bench = Session.open(_WARM_SESSION)
+    compare(bench)
+    api.refit(bench, starts=1)
 
 
-def _diagnosed(given: BenchInput, thorough: bool, tell: Tell) -> tuple[Bench, Diagnosis]:
+def _diagnosed(given: BenchInput, thorough: bool, tell: Tell) -> tuple[Session, Diagnosis]:
     tell(0.0, "loading")
     bench = given.open(catalogue=True)
     diagnosis = run_diagnosis(bench, thorough, lambda done: tell(0.05 + 0.9 * done, "fitting every effect"))

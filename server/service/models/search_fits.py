@@ -8,13 +8,13 @@ from sqlalchemy import select
 
 from fingermodel.fingers.files import finger_document
 from fingermodel.model_files import FORMAT, revision_of
-from server.application.workflow import at_fit, held_by
+from fingermodel.revisions import held_by
 from server.service.storage.schema import jobs
 from server.service.web.problems import ProblemError, shortened
 
 if TYPE_CHECKING:
     from fingermodel.model_files import Revision
-    from server.application.workflow import Bench
+    from fingermodel.session import Session
     from server.service.storage.database import Database
 
 NOTHING = "nothing"
@@ -48,7 +48,7 @@ def asked(database: Database, name: str, session: str) -> tuple[dict[str, Any], 
     )
 
 
-def fit_revision(bench: Bench, name: str, found: dict[str, Any]) -> Revision:
+def fit_revision(bench: Session, name: str, found: dict[str, Any]) -> Revision:
     """Make a model of a search's refit.
 
     Args:
@@ -58,7 +58,7 @@ def fit_revision(bench: Bench, name: str, found: dict[str, Any]) -> Revision:
     """
     model, session, index = bench.model, bench.measured.session.id, bench.model.parameters.index
     # A session that was changed since the search may lack a setting or a mounting.
-    theta = at_fit(bench, found["fit"]).theta
+    theta = bench.at_values(found["fit"]).theta
     job, _, wanted = name.partition("/")
     what = "nothing" if wanted == NOTHING else wanted.replace("+", " + ")
     title = f"{bench.loaded.name} with {what} added (search {job[:6]})"

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import select
 
+from fingermodel.comparing import compare
 from fingermodel.comparison.comparison import Comparison as Cases
 from fingermodel.fingers.files import finger_from_dict, read_finger
 from fingermodel.predicting import Predictor
-from server.application.workflow import Bench, bench_of, compare_bench, provenance
+from fingermodel.session import Session
+from server.application.provenance import provenance
 from server.service.answers import dumps
 from server.service.models.effects import OwnEffects
 from server.service.models.revisions import Revisions
@@ -73,7 +75,7 @@ class Twins:
         self._database, self._measuring, self._revisions = database, measuring, revisions
         self._effects, self._fingers = effects, fingers
         self._fits: OrderedDict[Hashable, Revision] = OrderedDict()
-        self._benches: OrderedDict[Hashable, Bench] = OrderedDict()
+        self._benches: OrderedDict[Hashable, Session] = OrderedDict()
         self._compared: OrderedDict[Hashable, Compared] = OrderedDict()
         self._predictors: OrderedDict[str, Predictor] = OrderedDict()
         self._lock, self._turns = threading.Lock(), Turns()
@@ -135,7 +137,7 @@ class Twins:
                 self._fits.popitem(last=False)
         return made
 
-    def bench(self, measured: Measured, model: str | None = None, effects: Sequence[Effect] | None = None) -> Bench:
+    def bench(self, measured: Measured, model: str | None = None, effects: Sequence[Effect] | None = None) -> Session:
         """Hold a session against a model.
 
         Args:
@@ -158,7 +160,7 @@ class Twins:
             if known is not None:
                 return known
             bench = replace(
-                bench_of(forces, found, catalogue=effects is not None, effects=effects or ()),
+                Session.of(forces, found, catalogue=effects is not None, effects=effects or ()),
                 findings=measured.findings,
             )
             with self._lock:
@@ -205,7 +207,7 @@ class Twins:
                 self._compared.move_to_end(key)
                 return known
         bench = self.bench(measured, asked)
-        body = dumps(self.compared_body(measured, bench, compare_bench(bench)))
+        body = dumps(self.compared_body(measured, bench, compare(bench)))
         out = Compared(body, hashlib.sha256(body).hexdigest()[:32])
         with self._lock:
             self._compared[key] = out
@@ -213,7 +215,7 @@ class Twins:
                 self._compared.popitem(last=False)
         return out
 
-    def compared_body(self, measured: Measured, bench: Bench, comparison: Comparison) -> dict[str, Any]:
+    def compared_body(self, measured: Measured, bench: Session, comparison: Comparison) -> dict[str, Any]:
         """The contract's comparison, blind where it has to be, with what it came from."""
         blinded = []
         if not measured.record.closed:
@@ -225,7 +227,7 @@ class Twins:
         body = {"schema": "fingertwin/compare/1"} | provenance(bench) | comparison.as_dict() | rest
         return body | {"blinded": blinded, "provenance": self.provenance(measured, bench)}
 
-    def provenance(self, measured: Measured, bench: Bench, *, digest: bool = False) -> dict[str, Any]:
+    def provenance(self, measured: Measured, bench: Session, *, digest: bool = False) -> dict[str, Any]:
         """Say which readings, corrections, model and software a number came from.
 
         Args:

@@ -12,7 +12,7 @@ from sqlalchemy import select
 from sqlalchemy.exc import SQLAlchemyError
 
 from daq.errors import InputError
-from server.application.workflow import compare_bench
+from fingermodel.comparing import compare
 from server.service.answers import dumps
 from server.service.models.twins import Twins
 from server.service.sessions.measuring import Measured, Measuring
@@ -149,7 +149,7 @@ def case_bodies(measured: Measured, twins: Twins) -> list[dict[str, Any]]:
     if measured.measured is not None:
         try:
             bench = twins.bench(measured)
-            compared = {c.id: c for c in compare_bench(bench).cases}
+            compared = {c.id: c for c in compare(bench).cases}
         except (InputError, ProblemError) as error:
             problem = str(error)
     out = []

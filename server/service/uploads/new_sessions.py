@@ -26,9 +26,10 @@ from daq.lab.traces import Traces, read_traces
 from daq.recordings.columns import QUANTITIES
 from daq.recordings.readings import ReadingBlock, first_bytes
 from daq.sessions import read_session, read_yaml
-from daq.sessions.models import Session
+from daq.sessions.models import Session as BenchSession
 from daq.units import COMMON
 from fingermodel.fingers.files import read_finger
+from fingermodel.session import Session
 from server.application.new_session import (
     MASSES_IN_GRAMS,
     LaidNotes,
@@ -41,7 +42,6 @@ from server.application.new_session import (
     suspects,
     write_new,
 )
-from server.application.workflow import bench_of
 from server.service.figures.answer import Theme, on_page, shown
 from server.service.figures.fingers import known_finger
 from server.service.services import Services
@@ -296,7 +296,7 @@ def draft(body: NewFromRecordings) -> dict[str, Any]:
         ProblemError: the files cannot be taken.
     """
 
-    def judged(session: Session, document: Mapping[str, Any]) -> dict[str, Any]:
+    def judged(session: BenchSession, document: Mapping[str, Any]) -> dict[str, Any]:
         measured, findings = measure_and_check(session)
         return {
             "schema": SCHEMA,
@@ -312,7 +312,7 @@ def draft(body: NewFromRecordings) -> dict[str, Any]:
 
 def _suspects(measured: Any) -> dict[str, Any]:
     try:
-        found = suspects(bench_of(measured))
+        found = suspects(Session.of(measured, catalogue=False))
     except InputError as error:
         return {"looked_at": str(error)}
     return {"suspects": [vars(s) for s in found]}
@@ -323,7 +323,7 @@ def keep(parts: Services, body: NewFromRecordings) -> tuple[str, bool]:
     return _made(body, lambda session, _: keep_session(parts, session, None))
 
 
-def _made(body: NewFromRecordings, use: Callable[[Session, Mapping[str, Any]], Any]) -> Any:
+def _made(body: NewFromRecordings, use: Callable[[BenchSession, Mapping[str, Any]], Any]) -> Any:
     with held(body.sent, body.mapping) as given:
         finger = known_finger(body.header.finger)
         blocks, _ = _joined(given)

@@ -7,23 +7,24 @@ import pytest
 
 from fingermodel.diagnosis import settings
 from fingermodel.diagnosis.posterior.hyper import BUDGET, SCATTER, SMOOTH, Hyperparameters, Node, climbed, explored
-from fingermodel.diagnosis.session_model.session import Session, session_of
-from server.application.workflow import open_bench
+from fingermodel.diagnosis.session_model.session import Session as SessionModel
+from fingermodel.diagnosis.session_model.session import session_of
+from fingermodel.session import Session
 
 
 @pytest.fixture(scope="module")
-def recorded() -> Session:
-    bench = open_bench("DEV-01", catalogue=True)
+def recorded() -> SessionModel:
+    bench = Session.open("DEV-01")
     return session_of(bench.model, bench.observations)
 
 
 @pytest.fixture(scope="module")
-def published() -> Session:
-    bench = open_bench("synek2019_H01", catalogue=True)
+def published() -> SessionModel:
+    bench = Session.open("synek2019_H01")
     return session_of(bench.model, bench.observations)
 
 
-def test_every_axis_is_a_probability(recorded: Session, published: Session) -> None:
+def test_every_axis_is_a_probability(recorded: SessionModel, published: SessionModel) -> None:
     for session in (recorded, published):
         hyper = Hyperparameters.of(session)
         for axis in (*hyper.axes, hyper.form):
@@ -31,7 +32,7 @@ def test_every_axis_is_a_probability(recorded: Session, published: Session) -> N
             assert (np.diff(axis.values) > 0.0).all()
 
 
-def test_priors_say_what_the_explanation_says(recorded: Session) -> None:
+def test_priors_say_what_the_explanation_says(recorded: SessionModel) -> None:
     hyper = Hyperparameters.of(recorded)
     budget, form = hyper.axes[BUDGET], hyper.form
     assert np.exp(hyper.axes[SMOOTH].log_weight[0]) == pytest.approx(1.0 - settings.P_SMOOTH / 3.0)
@@ -39,7 +40,7 @@ def test_priors_say_what_the_explanation_says(recorded: Session) -> None:
     assert np.exp(form.log_weight[form.values > settings.FORM_NAMED]).sum() == pytest.approx(0.2, abs=0.06)
 
 
-def test_a_stated_scatter_is_believed_within_a_factor(published: Session) -> None:
+def test_a_stated_scatter_is_believed_within_a_factor(published: SessionModel) -> None:
     axis = Hyperparameters.of(published).axes[SCATTER]
     stated = published.stated_scatter
     assert stated == pytest.approx(0.025)

@@ -13,7 +13,7 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED
-from server.application.workflow import open_bench
+from fingermodel.session import Session
 from tests.fingermodel.diagnosis.dense import dense
 
 Floats = NDArray[np.float64]
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 @pytest.fixture(scope="module")
 def fitter() -> Fitter:
-    bench = open_bench("DEV-02", catalogue=True)
+    bench = Session.open("DEV-02")
     session = session_of(bench.model, bench.observations)
     return Fitter(session, Candidates.of(bench.model), Hyperparameters.of(session))
 

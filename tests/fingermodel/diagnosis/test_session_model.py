@@ -10,46 +10,47 @@ import pytest
 
 from daq.errors import SessionError
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
-from fingermodel.diagnosis.session_model.session import Session, session_of, whitened
+from fingermodel.diagnosis.session_model.session import Session as SessionModel
+from fingermodel.diagnosis.session_model.session import session_of, whitened
 from fingermodel.diagnosis.settings import BAD_N, P_NOTHING
-from server.application.workflow import Bench, open_bench
+from fingermodel.session import Session
 
 
 @pytest.fixture(scope="module")
-def bench() -> Bench:
-    return open_bench("DEV-01", catalogue=True)
+def bench() -> Session:
+    return Session.open("DEV-01")
 
 
 @pytest.fixture(scope="module")
-def session(bench: Bench) -> Session:
+def session(bench: Session) -> SessionModel:
     return session_of(bench.model, bench.observations)
 
 
 @pytest.fixture(scope="module")
-def candidates(bench: Bench) -> Candidates:
+def candidates(bench: Session) -> Candidates:
     return Candidates.of(bench.model)
 
 
-def test_all_moments_at_the_tip_are_fitted_and_none_at_the_bone(session: Session) -> None:
+def test_all_moments_at_the_tip_are_fitted_and_none_at_the_bone(session: SessionModel) -> None:
     places = np.array(session.observations.locations)[session.rows // 6]
     assert set(session.rows[places == "tip"] % 6) == set(range(6))
     assert set(session.rows[places == "bone"] % 6) == {0, 1, 2}
 
 
-def test_a_session_in_which_nothing_hangs_is_refused_in_words(bench: Bench) -> None:
+def test_a_session_in_which_nothing_hangs_is_refused_in_words(bench: Session) -> None:
     inputs = bench.observations.inputs
     empty = replace(bench.observations, inputs=inputs._replace(tension=jnp.zeros_like(inputs.tension)))
     with pytest.raises(SessionError, match="no weight hangs in any identification case"):
         session_of(bench.model, empty)
 
 
-def test_validation_cases_are_predicted_and_never_fitted(session: Session) -> None:
+def test_validation_cases_are_predicted_and_never_fitted(session: SessionModel) -> None:
     roles = np.array(session.observations.roles)[session.rows // 6]
     assert (roles[~session.fitted] == "validation").all()
     assert (roles[session.fitted] != "validation").all()
 
 
-def test_whitening_undoes_the_noise_of_every_case(session: Session) -> None:
+def test_whitening_undoes_the_noise_of_every_case(session: SessionModel) -> None:
     noise = session.fitted_noise
     roots, log_det = noise.whitening(0.02, 1.5, frozenset({int(noise.cases[0])}))
     n = len(noise.cases)
@@ -60,7 +61,7 @@ def test_whitening_undoes_the_noise_of_every_case(session: Session) -> None:
     assert log_det == pytest.approx(np.linalg.slogdet(covariance)[1])
 
 
-def test_a_bad_case_may_be_anything_and_the_others_are_as_before(session: Session) -> None:
+def test_a_bad_case_may_be_anything_and_the_others_are_as_before(session: SessionModel) -> None:
     noise = session.fitted_noise
     case = int(noise.cases[0])
     for (rows, plain), (_, bad) in zip(
@@ -72,7 +73,7 @@ def test_a_bad_case_may_be_anything_and_the_others_are_as_before(session: Sessio
         assert (grown >= BAD_N**2 - 1e-9).all()
 
 
-def test_scatter_acts_on_each_tendon_by_itself(session: Session) -> None:
+def test_scatter_acts_on_each_tendon_by_itself(session: SessionModel) -> None:
     noise, observations = session.fitted_noise, session.observations
     for rows, _, by_tension in noise.groups:
         for case, columns in zip(noise.cases[rows[:, 0]], by_tension, strict=True):
@@ -80,7 +81,7 @@ def test_scatter_acts_on_each_tendon_by_itself(session: Session) -> None:
             assert not columns[:, ~loaded].any()
 
 
-def test_something_smooth_in_torque_reaches_tip_and_bone_together(session: Session) -> None:
+def test_something_smooth_in_torque_reaches_tip_and_bone_together(session: SessionModel) -> None:
     torque = session.smooth[:, session.families == 0]
     places = np.array(session.observations.locations)[session.rows // 6]
     strength = np.abs(torque).sum(axis=0)
@@ -88,12 +89,12 @@ def test_something_smooth_in_torque_reaches_tip_and_bone_together(session: Sessi
     assert both[strength > 0.1 * strength.max()].all()
 
 
-def test_a_discrepancy_spares_the_checks(session: Session) -> None:
+def test_a_discrepancy_spares_the_checks(session: SessionModel) -> None:
     checks = np.array(session.observations.roles)[session.rows // 6] == "check"
     assert not session.smooth[checks].any()
 
 
-def test_a_clamp_that_resists_twist_leaves_joint_torques_as_they_are(session: Session) -> None:
+def test_a_clamp_that_resists_twist_leaves_joint_torques_as_they_are(session: SessionModel) -> None:
     # Whatever it carries, the joints feel the same torques: what it adds is in the null space of the levers.
     observations, model = session.observations, session.model
     from fingermodel.model import tips_of

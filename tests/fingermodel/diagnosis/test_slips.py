@@ -16,13 +16,13 @@ from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.session_model.slips import Slips
 from fingermodel.diagnosis.settings import SLIP_SHARES
 from fingermodel.fitting.roots import root_of, root_of_one_plus
-from server.application.workflow import open_bench
+from fingermodel.session import Session
 from tests.fingermodel.diagnosis.dense import dense
 
 
 @pytest.fixture(scope="module")
 def nothing() -> Optimum:
-    bench = open_bench("DEV-01", catalogue=True)
+    bench = Session.open("DEV-01")
     session = session_of(bench.model, bench.observations)
     fitter = Fitter(session, Candidates.of(bench.model), Hyperparameters.of(session))
     return fitter.fit(NOTHING, session.problem.centre, fitter.hyper.start(0))

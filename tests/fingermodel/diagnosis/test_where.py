@@ -8,11 +8,11 @@ import pytest
 from fingermodel.comparison.comparison import compare
 from fingermodel.diagnosis.answer.where import where
 from fingermodel.fitting.problems import map_problem
-from server.application.workflow import open_bench
+from fingermodel.session import Session
 
 
 def test_a_cell_is_the_root_mean_square_of_what_its_cases_have() -> None:
-    bench = open_bench("synek2019_H01")
+    bench = Session.open("synek2019_H01", catalogue=False)
     table, plane = bench.model.parameters, bench.model.finger.judged_in
     theta = bench.theta.copy()
     at = table.index["cell_gain.Fx"]

@@ -21,9 +21,12 @@ import pytest
 from daq.bench.run import BenchRun
 from daq.checks import check
 from daq.sessions import read_session
+from fingermodel.api import refit
+from fingermodel.comparing import compare
+from fingermodel.revisions import save_revision
+from fingermodel.session import Session
 from server.application.checking import model_findings
 from server.application.drawing import draw_comparison
-from server.application.workflow import compare_bench, open_bench, refit_bench, save_revision
 from server.commands.files import export_source
 from server.figures.report import Section
 from server.service.exports import exporting
@@ -145,16 +148,16 @@ def test_a_folder_is_a_session_that_the_command_line_takes(service: ServiceRecei
         for member, content in members(exported(service, name, "folder")).items():
             (tmp_path / member).parent.mkdir(exist_ok=True)
             (tmp_path / member).write_bytes(content)
-        compared = compare_bench(open_bench(tmp_path / name)).as_dict()
-        assert json.dumps(compared) == json.dumps(compare_bench(open_bench(name)).as_dict())
+        compared = compare(Session.open(tmp_path / name, catalogue=False)).as_dict()
+        assert json.dumps(compared) == json.dumps(compare(Session.open(name, catalogue=False)).as_dict())
 
 
 def test_a_supplement_with_a_model_holds_its_revisions_back_to_the_finger(
     service: ServiceReceiver, tmp_path: Path
 ) -> None:
-    bench = open_bench(PUBLISHED)
-    summary = compare_bench(bench).summary()
-    first = save_revision(bench, refit_bench(bench, starts=1), tmp_path / "r1.json", summary, summary)
+    bench = Session.open(PUBLISHED, catalogue=False)
+    summary = compare(bench).summary()
+    first = save_revision(bench, refit(bench, starts=1), tmp_path / "r1.json", summary, summary)
     later = first | {"id": "later", "parent": first["id"], "created_utc": now_utc()}
     with service.parts.messages.writing() as telling:
         for document in (first, later):
@@ -180,8 +183,8 @@ def as_made(page: str) -> str:
 @pytest.mark.parametrize("name", [RECORDED, MEAN])
 def test_a_report_is_the_page_of_the_command_line(service: ServiceReceiver, name: str, tmp_path: Path) -> None:
     answer = service.client().get(f"{AT}/{name}/report")
-    bench = open_bench(name)
-    page = draw_comparison(bench, compare_bench(bench), tmp_path, static=False)
+    bench = Session.open(name, catalogue=False)
+    page = draw_comparison(bench, compare(bench), tmp_path, static=False)
     assert as_made(answer.text) == as_made(page.read_text(encoding="utf-8"))
     assert answer.headers["Content-Disposition"] == f'attachment; filename="{name}-report.html"'
     policy = answer.headers["Content-Security-Policy"]

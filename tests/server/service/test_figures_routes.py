@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from sqlalchemy import insert
 
+from fingermodel import comparing
 from fingermodel.comparison.comparison import compare
+from fingermodel.session import Session
 from server.application.diagnosis_report import diagnosis_figures
-from server.application.workflow import at_fit, compare_bench, open_bench
 from server.figures.comparison import comparison_figures
 from server.figures.dark import for_dark, turned
 from server.figures.diagnosis_revisions import revisions_figure
@@ -91,9 +92,9 @@ def kept_job(service: ServiceReceiver, name: str, **instead: Any) -> None:
 
 @pytest.mark.parametrize("name", [RECORDED, PUBLISHED])
 def test_comparisons_are_drawn_as_by_the_command_line(service: ServiceReceiver, name: str) -> None:
-    bench = open_bench(name)
+    bench = Session.open(name, catalogue=False)
     expected = comparison_figures(
-        bench.model, bench.observations, compare_bench(bench), theta=bench.theta, model_name=bench.loaded.name
+        bench.model, bench.observations, comparing.compare(bench), theta=bench.theta, model_name=bench.loaded.name
     )
     for figure in COMPARISON:
         body = shown(service, f"/comparison/{figure}", session=name)
@@ -121,7 +122,7 @@ def points(body: dict[str, Any]) -> list[str]:
 
 @pytest.mark.parametrize("name", COMPARISON)
 def test_every_point_says_which_cases_it_stands_for(service: ServiceReceiver, name: str) -> None:
-    compared = compare_bench(open_bench(RECORDED))
+    compared = comparing.compare(Session.open(RECORDED, catalogue=False))
     body = shown(service, f"/comparison/{name}", session=RECORDED)
     place = {"scatter": ("identification", "tip"), "scatter_validation": ("validation", "tip")}.get(name, (None, None))
     known = {c.id: c for c in compared.select(*place).cases}
@@ -141,7 +142,7 @@ def test_every_point_says_which_cases_it_stands_for(service: ServiceReceiver, na
 
 
 def test_some_cases_are_drawn_in_either_plane(service: ServiceReceiver) -> None:
-    compared = compare_bench(open_bench(RECORDED))
+    compared = comparing.compare(Session.open(RECORDED, catalogue=False))
     bone = shown(service, "/comparison/scatter", session=RECORDED, location="bone", plane="sagittal", muscles="FDP")
     wanted = compared.select("identification", "bone", "FDP")
     assert points(bone) == sorted(c.id for c in wanted.cases)
@@ -172,7 +173,7 @@ def test_what_an_earlier_model_predicted_is_drawn_beside(service: ServiceReceive
 
 
 def test_cells_and_bars_of_a_diagnosis_lead_to_cases_of_the_session(service: ServiceReceiver) -> None:
-    cases = compare_bench(open_bench(RECORDED)).select("identification").cases
+    cases = comparing.compare(Session.open(RECORDED, catalogue=False)).select("identification").cases
     answer = missing_effect()
     first = cases[0]
     answer["where"]["cells"] = [{"muscles": first.muscles, "posture": first.posture, "location": first.location,
@@ -186,7 +187,7 @@ def test_cells_and_bars_of_a_diagnosis_lead_to_cases_of_the_session(service: Ser
 
 
 def test_the_words_hold_the_numbers_of_the_comparison(service: ServiceReceiver) -> None:
-    summary = compare_bench(open_bench(RECORDED)).select("identification", "tip").errors("space")
+    summary = comparing.compare(Session.open(RECORDED, catalogue=False)).select("identification", "tip").errors("space")
     text = shown(service, "/comparison/scatter", session=RECORDED)["text"]
     assert f"RMSE {summary.rmse_N:.2f} N ({summary.rmse_rel_pct:.1f} %) in space" in text
     assert "56 identification cases" in text
@@ -278,8 +279,8 @@ def test_the_fall_of_the_error_is_that_of_the_revision(service: ServiceReceiver)
 
 
 def test_the_finger_holds_the_weights_and_forces_of_its_case(service: ServiceReceiver) -> None:
-    bench = open_bench(RECORDED)
-    for found in (c for c in compare_bench(bench).cases if c.id in ("c001", "c030", "c090")):
+    bench = Session.open(RECORDED, catalogue=False)
+    for found in (c for c in comparing.compare(bench).cases if c.id in ("c001", "c030", "c090")):
         body = shown(service, "/finger", session=RECORDED, case=found.id)
         weights = {t["meta"]["tendon"]: t["meta"]["mass_g"] for t in traces(body, "weight")}
         assert weights == {m: g for m, g in found.masses_g.items() if g}
@@ -305,7 +306,7 @@ def test_the_finger_alone_has_neither_weights_nor_forces(service: ServiceReceive
 @pytest.mark.parametrize("effect", ["worn_pulley.FDP", "worn_pulley", "tip_location"])
 def test_an_effect_is_drawn_as_the_difference_that_it_makes(service: ServiceReceiver, effect: str) -> None:
     body = shown(service, f"/effect/{effect}", session=RECORDED)
-    bench = open_bench(RECORDED, catalogue=True)
+    bench = Session.open(RECORDED)
     theta = bench.theta.copy()
     for setting in body["parameters"]:
         parameter = bench.model.parameters.parameters[bench.model.parameters.index[setting["name"]]]
@@ -332,7 +333,11 @@ def test_a_users_own_effect_is_drawn_too(service: ServiceReceiver) -> None:
     own = service.client().post("/api/v1/effects", json={"formula": formula}).raise_for_status().json()["name"]
     body = shown(service, f"/effect/{own}", session=RECORDED)
     bars = traces(body, "change")
-    loaded = {c.id for c in compare_bench(open_bench(RECORDED)).cases if c.masses_g.get("EDC") and c.location == "tip"}
+    loaded = {
+        c.id
+        for c in comparing.compare(Session.open(RECORDED, catalogue=False)).cases
+        if c.masses_g.get("EDC") and c.location == "tip"
+    }
     moved = {c for bar in bars for c, y in zip(bar["meta"]["cases"], bar["y"], strict=True) if abs(y) > 1e-9}
     assert loaded
     assert loaded <= moved
@@ -342,7 +347,7 @@ def test_a_refit_of_a_search_is_a_model_whose_residuals_every_answer_shares(serv
     moved = {"zero.bone.x": 0.1, "cell_gain.Fy": 0.05}
     row = {"candidates": [], "parameters": [], "fit": moved}
     kept_job(service, "fits", result=missing_effect() | {"model": "an1979_middle", "ranking": [row]})
-    expected = compare_bench(at_fit(open_bench(RECORDED), moved)).cases
+    expected = comparing.compare(Session.open(RECORDED, catalogue=False).at_values(moved)).cases
     asked = {"model": "fits/nothing"}
     body = service.client().get(f"/api/v1/sessions/{RECORDED}/comparison", params=asked).json()
     found = [c["predicted_N"] for c in body["cases"]]

@@ -21,7 +21,8 @@ from starlette.types import Message
 
 from daq.recordings.columns import HEADERS
 from daq.sessions import find_session, read_yaml
-from server.application.workflow import compare_bench, open_bench
+from fingermodel.comparing import compare
+from fingermodel.session import Session
 from server.service.ingest.ingest import Ingest
 from server.service.storage.schema import chunks, sessions
 from server.service.uploads import importing
@@ -69,7 +70,7 @@ def test_a_folder_is_compared_as_by_the_command_line(service: ServiceReceiver) -
     assert made.status_code == 201, made.text
     assert made.json()["cases"] == {"measured": 96}
     ours = service.client().get(f"/api/v1/sessions/{RECORDED}/comparison").json()["cases"]
-    theirs = compare_bench(open_bench(RECORDED)).as_dict()["cases"]
+    theirs = compare(Session.open(RECORDED, catalogue=False)).as_dict()["cases"]
     assert [c["residual_N"] for c in ours] == [pytest.approx(c["residual_N"]) for c in theirs]
     again = send(service, folder_of(RECORDED))
     assert (again.status_code, again.json()["version"]) == (200, made.json()["version"])
@@ -96,7 +97,7 @@ def test_a_shipped_example_is_taken_in_by_its_name_alone(service: ServiceReceive
     first, again = (service.client().post(f"{AT}/examples/synek2019_H02") for _ in range(2))
     assert (first.status_code, again.status_code) == (201, 200)
     cases = service.client().get("/api/v1/sessions/synek2019_H02/comparison").json()["cases"]
-    assert len(cases) == len(compare_bench(open_bench("synek2019_H02")).cases)
+    assert len(cases) == len(compare(Session.open("synek2019_H02", catalogue=False)).cases)
     refused = service.client().post(f"{AT}/examples/nothing")
     assert (refused.status_code, "DEV-02" in refused.json()["detail"]) == (404, True)
 

@@ -11,7 +11,7 @@ import pytest
 
 from daq.errors import InputError
 from fingermodel.fitting.problems import map_problem
-from server.application.workflow import open_bench
+from fingermodel.session import Session
 from server.service.jobs import population
 from server.service.jobs.bench_input import BenchInput
 from server.service.jobs.executors import DaskExecutor, ExecutorSettings, ProcessExecutor
@@ -117,7 +117,7 @@ def test_parts_of_a_session_that_has_changed_since_are_not_used(plain: tuple[dic
 
 @pytest.mark.parametrize("name", ["synek2019_H01", "DEV-01"])
 def test_draws_have_the_covariance_of_the_readings_shared_tares_included(name: str) -> None:
-    bench = open_bench(name)
+    bench = Session.open(name, catalogue=False)
     problem = map_problem(bench.model, bench.observations)
     measured = bench.observations.wrench.reshape(-1)
     every = np.array([drawn(bench, 1, name, k).wrench.reshape(-1) - measured for k in range(300)])

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from server.application.workflow import compare_bench, open_bench
+from fingermodel.comparing import compare
+from fingermodel.session import Session
 from tests.server.service.recorded import chunks_of, describe, document_of, put, upload
 from tests.server.service.running import ServiceReceiver
 
@@ -48,7 +49,7 @@ def small(name: str = "S1", cases: int = 3) -> dict[str, Any]:
 @pytest.mark.parametrize("name", [RECORDED, PUBLISHED])
 def test_a_comparison_is_that_of_the_command_line_to_the_last_bit(service: ServiceReceiver, name: str) -> None:
     answer = service.client().get(f"{AT}/{name}/comparison").json()
-    expected = plain(compare_bench(open_bench(name)).as_dict())
+    expected = plain(compare(Session.open(name, catalogue=False)).as_dict())
     assert {k: answer[k] for k in expected} == expected
     assert answer["blinded"] == []
     assert answer["waiting"] == answer["failed"] == {}

@@ -16,10 +16,10 @@ from sqlalchemy import insert
 
 from daq.locations import data_dir
 from fingermodel.fingers.files import finger_from_dict, finger_names, read_finger
+from fingermodel.session import Session
 from fingermodel.studies.activation import activate
 from fingermodel.studies.inversion import invert_bench
 from fingermodel.studies.movement import move
-from server.application.workflow import open_bench
 from server.reproduce.study import STUDIES
 from server.service.jobs import inputs, tasks
 from server.service.jobs.worker import Tell
@@ -133,7 +133,7 @@ def test_two_fingers_are_compared(service: ServiceReceiver) -> None:
 
 
 def test_forces_inside_are_those_of_the_command_line(service: ServiceReceiver) -> None:
-    expected = invert_bench(open_bench(RECORDED), "minimal")
+    expected = invert_bench(Session.open(RECORDED, catalogue=False), "minimal")
     body = found(service, f"/sessions/{RECORDED}/inversion", closure="minimal", figures="light")
     drawn(body, "light")
     assert (body["schema"], body["closure"]) == ("fingertwin/invert/1", "minimal")

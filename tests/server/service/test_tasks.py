@@ -13,11 +13,13 @@ import pytest
 
 from daq.errors import InputError
 from daq.plain_json import clean
+from fingermodel.comparing import compare
 from fingermodel.fingers.files import read_finger
+from fingermodel.session import Session
 from server.application.additions import add_bench
 from server.application.diagnosing import diagnosis_answer, run_diagnosis
+from server.application.provenance import provenance
 from server.application.refitting import fit_body, refit_compared
-from server.application.workflow import compare_bench, open_bench, provenance
 from server.service.jobs import inputs, tasks
 from server.service.jobs.bench_input import FINGER_DOCUMENT, BenchInput
 from server.service.jobs.kinds import TaskKind
@@ -44,7 +46,7 @@ def silent() -> Tell:
 
 @pytest.mark.parametrize("name", [NAME, "DEV-01"])
 def test_a_bench_is_the_same_from_its_folder_and_in_a_worker(name: str) -> None:
-    given, here = pickle.loads(pickle.dumps(bench_input(name))), open_bench(name)  # noqa: S301 - our own
+    given, here = pickle.loads(pickle.dumps(bench_input(name))), Session.open(name, catalogue=False)  # noqa: S301 - our own
     there = given.open()
     assert there.measured.session.model_dump() == here.measured.session.model_dump()
     assert np.array_equal(there.observations.wrench, here.observations.wrench, equal_nan=True)
@@ -93,7 +95,7 @@ def refitted(tmp_path: Path) -> tasks.Answer:
 
 @pytest.mark.usefixtures("two_effects")
 def test_a_refit_in_a_worker_is_the_refit_of_the_command_line(refitted: tasks.Answer) -> None:
-    bench = open_bench(NAME, catalogue=True)
+    bench = Session.open(NAME)
     before, fit, after = refit_compared(bench)
     body, revision = refitted["body"], refitted["revision"]
     expected = {"schema": "fingertwin/refit/1"} | provenance(bench) | fit_body(fit, before, after)
@@ -102,12 +104,12 @@ def test_a_refit_in_a_worker_is_the_refit_of_the_command_line(refitted: tasks.An
     # It serves as the model of the next job.
     again = bench_input(NAME, model=json.loads(json.dumps(revision))).open(catalogue=True)
     assert again.loaded.name == revision["id"]
-    assert compare_bench(again).errors("space").rmse_N == pytest.approx(after.errors("space").rmse_N)
+    assert compare(again).errors("space").rmse_N == pytest.approx(after.errors("space").rmse_N)
 
 
 @pytest.mark.usefixtures("two_effects")
 def test_additions_and_diagnoses_are_those_of_the_command_line() -> None:
-    bench = open_bench(NAME, catalogue=True)
+    bench = Session.open(NAME)
     before, addition, after = add_bench(bench, ["hanger_mass"], [])
     given = bench_input(NAME)
     answer = tasks.add(inputs.AddInput(given, ("hanger_mass",)), silent())

@@ -1,0 +1,26 @@
+"""Compare a session with its model: quick to import, as every page asks for it."""
+
+from __future__ import annotations
+
+from fingermodel.comparison import comparison
+from fingermodel.comparison.comparison import Comparison
+from fingermodel.session import Session
+
+__all__ = ["compare"]
+
+
+def compare(session: Session) -> Comparison:
+    """Compare the measured forces of a session with those that its model predicts.
+
+    Args:
+        session: with the model that predicts.
+
+    Example:
+        >>> from fingermodel import Session, compare
+        >>> comparison = compare(Session.open("DEV-02"))
+        >>> round(comparison.rmse_N("validation/tip"), 2)
+        0.26
+        >>> comparison.cases[0].residual_N.shape
+        (3,)
+    """
+    return comparison.compare(session.model, session.observations, session.theta)
