@@ -1,10 +1,12 @@
-"""Compare a session with its model: quick to import, as every page asks for it."""
+"""Compare a session with its model; the compiler of arrays is loaded with the first comparison."""
 
 from __future__ import annotations
 
-from fingermodel.comparison import comparison
-from fingermodel.comparison.comparison import Comparison
-from fingermodel.session import Session
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from fingermodel.comparison.comparison import Comparison
+    from fingermodel.session import Session
 
 __all__ = ["compare"]
 
@@ -23,4 +25,6 @@ def compare(session: Session) -> Comparison:
         >>> comparison.cases[0].residual_N.shape
         (3,)
     """
+    from fingermodel.comparison import comparison
+
     return comparison.compare(session.model, session.observations, session.theta)

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.audit import note
+from fingermodel.effects.catalogue import EFFECTS
+from fingermodel.effects.user import effect_document
+from fingermodel.model_files import Step, revision_document, write_revision
 from fingermodel.session import readings_digest, sha256_of
 
 if TYPE_CHECKING:
     from fingermodel.fitting.fit_report import Fit
-    from fingermodel.model_files import Step
     from fingermodel.session import Session
 
 
@@ -25,8 +27,6 @@ def save_revision(
     step: Step | None = None,
 ) -> dict[str, Any]:
     """Write a fit as a revision and return its document."""
-    from fingermodel.model_files import write_revision
-
     document = describe_revision(session, fit, before, after, readings_digest(session.measured), step)
     write_revision(document, path)
     changed = {
@@ -48,8 +48,6 @@ def describe_revision(
     step: Step | None = None,
 ) -> dict[str, Any]:
     """Return the document of a fit as a revision; effects and history of its step are filled in here."""
-    from fingermodel.model_files import Step, revision_document
-
     free = [p.name for p in fit.parameters if p.kind == "effect"]
     step = replace(step or Step(), effects=held_by(session, free), history=session.loaded.history)
     return revision_document(
@@ -59,9 +57,6 @@ def describe_revision(
 
 def held_by(session: Session, parameters: Sequence[str]) -> tuple[dict[str, Any], ...]:
     """Return the effects whose parameters are free, as a revision keeps them."""
-    from fingermodel.effects.catalogue import EFFECTS
-    from fingermodel.effects.user import effect_document
-
     out = []
     for effect in session.model.effects:
         names = [p for p in parameters if p.split(".")[0] == effect.name]

@@ -14,6 +14,8 @@ from fingermodel.diagnosis.next_cases.frozen import Confirmation, read_frozen, s
 from fingermodel.diagnosis.next_cases.next_cases import name_of, plan_next
 from fingermodel.session import Session
 from server.application.provenance import provenance
+from server.figures.effect_on_finger import effect_on_finger
+from server.figures.style import NothingToDrawError
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -80,9 +82,6 @@ def confirmation(bench: Session, diagnosis: Diagnosis, frozen: Sequence[Mapping[
 
 def drawn_effect(bench: Session, body: Mapping[str, Any]) -> go.Figure | None:
     """Draw the finger with what the verdict would add, in the case that it changes most; None where that is nothing."""
-    from server.figures.effect_on_finger import effect_on_finger
-    from server.figures.style import NothingToDrawError
-
     added = body["where_after"]["added"]
     row = next((r for r in body["ranking"] if added and r["candidates"] == added), None)
     if row is None:

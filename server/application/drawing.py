@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from fingermodel.session import Session, readings_digest
 from server.application.provenance import origin_of
+from server.figures.specimen_spread import spread_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -37,7 +38,6 @@ def draw_comparison(
         static: whether to write PNG and SVG too.
     """
     from server.figures.comparison import comparison_report
-    from server.figures.specimen_spread import spread_of
 
     files = comparison_report(
         folder,

@@ -19,6 +19,7 @@ from fingertwin.client import Client
 from server.commands.additions import print_history
 from server.commands.console import progress, say, table
 from server.commands.log import replay_session
+from server.commands.pooling import say_shared
 
 if TYPE_CHECKING:
     from fingertwin.client.findings import Finding, Fit
@@ -136,7 +137,6 @@ def _story(twin: Client, name: str, refit: Job[Fit], folder: Path) -> None:
 def _together(job: Job[dict[str, Any]], folder: Path) -> None:
     """Say what the specimens share that no effect describes, and what it is worth on the one left out."""
     from server.application.diagnosis_report import draw_shared
-    from server.commands.pooling import say_shared
 
     with progress("Diagnosing four specimens, and what they share") as tell:
         body = job.result(lambda done, _: tell(done))

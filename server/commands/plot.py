@@ -10,6 +10,8 @@ from daq.files import replacing
 from daq.lab.traces import as_recording, read_traces
 from server.application.exporting import writing
 from server.commands.console import answer, progress, say, table
+from server.figures.report import Picture, Section, write_report
+from server.figures.traces import traces_figure
 
 _ENDINGS = (".html", ".png", ".svg")
 
@@ -46,9 +48,7 @@ def plot_recording(recording: Path, out: Path | None, json: str | None) -> None:
 
 
 def _draw(target: Path, traces: Any, plateaus: Any, name: str) -> None:
-    from server.figures.report import Picture, Section, write_report
     from server.figures.static import render
-    from server.figures.traces import traces_figure
 
     figure = traces_figure(traces, plateaus, name)
     ending = target.suffix.lower()

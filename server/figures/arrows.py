@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from fingermodel.comparison.comparison import CaseComparison, Comparison
+from server.figures import graph_objects as go
 from server.figures.style import case_text, number, rgba
 
 Floats = NDArray[np.float64]

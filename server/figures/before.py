@@ -6,6 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from server.figures.arrows import arrow_traces
+from server.figures.panels import key
+from server.figures.style import plain
+
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
@@ -24,10 +28,6 @@ def with_before(figure: go.Figure, earlier: go.Figure, cases: dict[str, CaseComp
         label: of the earlier ones, such as `predicted before: an1979_middle`.
     """
     import plotly.graph_objects as go
-
-    from server.figures.arrows import arrow_traces
-    from server.figures.panels import key
-    from server.figures.style import plain
 
     forces = {m["case"]: m["force_N"] for t in earlier.data if (m := _arrow(t)) is not None}
     under: list[Any] = []

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from fingermodel.comparison.comparison import Comparison
 from fingermodel.comparison.observations import Observations
 from fingermodel.model import Model
+from server.figures import graph_objects as go
 from server.figures.arrows import Spread
 from server.figures.bone import bone_figure
 from server.figures.comparison_words import case_table, error_tables, sentences

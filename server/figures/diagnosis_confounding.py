@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import plotly.graph_objects as go
-
+from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import DETECTABLE, Answer, effect_name, part, shortened, value, words
 from server.figures.style import GRID, INK, SMALL_PX, WIDTH, NothingToDrawError, axis, figure, fixed, number, plain
 

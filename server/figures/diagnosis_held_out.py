@@ -6,8 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import plotly.graph_objects as go
-
+from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import BETTER, WORSE, Answer, change_text, plane_of, rows, shortened, value, vector
 from server.figures.style import (
     COMPONENT_AXES,

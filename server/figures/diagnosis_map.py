@@ -6,10 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import plotly.graph_objects as go
-
 from fingermodel.comparison.comparison import PLANES
 from fingermodel.fingers import Plane
+from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import (
     Answer,
     after_which_fit,

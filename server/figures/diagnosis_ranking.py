@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import plotly.graph_objects as go
-
 from fingermodel.parameters import with_unit
+from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import (
     EFFECT_COLOR,
     ELSE_COLOR,

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import plotly.graph_objects as go
-
+from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import BETTER, WORSE, Answer, probability_text, rows, shortened, value
 from server.figures.style import (
     INK,

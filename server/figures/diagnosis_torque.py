@@ -6,8 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import plotly.graph_objects as go
-
+from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import (
     Answer,
     after_which_fit,

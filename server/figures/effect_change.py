@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from fingermodel.comparison.comparison import PLANES, CaseComparison, Comparison
 from fingermodel.fingers import Plane
+from server.figures import graph_objects as go
 from server.figures.style import (
     COMPONENT_AXES,
     COMPONENT_SENSES,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from server.figures import graph_objects as go
 from server.figures.style import INK, MUTED, SMALL_PX, WIDTH, axis, domain, figure, fixed, heading, legend, mix, number
 
 Floats = NDArray[np.float64]

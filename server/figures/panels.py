@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from fingermodel.comparison.comparison import CaseComparison, Comparison
 from fingermodel.comparison.observations import Observations
 from fingermodel.fingers import Finger, FingerValues
+from server.figures import graph_objects as go
 from server.figures.poses import FingerPose, finger_pose
 from server.figures.scales import scale_bars
 from server.figures.skeleton import finger_traces

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import plotly.graph_objects as go
 
+from server.figures import graph_objects as go
 from server.figures.style import INK, axis, domain, figure, heading, legend, mix, number
 
 COLORS = {"minimal": "#0072B2", "chao": "#D55E00"}

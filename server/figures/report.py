@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
-import plotly.graph_objects as go
-
 from daq.files import replacing
+from server.figures import graph_objects as go
 
 # Plotly's tool bar would by default offer to send the figure, with its data, to a server of its maker.
 OPTIONS = {

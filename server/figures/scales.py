@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from server.figures import graph_objects as go
 from server.figures.style import MUTED, SMALL_PX
 
 Floats = NDArray[np.float64]

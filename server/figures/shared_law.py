@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 
 from fingermodel.parameters import with_unit
+from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import Answer, part, rows, value, vector, words
 from server.figures.report import Picture, Section, Table
 from server.figures.style import (

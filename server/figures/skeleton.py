@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from fingermodel.fingers import Finger, FingerValues
+from server.figures import graph_objects as go
 from server.figures.poses import FingerPose, bone_lengths, stub_mm
 from server.figures.style import rgba
 from server.figures.tendon_lines import tendon_connections, tendon_paths

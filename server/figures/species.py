@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from fingermodel.comparison.comparison import CaseComparison
 from fingermodel.studies.published import ours, verdict
 from fingermodel.studies.species import SpeciesResult
 from fingermodel.studies.species_sides import Load, Side, Spread, same_angles, shared
+from server.figures import graph_objects as go
 from server.figures.arrows import arrow_traces
 from server.figures.panels import Panel, key, panel_axes
 from server.figures.plot import Plot

@@ -9,13 +9,15 @@ import html
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import plotly.graph_objects as go
 
-from fingermodel.comparison.comparison import CaseComparison, ErrorSummary
-from fingermodel.fingers import Plane
+from server.figures import graph_objects as go
+
+if TYPE_CHECKING:
+    from fingermodel.comparison.comparison import CaseComparison, ErrorSummary
+    from fingermodel.fingers import Plane
 
 WIDTH = 960
 FONT = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 
 from fingermodel.comparison.comparison import Comparison, ErrorSummary
 from fingermodel.fingers import Plane
+from server.figures import graph_objects as go
 from server.figures.style import (
     INK,
     MUTED,

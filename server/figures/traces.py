@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from daq.lab.traces import Traces
 from daq.recordings.windows import Span
+from server.figures import graph_objects as go
 from server.figures.style import axis, domain, figure, load_styles, plain
 
 Floats = NDArray[np.float64]

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from fingermodel.comparison.comparison import CaseComparison, Comparison
 from fingermodel.comparison.observations import Observations
 from fingermodel.model import Model
+from server.figures import graph_objects as go
 from server.figures.arrows import Spread, area_of, arrow_traces, sector_trace
 from server.figures.panels import (
     Panel,

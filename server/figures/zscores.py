@@ -6,10 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 
 from fingermodel.comparison.comparison import CaseComparison, Comparison
 from fingermodel.fingers import Plane
+from server.figures import graph_objects as go
 from server.figures.style import (
     INK,
     NothingToDrawError,

@@ -15,7 +15,12 @@ from daq.findings import finding
 from fingermodel.comparing import compare
 from fingermodel.session import Session
 from server.application.checking import model_findings
+from server.application.drawing import comparison_notes
 from server.application.provenance import origin_of
+from server.figures.effect_on_finger import effect_on_finger
+from server.figures.report import Picture, Section, report_body, report_header, report_html
+from server.figures.report_front import closing_sections, folded
+from server.figures.style import NothingToDrawError
 from server.service.exports.session_folders import session_folder
 from server.service.figures.comparison import Only, drawn_comparison
 from server.service.figures.diagnosed import diagnosed
@@ -32,7 +37,6 @@ if TYPE_CHECKING:
     from daq.sessions.models import Session as BenchSession
     from fingermodel.comparison.comparison import Comparison
     from server.figures.arrows import Spread
-    from server.figures.report import Section
 
 
 def checked(parts: Services, session: str) -> dict[str, Any]:
@@ -88,9 +92,7 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
         ProblemError: there is no such session, model or job; 409 the session is still running, or the job.
     """
     from server.application.diagnosis_report import diagnosis_sections, subtitle
-    from server.application.drawing import comparison_notes
     from server.figures.comparison import comparison_sections, report_title
-    from server.figures.report_front import closing_sections, folded
 
     measured = parts.measuring.of(session)
     found: list[Section] = []
@@ -137,16 +139,12 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
 
 def report_page(parts: Services, session: str, model: str | None, job: str | None) -> str:
     """Return the report as a page that stands alone; arguments and errors as of `report_of`."""
-    from server.figures.report import report_html
-
     report = report_of(parts, session, model, job)
     return report_html(report.sections, report.title, report.subtitle)
 
 
 def report_sheet(parts: Services, session: str, model: str | None, job: str | None) -> dict[str, Any]:
     """Return the report for the pages, its figures apart; arguments and errors as of `report_of`."""
-    from server.figures.report import report_body, report_header
-
     report = report_of(parts, session, model, job)
     body, figures = report_body(report.sections)
     return {
@@ -159,9 +157,6 @@ def report_sheet(parts: Services, session: str, model: str | None, job: str | No
 
 def _finger(parts: Services, measured: Measured, job: str, answer: Mapping[str, Any]) -> go.Figure | None:
     """The finger with what the verdict would add; None where that is nothing, or the answer has no fit of it."""
-    from server.figures.effect_on_finger import effect_on_finger
-    from server.figures.style import NothingToDrawError
-
     added = (answer.get("where_after") or {}).get("added")
     if not added:
         return None
@@ -174,9 +169,6 @@ def _beside(
     parts: Services, measured: Measured, bench: Session, comparison: Comparison, spread: Mapping[str, Spread] | None
 ) -> list[Section]:
     """The predictions of a revision on the finger beside those of what it was made from."""
-    from server.figures.report import Picture, Section
-    from server.figures.style import NothingToDrawError
-
     if not bench.loaded.history:
         return []
     with suppress(NothingToDrawError, ProblemError):

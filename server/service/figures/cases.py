@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fingermodel.comparison.comparison import muscles_of
+from server.figures.style import plain, posture_name
 
 # A label begins with the id of its case, in bold.
 _FIRST = re.compile(r"\s*<b>(.*?)</b>")
@@ -54,8 +55,6 @@ def cases_of(figure: Mapping[str, Any], known: Sequence[Told]) -> list[Points]:
         of each trace the id of the one case that all of it stands for, or a list with an id, a list of ids or null for
         each point (of a map for each row a list of those), or null where it stands for none.
     """
-    from server.figures.style import plain
-
     names = {plain(c.id): c.id for c in known}
     ids = set(names.values())
     before: dict[tuple[Any, Any], list[Any]] = {}
@@ -96,8 +95,6 @@ def _of_group(
     label: str, trace: Mapping[str, Any], layout: Mapping[str, Any], known: Sequence[Told]
 ) -> list[str] | None:
     """Cases that a bar stands for: of a tendon, a posture, a role and place, or of a posture with a tendon."""
-    from server.figures.style import plain, posture_name
-
     text = html.unescape(label)
     torque = re.match(r"<b>\w+</b> (.+?), (.+?)<br>", text)
     if torque is not None:
@@ -140,8 +137,6 @@ def _cell(text: str) -> re.Match[str] | None:
 
 
 def _of_cell(text: str, known: Sequence[Told]) -> list[str] | None:
-    from server.figures.style import plain, posture_name
-
     found = _cell(text)
     if found is None:
         return None

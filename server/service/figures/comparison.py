@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Literal
 
 from fingermodel.session import Session
 from server.figures.before import with_before
+from server.figures.scatter import scatter_figure
+from server.figures.summary import errors_figure
+from server.figures.zscores import z_figure
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -121,10 +124,6 @@ def _beside(
 def _of_some(
     name: str, bench: Session, shown: Comparison, only: Only, before: tuple[str, Comparison] | None
 ) -> go.Figure:
-    from server.figures.scatter import scatter_figure
-    from server.figures.summary import errors_figure
-    from server.figures.zscores import z_figure
-
     plane = only.plane or bench.model.finger.judged_in
     called, held = before or ("", None)
     if name == "errors":

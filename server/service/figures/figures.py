@@ -14,6 +14,11 @@ from typing import TYPE_CHECKING, Any, Literal
 from fingermodel import comparing
 from fingermodel.comparison.comparison import compare
 from fingermodel.session import Session
+from server.figures.diagnosis_revisions import revisions_figure
+from server.figures.effect_change import effect_figure
+from server.figures.effect_on_finger import effect_on_finger
+from server.figures.shared_law import chance_figure, curve_figure, law_figure
+from server.figures.style import NothingToDrawError
 from server.service.answers import dumps
 from server.service.figures.answer import Theme, on_page, shown, shown_data
 from server.service.figures.cases import Told, told_of
@@ -89,8 +94,6 @@ class Figures:
         key = ("comparison", name, measured.key, named, before is not None, earlier, only, tuple(o.key for o in others))
 
         def draw() -> dict[str, Any]:
-            from server.figures.style import NothingToDrawError
-
             bench = parts.twins.bench(measured, named)
             comparison = seen(measured, comparing.compare(bench))
             held = None
@@ -126,9 +129,6 @@ class Figures:
         own = parts.effects.named([effect])
 
         def draw() -> dict[str, Any]:
-            from server.figures.effect_change import effect_figure
-            from server.figures.style import NothingToDrawError
-
             bench = parts.twins.bench(measured, named, own)
             title, settings = effect_settings(bench, effect, parts.twins.found(named, measured))
             table, without = bench.model.parameters, bench.theta.copy()
@@ -180,9 +180,6 @@ class Figures:
         def draw() -> dict[str, Any]:
             figure, about = draw_finger(self.parts, measured, posture, case, named)
             if without is not None and case is not None and case not in blinded(measured):
-                from server.figures.effect_on_finger import effect_on_finger
-                from server.figures.style import NothingToDrawError
-
                 with suppress(NothingToDrawError):
                     figure = effect_on_finger(self.parts.twins.bench(measured, named), [without], case)
             caption = "Joint centres and tendon points are the model's; outlines, clamp and pulleys are schematic."
@@ -240,9 +237,6 @@ class Figures:
             require_closed(self.parts.measuring.of(session))
 
         def draw() -> dict[str, Any]:
-            from server.figures.shared_law import chance_figure, curve_figure, law_figure
-            from server.figures.style import NothingToDrawError
-
             about = {"job": job}
             try:
                 figure = (curve_figure, chance_figure, law_figure)[SHARED.index(name)](answer)
@@ -279,9 +273,6 @@ class Figures:
         found = self.parts.revisions.read(revision)
 
         def draw() -> dict[str, Any]:
-            from server.figures.diagnosis_revisions import revisions_figure
-            from server.figures.style import NothingToDrawError
-
             about = {"revision": found["id"], "specimen": found["specimen"], "session": found["session"]}
             try:
                 figure = revisions_figure({}, found["history"])

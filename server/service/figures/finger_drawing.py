@@ -15,6 +15,7 @@ from fingermodel.comparing import compare
 from fingermodel.comparison.observations import posture_rad
 from fingermodel.fingers.files import read_finger
 from fingermodel.predicting import Predictor
+from server.figures.bench_finger import Hung, finger_figure
 from server.service.services import Services
 from server.service.sessions.blinding import HIDDEN
 from server.service.sessions.measuring import Measured
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
     from fingermodel.fingers import Finger
     from fingermodel.model_files import Revision
-    from server.figures.bench_finger import Hung
 
 Floats = NDArray[np.float64]
 
@@ -83,8 +83,6 @@ def draw_finger(
         InputError: the posture or the model cannot be used.
         ProblemError: 404 there is no such posture or case, 422 neither is given, or they do not belong together.
     """
-    from server.figures.bench_finger import Hung, finger_figure
-
     held = held_finger(parts, measured, posture, case, model)
     finger, about = held.finger, {"model": held.loaded.id, "posture": held.posture, "case": held.case and held.case.id}
     hung = held.hung or Hung({})
@@ -151,8 +149,6 @@ def _hung(
     parts: Services, measured: Measured, case: DrawnCase, model: str | None, loaded: Finger | Revision, angles: Floats
 ) -> Hung:
     """What hangs in a case, with its forces as far as they may be seen."""
-    from server.figures.bench_finger import Hung
-
     force = measured.force(case.id) or {"measured_N": None, "measured_sd_N": None}
     blind = case.role == "validation" and not measured.record.closed
     predicted, note = None, HIDDEN if blind else ""

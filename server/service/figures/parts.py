@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 from fingermodel.comparing import compare
 from fingermodel.session import Session
+from server.figures.arrows import spread_between
+from server.figures.effect_change import Setting
 from server.service.models.twins import IN_FORCE
 from server.service.services import Services
 from server.service.sessions.measuring import Measured
@@ -16,7 +18,6 @@ if TYPE_CHECKING:
     from fingermodel.comparison.comparison import Comparison
     from fingermodel.stages import Effect
     from server.figures.arrows import Spread
-    from server.figures.effect_change import Setting
 
 _MOST_MEMBERS = 20
 
@@ -55,8 +56,6 @@ def spread_of(parts: Services, members: Sequence[Measured], comparison: Comparis
     """Return the standard deviation between the members of an average by case; None where there are none."""
     if not members:
         return None
-    from server.figures.arrows import spread_between
-
     return spread_between(comparison, [compare(parts.twins.bench(m)) for m in members])
 
 
@@ -74,8 +73,6 @@ def settings_of(bench: Session, name: str, found: Mapping[str, float]) -> tuple[
     Raises:
         ProblemError: 404 the effect has no such candidate and no such parameter.
     """
-    from server.figures.effect_change import Setting
-
     model = bench.model
     effect = next((e for e in model.effects if e.name == name.split(".", maxsplit=1)[0]), None)
     if effect is None:

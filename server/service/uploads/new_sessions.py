@@ -42,6 +42,7 @@ from server.application.new_session import (
     suspects,
     write_new,
 )
+from server.figures.traces import traces_figure
 from server.service.figures.answer import Theme, on_page, shown
 from server.service.figures.fingers import known_finger
 from server.service.services import Services
@@ -138,8 +139,6 @@ def look(files: Sent, mapping: Mapping[str, Any] | None, theme: Theme) -> dict[s
         InputError: one cannot be read, or the mapping does not fit.
         ProblemError: the files cannot be taken.
     """
-    from server.figures.traces import traces_figure
-
     with held(files, mapping) as given:
         rows = []
         for path in given.recordings:
@@ -224,8 +223,6 @@ def lay(files: Sent, mapping: Mapping[str, Any] | None, notes: str, finger: str,
         InputError: a recording, the mapping or the notebook cannot be used.
         ProblemError: the files or the finger cannot be taken.
     """
-    from server.figures.traces import traces_figure
-
     tendons = read_finger(known_finger(finger)).topology.muscles
     lines = notes_of(notes, tendons) if notes.strip() else ()
     with held(files, mapping) as given:
