@@ -249,12 +249,6 @@ def _transposed(rows: list[dict[str, Any]]) -> Columns:
     return {key: [row[key] for row in rows] for key in rows[0]}
 
 
-def _reading_columns(block: ReadingBlock) -> dict[str, NDArray[Any]]:
-    columns: dict[str, NDArray[Any]] = {h: block.wrench[:, i] for i, h in enumerate(HEADERS[1:])}
-    status = {} if block.status is None else {"status": block.status}
-    return {"t_s": block.t_s} | columns | status
-
-
 def _all_readings(path: Path) -> ReadingBlock:
     blocks = list(open_readings(path).blocks())
     status = [b.status for b in blocks if b.status is not None]

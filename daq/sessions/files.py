@@ -19,24 +19,6 @@ from daq.sessions.models import FORMAT, Session
 from daq.sessions.rules import faults_between
 from daq.vocabulary import did_you_mean
 
-__all__ = [
-    "AMENDMENTS_FILE",
-    "AMENDMENTS_FORMAT",
-    "FINGER_DOCUMENT",
-    "SESSION_FILE",
-    "faults_of",
-    "find_session",
-    "parse_session",
-    "plain_document",
-    "read_amendments",
-    "read_session",
-    "read_yaml",
-    "session_data",
-    "session_names",
-    "whole_document",
-    "write_session",
-]
-
 try:  # libyaml is ten times faster, and not built everywhere
     from yaml import CSafeDumper as SafeDumper
 except ImportError:

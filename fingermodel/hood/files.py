@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from daq.documents import Document, read_document, validated
+from daq.documents import Document, read_document
 from daq.errors import ModelError
 from daq.locations import data_dir
 from fingermodel.fingers.sourced import Sourced
@@ -104,19 +104,6 @@ def with_network(finger: Any, folder: Path | None) -> Any:
         return finger
     path = _find(hood["network"], folder)
     return {**finger, "hood": {**hood, "network": read_document(path, WANTED, ModelError)}}
-
-
-def read_hood(name_or_path: str | Path) -> HoodFile:
-    """Read a hood by its name in `data/hoods`, or from a file.
-
-    Raises:
-        ModelError: no such hood, or a file that does not meet the format.
-    """
-    path = Path(name_or_path)
-    path = path if path.is_file() else _find(str(name_or_path), None)
-    hood = validated(HoodFile, read_document(path, WANTED, ModelError), path.name, WANTED, ModelError)
-    _check(hood, path.name)
-    return hood
 
 
 def _find(name: str, folder: Path | None) -> Path:

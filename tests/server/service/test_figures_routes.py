@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
@@ -14,7 +13,6 @@ import pytest
 from sqlalchemy import insert
 
 from fingermodel import comparing
-from fingermodel.comparison.comparison import compare
 from fingermodel.session import Session
 from server.application.diagnosis_report import diagnosis_figures
 from server.figures.comparison import comparison_figures
@@ -28,13 +26,12 @@ from server.service.storage.database import now_utc
 from server.service.storage.schema import jobs
 from tests.daq.bench_plays import PROTOCOL, case, tared, whole
 from tests.server.diagnosis_answers import found as missing_effect
+from tests.server.service.figures_asked import AT, shown, traces
 from tests.server.service.recorded import upload
 from tests.server.service.running import ServiceReceiver
 from tests.server.service.test_bench_sessions import Played
 
 RECORDED, PUBLISHED, MEAN = "DEV-01", "synek2019_H01", "synek2019_HMEAN"
-AT = "/api/v1/figures"
-MOST_BYTES = 200_000
 NUMBERS = count(1000)
 PAGES = ("paper_bgcolor", "plot_bgcolor")
 
@@ -58,26 +55,11 @@ def played(tmp_path: Path) -> Iterator[Played]:
     out.service.close()
 
 
-def shown(service: ServiceReceiver, path: str, **asked: Any) -> dict[str, Any]:
-    answer = service.client().get(f"{AT}{path}", params=asked)
-    assert answer.status_code == 200, answer.text
-    assert len(answer.content) < MOST_BYTES
-    body: dict[str, Any] = answer.json()
-    assert body["schema"] == "fingertwin/figure/1"
-    assert not re.search(r"</?[a-z]", body["text"])
-    return body
-
-
 def drawn(figure: Any) -> dict[str, Any]:
     """A figure of the command line, on the colour of the page."""
     out: dict[str, Any] = json.loads(figure.to_json())
     out["layout"] |= dict.fromkeys(PAGES, "rgba(0,0,0,0)")
     return out
-
-
-def traces(body: dict[str, Any], kind: str) -> list[dict[str, Any]]:
-    found = body["figure"]["data"]
-    return [t for t in found if (t["meta"].get("kind") if isinstance(t.get("meta"), dict) else t.get("meta")) == kind]
 
 
 def kept_job(service: ServiceReceiver, name: str, **instead: Any) -> None:
@@ -276,71 +258,6 @@ def test_the_fall_of_the_error_is_that_of_the_revision(service: ServiceReceiver)
         body = shown(service, "/revisions/waterfall", **asked)
         assert body["figure"] == drawn(revisions_figure({}, history))
         assert "log evidence" in json.dumps(body["figure"]["layout"])
-
-
-def test_the_finger_holds_the_weights_and_forces_of_its_case(service: ServiceReceiver) -> None:
-    bench = Session.open(RECORDED, catalogue=False)
-    for found in (c for c in comparing.compare(bench).cases if c.id in ("c001", "c030", "c090")):
-        body = shown(service, "/finger", session=RECORDED, case=found.id)
-        weights = {t["meta"]["tendon"]: t["meta"]["mass_g"] for t in traces(body, "weight")}
-        assert weights == {m: g for m, g in found.masses_g.items() if g}
-        place = body["figure"]["layout"]["meta"]
-        rotation = np.array(place[found.location]["rotation"])
-        for kind, force in (("measured", found.measured_N), ("predicted", found.predicted_N)):
-            (arrow,) = traces(body, kind)
-            assert arrow["meta"]["force_N"] == pytest.approx((rotation @ force)[:2])
-            assert [arrow["x"][0], arrow["y"][0]] == pytest.approx(place[found.location]["origin_mm"])
-            size = float(np.hypot(*(rotation @ force)[:2]))
-            (head,) = traces(body, f"{kind}_head")
-            reach = np.hypot(head["x"][0] - arrow["x"][0], head["y"][0] - arrow["y"][0])
-            assert reach == pytest.approx(size * place["mm_per_N"])
-
-
-def test_the_finger_alone_has_neither_weights_nor_forces(service: ServiceReceiver) -> None:
-    body = shown(service, "/finger", session=RECORDED, posture="hook")
-    assert [traces(body, k) for k in ("weight", "measured", "predicted")] == [[], [], []]
-    assert "MCP 0°, PIP 65°, DIP 50°" in body["text"]
-    assert body["figure"]["layout"]["meta"]["mm_per_N"] > 0.0
-
-
-@pytest.mark.parametrize("effect", ["worn_pulley.FDP", "worn_pulley", "tip_location"])
-def test_an_effect_is_drawn_as_the_difference_that_it_makes(service: ServiceReceiver, effect: str) -> None:
-    body = shown(service, f"/effect/{effect}", session=RECORDED)
-    bench = Session.open(RECORDED)
-    theta = bench.theta.copy()
-    for setting in body["parameters"]:
-        parameter = bench.model.parameters.parameters[bench.model.parameters.index[setting["name"]]]
-        assert parameter.plausible is not None
-        assert setting["value"] == parameter.plausible[1]
-        theta[bench.model.parameters.index[setting["name"]]] = setting["value"]
-    before = {c.id: c for c in compare(bench.model, bench.observations, bench.theta).cases}
-    after = {c.id: c for c in compare(bench.model, bench.observations, theta).cases}
-    bars, circles = traces(body, "change"), traces(body, "missing")
-    assert len(bars) == len(circles) == 3
-    for axis, (bar, circle) in enumerate(zip(bars, circles, strict=True)):
-        cases = bar["meta"]["cases"]
-        assert sorted(cases) == sorted(before)
-        change = [after[c].predicted_N[axis] - before[c].predicted_N[axis] for c in cases]
-        assert bar["y"] == pytest.approx(change, abs=1e-9)
-        assert circle["y"] == pytest.approx([before[c].measured_N[axis] - before[c].predicted_N[axis] for c in cases])
-    if effect == "worn_pulley.FDP":
-        moved = {c for bar in bars for c, y in zip(bar["meta"]["cases"], bar["y"], strict=True) if abs(y) > 1e-9}
-        assert moved == {c for c, found in before.items() if found.masses_g.get("FDP")}
-
-
-def test_a_users_own_effect_is_drawn_too(service: ServiceReceiver) -> None:
-    formula = "torque[PIP] += k * t_EDC * sin(q_PIP)"
-    own = service.client().post("/api/v1/effects", json={"formula": formula}).raise_for_status().json()["name"]
-    body = shown(service, f"/effect/{own}", session=RECORDED)
-    bars = traces(body, "change")
-    loaded = {
-        c.id
-        for c in comparing.compare(Session.open(RECORDED, catalogue=False)).cases
-        if c.masses_g.get("EDC") and c.location == "tip"
-    }
-    moved = {c for bar in bars for c, y in zip(bar["meta"]["cases"], bar["y"], strict=True) if abs(y) > 1e-9}
-    assert loaded
-    assert loaded <= moved
 
 
 def test_a_refit_of_a_search_is_a_model_whose_residuals_every_answer_shares(service: ServiceReceiver) -> None:
