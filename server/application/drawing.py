@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from fingermodel.session import Session, readings_digest
 from server.application.provenance import origin_of
+from server.figures.compared import Compared
 from server.figures.specimen_spread import spread_of
 
 if TYPE_CHECKING:
@@ -41,15 +42,15 @@ def draw_comparison(
 
     files = comparison_report(
         folder,
-        bench.model,
-        bench.observations,
-        comparison,
-        before,
-        bench.loaded.name,
-        spread_of(bench, comparison),
+        Compared.of(
+            bench,
+            comparison,
+            None if before is None else (bench.loaded.name, before),
+            spread_of(bench, comparison),
+            theta=theta,
+            name=model_name,
+        ),
         session=bench.measured.session.id,
-        theta=bench.theta if theta is None else theta,
-        model_name=model_name or bench.loaded.name,
         notes=comparison_notes(bench),
         origin=origin_of(bench, readings_digest(bench.measured)),
         static=static,

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.comparison.comparison import Comparison
 from fingermodel.comparison.observations import Observations
 from fingermodel.model import Model
 from server.figures import graph_objects as go
-from server.figures.arrows import Spread, arrow_traces
+from server.figures.arrows import arrow_traces
+from server.figures.compared import Compared
 from server.figures.panels import (
     force_scale,
     head_mm,
@@ -36,34 +36,20 @@ def joint_loads(model: Model, observations: Observations, theta: Floats | None =
     return {case_id: joint[i, 0] for i, case_id in enumerate(observations.ids)}
 
 
-def bone_figure(
-    model: Model,
-    observations: Observations,
-    comparison: Comparison,
-    *,
-    theta: Floats | None = None,
-    cases: Iterable[str] | None = None,
-    spread: Mapping[str, Spread] | None = None,
-    model_name: str = "",
-) -> go.Figure:
+def bone_figure(compared: Compared, cases: Iterable[str] | None = None) -> go.Figure:
     """Draw measured and predicted net bone forces at the MCP joint, and the load that the joint itself carries.
 
     Args:
-        model: whose finger is drawn and whose joint loads they are.
-        observations: of the session, for postures and tensions.
-        comparison: of the same session.
-        theta: fitted parameters.
+        compared: model, session and comparison.
         cases: ids of the cases to draw.
-        spread: between specimens, by case.
-        model_name: for the title.
 
     Raises:
         NothingToDrawError: no bone force.
     """
+    finger, comparison, values = compared.model.finger, compared.comparison, compared.values
     drawn, note = thinned(chosen_cases(comparison, "bone", cases))
-    values = model.finger.values if theta is None else model.values_at(theta)
-    panels = panels_of(model.finger, values, observations, drawn)
-    loads = joint_loads(model, observations, theta)
+    panels = panels_of(finger, values, compared.observations, drawn)
+    loads = joint_loads(compared.model, compared.observations, compared.theta)
     colors = load_colors(drawn)
     reach = reach_mm(values)
     forces = [f for c in drawn for f in (c.measured_N, c.predicted_N, loads[c.id])]
@@ -71,25 +57,27 @@ def bone_figure(
     head = head_mm(len(panels), reach)
     meanings: set[str] = set()
     for index, panel in enumerate(panels):
-        axes, origin = panel_axes(index), panel.pose.origins[model.finger.topology.joints[0].child]
-        panel.heading = heading(panel, model.finger, comparison)
-        meanings |= measured_and_predicted(panel, axes, origin, np.eye(3), scale, colors, head, comparison, spread)
+        axes, origin = panel_axes(index), panel.pose.origins[finger.topology.joints[0].child]
+        panel.heading = heading(panel, finger, comparison)
+        meanings |= measured_and_predicted(
+            panel, axes, origin, np.eye(3), scale, colors, head, comparison, compared.spread
+        )
         for case in sorted(panel.cases, key=lambda c: -float(np.linalg.norm(loads[c.id]))):
             line = {"color": mix(colors[load_text(case.masses_g)], INK, 0.7), "width": 1.4, "dash": "1.5px,2.5px"}
             panel.traces += arrow_traces(
                 loads[case.id][:2], origin, scale, axes, kind="joint", case=case, line=line, head_mm=0.9 * head
             )
     keys = load_keys(colors, meanings)
-    name = model.finger.topology.joints[0].name
+    name = finger.topology.joints[0].name
     keys.insert(2, key(f"{name} joint load, predicted", line={"color": INK, "width": 1.4, "dash": "1.5px,2.5px"}))
     roles = sorted({c.role for c in drawn})
     subtitle = f"Net force on the metacarpal, sagittal plane, seen from the radial side; {' and '.join(roles)} cases."
     return panels_figure(
         panels,
-        model.finger,
+        finger,
         values,
         scale,
         keys,
-        title="Net metacarpal bone forces" + (f": {plain(model_name)}" if model_name else ""),
+        title=f"Net metacarpal bone forces: {plain(compared.name)}",
         subtitle=f"{subtitle}<br>{note}" if note else subtitle,
     )

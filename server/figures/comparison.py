@@ -9,12 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.comparison.comparison import Comparison
-from fingermodel.comparison.observations import Observations
-from fingermodel.model import Model
 from server.figures import graph_objects as go
-from server.figures.arrows import Spread
 from server.figures.bone import bone_figure
+from server.figures.compared import Compared
 from server.figures.comparison_words import case_table, error_tables, sentences
 from server.figures.report import Picture, Section, write_report
 from server.figures.report_front import closing_sections, folded
@@ -38,47 +35,11 @@ class Plan:
     draw: Callable[[], go.Figure]
 
 
-def comparison_figures(
-    model: Model,
-    observations: Observations,
-    comparison: Comparison,
-    before: Comparison | None = None,
-    before_name: str = "Before",
-    spread: Mapping[str, Spread] | None = None,
-    *,
-    theta: Floats | None = None,
-    model_name: str = "Model",
-) -> dict[str, go.Figure]:
-    """Draw every figure of a comparison that has cases to show, by name.
-
-    Args:
-        model: that was compared.
-        observations: of the session.
-        comparison: of both.
-        before: of the model that it is held against.
-        before_name: of that model.
-        spread: between specimens by case, where the session is their average (see `arrows.spread_between`).
-        theta: fitted parameters of `comparison`; by default the model before any fit.
-        model_name: for titles.
-    """
-    plans = comparison_plans(
-        model, observations, comparison, before, before_name, spread, theta=theta, model_name=model_name
-    )
-    return _drawn(plans)[0]
-
-
 def comparison_report(
     folder: Path,
-    model: Model,
-    observations: Observations,
-    comparison: Comparison,
-    before: Comparison | None = None,
-    before_name: str = "Before",
-    spread: Mapping[str, Spread] | None = None,
+    compared: Compared,
     *,
     session: str,
-    theta: Floats | None = None,
-    model_name: str = "Model",
     notes: Sequence[str] = (),
     origin: Mapping[str, object] | None = None,
     static: bool = True,
@@ -87,15 +48,8 @@ def comparison_report(
 
     Args:
         folder: made where it is absent.
-        model: as in `comparison_figures`, like the next ones.
-        observations: of the session.
-        comparison: of both.
-        before: of the model that it is held against.
-        before_name: of that model.
-        spread: between specimens by case.
+        compared: what is drawn.
         session: its id.
-        theta: fitted parameters of `comparison`.
-        model_name: for titles.
         notes: further sentences for the beginning.
         origin: what the report rests on (see `origin_of`).
         static: whether to write PNG and SVG.
@@ -103,11 +57,11 @@ def comparison_report(
     Returns:
         The files written, the report first.
     """
-    sections, figures = comparison_sections(
-        model, observations, comparison, before, before_name, spread, theta=theta, model_name=model_name, notes=notes
-    )
+    sections, figures = comparison_sections(compared, notes)
     closing = closing_sections(origin or {})
-    report = write_report(folder / "compare.html", [*sections, *closing], report_title(session), f"Model: {model_name}")
+    report = write_report(
+        folder / "compare.html", [*sections, *closing], report_title(session), f"Model: {compared.name}"
+    )
     return [report, *(write_static(folder, figures) if static else [])]
 
 
@@ -116,28 +70,16 @@ def report_title(session: str) -> str:
     return f"Predicted and measured forces: {session}"
 
 
-def comparison_sections(
-    model: Model,
-    observations: Observations,
-    comparison: Comparison,
-    before: Comparison | None = None,
-    before_name: str = "Before",
-    spread: Mapping[str, Spread] | None = None,
-    *,
-    theta: Floats | None = None,
-    model_name: str = "Model",
-    notes: Sequence[str] = (),
-) -> tuple[list[Section], dict[str, go.Figure]]:
+def comparison_sections(compared: Compared, notes: Sequence[str] = ()) -> tuple[list[Section], dict[str, go.Figure]]:
     """Return the parts of the page of `comparison_report`, whose arguments these are, and its figures by name."""
-    plans = comparison_plans(
-        model, observations, comparison, before, before_name, spread, theta=theta, model_name=model_name
-    )
-    figures, missing = _drawn(plans)
+    model, comparison, before = compared.model, compared.comparison, compared.before
+    plans = comparison_plans(compared)
+    figures, missing = drawn(plans)
     sections = [
         Section(
             "Summary",
             [
-                *sentences(model, comparison, before, before_name, model_name),
+                *sentences(model, comparison, before, compared.before_name, compared.name),
                 *notes,
                 *error_tables(comparison, before, model.finger.judged_in),
             ],
@@ -156,7 +98,8 @@ def comparison_sections(
     return sections, figures
 
 
-def _drawn(plans: Sequence[Plan]) -> tuple[dict[str, go.Figure], dict[str, str]]:
+def drawn(plans: Sequence[Plan]) -> tuple[dict[str, go.Figure], dict[str, str]]:
+    """Draw what has cases to show, by name, and say of the rest why there is nothing to draw."""
     figures, missing = {}, {}
     for plan in plans:
         try:
@@ -166,36 +109,18 @@ def _drawn(plans: Sequence[Plan]) -> tuple[dict[str, go.Figure], dict[str, str]]
     return figures, missing
 
 
-def comparison_plans(
-    model: Model,
-    observations: Observations,
-    comparison: Comparison,
-    before: Comparison | None = None,
-    before_name: str = "Before",
-    spread: Mapping[str, Spread] | None = None,
-    *,
-    theta: Floats | None = None,
-    model_name: str = "Model",
-    cases: Collection[str] | None = None,
-) -> list[Plan]:
-    """Return every figure of a comparison to come, with the arguments of `comparison_figures`.
+def comparison_plans(compared: Compared, cases: Collection[str] | None = None) -> list[Plan]:
+    """Return every figure of a comparison to come.
 
-    `cases` are those that are drawn on the finger, by default those of validation.
+    Args:
+        compared: what is drawn.
+        cases: that are drawn on the finger, by default those of validation.
     """
+    model, comparison = compared.model, compared.comparison
+    before, before_name = compared.before, compared.before_name
     plane = model.finger.judged_in
     both = [(before_name, before)] if before is not None else []
-    both = [*both, (model_name, comparison)]
-
-    def vectors() -> go.Figure:
-        return vector_figure(
-            model, observations, comparison, theta=theta, cases=cases, spread=spread, model_name=model_name
-        )
-
-    def bone() -> go.Figure:
-        return bone_figure(
-            model, observations, comparison, theta=theta, cases=cases, spread=spread, model_name=model_name
-        )
-
+    both = [*both, (compared.name, comparison)]
     held = "The same cases under both models. " if before is not None else ""
     hinge = model.finger.topology.joints[0].name
     arrows = (
@@ -215,19 +140,19 @@ def comparison_plans(
             f"{held}Validation cases never enter a fit.",
             lambda: scatter_figure(both, plane=plane, role="validation"),
         ),
-        Plan("vectors", "Tip forces in each posture", arrows, vectors),
+        Plan("vectors", "Tip forces in each posture", arrows, lambda: vector_figure(compared, cases)),
         Plan(
             "bone",
             "Net forces on the metacarpal",
             f"{arrows} Dotted: the load of the {hinge} joint alone, without what tendons and pulleys pass to the bone.",
-            bone,
+            lambda: bone_figure(compared, cases),
         ),
         Plan(
             "errors",
             "Where the errors are",
             "RMSE over the force components of the cases named on the left (Synek et al. 2019, Eqs 6 and 7).",
             lambda: errors_figure(
-                comparison, before=before, before_name=before_name, model_name=model_name, plane=plane
+                comparison, before=before, before_name=before_name, model_name=compared.name, plane=plane
             ),
         ),
         Plan(

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.comparison.comparison import CaseComparison, Comparison
-from fingermodel.comparison.observations import Observations
-from fingermodel.model import Model
 from server.figures import graph_objects as go
 from server.figures.arrows import Spread, area_of, arrow_traces, sector_trace
+from server.figures.compared import Compared
 from server.figures.panels import (
     Panel,
     force_scale,
@@ -99,41 +98,27 @@ def load_keys(colors: Mapping[str, str], meanings: Iterable[str]) -> list[go.Sca
     return out + [key(plain(text), line={"color": color, "width": 6}) for text, color in colors.items()]
 
 
-def vector_figure(
-    model: Model,
-    observations: Observations,
-    comparison: Comparison,
-    *,
-    theta: Floats | None = None,
-    cases: Iterable[str] | None = None,
-    spread: Mapping[str, Spread] | None = None,
-    model_name: str = "",
-) -> go.Figure:
+def vector_figure(compared: Compared, cases: Iterable[str] | None = None) -> go.Figure:
     """Draw the finger of each posture with measured and predicted tip forces at the load point.
 
     Forces are turned from the distal phalanx to the metacarpal by the posture that was set.
 
     Args:
-        model: whose finger is drawn.
-        observations: of the session, for the postures.
-        comparison: of the same session.
-        theta: fitted parameters, for the tendon points.
+        compared: model, session and comparison.
         cases: ids of the cases to draw.
-        spread: between specimens, by case.
-        model_name: for the title.
 
     Raises:
         NothingToDrawError: no tip force.
     """
+    finger, comparison, values = compared.model.finger, compared.comparison, compared.values
     drawn, note = thinned(chosen_cases(comparison, "tip", cases))
-    values = model.finger.values if theta is None else model.values_at(theta)
-    panels = panels_of(model.finger, values, observations, drawn)
+    panels = panels_of(finger, values, compared.observations, drawn)
     colors = load_colors(drawn)
     reach = reach_mm(values)
     scale = force_scale([f for c in drawn for f in (c.measured_N, c.predicted_N)], 0.6 * reach)
     meanings: set[str] = set()
     for index, panel in enumerate(panels):
-        panel.heading = heading(panel, model.finger, comparison)
+        panel.heading = heading(panel, finger, comparison)
         meanings |= measured_and_predicted(
             panel,
             panel_axes(index),
@@ -143,16 +128,16 @@ def vector_figure(
             colors,
             head_mm(len(panels), reach),
             comparison,
-            spread,
+            compared.spread,
         )
     roles = sorted({c.role for c in drawn})
     subtitle = f"Forces on the load cell, sagittal plane, seen from the radial side; {' and '.join(roles)} cases."
     return panels_figure(
         panels,
-        model.finger,
+        finger,
         values,
         scale,
         load_keys(colors, meanings),
-        title="Tip forces" + (f": {plain(model_name)}" if model_name else ""),
+        title=f"Tip forces: {plain(compared.name)}",
         subtitle=f"{subtitle}<br>{note}" if note else subtitle,
     )

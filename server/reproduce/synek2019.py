@@ -16,6 +16,7 @@ from fingermodel.comparison.superposition import superposition
 from fingermodel.scaling import mean_moment_arms
 from fingermodel.session import Session
 from fingermodel.studies.published import Row, not_available, row
+from server.figures.compared import Compared
 from server.figures.comparison import comparison_plans
 from server.figures.plot import Plot
 from server.figures.specimen_spread import spread_of
@@ -112,16 +113,8 @@ def _plots() -> list[Plot]:
     """The mean human finger under the published model, beside the model before its optimisation."""
     bench = Session.open("synek2019_HMEAN", "synek2019_optimised", catalogue=False)
     before, comparison = comparing.compare(Session.open("synek2019_HMEAN", catalogue=False)), comparing.compare(bench)
-    plans = comparison_plans(
-        bench.model,
-        bench.observations,
-        comparison,
-        before,
-        "initial model",
-        spread_of(bench, comparison),
-        theta=bench.theta,
-        model_name="published optimised model",
-    )
+    held, spread = ("initial model", before), spread_of(bench, comparison)
+    plans = comparison_plans(Compared.of(bench, comparison, held, spread, name="published optimised model"))
     return [Plot(p.name, p.heading, p.draw(), p.caption) for p in plans]
 
 

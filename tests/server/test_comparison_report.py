@@ -10,6 +10,7 @@ from pathlib import Path
 import plotly.graph_objects as go
 
 from fingermodel.comparison.comparison import Comparison
+from server.figures.compared import Compared
 from server.figures.comparison import comparison_report
 from server.figures.report import Picture, Section, Table, report_html, write_report
 from server.figures.static import write_static
@@ -38,7 +39,9 @@ def test_the_report_is_one_file_that_fetches_nothing(tmp_path: Path) -> None:
     model, observations, comparison = ordinary()
     rows = [c for c in comparison.cases if c.location == "tip"]
     part = Comparison(tuple(rows), comparison.noise_assumed)
-    written = comparison_report(tmp_path, model, observations, part, session=HOSTILE, model_name=HOSTILE, static=False)
+    written = comparison_report(
+        tmp_path, Compared(model, observations, part, name=HOSTILE), session=HOSTILE, static=False
+    )
     assert written == [tmp_path / "compare.html"]
     assert list(tmp_path.iterdir()) == written
     text = written[0].read_text(encoding="utf-8")
@@ -58,7 +61,7 @@ def test_the_report_is_one_file_that_fetches_nothing(tmp_path: Path) -> None:
 
 def test_figures_of_a_hostile_model_name_are_drawn(tmp_path: Path) -> None:
     model, observations, comparison = ordinary()
-    write_static(tmp_path, {"vectors": vector_figure(model, observations, comparison, model_name=HOSTILE)})
+    write_static(tmp_path, {"vectors": vector_figure(Compared(model, observations, comparison, name=HOSTILE))})
     assert "&lt;/script&gt;&lt;script&gt;" in (tmp_path / "vectors.svg").read_text(encoding="utf-8")
 
 

@@ -17,7 +17,8 @@ from matplotlib.image import imread
 from fingermodel.comparison.comparison import CaseComparison, Comparison
 from server.figures.arrows import BETWEEN, MEASURED, NOMINAL, Spread, area_of, sector, spread_between
 from server.figures.bone import bone_figure
-from server.figures.comparison import comparison_figures
+from server.figures.compared import Compared
+from server.figures.comparison import comparison_plans, drawn
 from server.figures.panels import MAX_LOADS
 from server.figures.poses import finger_pose
 from server.figures.scatter import scatter_figure
@@ -33,7 +34,7 @@ from tests.server.compared_sessions import AWKWARD, BOTH, POSTURES, finger, many
 def test_awkward_sessions_give_every_figure_that_they_can(name: str) -> None:
     make, missing = AWKWARD[name]
     model, observations, comparison = make()
-    figures = comparison_figures(model, observations, comparison)
+    figures, _ = drawn(comparison_plans(Compared(model, observations, comparison)))
     assert set(figures) == {"scatter", "scatter_validation", "vectors", "bone", "errors", "z"} - missing
     for figure in figures.values():
         text = figure.to_json()
@@ -43,7 +44,8 @@ def test_awkward_sessions_give_every_figure_that_they_can(name: str) -> None:
 
 def test_before_and_after_are_both_drawn_and_written(tmp_path: Path) -> None:
     model, observations, comparison = ordinary()
-    figures = comparison_figures(model, observations, comparison, comparison, "First guess", model_name="Fitted")
+    compared = Compared(model, observations, comparison, comparison, "First guess", name="Fitted")
+    figures, _ = drawn(comparison_plans(compared))
     written = write_static(tmp_path, figures, scale=1.0)
     assert {p.suffix for p in written} == {".png", ".svg"}
     assert sorted(tmp_path.iterdir()) == sorted(written), "nothing is left over"
@@ -65,9 +67,9 @@ def test_empty_selections_say_so() -> None:
     with pytest.raises(NothingToDrawError, match="tip"):
         scatter_figure([("model", nothing)])
     with pytest.raises(NothingToDrawError, match="tip"):
-        vector_figure(model, observations, comparison, cases=[])
+        vector_figure(Compared(model, observations, comparison), cases=[])
     with pytest.raises(NothingToDrawError, match="bone"):
-        bone_figure(model, observations, nothing)
+        bone_figure(Compared(model, observations, nothing))
     with pytest.raises(NothingToDrawError):
         errors_figure(nothing)
     with pytest.raises(NothingToDrawError):
@@ -92,7 +94,7 @@ def drawn_force(shaft: Any, head: Any) -> np.ndarray[Any, Any]:
 @pytest.mark.parametrize("kind", ["measured", "predicted"])
 def test_tip_arrows_are_the_forces_turned_into_the_metacarpal_frame(kind: str) -> None:
     model, observations, comparison = ordinary()
-    arrows = heads(vector_figure(model, observations, comparison), kind)
+    arrows = heads(vector_figure(Compared(model, observations, comparison)), kind)
     cases = {c.id: c for c in comparison.select("validation", "tip").cases}
     assert set(arrows) == set(cases)
     for name, (shaft, head) in arrows.items():
@@ -109,7 +111,7 @@ def test_tip_arrows_are_the_forces_turned_into_the_metacarpal_frame(kind: str) -
 def test_arrows_start_at_the_load_point_and_at_the_joint() -> None:
     model, observations, comparison = ordinary()
     values = model.finger.values
-    for name, (shaft, _) in heads(vector_figure(model, observations, comparison), "measured").items():
+    for name, (shaft, _) in heads(vector_figure(Compared(model, observations, comparison)), "measured").items():
         case = next(c for c in comparison.cases if c.id == name)
         at, turn = np.zeros(2), 0.0
         points = [*np.asarray(values.centre)[1:], np.asarray(values.load_point)]
@@ -117,13 +119,13 @@ def test_arrows_start_at_the_load_point_and_at_the_joint() -> None:
             turn += np.deg2rad(flexion)
             at += np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ point[:2]
         assert (shaft.x[0], shaft.y[0]) == pytest.approx(tuple(at))
-    for shaft, _ in heads(bone_figure(model, observations, comparison), "measured").values():
+    for shaft, _ in heads(bone_figure(Compared(model, observations, comparison)), "measured").values():
         assert (shaft.x[0], shaft.y[0]) == pytest.approx((0.0, 0.0))
 
 
 def test_bone_arrows_are_in_the_metacarpal_frame_with_the_models_joint_load() -> None:
     model, observations, comparison = ordinary()
-    figure = bone_figure(model, observations, comparison)
+    figure = bone_figure(Compared(model, observations, comparison))
     loads = np.asarray(model.predict(observations.inputs).joint)[:, 0]
     for name, (shaft, head) in heads(figure, "joint").items():
         assert drawn_force(shaft, head) == pytest.approx(loads[observations.ids.index(name)][:2])
@@ -154,7 +156,7 @@ def test_the_drawn_pose_balances_the_models_own_forces() -> None:
 
 def test_panels_share_one_scale_and_have_equal_axes() -> None:
     model, observations, comparison = ordinary()
-    layout = vector_figure(model, observations, comparison).layout
+    layout = vector_figure(Compared(model, observations, comparison)).layout
     margin = layout.margin
     per_mm = set()
     for x, y in ((layout.xaxis, layout.yaxis), (layout.xaxis2, layout.yaxis2), (layout.xaxis3, layout.yaxis3)):
@@ -168,7 +170,7 @@ def test_panels_share_one_scale_and_have_equal_axes() -> None:
 
 def test_a_crowded_posture_shows_the_heaviest_loads_and_says_so() -> None:
     model, observations, comparison = session(many_rows())
-    figure = vector_figure(model, observations, comparison)
+    figure = vector_figure(Compared(model, observations, comparison))
     arrows = heads(figure, "measured")
     shown = [c for c in comparison.cases if c.id in arrows]
     assert len(shown) < len(comparison.cases)

@@ -11,6 +11,7 @@ import plotly.graph_objects as go
 import pytest
 from matplotlib.image import imread
 
+from server.figures.compared import Compared
 from server.figures.static import UnsupportedFigureError, render
 from server.figures.summary import errors_figure
 from server.figures.vectors import vector_figure
@@ -145,7 +146,7 @@ def test_error_bars_texts_and_legends_are_drawn() -> None:
 
 def test_a_figure_drawn_twice_gives_the_same_bytes() -> None:
     model, observations, comparison = ordinary()
-    figure = vector_figure(model, observations, comparison)
+    figure = vector_figure(Compared(model, observations, comparison))
     assert render(figure, "svg") == render(figure, "svg")
     assert render(z_figure(comparison), "png") == render(z_figure(comparison), "png")
     assert b"<dc:date>" not in render(errors_figure(comparison), "svg")

@@ -17,6 +17,7 @@ from fingermodel.session import Session
 from server.application.checking import model_findings
 from server.application.drawing import comparison_notes
 from server.application.provenance import origin_of
+from server.figures.compared import Compared
 from server.figures.effect_on_finger import effect_on_finger
 from server.figures.report import Picture, Section, report_body, report_header, report_html
 from server.figures.report_front import closing_sections, folded
@@ -115,17 +116,7 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
     notes = comparison_notes(bench)
     if len(comparison.cases) < len(bench.measured.cases):
         notes.append("Validation cases are left out until the session is closed.")
-    compared, _ = comparison_sections(
-        bench.model,
-        bench.observations,
-        comparison,
-        None,
-        bench.loaded.name,
-        spread,
-        theta=bench.theta,
-        model_name=bench.loaded.name,
-        notes=notes,
-    )
+    compared, _ = comparison_sections(Compared.of(bench, comparison, spread=spread), notes)
     if measured.record.closed:
         compared[1:1] = folded(_beside(parts, measured, bench, comparison, spread))
     readings = parts.twins.provenance(measured, bench, digest=True)["readings"]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from fingermodel.session import Session
 from server.figures.before import with_before
+from server.figures.compared import Compared
 from server.figures.scatter import scatter_figure
 from server.figures.summary import errors_figure
 from server.figures.zscores import z_figure
@@ -75,17 +76,9 @@ def drawn_comparison(
 
     shown = only.of(comparison)
     held = None if before is None else only.of(before[2])
-    plans = comparison_plans(
-        bench.model,
-        bench.observations,
-        shown,
-        held,
-        "" if before is None else before[0],
-        spread,
-        theta=bench.theta,
-        model_name=bench.loaded.name,
-        cases=[c.id for c in shown.cases] if only.role == "all" else None,
-    )
+    compared = Compared.of(bench, shown, None if before is None or held is None else (before[0], held), spread)
+    cases = [c.id for c in shown.cases] if only.role == "all" else None
+    plans = comparison_plans(compared, cases)
     plan = next(p for p in plans if p.name == name)
     caption = f"{plan.caption} Model: {bench.loaded.fitted}."
     if name in ("vectors", "bone"):
@@ -105,14 +98,9 @@ def _beside(
     from server.figures.comparison import comparison_plans
 
     called, bench, comparison = before
-    earlier = comparison_plans(
-        bench.model,
-        bench.observations,
-        only.of(comparison),
-        theta=bench.theta,
-        model_name=called,
-        cases=[c.id for c in shown.cases] if only.role == "all" else None,
-    )
+    compared = Compared.of(bench, only.of(comparison), name=called)
+    cases = [c.id for c in shown.cases] if only.role == "all" else None
+    earlier = comparison_plans(compared, cases)
     return with_before(
         figure,
         next(p for p in earlier if p.name == name).draw(),

@@ -15,7 +15,9 @@ from sqlalchemy import insert
 from fingermodel import comparing
 from fingermodel.session import Session
 from server.application.diagnosis_report import diagnosis_figures
-from server.figures.comparison import comparison_figures
+from server.figures.compared import Compared
+from server.figures.comparison import comparison_plans
+from server.figures.comparison import drawn as drawn_of
 from server.figures.dark import for_dark, turned
 from server.figures.diagnosis_revisions import revisions_figure
 from server.figures.style import INK, MUTED, TENDONS
@@ -75,9 +77,7 @@ def kept_job(service: ServiceReceiver, name: str, **instead: Any) -> None:
 @pytest.mark.parametrize("name", [RECORDED, PUBLISHED])
 def test_comparisons_are_drawn_as_by_the_command_line(service: ServiceReceiver, name: str) -> None:
     bench = Session.open(name, catalogue=False)
-    expected = comparison_figures(
-        bench.model, bench.observations, comparing.compare(bench), theta=bench.theta, model_name=bench.loaded.name
-    )
+    expected, _ = drawn_of(comparison_plans(Compared.of(bench, comparing.compare(bench))))
     for figure in COMPARISON:
         body = shown(service, f"/comparison/{figure}", session=name)
         assert body["figure"] == (drawn(expected[figure]) if figure in expected else None)

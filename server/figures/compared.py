@@ -1,0 +1,80 @@
+"""What figures of a comparison are drawn from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from fingermodel.comparison.comparison import Comparison
+    from fingermodel.comparison.observations import Observations
+    from fingermodel.fingers import FingerValues
+    from fingermodel.model import Model
+    from fingermodel.session import Session
+    from server.figures.arrows import Spread
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A comparison, with the model and the session that it is of.
+
+    Attributes:
+        model: that was compared.
+        observations: of the session, for postures and tensions.
+        comparison: of both.
+        before: of the model that it is held against.
+        before_name: of that model.
+        spread: between specimens by case, where the session is their average (see `arrows.spread_between`).
+        theta: fitted parameters of `comparison`; by default the model before any fit.
+        name: of the model, for titles.
+    """
+
+    model: Model
+    observations: Observations
+    comparison: Comparison
+    before: Comparison | None = None
+    before_name: str = "Before"
+    spread: Mapping[str, Spread] | None = None
+    theta: NDArray[np.float64] | None = None
+    name: str = "Model"
+
+    @classmethod
+    def of(
+        cls,
+        session: Session,
+        comparison: Comparison,
+        before: tuple[str, Comparison] | None = None,
+        spread: Mapping[str, Spread] | None = None,
+        *,
+        theta: NDArray[np.float64] | None = None,
+        name: str = "",
+    ) -> Compared:
+        """Make it of a session; parameters and name are those of its model unless they are given.
+
+        Args:
+            session: with its model.
+            comparison: of its cases, or of some.
+            before: name and comparison of the model that it is held against.
+            spread: between specimens by case.
+            theta: fitted parameters of `comparison`.
+            name: of the model.
+        """
+        return cls(
+            session.model,
+            session.observations,
+            comparison,
+            None if before is None else before[1],
+            "Before" if before is None else before[0],
+            spread,
+            session.theta if theta is None else theta,
+            name or session.loaded.name,
+        )
+
+    @property
+    def values(self) -> FingerValues:
+        """The finger's numbers, as fitted."""
+        return self.model.finger.values if self.theta is None else self.model.values_at(self.theta)
