@@ -22,8 +22,8 @@ from daq.lab.notebook import Note
 from daq.lab.proposals import OF_THE_FILE, grounds, propose_mapping
 from daq.lab.traces import as_recording
 from daq.sessions import plain_document, read_session, read_yaml
-from fingermodel.fingers.files import finger_names, read_finger
 from fingermodel.fingers import Finger
+from fingermodel.fingers.files import finger_names, read_finger
 from fingermodel.session import Session
 from server.application.exporting import writing
 from server.application.new_session import (
