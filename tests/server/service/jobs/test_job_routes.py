@@ -14,7 +14,7 @@ from daq.errors import InputError
 from server.service.routes import jobs as routes
 from server.service.schemas.jobs import JobList, JobShown
 from server.service.web.problems import ProblemError, answer_input_error, answer_problem
-from tests.server.service.test_jobs import Running
+from tests.server.service.jobs.test_jobs import Running
 
 
 @pytest.fixture

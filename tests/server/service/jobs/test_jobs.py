@@ -221,7 +221,7 @@ def parts_of(folder: Path, until: int) -> dict[str, Any]:
 _SERVICE = """
 import sys, threading
 from pathlib import Path
-from tests.server.service.test_jobs import Running, parts_of
+from tests.server.service.jobs.test_jobs import Running, parts_of
 
 if __name__ == "__main__":
     folder = Path(sys.argv[1])

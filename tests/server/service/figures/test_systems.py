@@ -234,7 +234,7 @@ def test_the_figures_of_studies_are_listed(service: ServiceReceiver) -> None:
 
 def test_pages_name_no_finger_that_is_not_there() -> None:
     """Names that a page proposes are those of shipped fingers."""
-    text = (Path(__file__).parents[3] / "server" / "pages" / "views" / "fingers.js").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[4] / "server" / "pages" / "views" / "fingers.js").read_text(encoding="utf-8")
     named = set(re.findall(r'"(synek2019_\w+|an1979_\w+)"', text))
     assert named
     assert named <= set(finger_names())

@@ -15,7 +15,7 @@ from server.service.sessions.blinding import HIDDEN
 from tests.daq.bench_plays import REST, case, load, setup, tared, truth, wait, whole
 from tests.server.service.recorded import upload
 from tests.server.service.running import ServiceReceiver
-from tests.server.service.test_bench_sessions import Played
+from tests.server.service.sessions.test_bench_sessions import Played
 
 AT = "/api/v1/sessions"
 STEPS = ["weight_before", "c001", "c002", "c003", "c004", "weight_after"]

@@ -16,7 +16,7 @@ from server.service.web.workers import AT_ONCE
 from tests.contracts.ingest import made
 from tests.server.service.recorded import describe, put
 from tests.server.service.running import URL, ServiceReceiver
-from tests.server.service.test_bad_input import send_event
+from tests.server.service.web.test_bad_input import send_event
 
 
 @pytest.fixture(scope="module")

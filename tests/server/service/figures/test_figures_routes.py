@@ -31,7 +31,7 @@ from tests.server.diagnosis_answers import found as missing_effect
 from tests.server.service.figures_asked import AT, shown, traces
 from tests.server.service.recorded import upload
 from tests.server.service.running import ServiceReceiver
-from tests.server.service.test_bench_sessions import Played
+from tests.server.service.sessions.test_bench_sessions import Played
 
 RECORDED, PUBLISHED, MEAN = "DEV-01", "synek2019_H01", "synek2019_HMEAN"
 NUMBERS = count(1000)

@@ -24,7 +24,7 @@ from server.service.operation.migrate import unusable, upgrade
 from server.service.settings import Settings
 from server.service.storage.database import Database
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 UNIT, IMAGE = ROOT / "docs/deploy/fingertwin.service", ROOT / "docs/deploy/Dockerfile"
 
 

@@ -28,8 +28,8 @@ from server.service.jobs.supervisor import Supervisor
 from server.service.jobs.worker import Tell
 from server.service.sessions.records import FINGER_DOCUMENT as RECORDED_FINGER
 from tests.server.service.few_effects import HERE, few_effects
+from tests.server.service.jobs.test_jobs import Running
 from tests.server.service.shipped import bench_input
-from tests.server.service.test_jobs import Running
 
 NAME = "synek2019_H01"
 TIMES = ("seconds",)

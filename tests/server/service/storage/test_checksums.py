@@ -23,9 +23,9 @@ from server.service.settings import DATABASE_FILE, Settings
 from server.service.storage.checksums import DamagedError, Sealed, digest_of, sealed
 from server.service.storage.database import Database
 from server.service.storage.schema import chunks, events, metadata, streams
+from tests.server.service.operation.test_migrations import value_of
 from tests.server.service.recorded import DESCRIPTION, STREAM, chunks_of, document_of, put
 from tests.server.service.running import ServiceReceiver
-from tests.server.service.test_migrations import value_of
 
 PLACES = [(t, c) for t in metadata.sorted_tables for c in t.columns if isinstance(c.type, Sealed)]
 PLACES += [(chunks, chunks.c.payload), (events, events.c.body), (streams, streams.c.description)]

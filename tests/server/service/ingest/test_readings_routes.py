@@ -19,7 +19,7 @@ from tests.daq.bench_plays import case, tared
 from tests.server.service.postgres import postgres_url
 from tests.server.service.recorded import STREAM, chunks_of, describe, document_of, put, upload
 from tests.server.service.running import ServiceReceiver
-from tests.server.service.test_bench_sessions import Played
+from tests.server.service.sessions.test_bench_sessions import Played
 
 RECORDED, AVERAGED, FAST, PART = "DEV-01", "synek2019_H01", "FAST", "PART"
 AT = "/api/v1/sessions"

@@ -155,7 +155,7 @@ _PARENT = """
 import sys, threading
 from server.service.jobs.orders import Order
 from server.service.jobs.supervisor import Supervisor
-from tests.server.service.test_workers import Notes
+from tests.server.service.jobs.test_workers import Notes
 from tests.server.service.work import HERE
 
 if __name__ == "__main__":

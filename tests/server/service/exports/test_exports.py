@@ -32,7 +32,7 @@ from tests.daq.bench_plays import case, tared, whole
 from tests.server.service.exported import OF_PREDICTIONS, cells, datasets, exported, from_csv, from_mat, members
 from tests.server.service.recorded import STREAM, upload
 from tests.server.service.running import ServiceReceiver
-from tests.server.service.test_bench_sessions import Played
+from tests.server.service.sessions.test_bench_sessions import Played
 
 RECORDED, PUBLISHED, MEAN = "DEV-01", "synek2019_H01", "synek2019_HMEAN"
 AT = "/api/v1/sessions"
@@ -267,7 +267,7 @@ def test_a_full_disk_is_said_and_leaves_nothing(service: ServiceReceiver, monkey
 
 
 def test_a_diagnosis_comes_before_the_comparison_in_one_page(service: ServiceReceiver) -> None:
-    from tests.server.service.test_figures_routes import kept_job
+    from tests.server.service.figures.test_figures_routes import kept_job
 
     kept_job(service, "d9", session=RECORDED)
     page = service.client().get(f"{AT}/{RECORDED}/report", params={"job": "d9", "model": "an1979_middle"}).text
