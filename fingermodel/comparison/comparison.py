@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from daq.errors import InputError
 from fingermodel.comparison.observations import Observations
-from fingermodel.fingers import Plane
+from fingermodel.fingers import PLANES, Plane
 from fingermodel.model import Model
 
 Floats = NDArray[np.float64]
-PLANES = {"sagittal": 2, "space": 3}
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from fingermodel.fingers.finger import (
     COMPONENTS,
+    PLANES,
     WRAPS,
     Array,
     Finger,
@@ -21,6 +22,7 @@ from fingermodel.fingers.finger import (
 
 __all__ = [
     "COMPONENTS",
+    "PLANES",
     "WRAPS",
     "Array",
     "Finger",

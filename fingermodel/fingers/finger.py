@@ -27,6 +27,8 @@ Array: TypeAlias = "NDArray[np.float64] | jax.Array"
 
 COMPONENTS = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 Plane = Literal["sagittal", "space"]
+# How many force components, from Fx on, lie in it.
+PLANES = {"sagittal": 2, "space": 3}
 WRAPS = ("straight", "landsmeer1_dorsal", "landsmeer1_palmar")
 
 

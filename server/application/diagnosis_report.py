@@ -26,7 +26,6 @@ from server.figures.diagnosis_words import title
 from server.figures.report import Picture, Section, report_html
 from server.figures.report_front import closing_sections, finger_section, folded, to_do_section
 from server.figures.shared_law import own_curve_figure, shared_sections
-from server.figures.static import write_static
 from server.figures.style import NothingToDrawError, number
 
 if TYPE_CHECKING:
@@ -250,5 +249,7 @@ def _written(page: Path, text: str, figures: dict[str, go.Figure]) -> Path:
     with replacing(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
     if figures:
+        from server.figures.static import write_static
+
         write_static(page.parent, figures)
     return page

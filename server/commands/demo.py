@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from daq.checks import check
 from daq.errors import InputError
 from fingertwin.client import Client
+from server.application.diagnosis_report import draw_diagnosis, draw_shared
 from server.commands.additions import print_history
 from server.commands.console import progress, say, table
 from server.commands.log import replay_session
@@ -102,8 +103,6 @@ def _address(process: subprocess.Popen[bytes], log: Path) -> str:
 
 def _story(twin: Client, name: str, refit: Job[Fit], folder: Path) -> None:
     """Compare, refit, diagnose, add what was found (or what is likeliest), and show the error fall."""
-    from server.application.diagnosis_report import draw_diagnosis
-
     session = twin.session(name)
     first = session.compare(model=None)
     diagnosing = session.diagnose(model=None)
@@ -136,8 +135,6 @@ def _story(twin: Client, name: str, refit: Job[Fit], folder: Path) -> None:
 
 def _together(job: Job[dict[str, Any]], folder: Path) -> None:
     """Say what the specimens share that no effect describes, and what it is worth on the one left out."""
-    from server.application.diagnosis_report import draw_shared
-
     with progress("Diagnosing four specimens, and what they share") as tell:
         body = job.result(lambda done, _: tell(done))
     for name, own in body["each"].items():

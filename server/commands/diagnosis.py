@@ -8,6 +8,7 @@ from typing import Any
 from fingermodel.parameters import with_unit
 from fingermodel.session import Session, readings_digest
 from server.application.diagnosing import bare_verdict, diagnosis_body, drawn_effect, run_diagnosis
+from server.application.diagnosis_report import draw_diagnosis
 from server.application.provenance import origin_of
 from server.commands.console import answer, progress, say, table
 from server.commands.twin import say_first
@@ -37,8 +38,6 @@ def diagnose_session(
             body["without_amendments"] = bare_verdict(run_diagnosis(entered, thorough, tell))
     page = None
     if figures:
-        from server.application.diagnosis_report import draw_diagnosis
-
         body["origin"] = origin_of(bench, readings_digest(bench.measured))
         page = draw_diagnosis(body, figures, list(bench.loaded.history) or None, finger=drawn_effect(bench, body))
         body["figures"] = str(page)

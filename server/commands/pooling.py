@@ -11,6 +11,7 @@ from fingermodel.diagnosis.several_sessions.several import Pooled, diagnose_pool
 from fingermodel.parameters import with_unit
 from fingermodel.session import Session
 from server.application.diagnosing import diagnosis_body
+from server.application.diagnosis_report import draw_diagnosis, draw_shared
 from server.application.pooling import pooled_body, write_law
 from server.commands.console import answer, progress, say, table
 from server.commands.twin import say_first
@@ -55,8 +56,6 @@ def diagnose_sessions(
     }
     body = pooled_body(pooled) | {"each": each}
     if figures:
-        from server.application.diagnosis_report import draw_diagnosis, draw_shared
-
         body["figures"] = [str(draw_shared(body, figures))]
         body["figures"] += [str(draw_diagnosis(own, figures / name)) for name, own in each.items()]
     if law is not None:

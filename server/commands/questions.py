@@ -10,7 +10,6 @@ from rich.prompt import Prompt
 
 from daq.errors import InputError
 from daq.lab.drafts import posture_of
-from fingermodel.comparison.observations import posture_rad
 from fingermodel.fingers.finger import Finger
 from server.commands.console import say
 
@@ -85,6 +84,7 @@ def ask_postures(names: Sequence[str], finger: Finger) -> dict[str, dict[str, fl
     Raises:
         EOFError: the input has ended.
     """
+    from fingermodel.comparison.observations import posture_rad
 
     def read(name: str) -> Callable[[str], dict[str, float]]:
         def angles(text: str) -> dict[str, float]:

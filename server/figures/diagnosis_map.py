@@ -6,8 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from fingermodel.comparison.comparison import PLANES
-from fingermodel.fingers import Plane
+from fingermodel.fingers import PLANES, Plane
 from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import (
     Answer,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fingermodel import comparing
-from fingermodel.comparison.comparison import PLANES
+from fingermodel.fingers import PLANES
 from fingermodel.session import Session
 from server.figures.before import with_before
 from server.figures.bench_finger import Hung, finger_figure

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from fingermodel.diagnosis.verdict.instruments import rig_remedy
-from fingermodel.effects.catalogue import remedy
 from server.figures.diagnosis_answer import Answer, effect_name, named_rows, part, rows, value, with_sd, words
 from server.figures.report import Picture, Section, Steps, Table
 from server.figures.style import fixed
@@ -34,6 +33,8 @@ GLOSSARY = (
 
 def to_do(answer: Answer) -> list[str]:
     """Say what is to be done, in order, from the verdict, the suspects and the rig's errors."""
+    from fingermodel.effects.catalogue import remedy
+
     verdict, session = str(answer.get("verdict")), str(answer.get("session") or "SESSION")
     out = [f"Put the session right first: {f.get('words')}." for f in rows(answer, "session_faults") if _likely(f)]
     for suspect in rows(answer, "suspects"):

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fingermodel.comparison.comparison import PLANES, CaseComparison, Comparison
-from fingermodel.fingers import Plane
+from fingermodel.comparison.comparison import CaseComparison, Comparison
+from fingermodel.fingers import PLANES, Plane
 from server.figures import graph_objects as go
 from server.figures.style import (
     BAND,

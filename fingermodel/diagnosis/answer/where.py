@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.comparison.comparison import PLANES, compare, muscles_of, summarise
+from fingermodel.comparison.comparison import compare, muscles_of, summarise
 from fingermodel.diagnosis.verdict.instruments import rig_remedy
-from fingermodel.fingers import COMPONENTS
+from fingermodel.fingers import COMPONENTS, PLANES
 from fingermodel.fitting.problems import Problem
 from fingermodel.model import tips_of
 

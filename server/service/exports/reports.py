@@ -15,6 +15,7 @@ from daq.findings import finding
 from fingermodel.comparing import compare
 from fingermodel.session import Session
 from server.application.checking import model_findings
+from server.application.diagnosis_report import diagnosis_sections, subtitle
 from server.application.drawing import comparison_notes
 from server.application.provenance import origin_of
 from server.figures.compared import Compared
@@ -92,7 +93,6 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
         InputError: the session or the model cannot be used.
         ProblemError: there is no such session, model or job; 409 the session is still running, or the job.
     """
-    from server.application.diagnosis_report import diagnosis_sections, subtitle
     from server.figures.comparison import comparison_sections, report_title
 
     measured = parts.measuring.of(session)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from server.application.diagnosis_report import diagnosis_sections
 from server.figures.report import Picture
 from server.service.services import Services
 from server.service.sessions.blinding import require_closed
@@ -64,8 +65,6 @@ def diagnosed(
 
 def diagnosis_drawings(answer: dict[str, Any], history: Any) -> dict[str, Drawing]:
     """Every figure of a diagnosis with its caption; None with a sentence where there is nothing to draw."""
-    from server.application.diagnosis_report import diagnosis_sections
-
     sections = diagnosis_sections(answer, history, {})
     places = [p for s in sections for p in s.parts if isinstance(p, Picture) or str(p).startswith(_NONE)]
     return {
