@@ -30,6 +30,8 @@ _GLUED_FORCE = r"[mcdkM\u00b5\u03bc]?N|lbf|lbs?|ozf?|kgf?|gf?|kp|dyn"
 _GLUED_LENGTH = r"mm|cm|m|inch|in|ft"
 _GLUED = re.compile(rf"^(?:(?P<f>{_GLUED_FORCE})(?P<l>{_GLUED_LENGTH})|(?P<l2>inch|in|ft)(?P<f2>lbf|lbs?|ozf?))$")
 _NAMES = {"kp": "kilopond", "ozf": "force_ounce", "gf": "force_gram", "inch": "inch", "in": "inch"}
+# Letters of Russian and Ukrainian units, such as Н·мм.
+_CYRILLIC = str.maketrans("НмскгВ", "NmskgV")
 _WORDS = re.compile(r"[A-Z]?[a-z\u00b5\u03bc]+|[A-Z]+(?![a-z])|[\u00b5\u03bc][A-Za-z]+")
 _PARTS = re.compile(r"[\s_.*\u00b7\u22c5\u00d7-]+")
 
@@ -42,7 +44,7 @@ def factor_of(unit: str, kind: Kind) -> float | None:
         unit: in a lab's words, such as `N-m`, `InchPounds` or `kgf`.
         kind: of the quantity.
     """
-    text = unit.strip().strip("[]()").strip()
+    text = unit.strip().strip("[]()").strip().translate(_CYRILLIC)
     plain = _PLAIN.get((kind, _PARTS.sub("", text)))
     if plain is not None:
         return plain

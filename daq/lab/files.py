@@ -35,6 +35,7 @@ AXES = QUANTITIES[1:]
 GAUGES = tuple(f"gauge{k}" for k in range(1, 7))
 # Of an increment: closer than any two clocks.
 SAME_INCREMENT = 1e-6
+_SCALED = "A ratio becomes a force by the cell's calibration: export forces from the program that recorded it"
 # From so many readings on it is told whether time goes on.
 _STANDING = 20
 
@@ -268,7 +269,7 @@ def _factor(taken: Taken, channel: Channel, kind: Kind, file: str) -> float:
         raise ReadingsError(
             f"the mapping for {file} has {taken.channel} in {taken.unit!r}, which is no unit of {kind}",
             f"one of {' '.join(COMMON[kind])}",
-            did_you_mean(taken.unit, COMMON[kind]),
+            _SCALED if "/" in taken.unit else did_you_mean(taken.unit, COMMON[kind]),
         )
     stated = factor_of(channel.unit, kind)
     if stated is not None and stated != factor:

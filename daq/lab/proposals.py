@@ -16,11 +16,11 @@ from daq.units import COMMON, Kind, factor_of
 
 # How a doubt begins that is a note of the file.
 OF_THE_FILE = "whether it is right that "
-_FORCE = "f|forces?|kraft|kraefte|kräfte|kracht|fuerza|forza|for[cç]a|siła"
-_TORQUE = "t|m|torques?|moments?|momento|drehmoment|koppel|couple|coppia|vridmoment"
+_FORCE = "f|forces?|kraft|kraefte|kräfte|kracht|fuerza|forza|for[cç]a|siła|сила"
+_TORQUE = "t|m|torques?|moments?|momento|drehmoment|koppel|couple|coppia|vridmoment|момент"
 _AXIS = re.compile(rf"^(?:.*[\s./:-])?(?P<kind>{_FORCE}|{_TORQUE})[\s._(-]*(?P<axis>[xyz])(?![a-z])", re.IGNORECASE)
 _TIME = re.compile(
-    r"^(t|time|timestamps?|x_value|zeit(stempel)?|temps|tiempo|tempo|tijd|czas|elapsed|date|datum|clock|epoch)(?![a-z])",
+    r"^(t|time|timestamps?|x_value|zeit(stempel)?|temps|tiempo|tempo|tijd|czas|время|elapsed|date|datum|clock|epoch)(?![a-z])",
     re.IGNORECASE,
 )
 # Seconds since 1970 between 2000 and 2100, by the unit that would make them so.
@@ -29,6 +29,7 @@ _COUNTED = re.compile(r"^(?P<stem>.*?)[\s_-]*(?P<number>\d+)\s*(?:[\[(].*)?$")
 _GAUGE_STEMS = {"gauge", "gage", "sg", "g", "straingauge", "straingage", "ai", "voltage", "volt", "v", "ch", "channel"}
 # A letter for an axis behind a word of any language.
 _LETTER = re.compile(r"^.*?(?:(?<![A-Za-z])[xyzXYZ]|(?<=[a-z])[XYZ])(?![A-Za-z])")
+_BEHIND_SLASH = re.compile(r"/\s*\(?([^/()]+)\)?\s*$")
 _IN_NAME = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$|[_\s]([^\W\d_]+(?:[-*·.]?[^\W\d_]+)*)\s*$")
 
 
@@ -370,6 +371,9 @@ def _unit(channel: Channel, kind: Kind) -> str | None:
     """The unit that the file states, or else the one in the channel's name."""
     if channel.unit:
         return channel.unit
+    divided = _BEHIND_SLASH.search(_leaf(channel))  # as DIN writes it: F_x/N
+    if divided is not None and factor_of(divided[1], kind) is not None:
+        return str(divided[1])
     match = _IN_NAME.search(_leaf(channel))
     if match is None:
         return None

@@ -111,6 +111,9 @@ def _iso(day: str) -> str:
         return f"{parts[2]}-{_MONTHS.index(month) + 1:02d}-{int(parts[0]):02d}" if month in _MONTHS else day
     if len(parts) == 3 and len(parts[0]) == 4:
         return f"{parts[0]}-{int(parts[1]):02d}-{int(parts[2]):02d}"
+    if day.count(".") == 2:  # with points the day comes first everywhere
+        year = int(parts[2]) + (2000 if len(parts[2]) == 2 else 0)
+        return f"{year}-{int(parts[1]):02d}-{int(parts[0]):02d}"
     return day
 
 

@@ -34,6 +34,13 @@ def settled(recording: Path, calibration: str | None = None, rate_hz: float | No
     source = open_channels(recording)
     doubts: list[str] = []
     channels = propose_channels(source, doubts)
+    if channels is not None and GAUGES[0] in channels and not any(taken.unit for taken in channels.values()):
+        say(f"Six channels are counted, {channels[GAUGES[0]].channel} and so on, and state no unit.")
+        if not Confirm.ask("Are they the cell's gauges in volts, which a .cal file turns into forces?", default=False):
+            channels, doubts = (
+                dict(zip(AXES, channels.values(), strict=True)),
+                [f"whether their order is {' '.join(AXES)}"],
+            )
     if channels is None:
         say("The names of the channels do not tell which is which.")
         _show_channels(source)

@@ -236,9 +236,10 @@ def turned(cells: list[list[str]]) -> list[list[str]]:
     return [row[:0:-1] + row[:1] for row in cells]
 
 
-def in_words(words: tuple[str, str]) -> Callable[[list[list[str]]], list[list[str]]]:
-    names = [f"{word} {x} [{u}]" for word, u in zip(words, ("N", "Nmm"), strict=True) for x in "xyz"]
-    return lambda cells: [["t [s]", *names], *cells[1:]]
+def headed(time: str, force: str, torque: str) -> str:
+    """The plain file with other names, in which {} stands for the axis."""
+    names = [time, *(word.format(x) for word in (force, torque) for x in "xyz")]
+    return columned(a=lambda cells: [names, *cells[1:]])
 
 
 def scaled_to(force: str, torque: str, newtons: float, newton_mm: float) -> str:
@@ -249,6 +250,17 @@ def scaled_to(force: str, torque: str, newtons: float, newton_mm: float) -> str:
 
 
 STRANGE: dict[str, str | bytes] = {
+    "quantity over unit": headed("t/s", "F_{}/N", "M_{} / (N mm)").replace(".", ","),
+    "the axis first": headed("t [s]", "{} Force (N)", "{} Torque (Nmm)"),
+    "whole sentences": headed("Zeit in s", "Kraft in {}-Richtung in N", "Moment um {} in Nmm"),
+    "Russian": headed("Время (с)", "Сила {} (Н)", "Момент {} (Н·мм)"),
+    "the day first, with points, over midnight": clocked(
+        lambda ms: ("31.05.24 " if ms < 20 else "01.06.24 ") + o_clock(ms, 86_400 - 0.02)
+    ),
+    "an index before all": columned(a=lambda cells: [[str(i - 1) if i else "", *row] for i, row in enumerate(cells)]),
+    "two plates": columned(
+        a=lambda cells: [[*row, *(f"{c}2" if not i else "7" for c in cells[0][1:])] for i, row in enumerate(cells)]
+    ).replace(" (N)2", "2 (N)").replace(" (Nmm)2", "2 (Nmm)"),
     "utf-16 without its mark": plain().encode("utf-16-le"),
     "decimal commas, tabs, two lines of headings": columned("\t", a=row_by_row).replace(".", ","),
     "a unit that is not known beside others": columned(a=with_temperature),
@@ -271,11 +283,12 @@ STRANGE: dict[str, str | bytes] = {
         ",".join(f'"{c}"' for c in line.split(";")) for line in plain(separator=";", decimal=",").splitlines()
     ) + "\n",
     "a line for Excel": "sep=;\n" + plain(separator=";"),
-    "Finnish": columned(a=in_words(("Voima", "Vääntö"))),
-    "Japanese": columned(a=in_words(("力", "トルク"))),
-    "torques first, in Hungarian": columned(
-        a=lambda cells: [[*row[:1], *row[4:], *row[1:4]] for row in in_words(("Erő", "Nyomaték"))(cells)]
-    ),
+    "Finnish": headed("t [s]", "Voima {} [N]", "Vääntö {} [Nmm]"),
+    "Japanese": headed("t [s]", "力 {} [N]", "トルク {} [Nmm]"),
+    "torques first, in Hungarian": "\n".join(
+        ";".join([row[0], *row[4:], *row[1:4]])
+        for row in (line.split(";") for line in headed("t [s]", "Erő {} [N]", "Nyomaték {} [Nmm]").splitlines())
+    ) + "\n",
 }  # fmt: skip
 
 
@@ -389,7 +402,17 @@ REFUSED: dict[str, tuple[str, str]] = {
     "nothing": ("", "has no whole line"),
     "words": ("this is\na letter\n", "columns of numbers"),
     "no unit": (plain().replace(" (N)", ""), "gives Fx no unit; expected one of N mN"),
-    "a ratio": (plain().replace("(N)", "(mV/V)"), "'mV/V', which is no unit of force"),
+    "a ratio": (plain().replace("(N)", "(mV/V)"), "A ratio becomes a force by the cell's calibration"),
+    "frames and no time": (
+        "Devices\n100\n,,Force - Force,,,Moment - Moment,,\nFrame,Sub Frame,Fx,Fy,Fz,Mx,My,Mz\n"
+        ",,N,N,N,N.mm,N.mm,N.mm\n" + "".join(f"{i},0,1,2,3,4,5,6\n" for i in range(9)),
+        "or state load_cell: rate_hz in the rig's setup",
+    ),
+    "names of a robot's bus": (
+        "%time," + ",".join(f"field.wrench.{w}.{x}" for w in ("force", "torque") for x in "xyz") + "\n"
+        + "".join(f"{1714564800000000000 + 10**7 * i},1,2,3,4,5,6\n" for i in range(9)),
+        "gives field.wrench.force.x no unit",
+    ),
     "not a unit": (plain().replace("(N)", "(Newtonz)"), "'Newtonz', which is no unit of force"),
     "thousands": (plain(separator=";").replace("\n0.01;-0.875", "\n0.01;-1,000.875"), "separators of thousands"),
     "no time": ("\n".join(line.split(",", 1)[1] for line in plain().splitlines()) + "\n", "no channel of time"),

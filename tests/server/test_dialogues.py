@@ -148,6 +148,17 @@ def test_a_recording_without_time_is_counted_at_a_rate_that_is_asked_for(lab: Pa
     assert read_mapping(tmp_path / "run.csv.map.yaml").model_dump()["time"] == {"increment_s": 0.01}
 
 
+def test_counted_channels_without_a_unit_are_gauges_only_where_somebody_says_so(tmp_path: Path) -> None:
+    recording = tmp_path / "run.csv"
+    head = "time (s)," + ",".join(f"CH{i}" for i in range(1, 7))
+    recording.write_text(head + "\n" + "".join(f"{i / 100},1,2,3,4,5,6\n" for i in range(9)), "utf-8")
+    answers = ["n", "N", "", "", "Nmm", "", "", "y"]
+    code, shown, err = answering(answers, "import", recording, "--out", tmp_path / "r.parquet")
+    assert (code, err) == (0, "")
+    assert "whether their order is Fx Fy Fz Tx Ty Tz" in shown
+    assert read_mapping(tmp_path / "run.csv.map.yaml").channels["Tz"].channel == "CH6"
+
+
 def test_what_no_name_tells_is_asked_for_by_number(tmp_path: Path) -> None:
     recording = tmp_path / "run.csv"
     head = "time (s),a,b,c,d,e,f,g,h"
