@@ -23,6 +23,8 @@ from daq.units import factor_of
 
 Floats = NDArray[np.float64]
 
+# So many channels that are left out are named each.
+_FEW = 3
 _JOURNAL = b"SQLite format 3\x00"
 
 
@@ -79,7 +81,8 @@ def read_traces(path: Path) -> Traces:
     """
     source = open_channels(path)
     sound = [c for c in source.channels if not c.fault]
-    left_out = [f"{c.name} is left out: it {c.fault}" for c in source.channels if c.fault]
+    faults = [f"{c.name} is left out: it {c.fault}" for c in source.channels if c.fault]
+    left_out = faults if len(faults) <= _FEW else [f"{len(faults)} channels are left out: {faults[0]}; and so on"]
     if not sound:
         raise ReadingsError(f"{source.path.name} has no channel of numbers", "one at least")
     doubts: list[str] = []
@@ -115,4 +118,7 @@ def _together(source: LabChannels, channels: list[Channel], clock: Channel | Non
         return (c.start_s, c.increment_s, c.count) == (first.start_s, first.increment_s, first.count)
 
     own = [c for c in channels if shared(c)] or channels[:1]
-    return own, [f"{c.name} is left out: it starts or steps otherwise" for c in channels if c not in own]
+    apart = [c.name for c in channels if c not in own]
+    if len(apart) > _FEW:
+        return own, [f"{len(apart)} channels are left out, {apart[0]} and others: they start or step otherwise"]
+    return own, [f"{name} is left out: it starts or steps otherwise" for name in apart]

@@ -6,10 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from daq.checks import check
+from daq.locations import data_dir
 from daq.recordings.readings import open_readings
-from daq.sessions import read_session
+from daq.sessions import read_session, read_yaml
+from daq.signals.corrections import measure
 from tests.server.lab import POSTURE, SOURCE, lab_files
 from tests.server.test_exchange_cli import answered, refused
 
@@ -47,6 +50,35 @@ def test_a_session_comes_of_a_recording_and_a_notebook(lab: Path, tmp_path: Path
     assert again["cases"] == 16
     assert read_session(tmp_path / "second").specimen == session.specimen
     assert "has a session already" in refused("new", lab / "rig.csv", "--out", first, *given, *rig)
+
+
+def test_a_finger_of_ones_own_goes_along(lab: Path, tmp_path: Path) -> None:
+    rig = tmp_path / "rig"
+    rig.mkdir()
+    (rig / "mine.yaml").write_bytes((data_dir() / "fingers" / "an1979_middle.yaml").read_bytes())
+    setup = read_yaml(lab / "setup.yaml") | {"finger": "mine.yaml"}
+    (rig / "setup.yaml").write_text(yaml.safe_dump(setup), "utf-8")
+    given = ["--notes", lab / "notes.txt", "--posture", POSTURE, "--yes"]
+    answered("new", lab / "rig.csv", "--out", tmp_path / "first", "--setup", rig / "setup.yaml", *given)
+    (rig / "mine.yaml").unlink()
+    assert read_session(tmp_path / "first").finger == "mine.yaml"
+    assert check(tmp_path / "first").ok
+    # The next session has it of the first one.
+    answered("new", lab / "rig.csv", "--out", tmp_path / "second", "--like", tmp_path / "first", *given)
+    assert (tmp_path / "second" / "mine.yaml").is_file()
+
+
+@pytest.mark.parametrize("kind", ["hdf5", "c3d"])
+def test_what_is_exported_can_be_a_recording_again(kind: str, lab: Path, tmp_path: Path) -> None:
+    given = ["--notes", lab / "notes.txt", "--posture", POSTURE, "--setup", lab / "setup.yaml", "--yes"]
+    answered("new", lab / "rig.csv", "--out", tmp_path / "first", *given)
+    file = tmp_path / f"out.{'h5' if kind == 'hdf5' else kind}"
+    answered("export", tmp_path / "first", "--format", kind, "--out", file)
+    answered("new", file, "--out", tmp_path / "second", *given)
+    first, second = (measure(read_session(tmp_path / name)).cases for name in ("first", "second"))
+    assert [c.case.masses_g for c in second] == [c.case.masses_g for c in first]
+    # C3D counts its time from the first reading, and keeps single precision.
+    np.testing.assert_allclose([c.wrench for c in second], [c.wrench for c in first], rtol=0, atol=2e-3)
 
 
 @pytest.mark.parametrize(
