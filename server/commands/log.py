@@ -22,6 +22,7 @@ from server.bench.ending import Told, ended_by_signals
 from server.commands.closing_copy import Closed, copied_at_end
 from server.commands.console import answer, say, table
 from server.commands.forwarding import Delivery, forwarding
+from server.commands.log_bench import log_bench
 from server.commands.log_parts import JOURNAL, LogOptions, about_cell, acquiring
 
 if TYPE_CHECKING:
@@ -79,8 +80,6 @@ def log_cell(options: LogOptions, json: str | None) -> bool:
     acquisition = Acquisition(cell, lambda: connect(cell, options.port, options.baud))
     with copied_at_end(options.copy_to, quiet=json == "-") as closed:
         if options.protocol is not None or options.setup is not None or options.resume:
-            from server.commands.log_bench import log_bench
-
             log_bench(options, cell, acquisition, closed, json)
             return True
         return _log_alone(options, options.out, acquisition, closed, json)

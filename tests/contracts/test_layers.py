@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import pkgutil
 import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterable
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -86,11 +88,75 @@ def test_the_service_starts_without_what_draws_and_what_counts() -> None:
 
 
 def test_no_two_modules_import_each_other_not_even_inside_functions() -> None:
-    packages = ("daq", "fingermodel", "server", "fingertwin")
-    graph = grimp.build_graph(*packages, exclude_type_checking_imports=True, cache_dir=None)
+    graph = grimp.build_graph(*PACKAGES, exclude_type_checking_imports=True, cache_dir=None)
     assert len(graph.modules) > 100
     found = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
     assert list(TopologicalSorter(found).static_order())  # raises CycleError, which names the modules
+
+
+PACKAGES = ("daq", "fingermodel", "server", "fingertwin")
+SLOW = {
+    "fastapi", "httpx", "jax", "matplotlib", "numpy", "plotly", "pyarrow", "pydantic", "rich", "scipy", "sqlalchemy",
+    "uvicorn", "yaml",
+}  # fmt: skip
+
+
+class Imports(ast.NodeVisitor):
+    """What a module imports at its top, and what inside functions; what is for types alone is passed over."""
+
+    def __init__(self, known: set[str]) -> None:
+        self.top: set[str] = set()
+        self.inside: set[str] = set()
+        self._known, self._function = known, False
+
+    def visit_FunctionDef(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> None:
+        before, self._function = self._function, True
+        self.generic_visit(node)
+        self._function = before
+
+    visit_AsyncFunctionDef = visit_FunctionDef
+
+    def visit_If(self, node: ast.If) -> None:
+        if not (isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"):
+            self.generic_visit(node)
+
+    def visit_Import(self, node: ast.Import) -> None:
+        self._add(a.name for a in node.names)
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> None:
+        whole = [f"{node.module}.{a.name}" for a in node.names]
+        self._add(name if name in self._known else str(node.module) for name in whole)
+
+    def _add(self, names: Iterable[str]) -> None:
+        (self.inside if self._function else self.top).update(names)
+
+
+def test_a_module_imports_inside_a_function_only_what_is_slow_to_load() -> None:
+    files = {
+        ".".join(f.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): f
+        for package in PACKAGES
+        for f in (ROOT / package).rglob("*.py")
+    }
+    found = {name: Imports(set(files)) for name in files}
+    for name, file in files.items():
+        found[name].visit(ast.parse(file.read_text("utf-8")))
+
+    @cache
+    def slow_of(name: str) -> frozenset[str]:
+        """Slow packages that come with a module, and with the packages that hold it."""
+        seen, todo, out = set(), [name], set()
+        while todo:
+            parts = todo.pop().split(".")
+            out |= {parts[0]} & SLOW
+            for module in (".".join(parts[: n + 1]) for n in range(len(parts))):
+                if module in files and module not in seen:
+                    seen.add(module)
+                    todo += found[module].top
+        return frozenset(out)
+
+    ours = {(a, b) for a in files for b in found[a].inside if b.partition(".")[0] in PACKAGES}
+    assert len(ours) > 20
+    assert [f"{a} imports {b}" for a, b in sorted(ours) if slow_of(b) <= slow_of(a)] == []
 
 
 @cache
