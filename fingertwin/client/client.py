@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import httpx
 
+from daq.errors import InputError
 from fingertwin.client.exchange import Body, Exchange, path_of, reading
 from fingertwin.client.figures import figure, figure_names
 from fingertwin.client.files import fetched
@@ -324,6 +325,9 @@ class Client:
 
 
 def _ids(sessions: Sequence[str | Session]) -> list[str]:
+    if isinstance(sessions, str | Session):
+        name = sessions.id if isinstance(sessions, Session) else sessions
+        raise InputError(f"sessions is {name!r}", "a list of sessions", f"Give [{name!r}]")
     return [s.id if isinstance(s, Session) else s for s in sessions]
 
 

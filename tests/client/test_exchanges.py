@@ -119,6 +119,14 @@ def test_whatever_answers_is_an_object_or_one_line(status: int, body: bytes) -> 
     assert isinstance(found, dict) or found == (status, "")
 
 
+def test_one_name_is_no_list_of_names() -> None:
+    transport, asked = scripted()
+    with Client(URL, transport=transport) as twin, pytest.raises(InputError) as caught:
+        twin.diagnose("DEV-02")
+    assert one_line(caught.value) == "sessions is 'DEV-02'; expected a list of sessions. Give ['DEV-02']."
+    assert not asked
+
+
 def test_pages_are_put_together() -> None:
     rows = [{"id": f"s{n:03d}"} for n in range(450)]
 
