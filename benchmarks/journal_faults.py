@@ -2,7 +2,7 @@
 
     python -m benchmarks.journal_faults [--runs 300] [--out FILE]
 
-The machine is that of `tests/daq/test_journal_faults.py`, which says what must hold after each step.
+The machine is that of `tests/daq/journal/test_journal_faults.py`, which says what must hold after each step.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from hypothesis.stateful import run_state_machine_as_test
 from benchmarks.journal_damage import share
 from benchmarks.machine import commit, publish
 from benchmarks.uplink_parts import surroundings
-from tests.daq.test_journal_faults import FailingDisk
+from tests.daq.journal.test_journal_faults import FailingDisk
 
 HERE = Path(__file__).parent
 KINDS = ("write", "sync", "truncate", "read", "map")

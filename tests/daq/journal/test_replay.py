@@ -27,8 +27,8 @@ from daq.standins.robotiq import RobotiqStandIn
 from daq.standins.run import Player
 from daq.standins.wires import TcpWire
 from server.commands.log_parts import about_cell
+from tests.daq.acquisition.test_acquire import Portions
 from tests.daq.cal_files import nano17
-from tests.daq.test_acquire import Portions
 
 
 def keep(run: Acquisition, cell: LoadCell, path: Path) -> str:

@@ -17,7 +17,7 @@ from daq.sessions import parse_session, read_session
 from daq.signals.corrections import assemble, measure, windows_of
 from tests.daq.benches import RATE_HZ, SEGMENT_S, WRENCH, Floats, averaged, bench, in_blocks, record, recorded
 
-TRUTH = Path(__file__).parents[1] / "truth"
+TRUTH = Path(__file__).parents[2] / "truth"
 ZERO = np.array([0.4, -1.2, 3.0, 7.0, -5.0, 2.0])
 
 
