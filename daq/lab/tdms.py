@@ -41,7 +41,7 @@ class TdmsChannels(LabChannels):
         # It brings no types; and it is needed only here.
         self._nptdms: Any = import_module("nptdms")
         # What it would write to the terminal is said here, once and in words.
-        for name in ("nptdms.reader", "nptdms.tdms_segment", "nptdms.scaling"):
+        for name in ("nptdms.reader", "nptdms.tdms_segment", "nptdms.scaling", "nptdms.types"):
             logging.getLogger(name).setLevel(logging.ERROR)
         out = []
         # Opened here, since the reader leaves open what it fails on.

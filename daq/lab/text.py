@@ -23,6 +23,9 @@ from daq.lab.table import SAMPLE_ROWS, Moment, Table, elapsed, find_table, is_to
 Floats = NDArray[np.float64]
 
 _LONGEST_LINE = 1 << 20
+# A cell whose quotation mark is closed on a later line; looked for so far down, and over at most so many lines.
+_OPEN_QUOTE = re.compile(r'(?:^|[,;\t|])\s*"[^"]*$')
+_HEAD_LINES, _HELD_LINES = 100, 20
 _SPACES = " "
 _REMOVE = "Remove that row, or everything from there on"
 # Three digits behind a gap or an apostrophe.
@@ -183,6 +186,23 @@ class TextChannels(TableChannels):
             ) from error
 
     def _lines(self) -> Iterator[tuple[int, str]]:
+        """Whole lines with their number; a heading in quotation marks may go over several."""
+        held: list[tuple[int, str]] = []
+        for number, line in self._single_lines():
+            if not held and (number > _HEAD_LINES or not _OPEN_QUOTE.search(line)):
+                yield number, line
+                continue
+            held.append((number, line))
+            whole = " ".join(text for _, text in held)
+            if whole.count('"') % 2 == 0:
+                yield number, whole
+                held = []
+            elif len(held) > _HELD_LINES:
+                yield from held
+                held = []
+        yield from held
+
+    def _single_lines(self) -> Iterator[tuple[int, str]]:
         """Whole lines with their number: half a number looks like a whole one."""
         number = 0
         with self._opened() as raw, io.TextIOWrapper(raw, encoding=self._encoding, newline=None) as stream:

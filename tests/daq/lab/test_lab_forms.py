@@ -282,6 +282,12 @@ STRANGE: dict[str, str | bytes] = {
     "quoted decimal commas between commas": "\n".join(
         ",".join(f'"{c}"' for c in line.split(";")) for line in plain(separator=";", decimal=",").splitlines()
     ) + "\n",
+    "headings over two lines": (
+        ",".join(f'"{c}"' for c in plain().splitlines()[0].split(",")).replace(" (", "\n(") + "\n"
+        + "\n".join(plain().splitlines()[1:]) + "\n"
+    ),
+    "a mark that is never closed": '"Rig 7, left\n' + plain(),
+    "inches": 'Rod 5" long; cable 3"\nand 2" more\n' + plain(separator=";"),
     "a line for Excel": "sep=;\n" + plain(separator=";"),
     "Finnish": headed("t [s]", "Voima {} [N]", "Vääntö {} [Nmm]"),
     "Japanese": headed("t [s]", "力 {} [N]", "トルク {} [Nmm]"),
