@@ -24,6 +24,8 @@ from daq.recordings.plateaus import TOLERANCE
 Floats = NDArray[np.float64]
 
 _LEFT_OUT, _NOT_FOUND, _EXTRA_REPEAT = 3.0, 3.5, 2.5
+# What it costs that a tare or what was left out makes no plateau, or that a tap or an unloading makes none of its own.
+_UNSEEN, _TAP, _UNLOADED = 0.3, 0.7, 0.9
 # Force per mass before other loads tell it [N/g]; and its spread, as a share, where they do.
 _FIRST_N_PER_G, _SPREAD = 2e-3, 0.12
 _MOST_OFF, _MOST_TARE = 1.5, 6.0
@@ -35,6 +37,8 @@ _SKIPPED_TARE = 1.0
 _DOUBTFUL = 0.5
 # So many ways are followed; of the best of them also those that leave lines out.
 _KEPT, _LEAVING_OUT = 60, 15
+# So large a share of a weight's force friction may change; a change by it costs one, and any at most so much.
+_FRICTION, _MOST_MOVED = 0.2, 4.0
 # Levels are the same within so many tolerances; a tare is looked for between loads from there on.
 _SAME = 1.0
 
@@ -138,11 +142,21 @@ def _doubted(plateaus: Sequence[Laid], notes: Sequence[Note], lost: Sequence[int
         if (laid.kind == "skip" and laid.note is None) or laid.repeat or useless:
             doubtful |= {at[i], later[i], later[i] + 1}
     lines = {laid.note: at[i] for i, laid in enumerate(plateaus) if laid.note is not None}
-    for line in lost:
+    for line in (i for i in lost if notes[i].kind == "load" and not _only_moved(notes[i])):
         doubtful |= {lines[near] for near in (line - 1, line + 1) if near in lines}
+    # Of two motions of the same weights one plateau may be either, or both.
+    either = {near for line in lost for near in (line - 1, line + 1) if _same_but_moved(notes, line, near)}
     return [
-        replace(laid, sure=min(laid.sure, _DOUBTFUL)) if at[i] in doubtful else laid for i, laid in enumerate(plateaus)
+        replace(laid, sure=min(laid.sure, _DOUBTFUL)) if at[i] in doubtful or laid.note in either else laid
+        for i, laid in enumerate(plateaus)
     ]
+
+
+def _same_but_moved(notes: Sequence[Note], line: int, near: int) -> bool:
+    if not 0 <= near < len(notes):
+        return False
+    a, b = notes[line], notes[near]
+    return _only_moved(a) and _only_moved(b) and (a.masses_g, a.block) == (b.masses_g, b.block)
 
 
 def _settled(means: Floats, notes: Sequence[Note], between: bool) -> list[tuple[float, list[_Choice]]]:
@@ -165,10 +179,11 @@ def _ways(
     def off(level: int, tare: int, line: int) -> float:
         return _off_load((means[level] - means[tare])[:3], float(distance[level, tare]), notes[line], known)
 
+    lost = _lost(notes)
     states = [_State(0, -1, ("", ""), 0.0, None)]
     for level in range(len(means)):
         after: dict[tuple[int, int], list[_State]] = {}
-        for state in _with_lines_left_out(states, len(notes)):
+        for state in _with_lines_left_out(states, lost):
             for choice, cost, block in _choices(level, state, distance, notes, off, between):
                 line = state.line + (choice.line == state.line)
                 new = _State(line, choice.tare, block, state.cost + cost, _Past(choice, state.past))
@@ -176,19 +191,32 @@ def _ways(
         # Of ways that go on alike, two: the second tells how sure the first is.
         kept = [s for group in after.values() for s in sorted(group, key=lambda s: s.cost)[:2]]
         states = sorted(kept, key=lambda s: s.cost)[:_KEPT]
-    ways = [(s.cost + _NOT_FOUND * (len(notes) - s.line), _unrolled(s.past)) for s in states]
+    ways = [(s.cost + sum(lost[s.line :]), _unrolled(s.past)) for s in states]
     return sorted(ways, key=lambda way: way[0])
 
 
-def _with_lines_left_out(states: Sequence[_State], count: int) -> list[_State]:
+def _with_lines_left_out(states: Sequence[_State], lost: Sequence[float]) -> list[_State]:
     out = list(states)
     for state in states[:_LEAVING_OUT]:
         out += [
-            replace(state, line=state.line + more, cost=state.cost + _NOT_FOUND * more)
-            for more in (1, 2)
-            if state.line + more <= count
+            replace(state, line=state.line + more, cost=state.cost + sum(lost[state.line : state.line + more]))
+            for more in (1, 2, 3)
+            if state.line + more <= len(lost) and (more < 3 or sum(lost[state.line : state.line + more]) < _NOT_FOUND)
         ]
-    return out
+    return sorted(out, key=lambda s: s.cost)
+
+
+def _lost(notes: Sequence[Note]) -> list[float]:
+    """What it costs that a line is found on no plateau, of each line."""
+    return [
+        _UNSEEN if n.kind != "load" else _TAP if n.tapped else _UNLOADED if _only_moved(n) else _NOT_FOUND
+        for n in notes
+    ]
+
+
+def _only_moved(note: Note) -> bool:
+    """Whether what hangs may be what hung before: then it need not make a plateau of its own."""
+    return note.tapped or note.direction == "unloading"
 
 
 def _unrolled(past: _Past | None) -> list[_Choice]:
@@ -229,10 +257,27 @@ def _choices(
     if tare < 0:
         return
     if note is not None and note.kind == "load" and block in (note.block, ("", "")):
-        yield _Choice("load", line, tare, False), off_load(level, tare, line) + skipped, note.block
+        hung = _hung_before(level, state, notes)
+        if hung is None:
+            cost = off_load(level, tare, line)
+        else:  # friction alone changes what the same weights do
+            own, moved = float(distance[level, tare]), float(distance[level, hung])
+            cost = min(moved / max(_FRICTION * own, _SAME), _MOST_MOVED)
+        yield _Choice("load", line, tare, False), cost + skipped, note.block
     before = next((i for i in range(line - 1, -1, -1) if notes[i].kind == "load"), None)
     if before is not None and block == notes[before].block:
         yield _Choice("load", before, tare, True), off_load(level, tare, before) + _EXTRA_REPEAT + skipped, block
+
+
+def _hung_before(level: int, state: _State, notes: Sequence[Note]) -> int | None:
+    """The plateau at which the very weights hung that a line moves; None where it moves none, or not these."""
+    past, note = state.past, notes[state.line]
+    while past is not None and _only_moved(note):
+        level -= 1
+        if past.choice.kind == "load":
+            return level if notes[past.choice.line].masses_g == note.masses_g else None
+        past = past.before
+    return None
 
 
 def _off_load(force: Floats, distance: float, note: Note, known: Mapping[object, _Known]) -> float:

@@ -37,7 +37,7 @@ _OFF, _BETTER = 0.6, 0.4
 
 @dataclass(frozen=True)
 class LaidNotes:
-    """Plateaus, what each is taken for, and a sentence for every line of the notebook that was found on none."""
+    """Plateaus, what each is taken for, and a sentence for every load of the notebook that was found on none."""
 
     levels: tuple[Level, ...]
     choices: list[Choice]
@@ -100,7 +100,8 @@ def levels_of(blocks: Sequence[ReadingBlock]) -> tuple[Level, ...]:
 def lay_notes(levels: tuple[Level, ...], notes: Sequence[Note]) -> LaidNotes:
     """Lay a notebook onto plateaus."""
     layout = lay(levels, notes)
-    lost = [f"line {notes[i].line} was found on no plateau: {said(notes[i])}" for i in layout.not_found]
+    loads = (notes[i] for i in layout.not_found if notes[i].kind == "load")
+    lost = [f"line {note.line} was found on no plateau: {said(note)}" for note in loads]
     return LaidNotes(levels, chosen(layout, notes), lost)
 
 

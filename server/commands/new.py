@@ -110,9 +110,9 @@ def new_session(options: NewOptions, json: str | None) -> None:
         laid = lay_notes(levels, notes)
     if json != "-":
         _show(laid.levels, laid.choices)
+    if asking:
         for line in laid.lost:
             say(f"  {line}")
-    if asking:
         laid = LaidNotes(laid.levels, _asked(laid, finger.topology.muscles), laid.lost)
     postures = _postures(options, [c.note.posture for c in laid.choices if c.kind == "load" and c.note], finger, asking)
     told += laid.lost

@@ -168,3 +168,40 @@ def test_a_load_without_a_tare_is_refused() -> None:
     choices = chosen(lay(levels, notes), notes)
     with pytest.raises(InputError, match=r"the load at .* \(hook, tip\) has no tare before it"):
         cases_of(levels[1:], choices[1:])
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("tap_shows", "overload_rests"), [(True, True), (True, False), (False, True), (False, False)])
+def test_weights_that_are_moved_are_told_from_others_that_are_hung(
+    tap_shows: bool, overload_rests: bool, seed: int
+) -> None:
+    """As in the friction protocol: hung, overloaded, unloaded, tapped, with 3 % of friction between the motions."""
+    motions = "{0} 500, hook, {1}\nskip\n{0} 500, unloading\n{0} 500, unloading, tapped\n"
+    notes = read_notes("".join(motions.format(name, at) for at in ("tip", "bone") for name in TENDONS), TENDONS)
+    rng = np.random.default_rng(seed)
+    values: list[Floats] = []
+    right: list[int | None] = []
+    arms: dict[object, tuple[Floats, Floats]] = {}
+    hung: Floats = np.zeros(6)
+    for i, note in enumerate(notes):
+        if note.kind == "load" and note.block not in arms:
+            tare = rng.normal(0.0, [2, 2, 2, 20, 20, 20])
+            arms[note.block] = tare, rng.normal(0.0, [4e-3, 4e-3, 4e-3, 0.03, 0.03, 0.03], (len(TENDONS), 6))
+            values.append(tare)
+            right.append(None)
+        if (note.tapped and not tap_shows) or (note.kind == "skip" and not overload_rests):
+            continue
+        tare, arm = arms[note.block] if note.kind == "load" else (values[-1] - hung, np.zeros((len(TENDONS), 6)))
+        if note.kind == "load":
+            hung = np.array([dict(note.masses_g).get(name, 0.0) for name in TENDONS]) @ arm
+        factor = 1.2 if note.kind == "skip" else 1.03 if note.tapped else 1.06 if note.direction == "unloading" else 1.0
+        values.append(tare + factor * hung)
+        right.append(i)
+    t_s = np.arange(0.0, 4.0 * len(values), 0.05)
+    wrench = np.array(values)[np.minimum((t_s // 4.0).astype(int), len(values) - 1)]
+    levels = find_levels(t_s, wrench + rng.normal(0.0, [0.01, 0.01, 0.01, 0.2, 0.2, 0.2], wrench.shape))
+    layout = lay(levels, notes)
+    assert [laid.note for laid in layout.plateaus] == right
+    # Where a plateau may be either motion, it is not called sure.
+    moved = [laid for laid in layout.plateaus if laid.note is not None and notes[laid.note].direction == "unloading"]
+    assert tap_shows or max(laid.sure for laid in moved) <= 0.5
