@@ -8,9 +8,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
+
+from threadpoolctl import threadpool_limits
 
 from daq.errors import InputError
 from fingermodel.comparing import compare
@@ -34,10 +36,28 @@ if TYPE_CHECKING:
 __all__ = ["Diagnosis", "add", "diagnose", "refit", "save"]
 
 Progress = Callable[[float], None]
+_Given = ParamSpec("_Given")
+_Result = TypeVar("_Result")
 # Starts of the solver: enough to see whether other values fit as well, still about a second.
 STARTS = 8
 
 
+def _one_thread(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
+    """Let linear algebra use one thread while a function runs, whatever has loaded NumPy before.
+
+    The matrices of a session are too small to share: on a busy machine with two cores a diagnosis by two threads took
+    thirteen times as long.
+    """
+
+    @wraps(function)
+    def limited(*args: _Given.args, **kwargs: _Given.kwargs) -> _Result:
+        with threadpool_limits(limits=1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return limited
+
+
+@_one_thread
 def refit(
     session: Session,
     method: Literal["map", "slsqp"] = "map",
@@ -77,6 +97,7 @@ def refit(
     return refit_map(problem, start=session.theta if session.refitted else None, starts=starts, progress=progress)
 
 
+@_one_thread
 def add(
     session: Session, *effects: str, without: Sequence[str] = (), starts: int = STARTS, progress: Progress | None = None
 ) -> Addition:
@@ -114,6 +135,7 @@ def add(
     )
 
 
+@_one_thread
 def diagnose(session: Session, *, thorough: bool = False, progress: Progress | None = None) -> Diagnosis:
     """Find out which effect is missing from a session's model, or that the data cannot tell.
 

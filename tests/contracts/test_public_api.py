@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import daq
 import fingermodel
@@ -32,6 +33,18 @@ def test_examples_of_docstrings_give_what_they_say(name: str) -> None:
     found = doctest.testmod(importlib.import_module(name))
     assert found.attempted > 0
     assert found.failed == 0
+
+
+def test_linear_algebra_has_one_thread_while_something_is_computed_and_what_it_had_afterwards() -> None:
+    def used() -> set[int]:
+        return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+    during: list[set[int]] = []
+    with threadpool_limits(limits=2, user_api="blas"):
+        before = used()
+        refit(Session.open("synek2019_H01"), starts=1, progress=lambda _: during.append(used()))
+        assert used() == before
+    assert during == [{1}]
 
 
 def test_the_guide_for_notebooks_gives_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
