@@ -15,7 +15,6 @@ from daq.errors import ModelError
 from fingermodel.fingers import Array as AnyArray
 from fingermodel.fingers import FingerValues, Hood, Topology
 from fingermodel.hood.parts import ElasticHood
-from fingermodel.hood.sharing import hood_state
 from fingermodel.kinematics import JointPose
 from fingermodel.rows import spread
 
@@ -53,6 +52,8 @@ def shares(topology: Topology, values: FingerValues) -> NDArray[np.float64]:
 def _elastic_network(
     topology: Topology, values: FingerValues, muscle: dict[str, Array], poses: tuple[JointPose, ...] | None
 ) -> dict[str, Array]:
+    from fingermodel.hood.sharing import hood_state
+
     if poses is None:
         raise ModelError(
             "an elastic hood, whose slips have no fixed shares of the muscles' tensions",

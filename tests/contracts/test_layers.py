@@ -156,6 +156,8 @@ def test_a_module_imports_inside_a_function_only_what_is_slow_to_load() -> None:
 
     ours = {(a, b) for a in files for b in found[a].inside if b.partition(".")[0] in PACKAGES}
     assert len(ours) > 20
+    # A finger with fixed fractions does without the network (tests/fingermodel/hood/test_hood_network.py).
+    ours.remove(("fingermodel.extensor", "fingermodel.hood.sharing"))
     assert [f"{a} imports {b}" for a, b in sorted(ours) if slow_of(b) <= slow_of(a)] == []
 
 
