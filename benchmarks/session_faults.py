@@ -1,0 +1,233 @@
+"""How often a fault of the whole session is named: labels, side, signs, units, axes, gain, tare.
+
+    python -m benchmarks.session_faults [--each 4] [--seed-from COMMIT] [--out FILE]
+
+On sessions of the independent simulator, every second with an effect of the catalogue. Each fault is put into the
+session's file or its recording, as a bench makes it. Named means that the first fault said is of its kind, with 0.5
+or more, or that the session is refused with the reason. Seeds come from a commit's name. Writes
+`benchmarks/session_faults.md`, and every session's outcome beside it as JSON lines.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime as dt
+import json
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import yaml
+from numpy.typing import NDArray
+from pyarrow import parquet
+
+from benchmarks.machine import commit, publish
+from benchmarks.random_worlds import base_seed
+from benchmarks.recovery import wilson
+from daq.errors import InputError
+from tests.simulator import draw_session, draw_truth
+
+Floats = NDArray[np.float64]
+Rng = np.random.Generator
+# Forces [N] and moments [N mm] of the recording, and the time [s].
+COMPONENTS = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nmm", "Ty_Nmm", "Tz_Nmm")
+
+
+class Recorded:
+    """A session's file and recording, to be changed and written back."""
+
+    def __init__(self, folder: Path) -> None:
+        self._file = folder / "session.yaml"
+        self.document: dict[str, Any] = yaml.safe_load(self._file.read_text(encoding="utf-8"))
+        self._readings = folder / str(self.document["readings"])
+        self._table = parquet.read_table(self._readings)
+        self.names = list(COMPONENTS)
+        self.t_s: Floats = self._table["t_s"].to_numpy()
+        self.values: Floats = np.array([self._table[n].to_numpy() for n in self.names]).T
+
+    def within(self, case: dict[str, Any], window: str) -> NDArray[np.bool_]:
+        """Which samples lie in a window of a case."""
+        first, last = case[window]
+        found: NDArray[np.bool_] = (self.t_s >= first) & (self.t_s <= last)
+        return found
+
+    def write(self) -> None:
+        """Write both back."""
+        for k, name in enumerate(self.names):
+            self._table = self._table.set_column(
+                self._table.column_names.index(name), name, pa.array(self.values[:, k])
+            )
+        parquet.write_table(self._table, self._readings)
+        self._file.write_text(yaml.safe_dump(self.document, sort_keys=False), encoding="utf-8")
+
+
+def tendons(session: Recorded, rng: Rng) -> None:
+    """Exchange two tendons throughout."""
+    hung = sorted({m for c in session.document["cases"] for m in c["masses_g"]})
+    a, b = rng.choice(hung, 2, replace=False).tolist()
+    other = {a: b, b: a}
+    for case in session.document["cases"]:
+        case["masses_g"] = {other.get(m, m): g for m, g in case["masses_g"].items()}
+
+
+def side(session: Recorded, _: Rng) -> None:
+    """Enter the other hand."""
+    specimen = session.document["specimen"]
+    specimen["side"] = {"left": "right", "right": "left"}[specimen["side"]]
+
+
+def sign(session: Recorded, rng: Rng) -> None:
+    """Enter one angle of one posture with the other sign."""
+    postures = session.document["postures_deg"]
+    bent = [(p, j) for p, angles in postures.items() for j, a in angles.items() if abs(a) >= 15.0]
+    posture, joint = bent[int(rng.integers(len(bent)))]
+    postures[posture][joint] *= -1.0
+
+
+def radians(session: Recorded, rng: Rng) -> None:
+    """Enter the angles of one posture in radians."""
+    postures = session.document["postures_deg"]
+    name = str(rng.choice(sorted(postures)))
+    postures[name] = {joint: float(np.deg2rad(angle)) for joint, angle in postures[name].items()}
+
+
+def mass_unit(session: Recorded, rng: Rng) -> None:
+    """Enter the masses in another unit."""
+    grams = float(rng.choice([28.3495, 453.592, 101.972, 1000.0]))
+    for case in session.document["cases"]:
+        case["masses_g"] = {m: g / grams for m, g in case["masses_g"].items()}
+
+
+def axes(session: Recorded, rng: Rng) -> None:
+    """Take x for y and so on, at both mounts."""
+    order = [[1, 0, 2], [0, 2, 1], [2, 1, 0], [1, 2, 0], [2, 0, 1]][int(rng.integers(5))]
+    session.values = session.values[:, [*order, *(3 + k for k in order)]]
+
+
+def every_sign(session: Recorded, _: Rng) -> None:
+    """Take the force on the finger for that of the finger, at both mounts."""
+    session.values = -session.values
+
+
+def every_sign_at_the_tip(session: Recorded, _: Rng) -> None:
+    """The same in a session that has read the tip alone."""
+    session.document["cases"] = [c for c in session.document["cases"] if c["location"] == "tip"]
+    session.values = -session.values
+
+
+def gain(session: Recorded, rng: Rng) -> None:
+    """Read the forces of one mount with a gain of 0.75 to 1.3."""
+    place, factor = str(rng.choice(["tip", "bone"])), float(rng.choice([0.75, 0.85, 1.15, 1.3]))
+    for case in session.document["cases"]:
+        if case["location"] == place:
+            # About the unloaded reading: that is what a gain is seen by.
+            zero = session.values[session.within(case, "unloaded_s")].mean(axis=0)
+            loaded = session.within(case, "loaded_s")
+            session.values[loaded] = zero + factor * (session.values[loaded] - zero)
+
+
+def tare_twice(session: Recorded, rng: Rng) -> None:
+    """Zero the cell before each weight, where the session's file takes the tare away again."""
+    session.values[:, :3] += rng.normal(0.0, 1.5, 3)
+    for case in session.document["cases"]:
+        zero = session.values[session.within(case, "unloaded_s"), :3].mean(axis=0)
+        session.values[session.within(case, "loaded_s"), :3] -= zero
+
+
+Fault = Callable[[Recorded, Rng], None]
+# With the kind that is to be said. A gain of both mounts is friction of the rig, and none of these.
+FAULTS: dict[Fault, tuple[str, ...]] = {
+    tendons: ("tendon_labels",),
+    side: ("side",),
+    sign: ("posture",),
+    radians: ("posture",),
+    mass_unit: ("mass_unit",),
+    axes: ("axes",),
+    every_sign: ("axes",),
+    every_sign_at_the_tip: ("axes",),
+    gain: ("gain",),
+    tare_twice: ("tare",),
+}
+
+
+def one_session(seed: int, fault: Fault, acts: bool) -> dict[str, Any]:
+    """Draw a session with a fault, diagnose it, and keep what was said."""
+    from fingermodel import Session, diagnose
+
+    effects = draw_truth("one", seed).effects if acts else {}
+    with tempfile.TemporaryDirectory() as folder:
+        draw_session(Path(folder), seed, effects, nuisance_scale=1.0)
+        recorded = Recorded(Path(folder))
+        fault(recorded, np.random.default_rng(seed))
+        recorded.write()
+        began, refused = time.perf_counter(), None
+        body: Mapping[str, Any] = {"session_faults": [], "verdict": "", "effects": []}
+        try:
+            body = diagnose(Session.open(folder)).answer
+        except InputError as error:
+            refused = str(error)
+        seconds = time.perf_counter() - began
+    faults = body["session_faults"]
+    named = refused is not None or (bool(faults) and faults[0]["kind"] in FAULTS[fault])
+    return {
+        "seed": seed,
+        "fault": fault.__name__,
+        "effects": sorted({name.split(".")[0] for name in effects}),
+        "named": named,
+        "said": faults,
+        "refused": refused,
+        "verdict": body["verdict"],
+        "found": body["effects"],
+        "seconds": seconds,
+    }
+
+
+def report(rows: list[dict[str, Any]], each: int) -> list[str]:
+    """Lines of the page."""
+
+    def line(words: str, chosen: list[bool]) -> str:
+        low, high = wilson(sum(chosen), len(chosen)) if chosen else (0.0, 1.0)
+        rate = f"{100 * sum(chosen) / len(chosen):.0f} %" if chosen else "none"
+        return f"| {words} | {rate} | {100 * low:.0f}–{100 * high:.0f} % | {sum(chosen)}/{len(chosen)} |"
+
+    of = {f: [r for r in rows if r["fault"] == f.__name__] for f in FAULTS}
+    return [
+        "# Faults of the whole session",
+        "",
+        f"`python -m benchmarks.session_faults --each {each}`, {dt.datetime.now(tz=dt.UTC).date()}, commit {commit()}; "
+        f"{len(rows)} sessions, {np.median([r['seconds'] for r in rows]):.1f} s each (median, compiling included).",
+        "",
+        "| figure | rate | 95 % (Wilson) | count |",
+        "|---|---|---|---|",
+        line("named, or refused with the reason", [r["named"] for r in rows]),
+        *(line(f"- {f.__name__.replace('_', ' ')}", [r["named"] for r in own]) for f, own in of.items()),
+        line("an effect is called found beside it", [bool(r["found"]) for r in rows]),
+        "",
+        "Not every sign or side moves the readings: an angle counts as far as tendons cross its joint, a side as far",
+        "as forces leave the finger's plane.",
+        "",
+    ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--each", type=int, default=4, help="sessions of each fault")
+    parser.add_argument("--seed-from", default=None, metavar="COMMIT")
+    parser.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".md"))
+    options = parser.parse_args()
+    base, rows = base_seed(options.seed_from), []
+    with options.out.with_suffix(".jsonl").open("w", encoding="utf-8") as kept:
+        for number in range(options.each):
+            for k, fault in enumerate(FAULTS):
+                rows.append(one_session(base + 100 * number + k, fault, acts=number % 2 == 1))
+                kept.write(json.dumps(rows[-1]) + "\n")
+                kept.flush()
+    publish(options.out, report(rows, options.each))
+
+
+if __name__ == "__main__":
+    main()
