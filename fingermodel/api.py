@@ -169,7 +169,7 @@ def diagnose(session: Session, *, thorough: bool = False, progress: Progress | N
     )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis:
     """What is missing from a session's model.
 
@@ -181,6 +181,10 @@ class Diagnosis:
 
     def __str__(self) -> str:
         return self.sentence
+
+    def __repr__(self) -> str:
+        said = self.details.verdict
+        return f"<Diagnosis: {' '.join((said.kind, *said.names))}, probability {min(said.probability, 1.0):.2f}>"
 
     @cached_property
     def answer(self) -> Mapping[str, Any]:

@@ -71,7 +71,7 @@ class Structure:
         return self._hash
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Model:
     """A finger with its effects for one session's layout.
 
@@ -92,6 +92,9 @@ class Model:
         before = (e for e in self.effects if not e.after_mounting)
         after = (e for e in self.effects if e.after_mounting)
         object.__setattr__(self, "_all", (*before, *budget_effects(self.budget), *after))
+
+    def __repr__(self) -> str:
+        return f"<Model of {self.finger.id}: {len(self.parameters)} parameters, {len(self.effects)} effects>"
 
     @cached_property
     def parameters(self) -> ParameterTable:

@@ -36,7 +36,7 @@ __all__ = ["Progress", "Session"]
 Progress = Callable[[float], None]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Session:
     """A measured session with the model that is compared with it.
 
@@ -59,6 +59,9 @@ class Session:
     observations: Observations
     loaded: LoadedModel
     findings: tuple[Finding, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<Session {self.id}: {len(self.observations.ids)} load cases, model {self.loaded.name}>"
 
     @classmethod
     def open(

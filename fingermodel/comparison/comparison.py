@@ -100,7 +100,7 @@ class ErrorSummary:
         return dict(self.__dict__)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """All load cases of a session under one model.
 
@@ -113,6 +113,9 @@ class Comparison:
     cases: tuple[CaseComparison, ...]
     noise_assumed: bool
     judged_in: Plane = "space"
+
+    def __repr__(self) -> str:
+        return f"<Comparison of {len(self.cases)} load cases: RMSE {self.errors(self.judged_in).rmse_N:.3g} N>"
 
     def select(
         self,

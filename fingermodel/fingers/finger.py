@@ -157,7 +157,7 @@ class FractionPrior:
     centre: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Finger:
     """A named finger with its numbers and where they come from.
 
@@ -176,6 +176,9 @@ class Finger:
     fraction_priors: tuple[FractionPrior, ...]
     judged_in: Plane = "space"
     document: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    def __repr__(self) -> str:
+        return f"<Finger {self.id}: {self.title}>"
 
     def replace_values(self, **changes: ArrayLike) -> Finger:
         """Return a copy with some arrays of `values` replaced."""

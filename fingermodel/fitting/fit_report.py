@@ -37,7 +37,7 @@ class FittedParameter:
         return abs(self.value - self.initial) / self.prior_sd if self.prior_sd else 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fit:
     """The outcome of a refit as a value; `message` says what to do.
 
@@ -60,6 +60,9 @@ class Fit:
     residuals: int
     optima: tuple[tuple[float, float], ...] = ()
     weighted: bool = True
+
+    def __repr__(self) -> str:
+        return f"<Fit ({self.method}), {self.outcome}: {int(self.free.sum())} parameters>"
 
     def parameter(self, name: str) -> FittedParameter:
         """Return one fitted parameter by name."""

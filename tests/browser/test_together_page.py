@@ -53,5 +53,5 @@ def test_three_specimens_are_diagnosed_together(seen: Watched, tmp_path: Path) -
     seen.page.get_by_text("Diagnosed before (1)").click()
     seen.page.get_by_role("link", name=", ".join(SPECIMENS)).click()
     seen.page.locator(".js-plotly-plot").nth(2).wait_for()
-    seen.page.get_by_role("link", name=SPECIMENS[1]).click()
+    seen.page.get_by_role("link", name=SPECIMENS[1], exact=True).click()
     seen.page.get_by_role("heading", name=f"{SPECIMENS[1]}: find the missing effect").wait_for()

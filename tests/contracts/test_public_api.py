@@ -35,6 +35,15 @@ def test_examples_of_docstrings_give_what_they_say(name: str) -> None:
     assert found.failed == 0
 
 
+def test_what_a_notebook_shows_of_a_value_is_a_line() -> None:
+    session = Session.open("synek2019_H01")
+    fit = refit(session, starts=1)
+    shown = [repr(v) for v in (session, session.model, session.model.finger, compare(session), fit)]
+    assert all(len(line) < 120 and "\n" not in line for line in shown)
+    assert shown[0] == "<Session synek2019_H01: 40 load cases, model synek2019_initial>"
+    assert shown[4].startswith("<Fit (map), converged")
+
+
 def test_linear_algebra_has_one_thread_while_something_is_computed_and_what_it_had_afterwards() -> None:
     def used() -> set[int]:
         return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}

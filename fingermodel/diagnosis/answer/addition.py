@@ -24,7 +24,7 @@ from fingermodel.model import Model
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Addition:
     """A model with effects added.
 
@@ -38,6 +38,9 @@ class Addition:
     fit: Fit
     names: tuple[str, ...]
     log_evidence_gain: float
+
+    def __repr__(self) -> str:
+        return f"<Addition of {', '.join(self.names) or 'nothing'}: ln evidence {self.log_evidence_gain:+.1f}>"
 
 
 def chosen_candidates(model: Model, names: Sequence[str], *, sagittal: bool) -> tuple[tuple[Candidate, ...], ...]:

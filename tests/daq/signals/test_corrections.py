@@ -101,7 +101,9 @@ def test_any_windows_are_gathered_whole(spans: list[tuple[float, float]], rows: 
     for (start, end), plateau in plateaus.items():
         inside = (block.t_s >= start) & (block.t_s <= end)
         assert plateau.readings == inside.sum()
-        np.testing.assert_allclose(plateau.mean, block.wrench[inside].mean(axis=0), rtol=1e-12)
+        # To the rounding errors of what is summed: a mean may be next to nothing.
+        size = np.abs(block.wrench[inside]).max(axis=0)
+        assert (np.abs(plateau.mean - block.wrench[inside].mean(axis=0)) <= 1e-12 * size).all()
 
 
 def test_both_ends_of_a_window_belong_to_it() -> None:
