@@ -15,7 +15,7 @@ from scipy.linalg import solve_triangular
 from scipy.sparse import csr_array
 
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
-from fingermodel.diagnosis.posterior.hyper import FAMILIES, NOISE, SCATTER, Hyperparameters, Node
+from fingermodel.diagnosis.posterior.hyper import FAMILIES, NOISE, SCATTER, Hyperparameters, Node, Values
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Rows, Session, WhitenedSmooth, whitened
@@ -30,6 +30,8 @@ Mask = NDArray[np.bool_]
 # Names of the blocks; `smooth0`, … and `form0`, … besides.
 ALWAYS, BUDGET, ANATOMY, OWN, OTHERS = "always", "budget", "anatomy", "own", "others"
 
+# Quadratics that are kept, those asked for last: about as many as the nodes around one have noises and sets of blocks.
+_KEPT = 16
 # Share of the largest change from which a reading counts as touched by an effect.
 _TOUCHED = 0.05
 
@@ -163,8 +165,17 @@ class Linearised:
         own = self.x[self.parameters_of[name]] if name in self.parameters_of else np.zeros(0)
         return np.concatenate([own, np.zeros(self.size(name) - len(own))])
 
+    @cached_property
+    def _sizes(self) -> dict[str, int]:
+        return {}
+
     def size(self, name: str) -> int:
         """How many columns a block has."""
+        if name not in self._sizes:
+            self._sizes[name] = self._counted(name)
+        return self._sizes[name]
+
+    def _counted(self, name: str) -> int:
         session = self.session
         if name.startswith("form"):
             return int(self.form_errors[int(name.removeprefix("form"))].shape[1])
@@ -173,9 +184,9 @@ class Linearised:
         more = {ALWAYS: session.tares.shape[1], BUDGET: session.nuisances.shape[1]}.get(name, 0)
         return len(self.parameters_of[name]) + int(more)
 
-    def width(self, name: str, node: Node) -> float:
-        """Width of the priors of a block's weights at a node."""
-        values = self.hyper.values(node)
+    @staticmethod
+    def _width(name: str, values: Values) -> float:
+        """Width of the priors of a block's weights."""
         if name.startswith("form"):
             return float(values.forms[int(name.removeprefix("form"))])
         if name.startswith("smooth"):
@@ -184,7 +195,8 @@ class Linearised:
 
     def widths(self, names: Sequence[str], node: Node) -> Floats:
         """(k,) widths of the priors of all weights of some blocks at a node."""
-        return np.concatenate([np.full(self.size(name), self.width(name, node)) for name in names])
+        values = self.hyper.values(node)
+        return np.repeat([self._width(name, values) for name in names], [self.size(name) for name in names])
 
     def places(self, names: Sequence[str]) -> Floats:
         """(k,) where all weights of some blocks stand."""
@@ -192,9 +204,9 @@ class Linearised:
 
     def acting(self, node: Node) -> list[str]:
         """Names of the blocks that act at a node, besides those of effects."""
-        forms = [f"form{k}" for k in range(len(self.form_errors))]
+        values, forms = self.hyper.values(node), [f"form{k}" for k in range(len(self.form_errors))]
         smooth = [f"smooth{k}" for k in range(FAMILIES)]
-        return [ALWAYS, BUDGET, ANATOMY, *(name for name in [*smooth, *forms] if self.width(name, node) > 0.0)]
+        return [ALWAYS, BUDGET, ANATOMY, *(name for name in [*smooth, *forms] if self._width(name, values) > 0.0)]
 
     def quadratic(self, names: Sequence[str], node: Node, bad: frozenset[int] | None = None) -> tuple[Quadratic, float]:
         """Misfit as a function of the weights of some blocks, in their order; and minus half the noise's ln det.
@@ -203,12 +215,13 @@ class Linearised:
         once for all nodes that share it.
         """
         inner = self._inner_at(node, self.bad if bad is None else bad)
-        # Nodes that follow each other mostly differ in the widths of the priors alone.
+        # Nodes near each other mostly differ in the widths of the priors alone.
         key = (id(inner), *names)
-        if key not in self._latest:
-            self._latest.clear()
-            self._latest[key] = self._assembled(inner, names)
-        return self._latest[key], -0.5 * inner.smooth.log_det
+        found = self._latest.pop(key, None) or self._assembled(inner, names)
+        self._latest[key] = found
+        if len(self._latest) > _KEPT:
+            del self._latest[next(iter(self._latest))]
+        return found, -0.5 * inner.smooth.log_det
 
     def _assembled(self, inner: Inner, names: Sequence[str]) -> Quadratic:
         sizes = [self.size(name) for name in names]

@@ -267,7 +267,7 @@ class Slips(PossibleSlips):
                 continue
             found, (chi,), (grown,) = _gains(apart, amount * column[None, :], scatter)
             # What is lost by not having said beforehand how much it would be.
-            spread = float(column @ np.linalg.solve(grown, column)) * AMOUNT**2
+            spread = max(float(column @ np.linalg.solve(grown, column)), 0.0) * AMOUNT**2
             gain = float(found[0]) - 0.5 * (amount / AMOUNT) ** 2 - 0.5 * float(np.log1p(spread))
             value = float(f"{grams * (1.0 + amount):.2g}")
             words = f"{muscle} bore about {value:g} g, not {grams:g} g"

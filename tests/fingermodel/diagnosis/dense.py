@@ -19,6 +19,6 @@ def dense(fit: Optimum, node: tuple[int, ...]) -> tuple[Floats, Floats]:
         covariance[rows[:, :, None], rows[:, None, :]] = blocks
     for name in [*fit.acting(node), OWN]:
         columns = fit.block(name, fit.session.fitted, fit.slopes)
-        covariance += fit.width(name, node) ** 2 * columns @ columns.T
+        covariance += fit.widths([name], node) ** 2 * columns @ columns.T
         y += columns @ fit.place(name)
     return y, covariance
