@@ -137,6 +137,13 @@ def wilson(successes: int, trials: int, z: float = 1.96) -> tuple[float, float]:
     return max(0.0, centre - half), min(1.0, centre + half)
 
 
+def rate_line(words: str, chosen: Sequence[bool]) -> str:
+    """A row of a table: how often something holds, with its interval and count."""
+    low, high = wilson(sum(chosen), len(chosen))
+    rate = f"{100 * sum(chosen) / len(chosen):.0f} %" if chosen else "none"
+    return f"| {words} | {rate} | {100 * low:.0f}–{100 * high:.0f} % | {sum(chosen)}/{len(chosen)} |"
+
+
 def _rate(what: str, aim: str, outcomes: Iterable[bool]) -> str:
     values = list(outcomes)
     low, high = wilson(sum(values), len(values))

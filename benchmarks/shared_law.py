@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.machine import commit, publish
 from benchmarks.random_worlds import base_seed
-from benchmarks.recovery import wilson
+from benchmarks.recovery import rate_line
 from tests.shared_specimens import TorqueLaw, specimen
 from tests.simulator.finger import MUSCLES
 
@@ -88,12 +88,6 @@ def one_group(seed: int, kind: str, permutations: int) -> dict[str, Any]:
 
 def report(rows: list[dict[str, Any]], command: str) -> list[str]:
     """Lines of the page."""
-
-    def line(words: str, chosen: list[bool]) -> str:
-        low, high = wilson(sum(chosen), len(chosen)) if chosen else (0.0, 1.0)
-        rate = f"{100 * sum(chosen) / len(chosen):.0f} %" if chosen else "none"
-        return f"| {words} | {rate} | {100 * low:.0f}–{100 * high:.0f} % | {sum(chosen)}/{len(chosen)} |"
-
     shared = [r for r in rows if r["kind"] == "shared"]
     large = [r for r in shared if abs(r["k_mm"]) >= 1.0]
     found = [r for r in shared if r["found"]]
@@ -108,12 +102,14 @@ def report(rows: list[dict[str, Any]], command: str) -> list[str]:
         "",
         "| figure | rate | 95 % (Wilson) | count |",
         "|---|---|---|---|",
-        line("a shared law: found", [r["found"] for r in shared]),
-        line("a shared law of 1 mm or more: found", [r["found"] for r in large]),
-        line("found: its tendon and joint first", [r["place"] for r in found]),
-        line("found: its formula first, or among what cannot be parted from the first", [r["named"] for r in found]),
-        line("a law of each one's own: seen as shared", [r["found"] for r in apart if r["kind"] == "own"]),
-        line("no law: seen as shared", [r["found"] for r in apart if r["kind"] == "none"]),
+        rate_line("a shared law: found", [r["found"] for r in shared]),
+        rate_line("a shared law of 1 mm or more: found", [r["found"] for r in large]),
+        rate_line("found: its tendon and joint first", [r["place"] for r in found]),
+        rate_line(
+            "found: its formula first, or among what cannot be parted from the first", [r["named"] for r in found]
+        ),
+        rate_line("a law of each one's own: seen as shared", [r["found"] for r in apart if r["kind"] == "own"]),
+        rate_line("no law: seen as shared", [r["found"] for r in apart if r["kind"] == "none"]),
         "",
         "Error of the curve found, as a share of the truth (RMS over postures): "
         + (

@@ -23,7 +23,7 @@ import numpy as np
 
 from benchmarks.machine import commit, publish
 from benchmarks.random_worlds import base_seed
-from benchmarks.recovery import wilson
+from benchmarks.recovery import rate_line
 from tests.simulator import draw_session, draw_truth
 from tests.simulator.protocols import PROTOCOLS
 from tests.simulator.slips import KINDS, Done
@@ -84,11 +84,6 @@ def one_session(seed: int, kind: str | None, acts: bool, scatter: float) -> dict
 def report(rows: list[dict[str, Any]], each: int) -> list[str]:
     """Lines of the page."""
 
-    def line(words: str, chosen: list[bool]) -> str:
-        low, high = wilson(sum(chosen), len(chosen)) if chosen else (0.0, 1.0)
-        rate = f"{100 * sum(chosen) / len(chosen):.0f} %" if chosen else "none"
-        return f"| {words} | {rate} | {100 * low:.0f}–{100 * high:.0f} % | {sum(chosen)}/{len(chosen)} |"
-
     def first(row: dict[str, Any]) -> bool:
         return bool(row["suspects"]) and row["suspects"][0][0] in row["wrong"] and row["suspects"][0][1] >= 0.9
 
@@ -104,21 +99,21 @@ def report(rows: list[dict[str, Any]], each: int) -> list[str]:
         "",
         "| figure | rate | 95 % (Wilson) | count |",
         "|---|---|---|---|",
-        line("a slip that shows: named first, 0.9 or more", [first(r) for r in seen]),
-        *(line(f"- {kind}", [first(r) for r in seen if r["kind"] == kind]) for kind in KINDS),
-        *(line(f"- scatter {100 * s:g} %", [first(r) for r in seen if r["scatter"] == s]) for s in SCATTERS),
-        line(
+        rate_line("a slip that shows: named first, 0.9 or more", [first(r) for r in seen]),
+        *(rate_line(f"- {kind}", [first(r) for r in seen if r["kind"] == kind]) for kind in KINDS),
+        *(rate_line(f"- scatter {100 * s:g} %", [first(r) for r in seen if r["scatter"] == s]) for s in SCATTERS),
+        rate_line(
             "an effect that is found without the slip: found beside one that shows, and nothing else",
             [r["named"] == r["effects"] for r in beside],
         ),
-        line(
+        rate_line(
             "an effect without a slip: found, and nothing else",
             [r["named"] == r["effects"] for r in clean if r["effects"]]
             + [r["named_without_slip"] == r["effects"] for r in seen if r["effects"]],
         ),
-        line("no effect beside a slip that shows: nothing named", [not r["named"] for r in alone]),
-        line("no slip: a case accused, 0.5 or more", [bool(r["suspects"]) for r in clean]),
-        line("no fault of the session: one named", [bool(r["faults"]) for r in rows]),
+        rate_line("no effect beside a slip that shows: nothing named", [not r["named"] for r in alone]),
+        rate_line("no slip: a case accused, 0.5 or more", [bool(r["suspects"]) for r in clean]),
+        rate_line("no fault of the session: one named", [bool(r["faults"]) for r in rows]),
         "",
         "What was really done is told exactly (masses and posture) where the first suspect is right: "
         f"{sum(r['told'] for r in seen if first(r))}/{sum(first(r) for r in seen)}; amount and tare cannot be.",

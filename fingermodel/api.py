@@ -187,6 +187,7 @@ class Diagnosis:
         return f"<Diagnosis: {' '.join((said.kind, *said.names))}, probability {min(said.probability, 1.0):.2f}>"
 
     @cached_property
+    @_one_thread
     def answer(self) -> Mapping[str, Any]:
         """Everything that is known, as `fingertwin diagnose --json` gives it: plain values, units in the names."""
         return answer(self.details)
@@ -257,6 +258,7 @@ class Diagnosis:
             "validation_rmse_after_N": [r["validation_rmse_N"]["after"] for r in rows],
         }
 
+    @_one_thread
     def next_cases(self) -> list[dict[str, Any]]:
         """Plan the load cases that would tell most: posture, location, masses [g], expected information [nat]."""
         return [case.as_dict() for case in plan_next(self.details).cases]

@@ -27,7 +27,7 @@ from fingermodel.diagnosis.verdict.hints import Hint, hints
 from fingermodel.diagnosis.verdict.own_curve import own_curves
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, checks, holding, together
 from fingermodel.diagnosis.verdict.sensitivity import Sensitivity, sensitivity
-from fingermodel.diagnosis.verdict.session_faults import PutRight, SessionFault, outdoes, put_right, session_faults
+from fingermodel.diagnosis.verdict.session_faults import SessionFault, outdoes, put_right, session_faults
 from fingermodel.diagnosis.verdict.verdict import Verdict, judge, likeliest, stated_node, sure_names
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
@@ -137,14 +137,11 @@ def diagnose(
     had = {name.split(".")[0] for name in held}
     candidates = Candidates.of(model, sagittal=session.plane == "sagittal", without=had)
     most = MOST_FITS * (3 if thorough else 1)
-    # Before the search: what would make up for a fault of the whole session is no finding.
-    put: list[PutRight] = []
-
-    def outdone(nothing: Optimum, log_posterior: float) -> bool:
-        put.extend(put_right(candidates, nothing))
-        return outdoes(put, log_posterior)
-
-    searched = Searcher(session, candidates, progress).run(start, most, outdone)
+    searcher = Searcher(session, candidates, start, progress)
+    bound = searcher.begin()
+    put = put_right(candidates, searcher.nothing)
+    # What would make up for a fault of the whole session is no finding, and not looked for.
+    searched = searcher.unsearched() if outdoes(put, bound) else searcher.run(most)
     session = searched.nothing.session
     posterior = Posterior.of(searched.fits, searched.promised)
     nothing = posterior.nothing

@@ -62,11 +62,23 @@ class Searched:
 
 
 class Searcher:
-    """Searches one session."""
+    """Searches one session: `begin`, then `run`.
+
+    Args:
+        session: to search.
+        candidates: that may act.
+        start: (parameters,) of an earlier fit of the base model, tried besides the priors' centre.
+        progress: is told the share done.
+    """
 
     def __init__(
-        self, session: Session, candidates: Candidates, progress: Callable[[float], None] | None = None
+        self,
+        session: Session,
+        candidates: Candidates,
+        start: Floats | None = None,
+        progress: Callable[[float], None] | None = None,
     ) -> None:
+        self._start = start
         self._candidates, self._hyper = candidates, Hyperparameters.of(session)
         self._fitter = Fitter(session, candidates, self._hyper)
         self._tell = progress or (lambda _: None)
@@ -78,28 +90,27 @@ class Searcher:
         self._prior: dict[Explanation, float] = {}
         self._kept = 0
 
-    def run(
-        self,
-        start: Floats | None = None,
-        most: int = MOST_FITS,
-        outdone: Callable[[Optimum, float], bool] = lambda _, __: False,
-    ) -> Searched:
-        """Search.
+    def begin(self) -> float:
+        """Fit the base model and all candidates at once; return a log posterior that no explanation exceeds."""
+        self._all = self._begun()
+        return self._most_of_any(self._all)
 
-        Args:
-            start: (parameters,) of an earlier fit of the base model, tried besides the priors' centre.
-            most: fits.
-            outdone: tells from the base model, and from the log posterior that no explanation exceeds, whether
-                something else explains the readings so much better that nothing is to be searched for.
-        """
-        every = self._begun(start)
-        if outdone(self._fits[NOTHING], self._most_of_any(every)):
-            return Searched(self._hyper, self._fits, self._rest())
-        self._explain(self._without_bad_cases(every, start), most)
+    @property
+    def nothing(self) -> Optimum:
+        """The base model, as far as it is fitted."""
+        return self._fits[NOTHING]
+
+    def unsearched(self) -> Searched:
+        """The base model alone, and what it promises the rest."""
+        return Searched(self._hyper, self._fits, self._rest())
+
+    def run(self, most: int = MOST_FITS) -> Searched:
+        """Search on, with so many fits at most."""
+        self._explain(self._without_bad_cases(self._all), most)
         while len(self._slipped) < self._most_slips and (cases := self._overlooked()):
             kept, before = (self._slipped, self._fitter, self._fits), self._leader.log_posterior
             self._slipped, self._fits = (*self._slipped, cases), {}
-            self._explain(self._begun(start), most)
+            self._explain(self._begun(), most)
             found = self._explained(self._leader, cases)
             gain = max((one.gain for one in found.values()), default=0.0)
             if self._leader.log_posterior + LOG_PRIOR_ODDS + gain <= before:
@@ -137,13 +148,13 @@ class Searcher:
 
         As many cases as may be slips are explained entirely.
         """
-        base = self._fits[NOTHING]
+        base = self.nothing
         gains = (base.log_joint(n) + 0.5 * (base.misfit(n) - every.misfit(n)) for n in {base.best, every.best})
         worst = sorted((apart.misfit for apart in every.left_out(every.best).values()), reverse=True)
         slips = sum(max(LOG_PRIOR_ODDS + 0.5 * misfit, 0.0) for misfit in worst[: self._most_slips])
         return max(base.log_posterior, *gains) + slips
 
-    def _without_bad_cases(self, every: Optimum, start: Floats | None) -> Optimum:
+    def _without_bad_cases(self, every: Optimum) -> Optimum:
         """Take cases for bad, the worst first, until none is; then those back that the later ones had made so."""
         taken: list[frozenset[int]] = []
         while len(self._slipped) < self._most_slips and (worst := self._worst(self._least_odds(every))):
@@ -151,11 +162,11 @@ class Searcher:
                 break
             taken.append(worst)
             self._slipped = (*self._slipped, worst)
-            every = self._begun(start)
+            every = self._begun()
             for cases in [t for t in taken[:-1] if t in self._slipped]:
                 kept = self._slipped, self._fitter, self._fits, every
                 self._slipped, self._fits = tuple(s for s in self._slipped if s != cases), {}
-                every = self._begun(start)
+                every = self._begun()
                 if cases & self._least_odds(every).keys():
                     self._slipped, self._fitter, self._fits, every = kept
         return every
@@ -186,7 +197,7 @@ class Searcher:
         scatter = int(np.argmin(np.abs(self._hyper.axes[SCATTER].values - _SCATTER)))
         return (scatter, *self._hyper.start(0)[1:])
 
-    def _begun(self, start: Floats | None) -> Optimum:
+    def _begun(self) -> Optimum:
         """Fit all candidates at once, and the base model from there and from the priors' centre."""
         problem = self._session.problem
         node, explanation = self._first_node, self._every
@@ -198,7 +209,7 @@ class Searcher:
         for one in [
             problem.centre,
             np.where(problem.free, every.theta, problem.centre),
-            *([] if start is None else [start]),
+            *([] if self._start is None else [self._start]),
         ]:
             self._keep(self._fitter.fit(NOTHING, one, every.mode, self._bad))
         return every
@@ -218,7 +229,7 @@ class Searcher:
         """Log odds of cases probably bad whether all candidates act or none, and what each was swapped with."""
         least: dict[int, float] = {c: np.inf for c in range(len(self._session.observations.ids)) if c not in self._bad}
         partners: dict[int, int | None] = {}
-        for host in (every, self._fits[NOTHING]):
+        for host in (every, self.nothing):
             odds = self._bad_odds(host)
             slips = self._explained(host, least)
             least = {c: min(o, odds[c] + (slips[c].gain if c in slips else 0.0)) for c, o in least.items() if c in odds}
@@ -304,7 +315,7 @@ class Searcher:
 
     def _first_fits(self, every: Optimum) -> None:
         """Fit what promises to come near the leader about the base, and about where all candidates fit."""
-        base = self._fits[NOTHING]
+        base = self.nothing
         offers: dict[Explanation, tuple[float, Optimum]] = {}
         for host in (base, every):
             nodes = self._nodes(host)
@@ -353,7 +364,7 @@ class Searcher:
         return best
 
     def _fit(self, explanation: Explanation, host: Optimum) -> None:
-        best = host.best if host in self._fits.values() else self._fits[NOTHING].best
+        best = host.best if host in self._fits.values() else self.nothing.best
         node = self._hyper.without_smooth(best)
         self._keep(self._fitter.fit(explanation, host.expected(explanation, node), node, self._bad))
 

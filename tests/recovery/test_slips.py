@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
 import pytest
 import yaml
-from pyarrow import parquet
 
+from benchmarks.session_faults import Recorded, zero_before_each_weight
 from fingermodel.session import Session
 from server.application.diagnosing import diagnosis_answer, run_diagnosis
 from tests.simulator import draw_session
@@ -112,18 +111,11 @@ def test_a_suspect_does_not_count_in_the_errors(tmp_path: Path) -> None:
 
 def test_a_tare_that_is_taken_away_twice_is_a_fault_of_the_session(tmp_path: Path) -> None:
     draw_session(tmp_path, 54, {}, nuisance_scale=0.8)
-    document = yaml.safe_load((tmp_path / "session.yaml").read_text(encoding="utf-8"))
-    file = tmp_path / document["readings"]
-    table = parquet.read_table(file)
-    t_s = table["t_s"].to_numpy()
-    for name, zero in {"Fx_N": 1.2, "Fy_N": -0.8, "Fz_N": 2.0}.items():
-        values = table[name].to_numpy() + zero
-        # The rig's program zeroed the cell before each weight.
-        for case in document["cases"]:
-            unloaded, loaded = ((t_s >= w[0]) & (t_s <= w[1]) for w in (case["unloaded_s"], case["loaded_s"]))
-            values[loaded] -= values[unloaded].mean()
-        table = table.set_column(table.schema.get_field_index(name), name, pa.array(values))
-    parquet.write_table(table, file)
+    session = Recorded(tmp_path)
+    session.values[:, :3] += (1.2, -0.8, 2.0)
+    # The rig's program zeroed the cell before each weight.
+    zero_before_each_weight(session)
+    session.write()
     found = diagnosed(tmp_path)
     assert [f["kind"] for f in found["session_faults"]] == ["tare"]
     assert "tared already" in found["session_faults"][0]["words"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -27,14 +28,7 @@ def bench() -> Session:
 
 @pytest.fixture(scope="module")
 def inverted(bench: Session) -> Invert:
-    done: dict[str, Inversion] = {}
-
-    def ask(closure: str) -> Inversion:
-        if closure not in done:
-            done[closure] = invert_bench(bench, closure)
-        return done[closure]
-
-    return ask
+    return cache(partial(invert_bench, bench))
 
 
 def test_the_json_answer_holds_forces_their_sd_and_what_hung() -> None:

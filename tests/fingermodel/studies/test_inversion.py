@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -13,11 +14,7 @@ from fingermodel.studies.inversion import invert_bench
 from fingermodel.studies.inverted import Inversion
 
 SESSION = "DEV-01"  # nothing is missing from its model
-
-
 PUBLISHED = "synek2019_H01"  # forces alone, as published
-
-
 Invert = Callable[[str], Inversion]
 
 
@@ -28,14 +25,7 @@ def bench() -> Session:
 
 @pytest.fixture(scope="module")
 def inverted(bench: Session) -> Invert:
-    done: dict[str, Inversion] = {}
-
-    def ask(closure: str) -> Inversion:
-        if closure not in done:
-            done[closure] = invert_bench(bench, closure)
-        return done[closure]
-
-    return ask
+    return cache(partial(invert_bench, bench))
 
 
 def test_every_case_at_the_tip_is_inverted(bench: Session, inverted: Invert) -> None:
