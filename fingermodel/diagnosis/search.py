@@ -6,21 +6,21 @@ is said is read from fits, and from promises only of what they leave far behind.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
+from fingermodel.diagnosis.case_odds import CaseOdds
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, SUSPECT_LOG_ODDS, Apart, chance_of
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, SUSPECT_LOG_ODDS, chance_of
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidate, Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.session_model.slips import Explained, Slips
+from fingermodel.diagnosis.session_model.slips import Explained
 from fingermodel.diagnosis.settings import MOST_FITS, P_VALUE, WITHIN
 
 Floats = NDArray[np.float64]
@@ -82,7 +82,7 @@ class Searcher:
         self._candidates, self._hyper = candidates, Hyperparameters.of(session)
         self._fitter = Fitter(session, candidates, self._hyper)
         self._tell = progress or (lambda _: None)
-        self._slips = Slips(session)
+        self._odds = CaseOdds(session, self._hyper)
         self._fits: dict[Explanation, Optimum] = {}
         # One slip after another: the case that is bad, or the two that were exchanged.
         self._slipped: tuple[frozenset[int], ...] = ()
@@ -111,12 +111,13 @@ class Searcher:
             kept, before = (self._slipped, self._fitter, self._fits), self._leader.log_posterior
             self._slipped, self._fits = (*self._slipped, cases), {}
             self._explain(self._begun(), most)
-            found = self._explained(self._leader, cases)
+            found = self._odds.explained(self._leader, cases)
             gain = max((one.gain for one in found.values()), default=0.0)
             if self._leader.log_posterior + LOG_PRIOR_ODDS + gain <= before:
                 self._slipped, self._fitter, self._fits = kept
                 break
-        return Searched(self._hyper, self._fits, self._rest(), *self._odds())
+        odds = self._odds.of_taken(self._bad, self._fits.values(), self._leader)
+        return Searched(self._hyper, self._fits, self._rest(), *odds)
 
     def _explain(self, every: Optimum, most: int) -> None:
         """Fit explanations, the cases taken for bad as they are."""
@@ -137,7 +138,7 @@ class Searcher:
             most = 0.5 * sum(sorted(a.misfit for a in apart.values())[-2:])
             if fit.log_posterior + LOG_PRIOR_ODDS + most <= self._leader.log_posterior:
                 continue
-            for case, one in self._slips_of(apart, fit).items():
+            for case, one in self._odds.slips_of(apart, fit).items():
                 value = fit.log_posterior + LOG_PRIOR_ODDS + apart[case].anything + one.gain
                 if value > best:
                     best, found = value, self._worst({case: (value, one.partner)})
@@ -230,8 +231,8 @@ class Searcher:
         least: dict[int, float] = {c: np.inf for c in range(len(self._session.observations.ids)) if c not in self._bad}
         partners: dict[int, int | None] = {}
         for host in (every, self.nothing):
-            odds = self._bad_odds(host)
-            slips = self._explained(host, least)
+            odds = self._odds.of_each(host)
+            slips = self._odds.explained(host, least)
             least = {c: min(o, odds[c] + (slips[c].gain if c in slips else 0.0)) for c, o in least.items() if c in odds}
             partners |= {c: e.partner for c, e in slips.items()}
             least = {c: o for c, o in least.items() if o >= SUSPECT_LOG_ODDS}
@@ -245,44 +246,6 @@ class Searcher:
         worst = max(odds, key=lambda c: odds[c][0])
         partner = odds[worst][1]
         return frozenset({worst} | ({partner} if partner is not None else set()))
-
-    def _explained(self, host: Optimum, cases: Collection[int]) -> dict[int, Explained]:
-        """Slips of the cases that any could make probable enough, two at once included."""
-        return self._slips_of({c: a for c, a in host.left_out(host.best).items() if c in cases}, host)
-
-    def _slips_of(self, apart: Mapping[int, Apart], host: Optimum) -> dict[int, Explained]:
-        asked = {c: a for c, a in apart.items() if a.misfit > -LOG_PRIOR_ODDS}
-        return self._slips.explain(asked, host.theta, self._hyper.values(host.best).scatter)
-
-    def _bad_odds(self, host: Optimum) -> dict[int, float]:
-        """Log odds of each case to be bad, summed over nodes in which scatter, noise and smooth explain less."""
-        best = host.best
-        modes = [axis.mode for axis in self._hyper.axes]
-        usual = [(mode, (i + mode) // 2) for i, mode in zip(best[:FORMS], modes, strict=False)]
-        # All that a bad case may have raised, half or whole: together, or one by one.
-        together = [tuple(pair[k] for pair in usual) for k in (0, 1)]
-        single = [(*best[:a], i, *best[a + 1 : FORMS]) for a, pair in enumerate(usual) for i in pair]
-        nodes = [(*some, *best[FORMS:]) for some in dict.fromkeys([best[:FORMS], *together, *single])]
-        joint = np.array([host.log_joint(node) for node in nodes])
-        total = float(logsumexp([host.log_posterior, *joint]))
-        gains = [host.log_odds_bad(node) for node in nodes]
-        return {
-            c: LOG_PRIOR_ODDS + float(logsumexp([j + g[c] for j, g in zip(joint, gains, strict=True)])) - total
-            for c in gains[0]
-        }
-
-    def _odds(self) -> tuple[dict[int, float], dict[int, Explained]]:
-        """Log odds of the cases taken for bad, by the leading explanations; and what may have been done instead."""
-        out = {}
-        for case in self._bad:
-            without = self._bad - {case}
-            bad, sound = [], []
-            for fit in self._fits.values():
-                bad.append(fit.log_posterior + LOG_PRIOR_ODDS)
-                sound.append(max(fit.log_joint(node, without) for node in self._hyper.widened(fit.best)))
-            out[case] = float(logsumexp(bad) - logsumexp(sound))
-        slips = self._explained(self._leader, self._bad) if self._bad else {}
-        return {case: odds + (slips[case].gain if case in slips else 0.0) for case, odds in out.items()}, slips
 
     def _log_prior(self, explanation: Explanation) -> float:
         if explanation not in self._prior:

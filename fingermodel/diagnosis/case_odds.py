@@ -1,0 +1,67 @@
+"""How probable it is of each case that it is bad, and what may have been done in it instead."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+import numpy as np
+from scipy.special import logsumexp
+
+from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart
+from fingermodel.diagnosis.session_model.session import Session
+from fingermodel.diagnosis.session_model.slips import Explained, Slips
+
+
+class CaseOdds:
+    """Log odds of the cases of one session.
+
+    Args:
+        session: whose cases.
+        hyper: axes of the hyperparameters.
+    """
+
+    def __init__(self, session: Session, hyper: Hyperparameters) -> None:
+        self._hyper, self._slips = hyper, Slips(session)
+
+    def explained(self, host: Optimum, cases: Collection[int]) -> dict[int, Explained]:
+        """Slips of the cases that any could make probable enough, two at once included."""
+        return self.slips_of({c: a for c, a in host.left_out(host.best).items() if c in cases}, host)
+
+    def slips_of(self, apart: Mapping[int, Apart], host: Optimum) -> dict[int, Explained]:
+        """The same of cases held against all others already."""
+        asked = {c: a for c, a in apart.items() if a.misfit > -LOG_PRIOR_ODDS}
+        return self._slips.explain(asked, host.theta, self._hyper.values(host.best).scatter)
+
+    def of_each(self, host: Optimum) -> dict[int, float]:
+        """Log odds of each case to be bad, summed over nodes in which scatter, noise and smooth explain less."""
+        best = host.best
+        modes = [axis.mode for axis in self._hyper.axes]
+        usual = [(mode, (i + mode) // 2) for i, mode in zip(best[:FORMS], modes, strict=False)]
+        # All that a bad case may have raised, half or whole: together, or one by one.
+        together = [tuple(pair[k] for pair in usual) for k in (0, 1)]
+        single = [(*best[:a], i, *best[a + 1 : FORMS]) for a, pair in enumerate(usual) for i in pair]
+        nodes = [(*some, *best[FORMS:]) for some in dict.fromkeys([best[:FORMS], *together, *single])]
+        joint = np.array([host.log_joint(node) for node in nodes])
+        total = float(logsumexp([host.log_posterior, *joint]))
+        gains = [host.log_odds_bad(node) for node in nodes]
+        return {
+            c: LOG_PRIOR_ODDS + float(logsumexp([j + g[c] for j, g in zip(joint, gains, strict=True)])) - total
+            for c in gains[0]
+        }
+
+    def of_taken(
+        self, bad_cases: frozenset[int], fits: Collection[Optimum], leader: Optimum
+    ) -> tuple[dict[int, float], dict[int, Explained]]:
+        """Log odds of the cases taken for bad, by some explanations; and what may have been done instead."""
+        out = {}
+        for case in bad_cases:
+            without = bad_cases - {case}
+            bad, sound = [], []
+            for fit in fits:
+                bad.append(fit.log_posterior + LOG_PRIOR_ODDS)
+                sound.append(max(fit.log_joint(node, without) for node in self._hyper.widened(fit.best)))
+            out[case] = float(logsumexp(bad) - logsumexp(sound))
+        slips = self.explained(leader, bad_cases) if bad_cases else {}
+        return {case: odds + (slips[case].gain if case in slips else 0.0) for case, odds in out.items()}, slips
