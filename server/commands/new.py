@@ -23,7 +23,7 @@ from daq.lab.proposals import OF_THE_FILE, grounds, propose_mapping
 from daq.lab.traces import as_recording
 from daq.sessions import plain_document, read_session, read_yaml
 from fingermodel.fingers import Finger
-from fingermodel.fingers.files import finger_names, read_finger
+from fingermodel.fingers.files import read_finger
 from fingermodel.session import Session
 from server.application.exporting import writing
 from server.application.new_session import (
@@ -47,7 +47,7 @@ from server.application.new_session import (
 )
 from server.commands.console import answer, progress, say, table
 from server.commands.mapping_dialogue import settled
-from server.commands.questions import ask, ask_postures, lines, number
+from server.commands.questions import ask, ask_finger, ask_postures, lines, number
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ def _ask_header(lacks: Sequence[str]) -> dict[str, Any]:
         side = Prompt.ask("Side of the hand", choices=["left", "right"])
         out["specimen"] = {"id": name, "species": species, "digit": digit, "side": side}
     if "finger" in lacks:
-        out["finger"] = ask(f"Finger: a file, or one of {', '.join(finger_names())}", _finger, "an1979_middle")
+        out["finger"] = ask_finger()
     if "tension_factor" in lacks:
         out["tension_factor"] = ask("Friction: a factor, or 'estimate' by force balance", _friction, "estimate")
     if "load_cell" in lacks:
@@ -208,11 +208,6 @@ def _ask_header(lacks: Sequence[str]) -> dict[str, Any]:
         mounts = {"tip": {"frame": tip}, "bone": {"frame": bone}}
         out["load_cell"] = {k: v for k, v in cell.items() if v} | {"mounts": mounts}
     return out
-
-
-def _finger(text: str) -> str:
-    read_finger(text)
-    return text
 
 
 def _friction(text: str) -> float | dict[str, str]:

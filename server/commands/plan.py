@@ -27,7 +27,7 @@ from server.application.bench_plan import (
 from server.application.exporting import writing
 from server.application.new_session import lacking, notes_of
 from server.commands.console import answer, progress, say
-from server.commands.questions import ask, ask_postures, lines, number
+from server.commands.questions import ask, ask_finger, ask_postures, lines, number
 from server.commands.scaling import measures
 
 
@@ -98,7 +98,7 @@ def _finger(options: PlanOptions, asking: bool) -> tuple[Finger, Mapping[str, fl
     """The finger, lengths of bones that were given [mm], and how it was scaled; None where it was not."""
     name, bones, arms = options.finger, list(options.bones), list(options.moment_arms)
     if name is None and asking:
-        name = ask(f"Finger: a file, or one of {', '.join(finger_names())}", _finger_name, "an1979_middle")
+        name = ask_finger()
     if name is None:
         raise InputError("no finger", f"--finger FILE, or one of {', '.join(finger_names())}")
     base = read_finger(name)
@@ -135,11 +135,6 @@ def _scaled(
     with progress("Scaling"):
         scaled = scale_finger(name, lengths, arms, references, options.out.resolve().name)
     return scaled.finger, lengths, scaled
-
-
-def _finger_name(text: str) -> str:
-    read_finger(text)
-    return text
 
 
 def _length(text: str) -> float | None:

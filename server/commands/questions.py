@@ -10,6 +10,7 @@ from rich.prompt import Prompt
 
 from daq.errors import InputError
 from daq.lab.drafts import posture_of
+from fingermodel.fingers.files import finger_names, read_finger
 from fingermodel.fingers.finger import Finger
 from server.commands.console import say
 
@@ -76,6 +77,20 @@ def lines(example: str, read: Callable[[str, bool], object]) -> str:
         if not line:
             return "\n".join(taken)
         taken = tried
+
+
+def ask_finger() -> str:
+    """Ask for a finger, by its file or name, until it can be read.
+
+    Raises:
+        EOFError: the input has ended.
+    """
+
+    def readable(text: str) -> str:
+        read_finger(text)
+        return text
+
+    return ask(f"Finger: a file, or one of {', '.join(finger_names())}", readable, "an1979_middle")
 
 
 def ask_postures(names: Sequence[str], finger: Finger) -> dict[str, dict[str, float]]:
