@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -13,6 +14,7 @@ from daq.acquisition.blocks import Chunk
 from daq.recordings.readings import open_readings
 from daq.sessions import find_session, read_session, read_yaml
 from daq.uplink.wire import COUNT, EPOCH, SHA256, stream_path
+from tests.server.service.running import ServiceReceiver
 
 STREAM, EPOCH_1 = "a" * 32, "1" * 32
 DESCRIPTION: dict[str, Any] = {"driver": "replay", "settings": {}, "cell": {}, "clock": "device"}
@@ -61,3 +63,13 @@ def upload(client: Any, name: str) -> None:
         describe(client, name)
         for chunk in chunks_of(name):
             put(client, name, chunk).raise_for_status()
+
+
+def holding(folder: Path, *names: str) -> Iterator[ServiceReceiver]:
+    """A service that has received shipped sessions whole, until it is left."""
+    service = ServiceReceiver(folder)
+    for name in names:
+        upload(service.client(), name)
+    assert service.parts.watch.settle(60.0)
+    yield service
+    service.close()

@@ -29,7 +29,7 @@ from server.service.storage.schema import jobs
 from tests.daq.bench_plays import PROTOCOL, case, tared, whole
 from tests.server.diagnosis_answers import found as missing_effect
 from tests.server.service.figures_asked import AT, shown, traces
-from tests.server.service.recorded import upload
+from tests.server.service.recorded import holding
 from tests.server.service.running import ServiceReceiver
 from tests.server.service.sessions.test_bench_sessions import Played
 
@@ -40,12 +40,7 @@ PAGES = ("paper_bgcolor", "plot_bgcolor")
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceReceiver]:
-    out = ServiceReceiver(tmp_path_factory.mktemp("service"))
-    for name in (RECORDED, PUBLISHED, "synek2019_H02", "synek2019_H03", MEAN):
-        upload(out.client(), name)
-    assert out.parts.watch.settle(60.0)
-    yield out
-    out.close()
+    yield from holding(tmp_path_factory.mktemp("service"), RECORDED, PUBLISHED, "synek2019_H02", "synek2019_H03", MEAN)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from fingermodel import comparing
 from fingermodel.comparison.comparison import compare
 from fingermodel.session import Session
 from tests.server.service.figures_asked import shown, traces
-from tests.server.service.recorded import upload
+from tests.server.service.recorded import holding
 from tests.server.service.running import ServiceReceiver
 
 RECORDED = "DEV-01"
@@ -19,11 +19,7 @@ RECORDED = "DEV-01"
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceReceiver]:
-    out = ServiceReceiver(tmp_path_factory.mktemp("service"))
-    upload(out.client(), RECORDED)
-    assert out.parts.watch.settle(60.0)
-    yield out
-    out.close()
+    yield from holding(tmp_path_factory.mktemp("service"), RECORDED)
 
 
 def test_the_finger_holds_the_weights_and_forces_of_its_case(service: ServiceReceiver) -> None:

@@ -25,7 +25,7 @@ from server.service.jobs import inputs, tasks
 from server.service.jobs.worker import Tell
 from server.service.storage.database import now_utc
 from server.service.storage.schema import jobs
-from tests.server.service.recorded import upload
+from tests.server.service.recorded import holding
 from tests.server.service.running import ServiceReceiver
 
 API = "/api/v1"
@@ -35,11 +35,7 @@ NUMBERS = count(5000)
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceReceiver]:
-    out = ServiceReceiver(tmp_path_factory.mktemp("service"))
-    upload(out.client(), RECORDED)
-    assert out.parts.watch.settle(60.0)
-    yield out
-    out.close()
+    yield from holding(tmp_path_factory.mktemp("service"), RECORDED)
 
 
 def found(service: ServiceReceiver, path: str, status: int = 200, **asked: Any) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import pytest
 
 from fingermodel.comparing import compare
 from fingermodel.session import Session
-from tests.server.service.recorded import chunks_of, describe, document_of, put, upload
+from tests.server.service.recorded import chunks_of, describe, document_of, holding, put, upload
 from tests.server.service.running import ServiceReceiver
 
 RECORDED, PUBLISHED = "DEV-01", "synek2019_H01"
@@ -20,12 +20,7 @@ AT = "/api/v1/sessions"
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceReceiver]:
-    out = ServiceReceiver(tmp_path_factory.mktemp("service"))
-    upload(out.client(), RECORDED)
-    upload(out.client(), PUBLISHED)
-    assert out.parts.watch.settle(60.0)
-    yield out
-    out.close()
+    yield from holding(tmp_path_factory.mktemp("service"), RECORDED, PUBLISHED)
 
 
 @pytest.fixture
