@@ -49,6 +49,12 @@ class Recorded:
         self.t_s: Floats = self._table["t_s"].to_numpy()
         self.values: Floats = np.array([self._table[n].to_numpy() for n in COMPONENTS]).T
 
+    @property
+    def postures(self) -> dict[str, dict[str, float]]:
+        """Angles [deg] of each posture that an identification case was measured in."""
+        used = {case["posture"] for case in self.document["cases"] if case["role"] == "identification"}
+        return {name: angles for name, angles in self.document["postures_deg"].items() if name in used}
+
     def within(self, case: dict[str, Any], window: str) -> NDArray[np.bool_]:
         """Which samples lie in a window of a case."""
         first, last = case[window]
@@ -75,14 +81,16 @@ def tendons(session: Recorded, rng: Rng) -> None:
 
 
 def side(session: Recorded, _: Rng) -> None:
-    """Enter the other hand."""
-    specimen = session.document["specimen"]
-    specimen["side"] = {"left": "right", "right": "left"}[specimen["side"]]
+    """Enter the other hand: a cell along the mounts' axes on a right hand, read as one on a left hand."""
+    mounts = session.document["load_cell"].setdefault("mounts", {})
+    for place in ("tip", "bone"):
+        mounts.setdefault(place, {})["rotation_deg"] = [0.0, 0.0, 0.0]
+    session.document["specimen"]["side"] = "left"
 
 
 def sign(session: Recorded, rng: Rng) -> None:
     """Enter one angle of one posture with the other sign."""
-    postures = session.document["postures_deg"]
+    postures = session.postures
     bent = [(p, j) for p, angles in postures.items() for j, a in angles.items() if abs(a) >= 15.0]
     posture, joint = bent[int(rng.integers(len(bent)))]
     postures[posture][joint] *= -1.0
@@ -90,9 +98,9 @@ def sign(session: Recorded, rng: Rng) -> None:
 
 def radians(session: Recorded, rng: Rng) -> None:
     """Enter the angles of one posture in radians."""
-    postures = session.document["postures_deg"]
+    postures = session.postures
     name = str(rng.choice(sorted(postures)))
-    postures[name] = {joint: float(np.deg2rad(angle)) for joint, angle in postures[name].items()}
+    postures[name].update({joint: float(np.deg2rad(angle)) for joint, angle in postures[name].items()})
 
 
 def mass_unit(session: Recorded, rng: Rng) -> None:
@@ -121,7 +129,11 @@ def every_sign_at_the_tip(session: Recorded, _: Rng) -> None:
 
 def gain(session: Recorded, rng: Rng) -> None:
     """Read the forces of one mount with a gain of 0.75 to 1.3."""
-    place, factor = str(rng.choice(["tip", "bone"])), float(rng.choice([0.75, 0.85, 1.15, 1.3]))
+    gain_of(session, str(rng.choice(["tip", "bone"])), float(rng.choice([0.75, 0.85, 1.15, 1.3])))
+
+
+def gain_of(session: Recorded, place: str, factor: float) -> None:
+    """Read one mount with a gain."""
     for case in session.document["cases"]:
         if case["location"] == place:
             # About the unloaded reading: that is what a gain is seen by.
@@ -139,8 +151,8 @@ def tare_twice(session: Recorded, rng: Rng) -> None:
 def zero_before_each_weight(session: Recorded) -> None:
     """Take from what each case reads under load what it reads without."""
     for case in session.document["cases"]:
-        zero = session.values[session.within(case, "unloaded_s"), :3].mean(axis=0)
-        session.values[session.within(case, "loaded_s"), :3] -= zero
+        zero = session.values[session.within(case, "unloaded_s")].mean(axis=0)
+        session.values[session.within(case, "loaded_s")] -= zero
 
 
 Fault = Callable[[Recorded, Rng], None]

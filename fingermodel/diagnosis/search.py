@@ -33,8 +33,8 @@ _ROUGH = 2.0
 _LEFT_PER_FIT = 0.87
 # Prior widths from its null at which a parameter is tried that has no slope there.
 _SHAPES = (-1.6, -1.0, -0.4, 0.4, 1.0, 1.6)
-# Where a search begins on the axes of scatter and smooth.
-_SCATTER, _SMOOTH = 0.01, 0.08
+# A little of something smooth [N].
+_SMOOTH = 0.08
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,15 +193,10 @@ class Searcher:
         all_of_them = Candidate("all candidates", "", (tuple(parameters),), 1.0)
         return Explanation((Member(all_of_them),))
 
-    @property
-    def _first_node(self) -> Node:
-        scatter = int(np.argmin(np.abs(self._hyper.axes[SCATTER].values - _SCATTER)))
-        return (scatter, *self._hyper.start(0)[1:])
-
     def _begun(self) -> Optimum:
         """Fit all candidates at once, and the base model from there and from the priors' centre."""
         problem = self._session.problem
-        node, explanation = self._first_node, self._every
+        node, explanation = self._hyper.usual, self._every
         rough = self._fitter.fit_at(explanation, [problem.centre], node, self._bad, _ROUGH)
         # Scatter changes a reading as the fitted finger does, not as the normative one.
         self._fitter = replace(self._fitter, session=self._session.seen_from(rough.theta))
@@ -271,7 +266,7 @@ class Searcher:
         With little of what is smooth, without it, and without more than usual scatter or noise.
         """
         little = int(np.argmin(np.abs(self._hyper.axes[SMOOTH].values - _SMOOTH)))
-        best, usual = host.best, self._first_node
+        best, usual = host.best, self._hyper.usual
         less = (*best[:SMOOTH], *(min(little, i) for i in best[SMOOTH:FORMS]), *best[FORMS:])
         plain = (min(best[SCATTER], usual[SCATTER]), usual[NOISE], *self._hyper.without_smooth(best)[2:])
         return list(dict.fromkeys([best, self._hyper.without_smooth(best), less, plain]))

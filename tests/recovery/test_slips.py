@@ -8,17 +8,10 @@ from typing import Any
 import pytest
 import yaml
 
-from benchmarks.session_faults import Recorded, zero_before_each_weight
-from fingermodel.session import Session
-from server.application.diagnosing import diagnosis_answer, run_diagnosis
+from tests.recovery.diagnosed import diagnosed
 from tests.simulator import draw_session
 from tests.simulator.protocols import PROTOCOLS
 from tests.simulator.slips import Done
-
-
-def diagnosed(folder: Path) -> dict[str, Any]:
-    bench = Session.open(folder)
-    return diagnosis_answer(bench, run_diagnosis(bench))
 
 
 @pytest.mark.parametrize(
@@ -78,24 +71,6 @@ def test_a_validation_case_with_a_slip_is_named_and_does_not_veto(tmp_path: Path
     assert (found["verdict"], found["effects"]) == ("found", ["hanger_mass"])
 
 
-@pytest.mark.parametrize("effects", [pytest.param({}, marks=pytest.mark.full), {"hanger_mass": 40.0}])
-def test_tendons_exchanged_throughout_are_a_fault_of_the_session(tmp_path: Path, effects: dict[str, Any]) -> None:
-    draw_session(tmp_path, 53, effects, nuisance_scale=0.8)
-    file = tmp_path / "session.yaml"
-    document = yaml.safe_load(file.read_text(encoding="utf-8"))
-    other = {"FDP": "FDS", "FDS": "FDP"}
-    for case in document["cases"]:
-        case["masses_g"] = {other.get(m, m): g for m, g in case["masses_g"].items()}
-    file.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-    found = diagnosed(tmp_path)
-    fault = found["session_faults"][0]
-    assert (fault["kind"], fault["words"]) == ("tendon_labels", "FDP and FDS were exchanged throughout")
-    assert fault["probability"] > 0.9
-    # What would make up for it is no finding.
-    assert found["effects"] == []
-    assert "exchanged throughout" in found["reasons"][0]
-
-
 def test_a_suspect_does_not_count_in_the_errors(tmp_path: Path) -> None:
     done = Done(51, 0.0, "mass")
     draw_session(tmp_path, 51, {}, nuisance_scale=0.8, done=done)
@@ -107,16 +82,3 @@ def test_a_suspect_does_not_count_in_the_errors(tmp_path: Path) -> None:
     summary = found["before"][f"identification/{place}"]["sagittal"]
     assert summary["cases"] == counted - 1
     assert summary["rmse_N"] < 0.05
-
-
-def test_a_tare_that_is_taken_away_twice_is_a_fault_of_the_session(tmp_path: Path) -> None:
-    draw_session(tmp_path, 54, {}, nuisance_scale=0.8)
-    session = Recorded(tmp_path)
-    session.values[:, :3] += (1.2, -0.8, 2.0)
-    # The rig's program zeroed the cell before each weight.
-    zero_before_each_weight(session)
-    session.write()
-    found = diagnosed(tmp_path)
-    assert [f["kind"] for f in found["session_faults"]] == ["tare"]
-    assert "tared already" in found["session_faults"][0]["words"]
-    assert found["effects"] == []

@@ -22,6 +22,8 @@ Node = tuple[int, ...]
 SCATTER, NOISE, BUDGET, ANATOMY, SMOOTH = range(5)
 FAMILIES = 3
 FORMS = SMOOTH + FAMILIES
+# Scatter of a usual bench, relative.
+_USUAL_SCATTER = 0.01
 
 
 class Values(NamedTuple):
@@ -88,6 +90,12 @@ class Hyperparameters:
     def start(self, forms: int) -> Node:
         """The most probable node before any reading."""
         return (*(axis.mode for axis in self.axes), *[self.form.mode] * forms)
+
+    @property
+    def usual(self) -> Node:
+        """The same with the scatter of a usual bench: where a search begins."""
+        scatter = int(np.argmin(np.abs(self.axes[SCATTER].values - _USUAL_SCATTER)))
+        return (scatter, *self.start(0)[1:])
 
     def with_smooth(self, node: Node) -> Node:
         """The same node with the stated noise, and a moderate amplitude of every family of something smooth."""

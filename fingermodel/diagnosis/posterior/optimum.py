@@ -226,6 +226,19 @@ class Optimum(Linearised):
         columns = blocks * self.widths(names, node)
         return solve_triangular(root_of_one_plus(columns.T @ columns), columns.T, lower=True, check_finite=False), left
 
+    def misfits(self, residuals: Floats, node: Node) -> Floats:
+        """Weighted sum of squares (k,) that other readings would have here, everything that acts at its best.
+
+        Args:
+            residuals: (fitted readings, k) these readings less the model [N, N mm].
+            node: of the hyperparameters.
+        """
+        (across, left), other = self._marginal(node), self.whitened_columns(residuals, node)
+        moved = left - self.whitened_columns(self.residual, node)
+        left = other + moved[:, None]
+        out: Floats = (left**2).sum(axis=0) - ((across @ left) ** 2).sum(axis=0)
+        return out
+
     def asked(self, columns: Floats, node: Node) -> tuple[Floats, Floats]:
         """What the readings say of further columns, each by itself, beside everything that acts at a node.
 

@@ -22,7 +22,6 @@ from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.session_model.bad_cases import gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
 from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.settings import GAIN_SPREAD, P_FAULT, SURE, SUSPECT
@@ -42,10 +41,8 @@ _UNITS_G = {
 }
 # A wrench of the other hand.
 _MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
-# Faults that are fitted, of those that bring the readings nearest to the finger as it was measured.
+# Faults that are fitted, of those that promise most.
 _FITTED = 3
-# What readings miss by may be this share of them, whatever the fault, when faults are put in order.
-_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -87,25 +84,33 @@ class _Corrected:
     observations: Observations
     # Log of how many times less a unit of the readings is than one of those stated, summed over those fitted.
     log_density: float = 0.0
+    # The mount whose readings were divided by a gain, and that gain.
+    gain: tuple[str, float] | None = None
 
 
 def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     """Put faults of the whole session right, one at a time, and fit the base model again.
+
+    Those that balance shows are all fitted; of the others, those that promise most where the finger is as measured.
 
     Args:
         candidates: of the diagnosis.
         nothing: the base model of the session as it was entered.
     """
     session = nothing.session
+    as_measured = Fitter(session, candidates, nothing.hyper).linearised(
+        NOTHING, session.problem.centre, nothing.hyper.usual, frozenset(), 0.0, converged=True
+    )
     by_balance = list(_frames(session))
-    offers = list(_corrected(session)) + ([] if by_balance else [_turned(session.observations)])
-    missed = {offer: _missed(session, offer.observations) for offer in offers}
-    as_entered = _missed(session, session.observations)
-    nearest = [offer for offer in sorted(offers, key=lambda o: missed[o]) if missed[offer] < as_entered]
+    offers = [*_corrected(session), *_gains(as_measured), *([] if by_balance else [_turned(session.observations)])]
+    away = [_residual(session, o) for o in [session.observations, *(offer.observations for offer in offers)]]
+    as_entered, *misfits = as_measured.misfits(np.array(away).T, as_measured.node)
+    promised = {offer: offer.log_density - 0.5 * misfit for offer, misfit in zip(offers, misfits, strict=True)}
+    best = [o for o in sorted(offers, key=lambda o: -promised[o]) if promised[o] > -0.5 * as_entered]
     counts = Counter(o.kind for o in offers)
     return [
-        PutRight(o.kind, o.words, _log_share(counts[o.kind]) + _log_posterior(session, candidates, nothing, o))
-        for o in [*by_balance, *nearest[:_FITTED]]
+        _fitted(session, candidates, nothing, offer, _log_share(counts[offer.kind]))
+        for offer in [*by_balance, *best[:_FITTED]]
     ]
 
 
@@ -119,8 +124,6 @@ def session_faults(found: Sequence[PutRight], posterior: Posterior) -> list[Sess
     Returns:
         What is more probable than not, most probable first.
     """
-    gains = list(_gains(posterior))
-    found = [*found, *(PutRight("gain", words, _log_share(len(gains)) + log) for words, log in gains)]
     # As a slip in one case it is weighed by the whole likelihood, not by a power of it.
     as_it_is = [fit.log_posterior for fit in posterior.fits.values()]
     total = float(logsumexp([*as_it_is, *(f.log_posterior for f in found)]))
@@ -138,52 +141,70 @@ def _log_share(alike: int) -> float:
     return float(np.log(P_FAULT / len(get_args(Kind)) / max(alike, 1)))
 
 
-def _log_posterior(session: Session, candidates: Candidates, nothing: Optimum, offer: _Corrected) -> float:
-    """Of the base model with a fault put right, and of one effect beside it; without the fault's share."""
+def _fitted(
+    session: Session, candidates: Candidates, nothing: Optimum, offer: _Corrected, log_share: float
+) -> PutRight:
+    """Fit the base model with a fault put right, and one effect beside it."""
     other = session_of(session.model, offer.observations, session.plane)
     other = replace(other, problem=replace(other.problem, free=session.problem.free))
     fitter = Fitter(other, candidates, nothing.hyper)
     first = fitter.fit(NOTHING, session.problem.centre, nothing.hyper.start(0))
     again = replace(fitter, session=other.seen_from(first.theta))
-    base = again.fit(NOTHING, first.theta, first.mode)
-    alone = base.log_posterior + offer.log_density
-    if alone < nothing.log_posterior:
-        return alone
-    # An effect may act as well: the one that the base promises most.
-    node = base.hyper.without_smooth(base.best)
-    promised = base.promises(candidates.singles, [base.best, node])
-    best = candidates.singles[int(np.argmax(promised + [candidates.log_prior(e) for e in candidates.singles]))]
-    beside = again.fit(best, base.expected(best, node), node)
-    return float(np.logaddexp(alone, beside.log_posterior + offer.log_density))
+    best = again.fit(NOTHING, first.theta, first.mode)
+    alone = log_posterior = best.log_posterior
+    if alone + offer.log_density >= nothing.log_posterior:
+        # An effect may act as well: the one that the base promises most.
+        node = best.hyper.without_smooth(best.best)
+        promised = best.promises(candidates.singles, [best.best, node])
+        single = candidates.singles[int(np.argmax(promised + [candidates.log_prior(e) for e in candidates.singles]))]
+        beside = again.fit(single, best.expected(single, node), node)
+        log_posterior = float(np.logaddexp(alone, beside.log_posterior))
+        best = max(best, beside, key=lambda fit: fit.log_posterior)
+    words, log_gain = offer.words, 0.0
+    if offer.gain:
+        words, log_gain = _regained(best, *offer.gain)
+    return PutRight(offer.kind, words, log_share + offer.log_density + log_posterior + log_gain)
 
 
-def _missed(session: Session, observations: Observations) -> float:
-    """Misfit of the fitted readings to the finger as it was measured, coarsely weighed."""
-    rows = session.rows[session.fitted]
-    inputs = observations.inputs
-    predicted = np.asarray(session.model.predict(inputs, session.problem.centre).reading).reshape(-1)[rows]
-    measured = np.nan_to_num(observations.wrench).reshape(-1)[rows]
-    moment, entered = session.places.moment[session.fitted], session.measured[session.fitted]
-    size = np.array([np.sqrt(np.mean(entered[moment == m] ** 2)) if (moment == m).any() else 1.0 for m in (0, 1)])
-    width = np.maximum(_SHARE * size, 1e-9)[moment.astype(int)]
-    # Heavy tails: a few cases that miss by much say no more than a few that miss.
-    return float(np.log1p(((measured - predicted) / width) ** 2).sum())
+def _residual(session: Session, observations: Observations) -> Floats:
+    """(n,) fitted readings less the finger as it was measured [N, N mm]."""
+    predicted = np.asarray(session.model.predict(observations.inputs, session.problem.centre).reading)
+    out: Floats = (np.nan_to_num(observations.wrench) - predicted).reshape(-1)[session.rows[session.fitted]]
+    return out
 
 
-def _gains(posterior: Posterior) -> Iterator[tuple[str, float]]:
-    """Log posterior of another gain of either mount alone, beside the base model; without the fault's share."""
-    nothing, session = posterior.nothing, posterior.nothing.session
-    observations, rows = session.observations, session.rows[session.fitted]
-    predicted = np.asarray(session.model.predict(observations.inputs, nothing.theta).reading).reshape(-1)[rows]
-    for place in dict.fromkeys(observations.locations):
-        at = np.array([p == place for p in observations.locations])[rows // 6]
-        if not at.any() or at.all():
+def _gains(fit: Optimum) -> Iterator[_Corrected]:
+    """Another gain of either mount alone, where the readings want it most about a fit."""
+    o, fitted = fit.session.observations, fit.session.fitted
+    density = Counter(np.array(o.locations)[fit.session.rows[fitted] // 6].tolist())
+    for place in density if len(density) > 1 else ():
+        information, score = fit.asked(_of_mount(fit, place), fit.node)
+        gain = 1.0 + float(score[0] / (information[0] + GAIN_SPREAD**-2))
+        if gain <= 0.0:
             continue
-        information, score = nothing.asked((predicted * at)[:, None], nothing.best)
-        width = GAIN_SPREAD
-        gain = float(gain_if_bad(information[:, None] * width**2, score * width))
-        value = 1.0 + float(score[0] / (information[0] + width**-2))
-        yield f"the cell at the {place} has a gain of {value:.2f}", nothing.log_posterior + gain
+        factor = np.where(np.array(o.locations) == place, 1.0 / gain, 1.0)
+        noise = o.noise.turned(factor[:, None, None] * np.eye(6))
+        right = replace(o, wrench=o.wrench * factor[:, None], noise=noise)
+        yield _Corrected("gain", "", right, -density[place] * float(np.log(gain)), (place, gain))
+
+
+def _regained(fit: Optimum, place: str, gain: float) -> tuple[str, float]:
+    """A gain about which a session was fitted: in words, and the log of its prior summed over what it may be."""
+    information, score = (float(value[0]) for value in fit.asked(_of_mount(fit, place), fit.best))
+    # The gain is what it was taken for times 1 + w; its prior is N(1, GAIN_SPREAD²).
+    mean, precision = (1.0 - gain) / gain, (gain / GAIN_SPREAD) ** 2
+    best = (score + mean * precision) / (information + precision)
+    log = 0.5 * (best**2 * (information + precision) - mean**2 * precision - np.log1p(information / precision))
+    return f"the cell at the {place} has a gain of {gain * (1.0 + best):.2f}", float(log)
+
+
+def _of_mount(fit: Optimum, place: str) -> Floats:
+    """(n, 1) fitted readings of one mount as predicted at a fit, and 0 for the other."""
+    session = fit.session
+    rows = session.rows[session.fitted]
+    predicted = np.asarray(session.model.predict(session.observations.inputs, fit.theta).reading).reshape(-1)[rows]
+    here = np.array(session.observations.locations)[rows // 6] == place
+    return (predicted * here)[:, None]
 
 
 def _corrected(session: Session) -> Iterator[_Corrected]:
@@ -234,10 +255,13 @@ def _turned(observations: Observations) -> _Corrected:
 
 
 def _angles(session: Session) -> Iterator[_Corrected]:
-    """One angle of one posture with the other sign; all angles of a posture in radians."""
+    """One angle of one fitted posture with the other sign; all its angles in radians."""
     o = session.observations
     angles, rotations = np.asarray(o.inputs.posture), session.model.finger.topology.rotations
+    fitted = {o.postures[case] for case in session.rows[session.fitted] // 6}
     for name, posture in o.posture_angles.items():
+        if name not in fitted:
+            continue
         here = np.array([p == name for p in o.postures])
         for k, rotation in enumerate(rotations):
             if posture[k] != 0.0:

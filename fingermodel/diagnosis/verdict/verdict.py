@@ -175,7 +175,8 @@ def _beyond(posterior: Posterior) -> tuple[str, ...]:
     looks = f"; the nearest law of the catalogue, {near}, would have to be another one" if near else ""
     said = f"Something of about {posterior.beyond_newton:.2f} N acts that no effect here describes{looks}."
     if best is not None and known[best] >= 0.5:
-        said = f"{best}, which is known to happen in rigs and is none of the catalogue's, explains most of it."
+        title = next(e.title for e in leader.session.model.effects if e.name == best.split(".")[0])
+        said = f"Most of it is {best}, which rigs are known for and the catalogue leaves out: {title}."
     return (said, *_beside(posterior, ()))
 
 

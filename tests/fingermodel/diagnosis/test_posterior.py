@@ -60,6 +60,14 @@ def test_the_misfit_is_that_of_the_dense_gaussian(nothing: Optimum) -> None:
     assert nothing.misfit(nothing.node) == pytest.approx(float(y @ np.linalg.solve(covariance, y)), rel=1e-6)
 
 
+def test_other_readings_have_the_misfit_of_the_dense_gaussian(nothing: Optimum) -> None:
+    other = np.random.default_rng(9).normal(size=len(nothing.residual))
+    found = nothing.misfits(np.array([nothing.residual, nothing.residual + other]).T, nothing.node)
+    y, covariance = dense(nothing, nothing.node)
+    expected = [away @ np.linalg.solve(covariance, away) for away in (y, y + other)]
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
 @pytest.mark.parametrize("axes", [(0, 0, 0, 0, 0, 0, 0), (4, 1, 2, 3, 3, 0, 0)])
 def test_further_columns_are_informed_beside_all_that_acts(nothing: Optimum, axes: tuple[int, ...]) -> None:
     columns = np.random.default_rng(8).normal(size=(len(nothing.residual), 3))

@@ -1,0 +1,90 @@
+"""Faults of a whole session: what was done instead of what was entered, in every case at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from benchmarks.session_faults import Recorded, gain_of, radians, side, sign, zero_before_each_weight
+from tests.recovery.diagnosed import diagnosed
+from tests.simulator import draw_session
+
+
+@pytest.mark.parametrize(
+    ("fault", "kind", "words"),
+    [
+        (side, "side", "the side is the other one"),
+        (sign, "posture", "has the other sign"),
+        (radians, "posture", "in radians"),
+    ],
+)
+def test_what_was_entered_wrongly_throughout_is_named(
+    tmp_path: Path, fault: Callable[[Recorded, np.random.Generator], None], kind: str, words: str
+) -> None:
+    draw_session(tmp_path, 55, {}, nuisance_scale=0.8)
+    session = Recorded(tmp_path)
+    fault(session, np.random.default_rng(55))
+    session.write()
+    found = diagnosed(tmp_path)
+    first = found["session_faults"][0]
+    assert (first["kind"], first["probability"] > 0.9) == (kind, True)
+    assert words in first["words"]
+    assert found["effects"] == []
+
+
+def test_the_gain_of_one_mount_is_named_with_its_value(tmp_path: Path) -> None:
+    draw_session(tmp_path, 55, {}, nuisance_scale=0.8)
+    session = Recorded(tmp_path)
+    gain_of(session, "bone", 1.4)
+    session.write()
+    (fault,) = diagnosed(tmp_path)["session_faults"]
+    said, value = fault["words"].rsplit(" ", 1)
+    assert said == "the cell at the bone has a gain of"
+    assert float(value) == pytest.approx(1.4, abs=0.03)
+
+
+def test_a_gain_below_one_is_a_share_of_the_force_that_passes_the_cell_by(tmp_path: Path) -> None:
+    draw_session(tmp_path, 55, {}, nuisance_scale=0.8)
+    session = Recorded(tmp_path)
+    gain_of(session, "bone", 0.85)
+    session.write()
+    found = diagnosed(tmp_path)
+    # Readings cannot part the two: one is said, and what it says holds for both.
+    assert found["effects"] == []
+    assert any("past the cell at one mounting, or the cell reads low there" in r for r in found["reasons"])
+
+
+@pytest.mark.parametrize("effects", [pytest.param({}, marks=pytest.mark.full), {"hanger_mass": 40.0}])
+def test_tendons_exchanged_throughout_are_a_fault_of_the_session(tmp_path: Path, effects: dict[str, Any]) -> None:
+    draw_session(tmp_path, 53, effects, nuisance_scale=0.8)
+    file = tmp_path / "session.yaml"
+    document = yaml.safe_load(file.read_text(encoding="utf-8"))
+    other = {"FDP": "FDS", "FDS": "FDP"}
+    for case in document["cases"]:
+        case["masses_g"] = {other.get(m, m): g for m, g in case["masses_g"].items()}
+    file.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    found = diagnosed(tmp_path)
+    fault = found["session_faults"][0]
+    assert (fault["kind"], fault["words"]) == ("tendon_labels", "FDP and FDS were exchanged throughout")
+    assert fault["probability"] > 0.9
+    # What would make up for it is no finding.
+    assert found["effects"] == []
+    assert "exchanged throughout" in found["reasons"][0]
+
+
+def test_a_tare_that_is_taken_away_twice_is_a_fault_of_the_session(tmp_path: Path) -> None:
+    draw_session(tmp_path, 54, {}, nuisance_scale=0.8)
+    session = Recorded(tmp_path)
+    session.values[:, :3] += (1.2, -0.8, 2.0)
+    # The rig's program zeroed the cell before each weight.
+    zero_before_each_weight(session)
+    session.write()
+    found = diagnosed(tmp_path)
+    assert [f["kind"] for f in found["session_faults"]] == ["tare"]
+    assert "tared already" in found["session_faults"][0]["words"]
+    assert found["effects"] == []
