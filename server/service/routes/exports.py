@@ -82,7 +82,9 @@ def files(formats: Mapping[str, str], description: str) -> dict[int | str, dict[
         description: of the file.
     """
     binary, plain = {"type": "string", "format": "binary"}, {"type": "object"}
-    content = {k: {"schema": plain if k == "application/json" else binary} for k in dict.fromkeys(formats.values())}
+    # What such a client reads of them is an object and no text.
+    read = ("application/json", "application/yaml")
+    content = {k: {"schema": plain if k in read else binary} for k in dict.fromkeys(formats.values())}
     disposition = {"description": "attachment, with a file name", "schema": {"type": "string"}}
     answer = {"description": description, "content": content, "headers": {"Content-Disposition": disposition}}
     return {**{k: v for k, v in documented(Shown).items() if k != 200}, 200: answer}

@@ -86,6 +86,10 @@ def test_a_finger_goes_to_other_software_and_comes_back(service: ServiceReceiver
     assert any("FunctionBasedPath" in note for note in offered[1]["notes"])
     file = service.client().get(f"{API}/fingers/{FINGER}/export", params={"format": "finger"})
     assert file.text == (data_dir() / "fingers" / f"{FINGER}.yaml").read_text(encoding="utf-8")
+    paths = service.client().get(f"{API}/openapi.json").json()["paths"]
+    documented = paths[f"{API}/fingers/{{finger}}/export"]["get"]["responses"]["200"]["content"]
+    # Clients read YAML and JSON as what they hold, other files as bytes.
+    assert documented[file.headers["content-type"]]["schema"] == {"type": "object"}
     assert found(service, f"/fingers/{FINGER}/export", 422, format="vrml")["errors"]
 
 
