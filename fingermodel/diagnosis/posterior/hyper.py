@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -113,6 +113,22 @@ class Hyperparameters:
         errors = self.form.values[list(node[FORMS:])]
         return Values(at[SCATTER], at[NOISE], at[BUDGET], at[ANATOMY], np.array(at[SMOOTH:]), errors)
 
+    def block_widths(self, node: Node) -> dict[str, float]:
+        """Widths of the priors of the weights that act at a node, by their block (see `Linearised`).
+
+        Effects' own parameters have a width of 1, and are no hyperparameter's.
+        """
+        if node not in self._widths:
+            v = self.values(node)
+            smooth = {f"smooth{k}": float(width) for k, width in enumerate(v.smooth_N) if width > 0.0}
+            forms = {f"form{k}": float(width) for k, width in enumerate(v.forms) if width > 0.0}
+            self._widths[node] = {"always": 1.0, "budget": v.budget, "anatomy": v.anatomy, **smooth, **forms}
+        return self._widths[node]
+
+    @cached_property
+    def _widths(self) -> dict[Node, dict[str, float]]:
+        return {}
+
     def without_smooth(self, node: Node) -> Node:
         """The same node without anything smooth."""
         return (*node[:SMOOTH], *[0] * FAMILIES, *node[FORMS:])
@@ -171,29 +187,32 @@ def climbed(log_joint: Callable[[Node], float], start: Node, sizes: Sequence[int
 
 
 def explored(
-    log_joint: Callable[[Node], float], start: Node, neighbours: Callable[[Node], list[Node]], within: float
+    log_joints: Callable[[Sequence[Node]], Sequence[float]],
+    start: Node,
+    neighbours: Callable[[Node], list[Node]],
+    within: float,
 ) -> dict[Node, float]:
     """Evaluate the nodes that matter: from the best found so far outwards, until all beyond are improbable.
 
     Args:
-        log_joint: of a node.
+        log_joints: of several nodes.
         start: where to begin.
         neighbours: of a node.
         within: log probability below the best from which a node's neighbours are not asked.
     """
-    known = {start: log_joint(start)}
-    waiting = [(-known[start], start)]
-    best = known[start]
-    while waiting:
-        value, node = heapq.heappop(waiting)
-        if -value < best - within:
-            break
-        for neighbour in neighbours(node):
-            if neighbour not in known:
-                known[neighbour] = log_joint(neighbour)
-                best = max(best, known[neighbour])
-                heapq.heappush(waiting, (-known[neighbour], neighbour))
+    known = {start: log_joints([start])[0]}
+    asked: set[Node] = set()
+    while outmost := _near(known, within) - asked:
+        asked |= outmost
+        new = sorted({n for node in outmost for n in neighbours(node)} - known.keys())
+        known.update(zip(new, log_joints(new), strict=True))
     return known
+
+
+def _near(known: dict[Node, float], within: float) -> set[Node]:
+    """Nodes that are hardly less probable than the best."""
+    least = max(known.values()) - within
+    return {node for node, log_joint in known.items() if log_joint >= least}
 
 
 def _normal(z: Floats) -> Floats:

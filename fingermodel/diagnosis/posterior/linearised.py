@@ -15,7 +15,8 @@ from scipy.linalg import solve_triangular
 from scipy.sparse import csr_array
 
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
-from fingermodel.diagnosis.posterior.hyper import FAMILIES, NOISE, SCATTER, Hyperparameters, Node, Values
+from fingermodel.diagnosis.posterior.hyper import BUDGET as BUDGET_AXIS
+from fingermodel.diagnosis.posterior.hyper import NOISE, SCATTER, Hyperparameters, Node
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Rows, Session, WhitenedSmooth, whitened
@@ -47,6 +48,8 @@ class Inner:
         beside: the same with the weights of what always acts left open.
         across: (always, k) of each block, turned by the root of what always acts.
         always: (always, n) whitened columns of what always acts, transposed.
+        outer: (n, n) covariance that each block gives the whitened readings by weights of a width of 1.
+        left: (n,) whitened readings less the model with every parameter at its null.
     """
 
     smooth: WhitenedSmooth
@@ -55,6 +58,8 @@ class Inner:
     beside: dict[tuple[str, str], Floats] = field(default_factory=dict)
     across: dict[str, Floats] = field(default_factory=dict)
     always: csr_array | None = None
+    outer: dict[str, Floats] = field(default_factory=dict)
+    left: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +92,7 @@ class Linearised:
 
     def forget(self) -> None:
         """Let go of inner products; what is asked of them again is made again."""
-        for name in ("_inner", "_latest", "_fitted", "_asked", "unseen"):
+        for name in ("_inner", "_latest", "_fitted", "_known", "unseen"):
             self.__dict__.pop(name, None)
 
     @cached_property
@@ -184,19 +189,10 @@ class Linearised:
         more = {ALWAYS: session.tares.shape[1], BUDGET: session.nuisances.shape[1]}.get(name, 0)
         return len(self.parameters_of[name]) + int(more)
 
-    @staticmethod
-    def _width(name: str, values: Values) -> float:
-        """Width of the priors of a block's weights."""
-        if name.startswith("form"):
-            return float(values.forms[int(name.removeprefix("form"))])
-        if name.startswith("smooth"):
-            return float(values.smooth_N[int(name.removeprefix("smooth"))])
-        return {BUDGET: values.budget, ANATOMY: values.anatomy}.get(name, 1.0)
-
     def widths(self, names: Sequence[str], node: Node) -> Floats:
         """(k,) widths of the priors of all weights of some blocks at a node."""
-        values = self.hyper.values(node)
-        return np.repeat([self._width(name, values) for name in names], [self.size(name) for name in names])
+        block = self.hyper.block_widths(node)
+        return np.repeat([block.get(name, 1.0) for name in names], [self.size(name) for name in names])
 
     def places(self, names: Sequence[str]) -> Floats:
         """(k,) where all weights of some blocks stand."""
@@ -204,9 +200,7 @@ class Linearised:
 
     def acting(self, node: Node) -> list[str]:
         """Names of the blocks that act at a node, besides those of effects."""
-        values, forms = self.hyper.values(node), [f"form{k}" for k in range(len(self.form_errors))]
-        smooth = [f"smooth{k}" for k in range(FAMILIES)]
-        return [ALWAYS, BUDGET, ANATOMY, *(name for name in [*smooth, *forms] if self._width(name, values) > 0.0)]
+        return list(self.hyper.block_widths(node))
 
     def quadratic(self, names: Sequence[str], node: Node, bad: frozenset[int] | None = None) -> tuple[Quadratic, float]:
         """Misfit as a function of the weights of some blocks, in their order; and minus half the noise's ln det.
@@ -222,6 +216,45 @@ class Linearised:
         if len(self._latest) > _KEPT:
             del self._latest[next(iter(self._latest))]
         return found, -0.5 * inner.smooth.log_det
+
+    def among_readings(
+        self, nodes: Sequence[Node], bad: frozenset[int] | None
+    ) -> tuple[Floats, Floats, Floats, Floats]:
+        """The whitened readings at some nodes, with what acts there as a covariance of theirs.
+
+        Where there are fewer readings than weights, this is the smaller way to say the same as `quadratic`.
+
+        Returns:
+            Covariance (s, n, n) that all weights that act give the readings, without the noise's own, which is 1;
+            readings (s, n) less the model with every parameter at its null; columns (s, n, k) of the explanation's own
+            parameters; and (s,) minus half the noise's ln det.
+        """
+        count, n = len(nodes), len(self.residual)
+        covariance, left = np.empty((count, n, n)), np.empty((count, n))
+        own, of_noise = np.empty((count, n, self.size(OWN))), np.empty(count)
+        for noise in dict.fromkeys(node[:BUDGET_AXIS] for node in nodes):
+            alike = [k for k, node in enumerate(nodes) if node[:BUDGET_AXIS] == noise]
+            inner = self._inner_at(nodes[alike[0]], self.bad if bad is None else bad)
+            blocks = [self.hyper.block_widths(nodes[k]) for k in alike]
+            names = list(dict.fromkeys(name for block in blocks for name in block))
+            variances = np.array([[block.get(name, 0.0) ** 2 for name in names] for block in blocks])
+            covariance[alike] = np.tensordot(variances, np.array([self._outer(inner, name) for name in names]), 1)
+            left[alike], own[alike] = self._left(inner), self._whitened(inner, OWN)
+            of_noise[alike] = -0.5 * inner.smooth.log_det
+        return covariance, left, own, of_noise
+
+    def _outer(self, inner: Inner, name: str) -> Floats:
+        if name not in inner.outer:
+            columns = self._whitened(inner, name)
+            inner.outer[name] = columns @ columns.T
+        return inner.outer[name]
+
+    def _left(self, inner: Inner) -> Floats:
+        if inner.left is None:
+            inner.left = self._whitened(inner, "residual")[:, 0]
+            for name in (ALWAYS, BUDGET, ANATOMY, OWN):
+                inner.left = inner.left + self._whitened(inner, name) @ self.place(name)
+        return inner.left
 
     def _assembled(self, inner: Inner, names: Sequence[str]) -> Quadratic:
         sizes = [self.size(name) for name in names]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from fingermodel.diagnosis.posterior.gaussian import (
     Quadratic,
     log_mass,
     log_mass_apart,
+    marginal_evidence,
     screened,
 )
 from fingermodel.diagnosis.posterior.hyper import NOISE, Node, climbed, explored
@@ -30,6 +31,8 @@ Ints = NDArray[np.intp]
 
 # Prior widths from its null at which a parameter begins of which nothing is known.
 _AWAY = 0.5
+# Elements of covariances that are made at once: 32 MB.
+_AT_ONCE = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,17 +88,41 @@ class Optimum(Linearised):
             bad: cases whose reading may be anything; by default those that it was fitted with.
             width: factor on the widths of the effects' priors.
         """
-        freed, of_noise = self.freed(node, bad, width)
-        mass = log_mass_apart(freed.mean, freed.covariance, self._one_sided)
-        return self.log_prior + self.hyper.log_prior(node) + freed.log_evidence + of_noise + mass
+        return self.log_joints([node], bad, width)[0]
+
+    def log_joints(self, nodes: Sequence[Node], bad: frozenset[int] | None = None, width: float = 1.0) -> list[float]:
+        """The same at several nodes at once."""
+        found: dict[Node, float] = {}
+        together = []
+        for node in nodes:
+            if sum(self.size(name) for name in self.acting(node)) > len(self.residual):
+                together.append(node)
+                continue
+            freed, of_noise = self.freed(node, bad, width)
+            found[node] = freed.log_evidence + of_noise + log_mass_apart(freed.mean, freed.covariance, self._one_sided)
+        most = max(_AT_ONCE // len(self.residual) ** 2, 1)
+        for some in (together[first : first + most] for first in range(0, len(together), most)):
+            covariance, left, own, of_each = self.among_readings(some, bad)
+            values = marginal_evidence(covariance, left, width * own, self._one_sided) + of_each
+            found |= zip(some, values.tolist(), strict=True)
+        return [self.log_prior + self.hyper.log_prior(node) + found[node] for node in nodes]
 
     def misfit(self, node: Node) -> float:
         """Least weighted sum of squares at a node, priors' penalty included."""
         return self.freed(node)[0].misfit
 
     @cached_property
-    def _asked(self) -> Callable[[Node], float]:
-        return cache(self.log_joint)
+    def _known(self) -> dict[Node, float]:
+        return {}
+
+    def _asked(self, node: Node) -> float:
+        return self._asked_together([node])[0]
+
+    def _asked_together(self, nodes: Sequence[Node]) -> list[float]:
+        unknown = [node for node in nodes if node not in self._known]
+        if unknown:
+            self._known.update(zip(unknown, self.log_joints(unknown), strict=True))
+        return [self._known[node] for node in nodes]
 
     @cached_property
     def mode(self) -> Node:
@@ -110,7 +137,7 @@ class Optimum(Linearised):
     @cached_property
     def nodes(self) -> dict[Node, float]:
         """Log joint of the nodes that matter, exact masses of cut priors included."""
-        known = explored(self._asked, self.mode, self.hyper.neighbours, NODES_WITHIN)
+        known = explored(self._asked_together, self.mode, self.hyper.neighbours, NODES_WITHIN)
         best = max(known, key=lambda n: known[n])
         # Together or one by one makes the same difference at every node, near enough.
         further, cut = 0.0, self._one_sided

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.posterior.fitting import Fitter
+from fingermodel.diagnosis.posterior.gaussian import log_mass_apart, marginal_evidence
 from fingermodel.diagnosis.posterior.hyper import Hyperparameters
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
@@ -53,6 +54,19 @@ def test_evidence_is_that_of_the_dense_gaussian(nothing: Optimum, axes: tuple[in
     y, covariance = dense(nothing, axes)
     expected = -0.5 * y @ np.linalg.solve(covariance, y) - 0.5 * np.linalg.slogdet(covariance)[1]
     assert freed.log_evidence + of_noise == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize("width", [1.0, 2.0])
+def test_readings_and_weights_say_the_same(hanger: Optimum, width: float) -> None:
+    forms = [0] * len(hanger.form_errors)
+    nodes = [(0, 0, 0, 0, 0, 0, 0, *forms), (4, 1, 2, 3, 3, 0, 0, *forms), (4, 1, 1, 0, 0, 3, 2, *forms)]
+    covariance, left, own, of_noise = hanger.among_readings(nodes, None)
+    cut = hanger.session.model.parameters.one_sided[list(hanger.explanation.parameters)]
+    found = marginal_evidence(covariance, left, width * own, cut) + of_noise
+    for node, value in zip(nodes, found, strict=True):
+        freed, noise = hanger.freed(node, None, width)
+        expected = freed.log_evidence + noise + log_mass_apart(freed.mean, freed.covariance, cut)
+        assert value == pytest.approx(expected, abs=1e-6)
 
 
 def test_the_misfit_is_that_of_the_dense_gaussian(nothing: Optimum) -> None:
