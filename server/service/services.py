@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from starlette.requests import HTTPConnection
 
@@ -30,6 +30,7 @@ from server.service.operation.migrate import upgrade
 from server.service.operation.scrub import Scrub
 from server.service.sessions.measuring import Measuring
 from server.service.sessions.sessions import Sessions
+from server.service.sessions.turns import Made
 from server.service.settings import Settings
 from server.service.storage.database import Database
 from server.service.storage.messages import Messages
@@ -48,6 +49,7 @@ class Services:
         database: that it keeps everything in.
         messages: that it tells.
         sessions, ingest, measuring, twins, revisions, effects, jobs, live, watch, scrub: its parts.
+        made: checks and reports of closed sessions that were asked for last.
         started: monotonic time of the start [s].
         ready: whether models are warm and the database is up to date.
         stopping: is set when the service ends.
@@ -66,6 +68,7 @@ class Services:
     live: LiveHub
     watch: Watch
     scrub: Scrub
+    made: Made[Any] = field(default_factory=lambda: Made(8))
     started: float = field(default_factory=time.monotonic)
     ready: bool = False
     stopping: threading.Event = field(default_factory=threading.Event)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import orjson
 
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from fingermodel.comparison.comparison import Comparison
     from server.figures.arrows import Spread
 
+T = TypeVar("T")
+
 
 def checked(parts: Services, session: str) -> dict[str, Any]:
     """Return what `fingertwin check` says of a session: of its description, recording, windows, weights and finger.
@@ -49,6 +51,18 @@ def checked(parts: Services, session: str) -> dict[str, Any]:
         ProblemError: there is no such session.
     """
     measured = parts.measuring.of(session)
+    return _once(parts, measured, ("check",), lambda: _checked(parts, measured))
+
+
+def _once(parts: Services, measured: Measured, key: tuple[Any, ...], make: Callable[[], T]) -> T:
+    """What is made of a session, kept where the session is closed and made no more of."""
+    if not measured.record.closed:
+        return make()
+    made: T = parts.made.of((measured.key, *key), make)
+    return made
+
+
+def _checked(parts: Services, measured: Measured) -> dict[str, Any]:
     with session_folder(parts, measured, described=False) as (_, kept):
         report = check(kept)
         if report.ok:
@@ -130,20 +144,37 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
 
 def report_page(parts: Services, session: str, model: str | None, job: str | None) -> str:
     """Return the report as a page that stands alone; arguments and errors as of `report_of`."""
-    report = report_of(parts, session, model, job)
-    return report_html(report.sections, report.title, report.subtitle)
+
+    def made() -> str:
+        report = report_of(parts, session, model, job)
+        return report_html(report.sections, report.title, report.subtitle)
+
+    return _report(parts, session, model, job, "page", made)
 
 
 def report_sheet(parts: Services, session: str, model: str | None, job: str | None) -> dict[str, Any]:
     """Return the report for the pages, its figures apart; arguments and errors as of `report_of`."""
-    report = report_of(parts, session, model, job)
-    body, figures = report_body(report.sections)
-    return {
-        "schema": "fingertwin/report/1",
-        "session": session,
-        "html": report_header(report.title, report.subtitle, alone=False) + body,
-        "figures": [{"data": f["data"], "layout": f["layout"]} for f in (orjson.loads(g.to_json()) for g in figures)],
-    }
+
+    def made() -> dict[str, Any]:
+        report = report_of(parts, session, model, job)
+        body, figures = report_body(report.sections)
+        drawn = [orjson.loads(figure.to_json()) for figure in figures]
+        return {
+            "schema": "fingertwin/report/1",
+            "session": session,
+            "html": report_header(report.title, report.subtitle, alone=False) + body,
+            "figures": [{"data": figure["data"], "layout": figure["layout"]} for figure in drawn],
+        }
+
+    return _report(parts, session, model, job, "sheet", made)
+
+
+def _report(parts: Services, session: str, model: str | None, job: str | None, form: str, make: Callable[[], T]) -> T:
+    """A report in a form, by all that it is made of: other sessions of the specimen lend it their spread."""
+    measured = parts.measuring.of(session)
+    named = resolved(parts, measured, model)
+    others = tuple(other.key for other in spread_members(parts, measured))
+    return _once(parts, measured, (form, named, job, others), make)
 
 
 def _finger(parts: Services, measured: Measured, job: str, answer: Mapping[str, Any]) -> go.Figure | None:

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-import threading
-from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from copy import deepcopy
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from fingermodel import comparing
@@ -19,7 +15,7 @@ from server.figures.effect_change import effect_figure
 from server.figures.effect_on_finger import effect_on_finger
 from server.figures.shared_law import chance_figure, curve_figure, law_figure
 from server.figures.style import NothingToDrawError
-from server.service.answers import dumps
+from server.service.answers import Tagged
 from server.service.figures.answer import Theme, on_page, shown, shown_data
 from server.service.figures.cases import Told, told_of
 from server.service.figures.comparison import Only, drawn_comparison
@@ -31,6 +27,7 @@ from server.service.jobs.studies import last_of, study_named
 from server.service.services import Services
 from server.service.sessions.blinding import blinded, require_closed, seen
 from server.service.sessions.measuring import Measured
+from server.service.sessions.turns import Made
 from server.service.web.problems import ProblemError, not_found
 
 if TYPE_CHECKING:
@@ -44,19 +41,6 @@ SHARED = ("shared_curve", "shared_chance", "shared_law")
 _MOST = 512
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """A figure as it is answered.
-
-    Attributes:
-        body: JSON.
-        tag: of the body, for clients that have it already.
-    """
-
-    body: bytes
-    tag: str
-
-
 class Figures:
     """Draws figures, and keeps them as long as what they show is the same.
 
@@ -66,12 +50,11 @@ class Figures:
 
     def __init__(self, parts: Services) -> None:
         self.parts = parts
-        self._drawn: OrderedDict[Hashable, Drawn] = OrderedDict()
-        self._lock = threading.Lock()
+        self._drawn: Made[Tagged] = Made(_MOST)
 
     def comparison(
         self, name: str, session: str, model: str | None, before: str | None, only: Only, theme: Theme
-    ) -> Drawn:
+    ) -> Tagged:
         """Draw a figure of predicted against measured forces; while a bench is running, without validation cases.
 
         Args:
@@ -111,7 +94,7 @@ class Figures:
 
         return self._kept(key, theme, draw)
 
-    def effect(self, effect: str, session: str, model: str | None, theme: Theme) -> Drawn:
+    def effect(self, effect: str, session: str, model: str | None, theme: Theme) -> Tagged:
         """Draw what an effect would change in a session's cases, beside what the model misses in them.
 
         Args:
@@ -159,7 +142,7 @@ class Figures:
         model: str | None,
         without: str | None,
         theme: Theme,
-    ) -> Drawn:
+    ) -> Tagged:
         """Draw the finger in a posture, or with the weights and forces of a load case.
 
         Args:
@@ -188,7 +171,7 @@ class Figures:
 
         return self._kept(("finger", measured.key, posture, case, named, without), theme, draw)
 
-    def diagnosis(self, name: str, job: str, session: str | None, fit: SearchFit, theme: Theme) -> Drawn:
+    def diagnosis(self, name: str, job: str, session: str | None, fit: SearchFit, theme: Theme) -> Tagged:
         """Draw a figure of a diagnosis that is done.
 
         Args:
@@ -215,7 +198,7 @@ class Figures:
 
         return self._kept(("diagnosis", name, job, session, fit), theme, draw)
 
-    def shared(self, name: str, job: str, theme: Theme) -> Drawn:
+    def shared(self, name: str, job: str, theme: Theme) -> Tagged:
         """Draw what several sessions share beyond the catalogue.
 
         Args:
@@ -251,7 +234,7 @@ class Figures:
 
         return self._kept(("shared", name, job), theme, draw)
 
-    def revisions(self, name: str, revision: str | None, specimen: str | None, theme: Theme) -> Drawn:
+    def revisions(self, name: str, revision: str | None, specimen: str | None, theme: Theme) -> Tagged:
         """Draw how the error fell with every step up to a revision.
 
         Args:
@@ -282,7 +265,7 @@ class Figures:
 
         return self._kept(("revisions", name, revision), theme, draw)
 
-    def study(self, study: str, name: str, theme: Theme) -> Drawn:
+    def study(self, study: str, name: str, theme: Theme) -> Tagged:
         """Draw a figure of a published study as it was computed last.
 
         Raises:
@@ -302,20 +285,9 @@ class Figures:
 
         return self._kept(("study", name, done.id), theme, draw)
 
-    def _kept(self, key: Hashable, theme: Theme, draw: Callable[[], dict[str, Any]]) -> Drawn:
+    def _kept(self, key: Hashable, theme: Theme, draw: Callable[[], dict[str, Any]]) -> Tagged:
         """A figure that is kept already, or is drawn now and kept."""
-        key = (key, theme)
-        with self._lock:
-            if key in self._drawn:
-                self._drawn.move_to_end(key)
-                return self._drawn[key]
-        body = dumps(on_page(draw(), theme) | {"theme": theme})
-        drawn = Drawn(body, hashlib.sha256(body).hexdigest()[:32])
-        with self._lock:
-            self._drawn[key] = drawn
-            while len(self._drawn) > _MOST:
-                self._drawn.popitem(last=False)
-        return drawn
+        return self._drawn.of((key, theme), lambda: Tagged.of(on_page(draw(), theme) | {"theme": theme}))
 
 
 def _require(name: str, known: Sequence[str]) -> None:

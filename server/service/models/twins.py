@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import threading
-from collections import OrderedDict
-from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +16,13 @@ from fingermodel.fingers.files import finger_from_dict, read_finger
 from fingermodel.predicting import Predictor
 from fingermodel.session import Session
 from server.application.provenance import provenance
-from server.service.answers import dumps
+from server.service.answers import Tagged
 from server.service.models.effects import OwnEffects
 from server.service.models.revisions import Revisions
 from server.service.models.search_fits import asked, fit_revision
 from server.service.sessions.measuring import Measured, Measuring
 from server.service.sessions.records import FINGER_DOCUMENT
-from server.service.sessions.turns import Turns
+from server.service.sessions.turns import Made
 from server.service.storage.database import Database
 from server.service.storage.schema import chunks, streams
 from server.service.web.problems import ProblemError, shortened
@@ -38,19 +36,6 @@ if TYPE_CHECKING:
 _MOST_BENCHES, _MOST_COMPARISONS = 32, 256
 # Of `model`: the revision in force for the session's specimen, or the session's own finger where there is none.
 IN_FORCE = "in_force"
-
-
-@dataclass(frozen=True)
-class Compared:
-    """A comparison as it is answered.
-
-    Attributes:
-        body: JSON.
-        tag: of the body, for clients that have it already.
-    """
-
-    body: bytes
-    tag: str
 
 
 class Twins:
@@ -74,11 +59,10 @@ class Twins:
     ) -> None:
         self._database, self._measuring, self._revisions = database, measuring, revisions
         self._effects, self._fingers = effects, fingers
-        self._fits: OrderedDict[Hashable, Revision] = OrderedDict()
-        self._benches: OrderedDict[Hashable, Session] = OrderedDict()
-        self._compared: OrderedDict[Hashable, Compared] = OrderedDict()
-        self._predictors: OrderedDict[str, Predictor] = OrderedDict()
-        self._lock, self._turns = threading.Lock(), Turns()
+        self._fits: Made[Revision] = Made(_MOST_BENCHES)
+        self._benches: Made[Session] = Made(_MOST_BENCHES)
+        self._compared: Made[Tagged] = Made(_MOST_COMPARISONS)
+        self._predictors: Made[Predictor] = Made(_MOST_BENCHES)
 
     def model(self, name: str | None, measured: Measured | None = None) -> Revision | Finger | str | None:
         """Return the model that a request names.
@@ -116,26 +100,19 @@ class Twins:
         return {p["name"]: p["value"] for p in row["parameters"]}
 
     def _search_fit(self, name: str, measured: Measured) -> Revision:
-        key = (measured.key, name)
-        with self._lock:
-            known = self._fits.get(key)
-        if known is not None:
-            return known
-        answer, found = asked(self._database, name, measured.record.id)
-        searched = str(answer.get("model"))
-        if searched not in self._fingers:
-            try:
-                self._revisions.loaded(searched)
-            except ProblemError:
-                searched = ""  # the finger that the session brings
-        names = {c.split(".")[0] for c in found["candidates"]}
-        bench = self.bench(measured, searched or None, [e for e in self._effects.all() if e.name in names])
-        made = fit_revision(bench, name, found)
-        with self._lock:
-            self._fits[key] = made
-            while len(self._fits) > _MOST_BENCHES:
-                self._fits.popitem(last=False)
-        return made
+        def made() -> Revision:
+            answer, found = asked(self._database, name, measured.record.id)
+            searched = str(answer.get("model"))
+            if searched not in self._fingers:
+                try:
+                    self._revisions.loaded(searched)
+                except ProblemError:
+                    searched = ""  # the finger that the session brings
+            names = {c.split(".")[0] for c in found["candidates"]}
+            bench = self.bench(measured, searched or None, [e for e in self._effects.all() if e.name in names])
+            return fit_revision(bench, name, found)
+
+        return self._fits.of((measured.key, name), made)
 
     def bench(self, measured: Measured, model: str | None = None, effects: Sequence[Effect] | None = None) -> Session:
         """Hold a session against a model.
@@ -154,20 +131,12 @@ class Twins:
         found = self.model(model, measured)
         named = found if found is None or isinstance(found, str) else found.id
         key = (measured.key, named, None if effects is None else tuple(effects))
-        with self._turns.of(key):
-            with self._lock:
-                known = self._benches.get(key)
-            if known is not None:
-                return known
-            bench = replace(
-                Session.of(forces, found, catalogue=effects is not None, effects=effects or ()),
-                findings=measured.findings,
-            )
-            with self._lock:
-                self._benches[key] = bench
-                while len(self._benches) > _MOST_BENCHES:
-                    self._benches.popitem(last=False)
-        return bench
+
+        def made() -> Session:
+            session = Session.of(forces, found, catalogue=effects is not None, effects=effects or ())
+            return replace(session, findings=measured.findings)
+
+        return self._benches.of(key, made)
 
     def predictor(self, model: str) -> Predictor:
         """Return what predicts with a finger or revision.
@@ -175,21 +144,14 @@ class Twins:
         Raises:
             ProblemError: there is no such model.
         """
-        with self._lock:
-            known = self._predictors.get(model)
-        if known is not None:
-            return known
-        found = self.model(model)
-        if found is None or isinstance(found, str):
-            found = read_finger(model)
-        made = Predictor(found)
-        with self._lock:
-            self._predictors[model] = made
-            while len(self._predictors) > _MOST_BENCHES:
-                self._predictors.popitem(last=False)
-        return made
 
-    def comparison(self, name: str, model: str | None = None) -> Compared:
+        def made() -> Predictor:
+            found = self.model(model)
+            return Predictor(read_finger(model) if found is None or isinstance(found, str) else found)
+
+        return self._predictors.of(model, made)
+
+    def comparison(self, name: str, model: str | None = None) -> Tagged:
         """Compare a session with a model; predictions of validation cases are left out while a bench is running.
 
         Raises:
@@ -200,20 +162,12 @@ class Twins:
         asked = model
         if model == IN_FORCE and measured.session is not None:
             asked = self._revisions.in_force(measured.session.specimen.id)
-        key = (measured.key, asked)
-        with self._lock:
-            known = self._compared.get(key)
-            if known is not None:
-                self._compared.move_to_end(key)
-                return known
-        bench = self.bench(measured, asked)
-        body = dumps(self.compared_body(measured, bench, compare(bench)))
-        out = Compared(body, hashlib.sha256(body).hexdigest()[:32])
-        with self._lock:
-            self._compared[key] = out
-            while len(self._compared) > _MOST_COMPARISONS:
-                self._compared.popitem(last=False)
-        return out
+
+        def made() -> Tagged:
+            bench = self.bench(measured, asked)
+            return Tagged.of(self.compared_body(measured, bench, compare(bench)))
+
+        return self._compared.of((measured.key, asked), made)
 
     def compared_body(self, measured: Measured, bench: Session, comparison: Comparison) -> dict[str, Any]:
         """The contract's comparison, blind where it has to be, with what it came from."""

@@ -12,7 +12,7 @@ from server.service.answers import JsonAnswer
 from server.service.figures.answer import Theme
 from server.service.figures.comparison import Only, Plane
 from server.service.figures.diagnosed import DIAGNOSIS
-from server.service.figures.figures import COMPARISON, REVISIONS, SHARED, Drawn, Figures, SearchFit
+from server.service.figures.figures import COMPARISON, REVISIONS, SHARED, Figures, SearchFit
 from server.service.schemas.common import ModelName, documented
 from server.service.schemas.figures import EXAMPLE, FigureList, FigureShown
 from server.service.services import of
@@ -186,7 +186,7 @@ def comparison(
     with `before`, what that model predicted is drawn beside them.
     """
     only = Only(plane, role, location, posture, muscles)
-    return _answer(figures_of(request).comparison(name, session, model, before, only, theme), matched)
+    return figures_of(request).comparison(name, session, model, before, only, theme).answer(matched)
 
 
 @router.get("/diagnosis/{name}", responses=_DRAWN)
@@ -200,13 +200,13 @@ def diagnosis(
     matched: Matched = None,
 ) -> Response:
     """Draw a figure of a diagnosis that is done."""
-    return _answer(figures_of(request).diagnosis(name, job, session, fit, theme), matched)
+    return figures_of(request).diagnosis(name, job, session, fit, theme).answer(matched)
 
 
 @router.get("/shared/{name}", responses=_DRAWN)
 def shared(name: Name, job: OfJob, request: Request, theme: OnPage = "light", matched: Matched = None) -> Response:
     """Draw what several sessions share beyond the catalogue: the curve by tendon and joint, and chance's part in it."""
-    return _answer(figures_of(request).shared(name, job, theme), matched)
+    return figures_of(request).shared(name, job, theme).answer(matched)
 
 
 @router.get("/revisions/{name}", responses=_DRAWN)
@@ -219,7 +219,7 @@ def revisions(
     matched: Matched = None,
 ) -> Response:
     """Draw how the error fell with every step up to a revision, or to the one in force for a specimen."""
-    return _answer(figures_of(request).revisions(name, revision, specimen, theme), matched)
+    return figures_of(request).revisions(name, revision, specimen, theme).answer(matched)
 
 
 @router.get("/study/{study}/{name}", responses=_DRAWN)
@@ -231,7 +231,7 @@ def study(
     matched: Matched = None,
 ) -> Response:
     """Draw a figure of a published study as it was computed last."""
-    return _answer(figures_of(request).study(study, name, theme), matched)
+    return figures_of(request).study(study, name, theme).answer(matched)
 
 
 @router.get("/finger", responses=_DRAWN)
@@ -250,7 +250,7 @@ def finger(
     `layout.meta` tells the scale [mm/N], and where forces begin at tip and bone, for a live vector to be added. The
     prediction of a validation case is hidden until its session is closed.
     """
-    return _answer(figures_of(request).finger(session, posture, case, model, without, theme), matched)
+    return figures_of(request).finger(session, posture, case, model, without, theme).answer(matched)
 
 
 @router.get("/effect/{effect}", responses=_DRAWN)
@@ -267,7 +267,7 @@ def effect(
     Typical is the upper end of the plausible range; where there is none, a standard deviation of the prior; and what
     was fitted, where the model holds the effect. While a bench is running, validation cases are left out.
     """
-    return _answer(figures_of(request).effect(effect, session, model, theme), matched)
+    return figures_of(request).effect(effect, session, model, theme).answer(matched)
 
 
 def _names() -> dict[str, tuple[str, ...]]:
@@ -284,10 +284,3 @@ def _listed(kind: str, name: str) -> dict[str, object]:
         "path": f"{API}/figures/{kind}/{name}",
         "parameters": [{"name": n, "required": r, "description": d} for n, r, d in parameters],
     }
-
-
-def _answer(drawn: Drawn, matched: str | None) -> Response:
-    headers = {"ETag": f'"{drawn.tag}"', "Cache-Control": "no-cache"}
-    if matched is not None and matched.strip(' W/"') == drawn.tag:
-        return Response(status_code=304, headers=headers)
-    return JsonAnswer(drawn.body, 200, headers)

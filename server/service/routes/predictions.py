@@ -46,11 +46,7 @@ def compare(session: SessionId, request: Request, model: ModelName = None, match
     While a bench is running, validation cases are left out. An answer that the client has already is not sent again
     (`If-None-Match`).
     """
-    compared = of(request).twins.comparison(session, model)
-    headers = {"ETag": f'"{compared.tag}"', "Cache-Control": "no-cache"}
-    if matched is not None and matched.strip(' W/"') == compared.tag:
-        return Response(status_code=304, headers=headers)
-    return JsonAnswer(compared.body, 200, headers)
+    return of(request).twins.comparison(session, model).answer(matched)
 
 
 @router.get("/friction", tags=["friction"], responses=documented(Shown))

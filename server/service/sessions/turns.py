@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Hashable, Iterator
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
+from typing import Generic, TypeVar
 from weakref import WeakValueDictionary
+
+T = TypeVar("T")
 
 
 class Turns:
@@ -24,3 +28,29 @@ class Turns:
                 self._locks[name] = lock = threading.Lock()
         with lock:
             yield
+
+
+class Made(Generic[T]):
+    """What was made last, by what it was made of; whoever asks for what is being made waits for it.
+
+    Args:
+        most: so many are kept.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most, self._turns, self._lock = most, Turns(), threading.Lock()
+        self._known: OrderedDict[Hashable, T] = OrderedDict()
+
+    def of(self, key: Hashable, make: Callable[[], T]) -> T:
+        """What is kept by a key, or is made now; nothing is kept where that fails."""
+        with self._turns.of(key):
+            with self._lock:
+                if key in self._known:
+                    self._known.move_to_end(key)
+                    return self._known[key]
+            made = make()
+            with self._lock:
+                self._known[key] = made
+                while len(self._known) > self._most:
+                    self._known.popitem(last=False)
+        return made
