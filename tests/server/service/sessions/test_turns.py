@@ -39,10 +39,14 @@ def test_what_fails_is_made_again() -> None:
 
 
 def test_what_was_asked_for_longest_ago_is_let_go() -> None:
-    made, count = Made[str](2), []
+    made, count = Made[str](2), list[str]()
 
     def ask(key: str) -> str:
-        return made.of(key, lambda: count.append(key) or key)
+        def make() -> str:
+            count.append(key)
+            return key
+
+        return made.of(key, make)
 
     for key in ("a", "b", "a", "c", "a", "b"):
         assert ask(key) == key
