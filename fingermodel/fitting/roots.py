@@ -8,22 +8,27 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 
 Floats = NDArray[np.float64]
 
+# Of what is 1 or more but for rounding.
+_LEAST = 1.0 - 1e-6
+
 
 def root_of_one_plus(gram: Floats) -> Floats:
     """Lower triangular root (…, k, k) of 1 + G, which is what inner products G are left as.
 
-    No eigenvalue of 1 + G is below 1. Where slopes are steep, rounding errors of G are larger than 1 and may say
-    otherwise: what they have taken below 1 is raised to it.
+    No eigenvalue of 1 + G is below 1, and so is nothing on the root's diagonal. Where slopes are steep, rounding errors
+    of G are larger than 1 and may say otherwise: what they have taken below 1 is raised to it.
     """
     k = gram.shape[-1]
     gram[..., np.arange(k), np.arange(k)] += 1.0
     if gram.ndim == 2:
         factor, failed = dpotrf(gram, lower=1, clean=1)
-        if not failed:
+        if not failed and (np.diagonal(factor) > _LEAST).all():
             return np.asarray(factor, dtype=np.float64)
     else:
         try:
-            return np.asarray(np.linalg.cholesky(gram))
+            factor = np.asarray(np.linalg.cholesky(gram))
+            if (np.diagonal(factor, axis1=-2, axis2=-1) > _LEAST).all():
+                return factor
         except np.linalg.LinAlgError:
             pass
     if not np.isfinite(gram).all():

@@ -351,8 +351,13 @@ class Linearised:
 
     def whitened_blocks(self, names: Sequence[str], node: Node) -> Floats:
         """(n, k) whitened columns of some blocks at a node."""
-        inner = self._inner_at(node, self.bad)
-        return np.concatenate([self._whitened(inner, name) for name in names], axis=1)
+        return self.whitened_at(names, node, None)[0]
+
+    def whitened_at(self, names: Sequence[str], node: Node, bad: frozenset[int] | None) -> tuple[Floats, Floats, float]:
+        """(n, k) whitened columns of some blocks, (n,) whitened residual, and minus half the noise's ln det."""
+        inner = self._inner_at(node, self.bad if bad is None else bad)
+        columns = np.concatenate([self._whitened(inner, name) for name in names], axis=1)
+        return columns, self._whitened(inner, "residual")[:, 0], -0.5 * inner.smooth.log_det
 
     def whitened_columns(self, columns: Floats, node: Node) -> Floats:
         """Other columns (n, k) of the fitted readings, whitened at a node."""

@@ -20,7 +20,7 @@ from fingermodel.diagnosis.posterior.gaussian import (
     screened,
 )
 from fingermodel.diagnosis.posterior.hyper import NOISE, Node, climbed, explored
-from fingermodel.diagnosis.posterior.linearised import OTHERS, OWN, Linearised
+from fingermodel.diagnosis.posterior.linearised import ALWAYS, ANATOMY, BUDGET, OTHERS, OWN, Linearised
 from fingermodel.diagnosis.session_model.bad_cases import Apart, bad_size, gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.settings import NODES_WITHIN
@@ -33,6 +33,8 @@ Ints = NDArray[np.intp]
 _AWAY = 0.5
 # Elements of covariances that are made at once: 32 MB.
 _AT_ONCE = 4_000_000
+# Information of a weight from which rounding of inner products counts.
+_STEEP = 1e12
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +76,35 @@ class Optimum(Linearised):
 
     def freed(self, node: Node, bad: frozenset[int] | None = None, width: float = 1.0) -> tuple[Freed, float]:
         """The explanation's own parameters at a node, all else left open; and minus half the noise's ln det."""
+        if self._steep:
+            return self._freed_by_columns(node, bad, width)
         names = [*self.acting(node)[1:], OWN]
         quadratic, of_noise = self.quadratic(names, node, bad)
         widths, own = self.widths(names, node), self.size(OWN)
         widths[len(widths) - own :] *= width
         return quadratic.freed(widths, self.places(names), own), of_noise
+
+    @cached_property
+    def _steep(self) -> bool:
+        """Whether slopes are so steep that their inner products lose what is small beside the largest."""
+        columns = self.whitened_blocks([ALWAYS, BUDGET, ANATOMY, OWN], self.node)
+        return float((columns**2).sum(axis=0).max(initial=0.0)) > _STEEP
+
+    def _freed_by_columns(self, node: Node, bad: frozenset[int] | None, width: float) -> tuple[Freed, float]:
+        """The same by an orthogonal factor of the columns themselves, which takes some times as long."""
+        names, own = [*self.acting(node), OWN], self.size(OWN)
+        blocks, residual, of_noise = self.whitened_at(names, node, bad)
+        widths = self.widths(names, node)
+        widths[len(widths) - own :] *= width
+        count = len(widths)
+        right = np.concatenate([residual + blocks @ self.places(names), np.zeros(count)])
+        q, r = np.linalg.qr(np.concatenate([blocks * widths, np.eye(count)]))
+        turned = q.T @ right
+        inverse = np.linalg.inv(r[count - own :, count - own :])
+        left = right - q @ turned
+        log_det = 2.0 * float(np.log(np.abs(np.diag(r))).sum())
+        mean, covariance = inverse @ turned[count - own :], inverse @ inverse.T
+        return Freed(float(left @ left), log_det, width * mean, width**2 * covariance), of_noise
 
     def log_joint(self, node: Node, bad: frozenset[int] | None = None, width: float = 1.0) -> float:
         """Log of prior times likelihood at a node, everything linear integrated out.
@@ -95,7 +121,7 @@ class Optimum(Linearised):
         found: dict[Node, float] = {}
         together = []
         for node in nodes:
-            if sum(self.size(name) for name in self.acting(node)) > len(self.residual):
+            if not self._steep and sum(self.size(name) for name in self.acting(node)) > len(self.residual):
                 together.append(node)
                 continue
             freed, of_noise = self.freed(node, bad, width)
@@ -253,17 +279,17 @@ class Optimum(Linearised):
         columns = blocks * self.widths(names, node)
         return solve_triangular(root_of_one_plus(columns.T @ columns), columns.T, lower=True, check_finite=False), left
 
-    def misfits(self, residuals: Floats, node: Node) -> Floats:
-        """Weighted sum of squares (k,) that other readings would have here, everything that acts at its best.
+    def log_joints_of(self, residuals: Floats, node: Node) -> Floats:
+        """Log of prior times likelihood (k,) at a node that other readings would have here.
 
         Args:
             residuals: (fitted readings, k) these readings less the model [N, N mm].
             node: of the hyperparameters.
         """
         (across, left), other = self._marginal(node), self.whitened_columns(residuals, node)
-        moved = left - self.whitened_columns(self.residual, node)
-        left = other + moved[:, None]
-        out: Floats = (left**2).sum(axis=0) - ((across @ left) ** 2).sum(axis=0)
+        turned = np.column_stack([left, other + (left - self.whitened_columns(self.residual, node))[:, None]])
+        misfit = (turned**2).sum(axis=0) - ((across @ turned) ** 2).sum(axis=0)
+        out: Floats = self.log_joint(node) - 0.5 * (misfit[1:] - misfit[0])
         return out
 
     def asked(self, columns: Floats, node: Node) -> tuple[Floats, Floats]:

@@ -97,21 +97,21 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
         candidates: of the diagnosis.
         nothing: the base model of the session as it was entered.
     """
-    session = nothing.session
-    as_measured = Fitter(session, candidates, nothing.hyper).linearised(
-        NOTHING, session.problem.centre, nothing.hyper.usual, frozenset(), 0.0, converged=True
+    session, hyper = nothing.session, nothing.hyper
+    as_measured = Fitter(session, candidates, hyper).linearised(
+        NOTHING, session.problem.centre, hyper.usual, frozenset(), 0.0, converged=True
     )
     by_balance = list(_frames(session))
     offers = [*_corrected(session), *_gains(as_measured), *([] if by_balance else [_turned(session.observations)])]
-    away = [_residual(session, o) for o in [session.observations, *(offer.observations for offer in offers)]]
-    as_entered, *misfits = as_measured.misfits(np.array(away).T, as_measured.node)
-    promised = {offer: offer.log_density - 0.5 * misfit for offer, misfit in zip(offers, misfits, strict=True)}
-    best = [o for o in sorted(offers, key=lambda o: -promised[o]) if promised[o] > -0.5 * as_entered]
-    counts = Counter(o.kind for o in offers)
-    return [
-        _fitted(session, candidates, nothing, offer, _log_share(counts[offer.kind]))
-        for offer in [*by_balance, *best[:_FITTED]]
-    ]
+    away = np.array([_residual(session, o) for o in [session.observations, *(offer.observations for offer in offers)]])
+    # What readings miss the finger by as it was measured may be taken for noise or something smooth as well.
+    nodes = {hyper.usual, nothing.best, hyper.with_smooth(nothing.best)}
+    as_entered, *values = np.max([as_measured.log_joints_of(away.T, node) for node in nodes], axis=0)
+    counts = Counter(o.kind for o in [*offers, *by_balance])
+    prior = {kind: _log_share(count) for kind, count in counts.items()}
+    promised = {o: prior[o.kind] + o.log_density + value for o, value in zip(offers, values, strict=True)}
+    best = [o for o in sorted(offers, key=lambda o: -promised[o]) if promised[o] > as_entered]
+    return [_fitted(session, candidates, nothing, o, prior[o.kind]) for o in [*by_balance, *best[:_FITTED]]]
 
 
 def session_faults(found: Sequence[PutRight], posterior: Posterior) -> list[SessionFault]:

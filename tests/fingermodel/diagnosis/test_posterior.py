@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -56,6 +58,21 @@ def test_evidence_is_that_of_the_dense_gaussian(nothing: Optimum, axes: tuple[in
     assert freed.log_evidence + of_noise == pytest.approx(expected, abs=1e-4)
 
 
+def test_the_steepest_slopes_leave_the_misfit_that_they_have(nothing: Optimum) -> None:
+    # As about a pose in which a joint's Jacobian is nearly singular: readings move along one direction, and far.
+    own = np.concatenate([nothing.parameters_of["budget"], nothing.parameters_of["anatomy"]])
+    rng, slopes = np.random.default_rng(1), nothing.slopes.copy()
+    slopes[:, own] += 1e5 * np.outer(rng.normal(size=len(slopes)), rng.normal(size=len(own)))
+    steep, node = replace(nothing, slopes=slopes), (0, 0, 0, 5, 0, 0, 0)
+    names = steep.acting(node)
+    columns, residual, _ = steep.whitened_at(names, node, None)
+    widths, places = steep.widths(names, node), steep.places(names)
+    right = np.concatenate([residual + columns @ places, np.zeros(len(widths))])
+    stacked = np.concatenate([columns * widths, np.eye(len(widths))])
+    best = np.linalg.lstsq(stacked, right, rcond=None)[0]
+    assert steep.misfit(node) == pytest.approx(float(((right - stacked @ best) ** 2).sum()), rel=1e-5)
+
+
 @pytest.mark.parametrize("width", [1.0, 2.0])
 def test_readings_and_weights_say_the_same(hanger: Optimum, width: float) -> None:
     forms = [0] * len(hanger.form_errors)
@@ -74,12 +91,13 @@ def test_the_misfit_is_that_of_the_dense_gaussian(nothing: Optimum) -> None:
     assert nothing.misfit(nothing.node) == pytest.approx(float(y @ np.linalg.solve(covariance, y)), rel=1e-6)
 
 
-def test_other_readings_have_the_misfit_of_the_dense_gaussian(nothing: Optimum) -> None:
+def test_other_readings_have_the_likelihood_of_the_dense_gaussian(nothing: Optimum) -> None:
     other = np.random.default_rng(9).normal(size=len(nothing.residual))
-    found = nothing.misfits(np.array([nothing.residual, nothing.residual + other]).T, nothing.node)
+    same, changed = nothing.log_joints_of(np.array([nothing.residual, nothing.residual + other]).T, nothing.node)
     y, covariance = dense(nothing, nothing.node)
-    expected = [away @ np.linalg.solve(covariance, away) for away in (y, y + other)]
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    before, after = (away @ np.linalg.solve(covariance, away) for away in (y, y + other))
+    assert same == pytest.approx(nothing.log_joint(nothing.node), abs=1e-6)
+    assert changed - same == pytest.approx(0.5 * (before - after), rel=1e-6)
 
 
 @pytest.mark.parametrize("axes", [(0, 0, 0, 0, 0, 0, 0), (4, 1, 2, 3, 3, 0, 0)])
