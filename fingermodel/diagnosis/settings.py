@@ -62,6 +62,8 @@ GAIN_SPREAD = 0.3
 CLAMP_SHARE = 0.1
 # A lever [mm] that turns an unexplained force into an unexplained moment; postures [rad] that resemble each other.
 LEVER_MM = 10.0
+# No lever in a finger is longer [mm].
+LONGEST_MM = 100.0
 POSTURE_RAD = 0.6
 
 # Sizes of a curve that sessions share: error of a moment arm [mm], a tension [relative], a force [N] at the largest

@@ -21,7 +21,7 @@ from fingermodel.diagnosis.posterior.gaussian import (
 )
 from fingermodel.diagnosis.posterior.hyper import NOISE, Node, climbed, explored
 from fingermodel.diagnosis.posterior.linearised import ALWAYS, ANATOMY, BUDGET, OTHERS, OWN, Linearised
-from fingermodel.diagnosis.session_model.bad_cases import Apart, bad_size, gain_if_bad
+from fingermodel.diagnosis.session_model.bad_cases import Apart, gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.settings import NODES_WITHIN
 from fingermodel.fitting.roots import root_of_one_plus
@@ -363,7 +363,7 @@ class Optimum(Linearised):
         noise = self.session.fitted_noise
         out: dict[int, float] = {}
         for rows, precision, score in self._precision(node):
-            size = bad_size(noise.moment[rows])
+            size = noise.bad_size[rows]
             gain = gain_if_bad(size[:, :, None] * precision * size[:, None, :], size * score)
             out |= {int(c): float(g) for c, g in zip(noise.cases[rows[:, 0]], gain, strict=True)}
         return out
@@ -373,7 +373,7 @@ class Optimum(Linearised):
         session = self.session
         noise, component = session.fitted_noise, session.rows[session.fitted] % 6
         return {
-            case: Apart.of(case, component[own], block, score, case in self.bad)
+            case: Apart.of(case, component[own], noise.bad_size[own], block, score, case in self.bad)
             for rows, precision, scores in self._precision(node)
             for own, block, score, case in zip(rows, precision, scores, noise.cases[rows[:, 0]].tolist(), strict=True)
         }

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc
 
-from fingermodel.diagnosis.settings import BAD_N, LEVER_MM, P_BAD, SUSPECT
+from fingermodel.diagnosis.settings import BAD_N, LEVER_MM, LONGEST_MM, P_BAD, SUSPECT
 
 Floats = NDArray[np.float64]
 
@@ -18,9 +18,16 @@ LOG_PRIOR_ODDS = float(np.log(P_BAD / (1.0 - P_BAD)))
 SUSPECT_LOG_ODDS = float(np.log(SUSPECT / (1.0 - SUSPECT)))
 
 
-def bad_size(moment: NDArray[np.bool_]) -> Floats:
-    """How far each reading of a bad case may be off [N, N mm], of the shape of `moment`: whether it is a moment."""
-    out: Floats = BAD_N * np.where(moment, LEVER_MM, 1.0)
+def bad_size(moment: NDArray[np.bool_], reading: Floats, most_N: float) -> Floats:
+    """How far each reading of a bad case may be off [N, N mm].
+
+    Args:
+        moment: (n,) whether the reading is a moment.
+        reading: (n,) [N, N mm].
+        most_N: force that no load of the session can exceed; what reads more may be off by as much as it reads.
+    """
+    most = most_N * np.where(moment, LONGEST_MM, 1.0)
+    out: Floats = np.where(np.abs(reading) > most, np.abs(reading), BAD_N * np.where(moment, LEVER_MM, 1.0))
     return out
 
 
@@ -43,17 +50,17 @@ class Apart:
     anything: float
 
     @classmethod
-    def of(cls, case: int, rows: NDArray[np.intp], precision: Floats, score: Floats, bad: bool) -> Apart:
+    def of(cls, case: int, rows: NDArray[np.intp], size: Floats, precision: Floats, score: Floats, bad: bool) -> Apart:
         """From the readings' block of the session's precision.
 
         Args:
             case: its index.
             rows: (L,) components of the wrench, 0 to 5.
+            size: (L,) how far each may be off in a bad case [N, N mm].
             precision: (L, L) block of the inverse covariance of all readings.
             score: (L,) of the precision times what all readings are away from their prediction.
             bad: whether that covariance lets the case be anything already.
         """
-        size = bad_size(rows >= 3)
         covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
         away = covariance @ score
         if bad:

@@ -42,23 +42,24 @@ class CaseNoise:
 
     Attributes:
         groups: of cases with equally many rows: (g, L) rows, (g, L, L) measured covariance, (g, L, t) scatter columns.
-        moment: (n,) whether a row is a moment.
+        bad_size: (n,) how far a row may be off where its case is bad [N, N mm].
         cases: (n,) case of each row.
     """
 
     groups: tuple[tuple[Rows, Floats, Floats], ...]
-    moment: Mask
+    bad_size: Floats
     cases: Rows
 
     @classmethod
-    def of(cls, blocks: Floats, rows: Rows, scatter: Floats, moment: Mask) -> CaseNoise:
+    def of(cls, blocks: Floats, rows: Rows, scatter: Floats, moment: Mask, bad_size: Floats) -> CaseNoise:
         """Sort readings by case.
 
         Args:
             blocks: (cases, 6, 6) covariance of each case.
             rows: (n,) indices of the readings into the flattened (cases, 6) wrench.
             scatter: (n, t) change of each reading when a tendon's tension doubles, to first order.
-            moment: (n,).
+            moment: (n,) whether the reading is a moment.
+            bad_size: (n,).
         """
         cases, axis = rows // 6, rows % 6
         by_size: dict[int, list[Rows]] = {}
@@ -72,7 +73,7 @@ class CaseNoise:
             least = _LEAST_N * np.where(moment[at], LEVER_MM, 1.0)
             own = own + (least**2)[:, :, None] * np.eye(len(at[0]))
             groups.append((at, own, scatter[at]))
-        return cls(tuple(groups), moment, cases)
+        return cls(tuple(groups), bad_size, cases)
 
     def covariances(self, scatter: float, multiple: float, bad: Collection[int]) -> list[tuple[Rows, Floats]]:
         """Rows and covariance (g, L, L) of each group.
@@ -86,7 +87,7 @@ class CaseNoise:
         for rows, measured, by_tension in self.groups:
             blocks = multiple**2 * measured + scatter**2 * by_tension @ by_tension.swapaxes(1, 2)
             is_bad = np.isin(self.cases[rows[:, 0]], list(bad))
-            blocks = blocks + (is_bad[:, None] * bad_size(self.moment[rows]) ** 2)[:, :, None] * np.eye(rows.shape[1])
+            blocks = blocks + (is_bad[:, None] * self.bad_size[rows] ** 2)[:, :, None] * np.eye(rows.shape[1])
             out.append((rows, blocks))
         return out
 
@@ -240,9 +241,11 @@ class Session:
 
     def noise_of(self, chosen: Mask) -> CaseNoise:
         """By case, of some readings (n,)."""
-        return CaseNoise.of(
-            self.observations.noise.alone, self.rows[chosen], self._by_tension[chosen], self.places.moment[chosen]
-        )
+        moment, measured = self.places.moment[chosen], self.measured[chosen]
+        # Tip and bone together carry what is pulled, and neither more than twice that.
+        most_N = 2.0 * float(np.asarray(self.observations.inputs.tension).sum(axis=1).max())
+        size = bad_size(moment, measured, most_N)
+        return CaseNoise.of(self.observations.noise.alone, self.rows[chosen], self._by_tension[chosen], moment, size)
 
     def whitened_smooth(self, scatter: float, multiple: float, bad: frozenset[int]) -> WhitenedSmooth:
         """The fitted smooth columns under some noise by case; kept, since every explanation asks for them."""

@@ -16,7 +16,6 @@ from fingermodel.diagnosis.session_model.bad_cases import (
     LOG_PRIOR_ODDS,
     SUSPECT_LOG_ODDS,
     Apart,
-    bad_size,
     chance_of,
 )
 from fingermodel.diagnosis.session_model.candidates import Explanation
@@ -39,13 +38,13 @@ class Prediction:
         away: (n,) readings less their prediction [N, N mm].
         covariance: (n, n) of it: noise, scatter, parameters, errors of form, something smooth.
         cases: (n,) case of each reading.
-        moment: (n,).
+        bad_size: (n,) how far each may be off in a bad case [N, N mm].
     """
 
     away: Floats
     covariance: Floats
     cases: NDArray[np.intp]
-    moment: NDArray[np.bool_]
+    bad_size: Floats
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ def predicted(fit: Optimum, node: Node | None = None, change: Floats | None = No
     noise = session.noise_of(unseen)
     for at, own in noise.covariances(values.scatter, values.noise, ()):
         covariance[at[:, :, None], at[:, None, :]] += own
-    return Prediction(away, covariance, noise.cases, noise.moment)
+    return Prediction(away, covariance, noise.cases, noise.bad_size)
 
 
 def _predictions(fit: Optimum) -> tuple[tuple[float, Prediction], ...]:
@@ -143,7 +142,7 @@ def check(fit: Optimum, slips: Slips | None = None) -> PredictiveCheck:
         return PredictiveCheck(None, None, {}, {})
     predictions = _predictions(fit)
     p = predictions[0][1]
-    size = bad_size(p.moment)
+    size = p.bad_size
     component, slips = session.rows[~session.fitted] % 6, slips or Slips(session)
     bad: dict[int, float] = {}
     explained: dict[int, Explained] = {}
@@ -156,7 +155,7 @@ def check(fit: Optimum, slips: Slips | None = None) -> PredictiveCheck:
         for case in np.unique(p.cases).tolist():
             at = np.flatnonzero(p.cases == case)
             if case not in bad:
-                apart[case] = Apart.of(case, component[at], precision[np.ix_(at, at)], a[at], bad=False)
+                apart[case] = Apart.of(case, component[at], size[at], precision[np.ix_(at, at)], a[at], bad=False)
         could = {case: one for case, one in apart.items() if one.misfit > -LOG_PRIOR_ODDS}
         found = slips.explain(could, fit.theta, fit.hyper.values(fit.best).scatter)
         odds = {case: LOG_PRIOR_ODDS + could[case].anything + found[case].gain for case in could}
