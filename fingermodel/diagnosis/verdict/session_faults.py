@@ -103,13 +103,13 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     )
     by_balance = list(_frames(session))
     offers = [*_corrected(session), *_gains(as_measured), *([] if by_balance else [_turned(session.observations)])]
-    away = np.array([_residual(session, o) for o in [session.observations, *(offer.observations for offer in offers)]])
+    away = np.array([_residual(session, session.observations), *(_as_stated(session, offer) for offer in offers)])
     # What readings miss the finger by as it was measured may be taken for noise or something smooth as well.
     nodes = {hyper.usual, nothing.best, hyper.with_smooth(nothing.best)}
     as_entered, *values = np.max([as_measured.log_joints_of(away.T, node) for node in nodes], axis=0)
     counts = Counter(o.kind for o in [*offers, *by_balance])
     prior = {kind: _log_share(count) for kind, count in counts.items()}
-    promised = {o: prior[o.kind] + o.log_density + value for o, value in zip(offers, values, strict=True)}
+    promised = {o: prior[o.kind] + value for o, value in zip(offers, values, strict=True)}
     best = [o for o in sorted(offers, key=lambda o: -promised[o]) if promised[o] > as_entered]
     return [_fitted(session, candidates, nothing, o, prior[o.kind]) for o in [*by_balance, *best[:_FITTED]]]
 
@@ -171,6 +171,16 @@ def _residual(session: Session, observations: Observations) -> Floats:
     predicted = np.asarray(session.model.predict(observations.inputs, session.problem.centre).reading)
     out: Floats = (np.nan_to_num(observations.wrench) - predicted).reshape(-1)[session.rows[session.fitted]]
     return out
+
+
+def _as_stated(session: Session, offer: _Corrected) -> Floats:
+    """The same with a fault put right, in the units of the readings as they were entered."""
+    away = _residual(session, offer.observations)
+    if offer.gain is None:
+        return away
+    place, gain = offer.gain
+    here = np.array(session.observations.locations)[session.rows[session.fitted] // 6] == place
+    return np.where(here, gain * away, away)
 
 
 def _gains(fit: Optimum) -> Iterator[_Corrected]:
