@@ -84,7 +84,7 @@ def _cost(act: Callable[[], object]) -> tuple[float, float]:
 def service(folder: Path, cases: int, sessions: int) -> list[Row]:
     from server.service.exports.exporting import session_export
     from server.service.exports.reports import checked, report_page
-    from server.service.models.watch import case_bodies
+    from server.service.models.case_updates import case_bodies
     from tests.server.service.running import ServiceReceiver
 
     receiver = ServiceReceiver(folder)
@@ -97,23 +97,23 @@ def service(folder: Path, cases: int, sessions: int) -> list[Row]:
                 into.append((what, *_cost(act)))
 
             def cases_of(session: str = name) -> object:
-                return case_bodies(parts.measuring.of(session), parts.twins)
+                return case_bodies(parts.measuring.of(session), parts.models)
 
             step("begin it", partial(parts.sessions.create, name, averaged_session(name, count)))
             step("`GET …/cases`, nothing known", cases_of)
             step("`GET …/cases` again", cases_of)
             step("an edit", partial(parts.sessions.edit, name, "exclude", "c00001", {"reason": "slipped"}))
             step("`GET …/cases` after it", cases_of)
-            step("`GET …/comparison`", partial(parts.twins.comparison, name))
+            step("`GET …/comparison`", partial(parts.models.comparison, name))
             step("`GET …/check`", partial(checked, parts, name))
             step("`GET …/report`", partial(report_page, parts, name, None, None))
             for kind in ("csv", "parquet", "hdf5", "folder", "supplement", "mat"):
                 write = session_export(parts, name, kind, None)
                 step(f"export {kind}", partial(write, Path(tempfile.mkdtemp(dir=folder))))
-            parts.watch.settle(600.0)
+            parts.case_updates.settle(600.0)
         for k in range(sessions):
             parts.sessions.create(f"L{k:03d}", averaged_session(f"L{k:03d}", 60))
-        parts.watch.settle(600.0)
+        parts.case_updates.settle(600.0)
         listing = [_listed(client, sessions) for _ in range(5)]
         return [*out, (f"`GET /sessions`, {sessions} of them", min(listing), 0.0)]
     finally:

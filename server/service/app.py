@@ -26,6 +26,7 @@ from server.service.routes import (
     exports,
     figures,
     fingers,
+    fits,
     forces,
     health,
     ingest,
@@ -37,7 +38,6 @@ from server.service.routes import (
     recordings,
     sessions,
     studies,
-    twins,
 )
 from server.service.security.guard import protect
 from server.service.security.tokens import TokenBook
@@ -77,7 +77,7 @@ def create_app(settings: Settings) -> FastAPI:
         app.state.health = Health(parts.database, lambda: parts.ready, parts.jobs.workers, parts.scrub, folder)
         _measure(parts, app.state.health, app.state.metrics)
         parts.live.start(asyncio.get_running_loop())
-        parts.watch.start()
+        parts.case_updates.start()
         parts.scrub.start()
         warming = threading.Thread(target=_warm, args=(parts,), name="warm", daemon=True)
         warming.start()
@@ -133,7 +133,7 @@ def _add_routes(app: FastAPI) -> None:
         recordings,
         live,
         predictions,
-        twins,
+        fits,
         jobs,
         figures,
         fingers,
@@ -163,7 +163,7 @@ def _warm(parts: Services) -> None:
     import numpy as np
 
     def model() -> None:
-        predictor = parts.twins.predictor("an1979_middle")
+        predictor = parts.models.predictor("an1979_middle")
         rotations, muscles = len(predictor.topology.rotations), len(predictor.topology.muscles)
         for size in (1, 16):
             predictor.predict(np.full((size, rotations), 0.5), np.zeros((size, muscles)), 0.0)
@@ -200,6 +200,6 @@ def _until_done(parts: Services, work: Callable[[], None], failed: str) -> bool:
 def _stop(parts: Services) -> None:
     parts.ready = False
     parts.jobs.close()
-    parts.watch.close()
+    parts.case_updates.close()
     parts.scrub.close()
     parts.database.close()

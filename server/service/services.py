@@ -22,10 +22,10 @@ from server.service.jobs.service import JobService
 from server.service.jobs.supervisor import Supervisor
 from server.service.jobs.task_kinds import task_kinds
 from server.service.live.hub import LiveHub
+from server.service.models.case_updates import CaseUpdates
 from server.service.models.effects import OwnEffects
 from server.service.models.revisions import Revisions
-from server.service.models.twins import Twins
-from server.service.models.watch import Watch
+from server.service.models.session_models import SessionModels
 from server.service.operation.migrate import upgrade
 from server.service.operation.scrub import Scrub
 from server.service.sessions.measuring import Measuring
@@ -48,7 +48,7 @@ class Services:
         settings: of the service.
         database: that it keeps everything in.
         messages: that it tells.
-        sessions, ingest, measuring, twins, revisions, effects, jobs, live, watch, scrub: its parts.
+        sessions, ingest, measuring, models, revisions, effects, jobs, live, case_updates, scrub: its parts.
         made: checks and reports of closed sessions that were asked for last.
         started: monotonic time of the start [s].
         ready: whether models are warm and the database is up to date.
@@ -61,12 +61,12 @@ class Services:
     sessions: Sessions
     ingest: Ingest
     measuring: Measuring
-    twins: Twins
+    models: SessionModels
     revisions: Revisions
     effects: OwnEffects
     jobs: JobService
     live: LiveHub
-    watch: Watch
+    case_updates: CaseUpdates
     scrub: Scrub
     made: Made[Any] = field(default_factory=lambda: Made(8))
     started: float = field(default_factory=time.monotonic)
@@ -110,16 +110,16 @@ def build(settings: Settings) -> Services:
     measuring = Measuring(sessions, windows)
     revisions = Revisions(database, messages)
     effects = OwnEffects(database)
-    twins = Twins(database, measuring, revisions, effects, fingers)
-    watch = Watch(database, messages, measuring, twins)
+    models = SessionModels(database, measuring, revisions, effects, fingers)
+    case_updates = CaseUpdates(database, messages, measuring, models)
     live = LiveHub(messages, live_predictor(fingers), windows.one)
 
     def on_chunk(session: str, stream: str, chunk: Chunk) -> None:
         live.offer_chunk(session, stream, chunk)
-        watch.on_readings(session)
+        case_updates.on_readings(session)
 
     ingest = Ingest(database, messages, on_chunk)
-    kinds = task_kinds(settings, database, measuring, twins, revisions, effects)
+    kinds = task_kinds(settings, database, measuring, models, revisions, effects)
     workers = Supervisor(settings.worker_count, "server.service.jobs.tasks.warm" if settings.warm_workers else None)
     jobs = JobService(database, messages, workers, kinds, settings.job_timeout_s)
     return Services(
@@ -129,11 +129,11 @@ def build(settings: Settings) -> Services:
         sessions,
         ingest,
         measuring,
-        twins,
+        models,
         revisions,
         effects,
         jobs,
         live,
-        watch,
+        case_updates,
         Scrub(database, lambda: retain(database, settings.keep_days)),
     )

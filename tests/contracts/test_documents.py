@@ -15,7 +15,7 @@ from daq.sessions import read_yaml
 from fingermodel.diagnosis.next_cases.frozen import read_frozen
 from fingermodel.exchange.reading import about_of
 from fingermodel.model_files import read_revision
-from server.service.web.strict import read_json
+from server.service.web.strict_requests import read_json
 
 TWICE = '{"format": "a", "inner": {"mass": 1, "mass": 2}}'
 

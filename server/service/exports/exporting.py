@@ -85,7 +85,7 @@ def session_export(parts: Services, session: str, file_format: str, model: str |
     named = resolved(parts, measured, model)
     if file_format == "supplement":
         # A finger that is a file of the bench is refused before anything reads that name here.
-        parts.twins.model(None, measured)
+        parts.models.model(None, measured)
     if model is not None and file_format in ("c3d", "folder"):
         raise ProblemError(422, f"format {file_format} with a model", "no model", f"A {file_format} holds none")
     if file_format == "folder":
@@ -129,9 +129,9 @@ def revision_export(parts: Services, revision: str, file_format: str) -> Write:
 
 
 def _cases(parts: Services, measured: Measured, file_format: str, model: str | None, folder: Path) -> Path:
-    bench = parts.twins.bench(measured, model)
+    bench = parts.models.bench(measured, model)
     hidden = blinded(measured)
-    origin = parts.twins.provenance(measured, bench, digest=True)
+    origin = parts.models.provenance(measured, bench, digest=True)
     about = about_bench(bench, {}, hidden) | {"sources": origin["readings"] or {}, "provenance": origin}
     about["audit"] = [asdict(e) for e in entries(parts.database, measured.record.id)]
     return _table(bench_columns(bench, hidden), about, file_format, folder / measured.record.id)
@@ -157,11 +157,11 @@ def _readings(
             return file
         if file_format == "supplement":
             told = replace(measured.require(), session=_as_measured(session, measured))
-            bench = parts.twins.bench(measured, model) if with_model else None
+            bench = parts.models.bench(measured, model) if with_model else None
             models = _documents(parts, measured, model) if with_model else []
             write_paper(told, bench, models, file, folder / SESSION_FILE, hidden)
             return file
-        bench = parts.twins.bench(measured, model)
+        bench = parts.models.bench(measured, model)
         about = about_bench(bench, sources_of(session, folder / SESSION_FILE), hidden)
         write_whole(bench, session, file, file_format, about, hidden)
     return file
@@ -176,9 +176,9 @@ def _as_measured(session: Session, measured: Measured) -> Session:
 
 def _documents(parts: Services, measured: Measured, model: str | None) -> list[dict[str, Any]]:
     """The document of a model, and of the revisions before it that the service has."""
-    found = parts.twins.model(model, measured)
+    found = parts.models.model(model, measured)
     if not isinstance(found, Revision):
-        return [parts.twins.bench(measured, model).model.finger.document]
+        return [parts.models.bench(measured, model).model.finger.document]
     out = [found.document]
     seen = {found.id}
     while (parent := str(out[-1]["parent"])) not in seen:

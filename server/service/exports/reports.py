@@ -74,7 +74,7 @@ def _checked(parts: Services, measured: Measured) -> dict[str, Any]:
 def _model_findings(parts: Services, measured: Measured, kept: BenchSession) -> Sequence[Finding]:
     try:
         # A finger that is a file of the bench is not looked for here.
-        parts.twins.model(None, measured)
+        parts.models.model(None, measured)
     except ProblemError as error:
         body = error.body
         return [finding("error", "not_predictable", "session", body["found"], body["expected"], body["remedy"])]
@@ -118,7 +118,7 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
         _, answer, history = diagnosed(parts, job, session)
         model = str(answer.get("model")) if model is None else model
     named = resolved(parts, measured, model)
-    bench = parts.twins.bench(measured, named)
+    bench = parts.models.bench(measured, named)
     history = list(bench.loaded.history) or history
     comparison = seen(measured, compare(bench))
     spread = spread_of(parts, spread_members(parts, measured), comparison)
@@ -133,7 +133,7 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
     compared, _ = comparison_sections(Compared.of(bench, comparison, spread=spread), notes)
     if measured.record.closed:
         compared[1:1] = folded(_beside(parts, measured, bench, comparison, spread))
-    readings = parts.twins.provenance(measured, bench, digest=True)["readings"]
+    readings = parts.models.provenance(measured, bench, digest=True)["readings"]
     origin = origin_of(bench, None if readings is None else readings["sha256_of_chunks"])
     closing = closing_sections(origin)
     if job is None:
@@ -183,7 +183,7 @@ def _finger(parts: Services, measured: Measured, job: str, answer: Mapping[str, 
     if not added:
         return None
     with suppress(NothingToDrawError, ProblemError):
-        return effect_on_finger(parts.twins.bench(measured, f"{job}/{'+'.join(added)}"), added)
+        return effect_on_finger(parts.models.bench(measured, f"{job}/{'+'.join(added)}"), added)
     return None
 
 
@@ -196,7 +196,7 @@ def _beside(
     with suppress(NothingToDrawError, ProblemError):
         parent = str(parts.revisions.read(bench.loaded.name)["parent"])
         known = parent in parts.sessions.fingers or parent in [h["id"] for h in bench.loaded.history[1:]]
-        other = parts.twins.bench(measured, parent if known else None)
+        other = parts.models.bench(measured, parent if known else None)
         before = (other.loaded.name, other, compare(other))
         figure, caption = drawn_comparison("vectors", bench, comparison, Only(), before, spread)
         return [Section("Before and after, on the finger", [Picture(figure, caption)])]

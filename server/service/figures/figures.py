@@ -77,11 +77,11 @@ class Figures:
         key = ("comparison", name, measured.key, named, before is not None, earlier, only, tuple(o.key for o in others))
 
         def draw() -> dict[str, Any]:
-            bench = parts.twins.bench(measured, named)
+            bench = parts.models.bench(measured, named)
             comparison = seen(measured, comparing.compare(bench))
             held = None
             if before is not None:
-                other = parts.twins.bench(measured, earlier)
+                other = parts.models.bench(measured, earlier)
                 held = (other.loaded.name, other, seen(measured, comparing.compare(other)))
             about = _about(measured, bench) | {"before": None if held is None else held[0]}
             try:
@@ -112,8 +112,8 @@ class Figures:
         own = parts.effects.named([effect])
 
         def draw() -> dict[str, Any]:
-            bench = parts.twins.bench(measured, named, own)
-            title, settings = effect_settings(bench, effect, parts.twins.found(named, measured))
+            bench = parts.models.bench(measured, named, own)
+            title, settings = effect_settings(bench, effect, parts.models.found(named, measured))
             table, without = bench.model.parameters, bench.theta.copy()
             within = without.copy()
             for setting in settings:
@@ -164,7 +164,7 @@ class Figures:
             figure, about = draw_finger(self.parts, measured, posture, case, named)
             if without is not None and case is not None and case not in blinded(measured):
                 with suppress(NothingToDrawError):
-                    figure = effect_on_finger(self.parts.twins.bench(measured, named), [without], case)
+                    figure = effect_on_finger(self.parts.models.bench(measured, named), [without], case)
             caption = "Joint centres and tendon points are the model's; outlines, clamp and pulleys are schematic."
             head = {"session": session, "session_version": measured.record.version, "blinded": _hidden(measured)}
             return shown("finger", figure, caption, head | about, _told(measured))

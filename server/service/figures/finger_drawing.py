@@ -114,7 +114,7 @@ def held_finger(
 
 def _model(parts: Services, measured: Measured, model: str | None) -> Finger | Revision:
     """The model that a drawing is asked for with; by default the session's own finger."""
-    found = parts.twins.model(model, measured)
+    found = parts.models.model(model, measured)
     if found is None:
         # Only a name that comes with the software is left here.
         found = str((measured.record.document or {}).get("finger"))
@@ -166,7 +166,7 @@ def _predicted(
 ) -> Floats | None:
     """Predict the force on the cell: of a measured case as the comparison does, of others from what will hang."""
     if measured.force(case.id) is not None:
-        cases = compare(parts.twins.bench(measured, model)).cases
+        cases = compare(parts.models.bench(measured, model)).cases
         return next((np.asarray(c.predicted_N) for c in cases if c.id == case.id), None)
     document = measured.record.document or {}
     factor = document.get("tension_factor")

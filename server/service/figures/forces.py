@@ -29,10 +29,10 @@ def invertible(parts: Services, session: str, closure: str, model: str | None, t
 
     measured = parts.measuring.of(session)
     require_closed(measured)
-    bench = parts.twins.bench(measured, resolved(parts, measured, model))
+    bench = parts.models.bench(measured, resolved(parts, measured, model))
     found = invert_bench(bench, closure)
     drawn = [] if theme is None else drawn_plots(inversion_plots(found), theme)
-    head = {"schema": "fingertwin/invert/1"} | parts.twins.provenance(measured, bench)
+    head = {"schema": "fingertwin/invert/1"} | parts.models.provenance(measured, bench)
     return head | found.as_dict() | {"sentences": found.verdicts(), "figures": drawn}
 
 

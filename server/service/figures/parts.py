@@ -9,7 +9,7 @@ from fingermodel.comparing import compare
 from fingermodel.session import Session
 from server.figures.arrows import spread_between
 from server.figures.effect_change import Setting
-from server.service.models.twins import IN_FORCE
+from server.service.models.session_models import IN_FORCE
 from server.service.services import Services
 from server.service.sessions.measuring import Measured
 from server.service.web.problems import ProblemError, not_found
@@ -32,7 +32,7 @@ def resolved(parts: Services, measured: Measured, model: str | None) -> str | No
         document = measured.record.document or {}
         model = parts.revisions.in_force(str((document.get("specimen") or {}).get("id")))
     if model is not None:
-        parts.twins.model(model, measured)
+        parts.models.model(model, measured)
     return model
 
 
@@ -56,7 +56,7 @@ def spread_of(parts: Services, members: Sequence[Measured], comparison: Comparis
     """Return the standard deviation between the members of an average by case; None where there are none."""
     if not members:
         return None
-    return spread_between(comparison, [compare(parts.twins.bench(m)) for m in members])
+    return spread_between(comparison, [compare(parts.models.bench(m)) for m in members])
 
 
 def settings_of(bench: Session, name: str, found: Mapping[str, float]) -> tuple[str, list[Setting]]:

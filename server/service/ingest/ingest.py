@@ -25,7 +25,7 @@ from server.service.storage.database import Database, now_utc
 from server.service.storage.messages import Messages
 from server.service.storage.schema import chunks, events, sessions, streams
 from server.service.web.problems import ProblemError, not_found, shortened
-from server.service.web.strict import read_json
+from server.service.web.strict_requests import read_json
 
 # A name of a stream or an epoch goes into keys and addresses.
 _NAME = re.compile(r"[A-Za-z0-9._:-]{1,100}")

@@ -13,7 +13,7 @@ from daq.journal.rows import Event
 from server.service.storage.checksums import sound
 from server.service.storage.schema import chunks, events, sessions
 from server.service.web.problems import ProblemError, shortened
-from server.service.web.strict import read_json
+from server.service.web.strict_requests import read_json
 
 # What a chunk is read from.
 STORED: tuple[Column[Any], ...] = (

@@ -27,7 +27,7 @@ from server.service.jobs.inputs import (
 from server.service.jobs.kinds import Job, TaskKind
 from server.service.models.effects import OwnEffects
 from server.service.models.revisions import Revisions
-from server.service.models.twins import Twins
+from server.service.models.session_models import SessionModels
 from server.service.sessions.measuring import Measured, Measuring
 from server.service.settings import Settings
 from server.service.storage.database import Database, now_utc
@@ -42,12 +42,12 @@ def task_kinds(
     settings: Settings,
     database: Database,
     measuring: Measuring,
-    twins: Twins,
+    models: SessionModels,
     revisions: Revisions,
     effects: OwnEffects,
 ) -> list[TaskKind]:
     """Every kind of job that the service does."""
-    inputs = Inputs(settings, database, measuring, twins, effects)
+    inputs = Inputs(settings, database, measuring, models, effects)
 
     def kept_revision(telling: Telling, job: Job, result: Any) -> dict[str, Any]:
         document = result["revision"]
@@ -74,7 +74,7 @@ class Inputs:
     settings: Settings
     database: Database
     measuring: Measuring
-    twins: Twins
+    models: SessionModels
     effects: OwnEffects
 
     def refit(self, request: Request) -> RefitInput:
@@ -123,9 +123,9 @@ class Inputs:
             ProblemError: there is no such session, model or effect.
         """
         measured = self.measuring.of(request["session"])
-        bench = self.twins.bench(measured, request["model"])
-        model = self.twins.model(request["model"], measured)
-        provenance = self.twins.provenance(measured, bench, digest=True)
+        bench = self.models.bench(measured, request["model"])
+        model = self.models.model(request["model"], measured)
+        provenance = self.models.provenance(measured, bench, digest=True)
         readings = provenance["readings"]
         whole = measured.session
         return BenchInput(

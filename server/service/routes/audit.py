@@ -14,7 +14,7 @@ from server.service.routes.exports import files
 from server.service.schemas.common import Plain, Shown, documented
 from server.service.services import of
 from server.service.storage.audit import entries, faults_of
-from server.service.web.strict import StrictRoute
+from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, prefix="/audit", tags=["operation"])
 

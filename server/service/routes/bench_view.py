@@ -13,7 +13,7 @@ from server.service.schemas.bench_view import FINGER_EXAMPLE, STATE_EXAMPLE, Ben
 from server.service.schemas.common import ModelName, SessionId, documented
 from server.service.services import of
 from server.service.sessions.bench_view import bench_view
-from server.service.web.strict import StrictRoute
+from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, prefix="/sessions/{session}/bench", tags=["bench"])
 

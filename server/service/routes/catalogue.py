@@ -13,7 +13,7 @@ from server.service.answers import JsonAnswer
 from server.service.schemas.common import Form, Plain, Shown, documented
 from server.service.services import of
 from server.service.web.problems import not_found
-from server.service.web.strict import StrictRoute
+from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, tags=["catalogue"])
 

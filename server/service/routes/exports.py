@@ -15,7 +15,7 @@ from server.service.schemas.common import ModelName, SessionId, Shown, documente
 from server.service.schemas.figures import PlotlyFigure
 from server.service.services import of
 from server.service.web.downloads import FileAnswer, attachment, download
-from server.service.web.strict import StrictRoute
+from server.service.web.strict_requests import StrictRoute
 from server.service.web.workers import run
 
 router = APIRouter(route_class=StrictRoute, tags=["exports"])

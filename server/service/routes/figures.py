@@ -16,7 +16,7 @@ from server.service.figures.figures import COMPARISON, REVISIONS, SHARED, Figure
 from server.service.schemas.common import ModelName, documented
 from server.service.schemas.figures import EXAMPLE, FigureList, FigureShown
 from server.service.services import of
-from server.service.web.strict import StrictRoute
+from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, prefix="/figures", tags=["figures"])
 

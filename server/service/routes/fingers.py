@@ -24,7 +24,7 @@ from server.service.schemas.fingers import (
     Scaled,
 )
 from server.service.web.downloads import attachment
-from server.service.web.strict import StrictRoute
+from server.service.web.strict_requests import StrictRoute
 from server.service.web.workers import run
 
 router = APIRouter(route_class=StrictRoute, prefix="/fingers", tags=["fingers"])

@@ -20,7 +20,7 @@ from server.service.schemas.forces import (
     MovementChoices,
 )
 from server.service.services import of
-from server.service.web.strict import StrictRoute
+from server.service.web.strict_requests import StrictRoute
 from server.service.web.workers import run
 
 router = APIRouter(route_class=StrictRoute, tags=["forces"])

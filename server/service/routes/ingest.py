@@ -12,7 +12,7 @@ from server.service.answers import JsonAnswer
 from server.service.ingest.ingest import Sent
 from server.service.schemas.common import SessionId, Shown, documented
 from server.service.services import of
-from server.service.web.strict import IngestRoute
+from server.service.web.strict_requests import IngestRoute
 from server.service.web.workers import run
 
 router = APIRouter(route_class=IngestRoute, prefix="/sessions/{session}", tags=["ingest"])

@@ -10,7 +10,7 @@ from server.service.answers import JsonAnswer
 from server.service.schemas.common import Limit, documented
 from server.service.schemas.jobs import RUNNING_JOB, JobList, JobShown, State
 from server.service.services import of
-from server.service.web.strict import StrictRoute
+from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(prefix="/jobs", route_class=StrictRoute, tags=["jobs"])
 

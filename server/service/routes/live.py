@@ -13,7 +13,7 @@ from server.service.schemas.benches import BenchCommand, Done
 from server.service.schemas.common import SessionId, Shown, documented
 from server.service.services import of
 from server.service.web.problems import ProblemError
-from server.service.web.strict import IngestRoute
+from server.service.web.strict_requests import IngestRoute
 from server.service.web.workers import run
 
 router = APIRouter(route_class=IngestRoute, tags=["live"])

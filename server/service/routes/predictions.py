@@ -14,7 +14,7 @@ from server.service.schemas.common import ModelName, SessionId, Shown, documente
 from server.service.schemas.predictions import Asked, Compared, Predicted
 from server.service.services import of
 from server.service.web.problems import ProblemError
-from server.service.web.strict import StrictRoute
+from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, tags=["comparison"])
 
@@ -24,7 +24,7 @@ Matched = Annotated[str | None, Header(alias="If-None-Match", max_length=200)]
 @router.post("/predictions", responses=documented(Predicted))
 def predict(body: Asked, request: Request) -> JsonAnswer:
     """Predict the forces of load cases, many at once or one alone."""
-    predictor = of(request).twins.predictor(body.model)
+    predictor = of(request).models.predictor(body.model)
     forces = evaluate(
         predictor,
         body.postures_deg,
@@ -46,7 +46,7 @@ def compare(session: SessionId, request: Request, model: ModelName = None, match
     While a bench is running, validation cases are left out. An answer that the client has already is not sent again
     (`If-None-Match`).
     """
-    return of(request).twins.comparison(session, model).answer(matched)
+    return of(request).models.comparison(session, model).answer(matched)
 
 
 @router.get("/friction", tags=["friction"], responses=documented(Shown))

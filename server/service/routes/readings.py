@@ -24,7 +24,7 @@ from server.service.services import of
 from server.service.sessions.records import WINDOWS
 from server.service.storage.schema import events
 from server.service.web.problems import ProblemError, not_found
-from server.service.web.strict import StrictRoute
+from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, prefix="/sessions/{session}", tags=["readings"])
 

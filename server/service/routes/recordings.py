@@ -11,7 +11,7 @@ from server.service.schemas.recordings import AskedLaying, AskedLook, Drafted, L
 from server.service.schemas.sessions import SessionImported
 from server.service.services import of
 from server.service.uploads.new_sessions import draft, keep, lay, look
-from server.service.web.strict import StrictRoute
+from server.service.web.strict_requests import StrictRoute
 from server.service.web.workers import run
 
 looking = APIRouter(route_class=StrictRoute, prefix="/recordings", tags=["sessions"])

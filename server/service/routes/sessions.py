@@ -10,7 +10,7 @@ from sqlalchemy import select
 from daq.errors import InputError
 from daq.sessions.amendments import amendment, case_of, exchanged
 from server.service.answers import JsonAnswer
-from server.service.models.watch import case_bodies
+from server.service.models.case_updates import case_bodies
 from server.service.schemas.common import CaseId, Limit, SessionId, Shown, documented
 from server.service.schemas.sessions import (
     Amended,
@@ -37,7 +37,7 @@ from server.service.sessions.sizes import require_case_id
 from server.service.storage.schema import streams
 from server.service.uploads.importing import import_example, import_folder
 from server.service.web.problems import ProblemError
-from server.service.web.strict import StrictRoute
+from server.service.web.strict_requests import StrictRoute
 from server.service.web.workers import run
 
 kept = APIRouter(route_class=StrictRoute, prefix="/sessions", tags=["sessions"])
@@ -107,7 +107,7 @@ def cases(session: SessionId, request: Request) -> JsonAnswer:
     """Return the load cases: what hangs, how far each is, its force, and its prediction where that may be seen."""
     parts = of(request)
     measured = parts.measuring.of(session)
-    bodies = case_bodies(measured, parts.twins)
+    bodies = case_bodies(measured, parts.models)
     return JsonAnswer({"session": session, "version": measured.record.version, "cases": bodies})
 
 
@@ -259,7 +259,7 @@ def _edited(
 
 
 def _case(parts: Services, session: str, case: str) -> dict[str, Any]:
-    bodies = case_bodies(parts.measuring.of(session), parts.twins)
+    bodies = case_bodies(parts.measuring.of(session), parts.models)
     found = next((b for b in bodies if b["id"] == case), None)
     if found is None:
         raise ProblemError(404, f"session {session} has no load case {case[:100]}", f"one of GET …/{session}/cases")

@@ -13,7 +13,7 @@ from server.service.schemas.common import documented
 from server.service.schemas.jobs import JobShown
 from server.service.schemas.studies import STUDY, AskedReproduction, StudyComputed, StudyList
 from server.service.services import of
-from server.service.web.strict import StrictRoute
+from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, prefix="/studies", tags=["studies"])
 

@@ -70,6 +70,6 @@ def holding(folder: Path, *names: str) -> Iterator[ServiceReceiver]:
     service = ServiceReceiver(folder)
     for name in names:
         upload(service.client(), name)
-    assert service.parts.watch.settle(60.0)
+    assert service.parts.case_updates.settle(60.0)
     yield service
     service.close()

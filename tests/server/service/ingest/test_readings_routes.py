@@ -227,7 +227,7 @@ def test_a_case_that_turns_out_to_be_unusable_says_so_once_its_readings_are_ther
     for chunk in chunks[1:]:
         put(service.client(), "LATE", chunk).raise_for_status()
     assert seen() == [("measured", ""), ("failed", "few")]
-    assert service.parts.watch.settle(60.0)
+    assert service.parts.case_updates.settle(60.0)
     told = [(m.body["id"], m.body["state"]) for m in service.parts.messages.after(0) if m.kind == "case"]
     assert sorted(told) == [(cases[0]["id"], "measured"), (cases[1]["id"], "failed")]
     service.close()

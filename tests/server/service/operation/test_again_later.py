@@ -18,7 +18,7 @@ from sqlalchemy.exc import OperationalError
 from daq.errors import InputError, LaterError
 from server import cli
 from server.service import app
-from server.service.models import watch
+from server.service.models import case_updates
 from server.service.operation.folder import made
 from server.service.operation.migrate import unusable, upgrade
 from server.service.settings import Settings
@@ -115,7 +115,7 @@ def test_a_service_gets_ready_once_what_it_lacks_is_back(monkeypatch: pytest.Mon
     monkeypatch.setattr(app, "FIRST_WAIT_S", 0.001)
     jobs = SimpleNamespace(start=start, warm=lambda: None)
     parts: Any = SimpleNamespace(
-        twins=SimpleNamespace(predictor=predictor),
+        models=SimpleNamespace(predictor=predictor),
         jobs=jobs,
         settings=Settings(),
         ready=False,
@@ -139,9 +139,9 @@ def test_cases_not_computed_for_want_of_files_are_looked_at_again(
         looked.release()
         raise OSError(errno.EMFILE, "Too many open files")
 
-    monkeypatch.setattr(watch, "_AGAIN_S", 0.001)
+    monkeypatch.setattr(case_updates, "_AGAIN_S", 0.001)
     nobody: Any = SimpleNamespace(listen=lambda _: None, of=of)
-    looking = watch.Watch(nobody, nobody, nobody, nobody)
+    looking = case_updates.CaseUpdates(nobody, nobody, nobody, nobody)
     looking.start()
     looking.touch("S")
     for _ in range(3):

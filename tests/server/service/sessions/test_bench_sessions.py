@@ -35,7 +35,7 @@ class Played:
         uplink.start()
         assert uplink.flush(300.0), uplink.status()
         uplink.stop()
-        assert self.service.parts.watch.settle(120.0)
+        assert self.service.parts.case_updates.settle(120.0)
 
     def get(self, path: str) -> Any:
         return self.client.get(f"{AT}/S1{path}").json()

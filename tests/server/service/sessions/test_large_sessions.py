@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from server.service.exports.reports import checked
-from server.service.models.watch import case_bodies
+from server.service.models.case_updates import case_bodies
 from server.service.sessions.measuring import Measured, Measuring
 from server.service.sessions.records import Edit, Record, apply_edits
 from server.service.sessions.sizes import MOST_CASES, MOST_SETTINGS
@@ -67,11 +67,11 @@ def test_cases_check_and_edits_cost_in_proportion_to_the_cases(service: ServiceR
 
     def steps(name: str) -> dict[str, Callable[[], object]]:
         return {
-            "cases": lambda: case_bodies(parts.measuring.of(name), parts.twins),
+            "cases": lambda: case_bodies(parts.measuring.of(name), parts.models),
             "edit": lambda: parts.sessions.edit(name, "exclude", "c0001", {"reason": "slipped"}),
-            "cases after it": lambda: case_bodies(parts.measuring.of(name), parts.twins),
+            "cases after it": lambda: case_bodies(parts.measuring.of(name), parts.models),
             "check": lambda: checked(parts, name),
-            "comparison": lambda: parts.twins.comparison(name),
+            "comparison": lambda: parts.models.comparison(name),
         }
 
     for name, count in (("warm", MANY), ("few", FEW), ("many", MANY)):
@@ -79,7 +79,7 @@ def test_cases_check_and_edits_cost_in_proportion_to_the_cases(service: ServiceR
         parts.sessions.create(name, session_of(name, count))
         if name == "warm":
             assert all(act() is not None for act in steps(name).values())
-    assert parts.watch.settle(60.0)
+    assert parts.case_updates.settle(60.0)
     parts.sessions.edit("few", "exclude", "c0003", {"reason": "slipped"})
     parts.sessions.edit("many", "exclude", "c0003", {"reason": "slipped"})
     few, many = ({step: cost(act) for step, act in steps(name).items()} for name in ("few", "many"))
@@ -99,7 +99,7 @@ def test_who_asks_while_a_session_is_measured_waits_for_that(
         return measure(self, record)
 
     service.parts.sessions.create("asked", session_of("asked", 2))
-    assert service.parts.watch.settle(60.0)
+    assert service.parts.case_updates.settle(60.0)
     service.parts.sessions.close("asked")
     measuring = Measuring(service.parts.sessions, service.parts.measuring._windows)
     monkeypatch.setattr(Measuring, "_measure", slowly)

@@ -89,7 +89,7 @@ def test_readings_in_any_order_give_the_same_forces_and_what_lacks_is_said(
 def test_each_case_is_told_as_soon_as_its_readings_are_there(fresh: ServiceReceiver) -> None:
     client = fresh.client()
     upload(client, PUBLISHED)
-    assert fresh.parts.watch.settle(30.0)
+    assert fresh.parts.case_updates.settle(30.0)
     told = [m for m in fresh.parts.messages.after(0) if m.kind == "case"]
     assert {m.body["id"] for m in told} == {c["id"] for c in document_of(PUBLISHED)["cases"]}
     compared = {c["id"]: c for c in client.get(f"{AT}/{PUBLISHED}/comparison").json()["cases"]}
@@ -97,8 +97,8 @@ def test_each_case_is_told_as_soon_as_its_readings_are_there(fresh: ServiceRecei
         assert message.body["predicted_N"] == compared[message.body["id"]]["predicted_N"]
     # Nothing is told twice, not after a restart either.
     fresh.restart()
-    fresh.parts.watch.touch(PUBLISHED)
-    assert fresh.parts.watch.settle(30.0)
+    fresh.parts.case_updates.touch(PUBLISHED)
+    assert fresh.parts.case_updates.settle(30.0)
     assert [m.id for m in fresh.parts.messages.after(0) if m.kind == "case"] == [m.id for m in told]
 
 

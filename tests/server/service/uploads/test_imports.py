@@ -30,7 +30,7 @@ from server.service.uploads.importing import import_folder
 from server.service.web.edge import Edge
 from server.service.web.metrics import Metrics
 from server.service.web.problems import ProblemError
-from server.service.web.strict import StrictRoute
+from server.service.web.strict_requests import StrictRoute
 from server.service.web.workers import GoneError, require_client
 from tests.server.service.asks import scope_of
 from tests.server.service.running import ServiceReceiver

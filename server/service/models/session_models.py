@@ -38,7 +38,7 @@ _MOST_BENCHES, _MOST_COMPARISONS = 32, 256
 IN_FORCE = "in_force"
 
 
-class Twins:
+class SessionModels:
     """Holds sessions against models, each pair once.
 
     Args:

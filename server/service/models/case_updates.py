@@ -14,7 +14,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from daq.errors import InputError
 from fingermodel.comparing import compare
 from server.service.answers import dumps
-from server.service.models.twins import Twins
+from server.service.models.session_models import SessionModels
 from server.service.sessions.measuring import Measured, Measuring
 from server.service.storage.database import Database
 from server.service.storage.messages import Message, Messages
@@ -26,18 +26,18 @@ _LOG = logging.getLogger(__name__)
 _AGAIN_S = 5.0
 
 
-class Watch:
+class CaseUpdates:
     """Looks at sessions that changed, in a thread of its own.
 
     Args:
         database: holds what was told before.
         messages: are told of each case.
         measuring: gives measured forces.
-        twins: gives predictions.
+        models: gives predictions.
     """
 
-    def __init__(self, database: Database, messages: Messages, measuring: Measuring, twins: Twins) -> None:
-        self._database, self._messages, self._measuring, self._twins = database, messages, measuring, twins
+    def __init__(self, database: Database, messages: Messages, measuring: Measuring, models: SessionModels) -> None:
+        self._database, self._messages, self._measuring, self._models = database, messages, measuring, models
         self._dirty: dict[str, None] = {}
         self._waiting: set[str] = set()
         self._told: dict[str, dict[str, str]] = {}
@@ -116,7 +116,7 @@ class Watch:
             return
         before = self._before(session)
         news = {}
-        for case in case_bodies(measured, self._twins):
+        for case in case_bodies(measured, self._models):
             digest = _digest(case)
             # That a case waits is no news before anything else was told of it.
             if before.get(case["id"]) != digest and (case["id"] in before or case["state"] != "waiting"):
@@ -143,12 +143,12 @@ def _digest(case: dict[str, Any]) -> str:
     return hashlib.sha256(dumps(said)).hexdigest()
 
 
-def case_bodies(measured: Measured, twins: Twins) -> list[dict[str, Any]]:
+def case_bodies(measured: Measured, models: SessionModels) -> list[dict[str, Any]]:
     """Each case of a session: what hangs, its state and force, and the prediction where that may be seen."""
     compared, problem = {}, None
     if measured.measured is not None:
         try:
-            bench = twins.bench(measured)
+            bench = models.bench(measured)
             compared = {c.id: c for c in compare(bench).cases}
         except (InputError, ProblemError) as error:
             problem = str(error)

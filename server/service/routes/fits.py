@@ -8,8 +8,7 @@ from fastapi import APIRouter, Path, Query, Request
 
 from server.service.answers import JsonAnswer
 from server.service.schemas.common import Limit, SessionId, Shown, documented
-from server.service.schemas.jobs import JobList, JobShown
-from server.service.schemas.twins import (
+from server.service.schemas.fits import (
     AskedAddition,
     AskedDiagnosis,
     AskedFit,
@@ -22,9 +21,10 @@ from server.service.schemas.twins import (
     RevisionWhole,
     SpecimenList,
 )
+from server.service.schemas.jobs import JobList, JobShown
 from server.service.services import Services, of
 from server.service.web.problems import ProblemError
-from server.service.web.strict import StrictRoute
+from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, tags=["twin"])
 
@@ -160,7 +160,7 @@ def _submitted(
             raise ProblemError(
                 409, f"session {name} is still running", "a session that its bench has closed", "Close it at the bench"
             )
-        parts.twins.model(given["model"], measured)
+        parts.models.model(given["model"], measured)
     asked = given if session is None else given | {"session": session}
     job = parts.jobs.submit(kind, session, asked, timeout_s)
     return JsonAnswer(job.as_dict(), 202, {"Location": f"/api/v1/jobs/{job.id}"})
