@@ -22,6 +22,11 @@ MOST_LINE_BYTES = 1024
 MOST_BAD_LINES = 20
 MOST_BYTES = 1 << 16
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+# A number with what it is before it, and what parts it from the next.
+_LABELLED = re.compile(
+    r"\s*([^\s\d:=,;][^:=,;]*?)\s*[:=]\s*([+-]?(?:[0-9]+(?:[.,][0-9]+)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)(?:\s*[,;]\s*|\s+|$)"
+)
+_SYMBOL = re.compile(r"\s*([ftm][xyz]|time|t|status)", re.IGNORECASE)
 _NAMED = re.compile(r"f[_ ]?x", re.IGNORECASE)
 _EXAMPLE = "t_s,Fx_N,Fy_N,Fz_N,Tx_Nmm,Ty_Nmm,Tz_Nmm"
 
@@ -75,12 +80,35 @@ def split(line: str, delimiter: str) -> list[str]:
     return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
 
 
+def labelled(line: str) -> tuple[list[str], list[float]] | None:
+    """Labels and numbers of a line such as `Fx:1.00 Fy:-2.00` or `Fx=1,00; Fy=-2,00`; None where it is none."""
+    labels, values, at = list[str](), list[float](), 0
+    while at < len(line):
+        field = _LABELLED.match(line, at)
+        if field is None:
+            return None
+        labels.append(field[1])
+        values.append(float(field[2].replace(",", ".")))
+        at = field.end()
+    return (labels, values) if len(labels) >= 6 else None
+
+
+def _symbol(header: str) -> str:
+    """What a column is of, without its unit."""
+    found = _SYMBOL.match(header)
+    name = found[1].lower() if found else header.strip().lower()
+    return {"time": "t", "mx": "tx", "my": "ty", "mz": "tz"}.get(name, name)
+
+
 class TextDecoder:
     """Lines of numbers between delimiters, as a header or the setting says what they are.
 
     Delimiter, decimal mark and columns are told once, and kept: a line that does not fit is refused. The first line may
     be the rest of one, and is not used unless it is a header. A later header that says otherwise ends the readings:
-    what follows it is refused. Text carries no checksum: a digit that was changed on its way cannot be seen.
+    what follows it is refused.
+
+    Where each number has a label (`Fx:1.00`), the labels are the header, or must be those of the columns in their
+    order. Text carries no checksum: a digit that was changed on its way cannot be seen.
 
     Attributes:
         columns: headers between commas, once known.
@@ -133,13 +161,14 @@ class TextDecoder:
             return None  # between CR and LF, or an empty line
         self._first = False
         line = octets.decode("utf-8", "replace")
-        if not overlong and _NAMED.search(line) and self._header(line):
+        fields = None if overlong else labelled(line)
+        if fields is None and not overlong and _NAMED.search(line) and self._header(line):
             self._skipped += len(octets)
             return None
         if first:
             self._skipped += len(octets)
             return None
-        row = None if overlong else self._reading(line)
+        row = self._of_labels(*fields) if fields else None if overlong else self._reading(line)
         self._rejected += int(row is None)
         return row
 
@@ -160,6 +189,22 @@ class TextDecoder:
                 self._contradicted = layout != self._layout
             return True
         return False
+
+    def _of_labels(self, labels: list[str], values: list[float]) -> tuple[float, ...] | None:
+        """Return the reading of a line whose numbers have labels."""
+        layout, columns = self._layout, self.columns
+        if layout is None:
+            try:
+                layout, columns = layout_of(labels, "a line"), ",".join(labels)
+            except ReadingsError as error:
+                self.problem = self.problem or error
+                return None
+        if self._contradicted or [_symbol(h) for h in columns.split(",")] != [_symbol(h) for h in labels]:
+            return None
+        row = layout.reading(values)
+        if row is not None:
+            self._layout, self.columns = layout, columns
+        return row
 
     def _reading(self, line: str) -> tuple[float, ...] | None:
         """Return a line's reading, and keep what it tells about all lines."""
@@ -198,7 +243,10 @@ class TextLines(LoadCell):
     link = "serial"
     settings = (
         Setting(
-            "columns", f"where no header comes: what the columns are, with units, such as {_EXAMPLE}", "", kind="text"
+            "columns",
+            f"where no header comes, nor labels with units: what the columns are, such as {_EXAMPLE}",
+            "",
+            kind="text",
         ),
         Setting("delimiter", "between the numbers: told by the first lines", AUTO, (AUTO, *DELIMITERS)),
         Setting("decimal", "the decimal mark: told by the first lines", AUTO, (AUTO, "point", "comma")),

@@ -48,6 +48,45 @@ def test_delimiter_and_decimal_mark_are_told_by_the_first_lines(line: bytes) -> 
     assert got.device_s[0] == 1.5
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"Fx:1.5 Fy:-2.25 Fz:3 Tx:10 Ty:-20.0 Tz:500\r\n",
+        b"Fx=1.5,Fy=-2.25,Fz=3,Tx=10,Ty=-20.0,Tz=500\n",
+        b"fx: 1,5; fy: -2,25; fz: 3; mx: 10; my: -20,0; mz: 5e2\n",
+        b"Fx_N:1.5\tFy_N:-2.25\tFz_N:3.0\tTx_Nmm:10\tTy_Nmm:-20\tTz_Nmm:500\n",
+    ],
+)
+def test_numbers_with_labels_are_read_as_their_columns(line: bytes) -> None:
+    got = fed(line * 3, columns="Fx_N,Fy_N,Fz_N,Tx_Nmm,Ty_Nmm,Tz_Nmm")
+    assert (len(got), got.rejected) == (2, 0)
+    assert got.wrench[1] == pytest.approx(WRENCH)
+
+
+def test_labels_with_units_are_the_header() -> None:
+    line = b"t_ms:1500 Fx_N:1.5 Fy_N:-2.25 Fz_N:3 Tx_Nm:0.01 Ty_Nm:-0.02 Tz_Nm:0.5\n"
+    device = TextLines()
+    device.start(Scripted([], then=[line * 3]))
+    # A later reader has only what was kept.
+    got = TextLines(device.values).decoder().feed(line * 3)
+    assert got.wrench[1] == pytest.approx(WRENCH)
+    assert got.device_s == pytest.approx([1.5, 1.5])
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"Fy:1 Fx:2 Fz:3 Tx:4 Ty:5 Tz:6\n",
+        b"Fx:1 Fy:2 Fz:3 Tx:4 Ty:5\n",
+        b"Fx:1 Fy:2 Fz:3 Tx:4 Ty:5 Tz:nan\n",
+        b"Fx:1 Fy:2 Fz:3 Tx:4 Ty:5 Tz:6 extra:7\n",
+    ],
+)
+def test_labels_that_are_not_those_of_the_columns_are_refused(line: bytes) -> None:
+    got = fed(b"\n0,0,0,0,0,0\n" + line, columns="Fx_N,Fy_N,Fz_N,Tx_Nmm,Ty_Nmm,Tz_Nmm")
+    assert (len(got), got.rejected) == (0, 1)
+
+
 def test_the_first_line_may_be_a_part_and_is_not_used() -> None:
     got = fed(b"34.5,1,2,3,4,5,6\n35.5,1,2,3,4,5,6\n", columns=COLUMNS)
     assert got.device_s == pytest.approx([35.5])
@@ -145,6 +184,7 @@ def test_what_the_start_learns_is_kept_for_later_decoders_and_the_record() -> No
         (b"", {}, "sends nothing"),
         (b"1,2,3,4,5,6,7\n" * 40, {}, "'1,2,3,4,5,6,7', without a header; expected .* the setting columns"),
         (b"1,2,3\n" * 40, {"columns": COLUMNS}, "'1,2,3'; expected numbers for the columns t_s,Fx_N"),
+        (b"Fx:1 Fy:2 Fz:3 Tx:4 Ty:5 Tz:6\n" * 40, {}, "column 'Fx' states no unit"),
         (b"t_s,Fx,Fy,Fz,Tx,Ty,Tz\n" + b"1,2,3,4,5,6,7\n" * 40, {}, "column 'Fx' states no unit"),
         (b"t_s,Fx_N,Fy_N,Fz_N,Tx_Nmm,Ty_Nmm\n" + b"1,2,3,4,5,6\n" * 40, {}, "lacks column Tz_Nmm"),
     ],
