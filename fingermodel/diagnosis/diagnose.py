@@ -192,13 +192,13 @@ def diagnose(
 def said(fault: SessionFault) -> str:
     """A fault of the whole session in a sentence."""
     words = f"{fault.words[0].upper()}{fault.words[1:]}"
-    return f"A fault of the whole session (probability {fault.probability:.2f}): {words}."
+    return f"A fault of the whole session (probability {fault.probability:.2f}): {words}. Correct the session first."
 
 
 def in_doubt(verdict: Verdict, fault: str) -> Verdict:
     """What is left of a verdict where the whole session has a fault, which is said first."""
     kind = verdict.kind if verdict.kind == "none_of_catalogue" else "undecided"
-    return Verdict(kind, (), (), verdict.probability, (fault, *verdict.reasons), verdict.short)
+    return Verdict(kind, (), (), verdict.probability, (fault,), ("what is missing shows once that is corrected",))
 
 
 def validation_rmse(model: Model, comparison: Comparison) -> float | None:

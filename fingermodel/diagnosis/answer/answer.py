@@ -52,7 +52,11 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "probability_of": meaning(d),
         "confirmed": None,
         "sentence": sentence(d),
-        "reasons": [*verdict.reasons, *(f"Short of more: {s}." for s in verdict.short), *remarks(d)],
+        "reasons": [
+            *verdict.reasons,
+            *(f"Short of more: {s}." for s in verdict.short),
+            *(() if d.faults else remarks(d)),
+        ],
         "robustness": d.sensitivity.as_dict(),
         "ranking": ranking(d),
         "inclusion": {name: p for name, p in posterior.inclusion.items() if p >= _SHOWN},
