@@ -12,7 +12,7 @@ import numpy as np
 
 from daq.drivers.base import BOOT_S, LoadCell, Samples, Setting, Transport, samples
 from daq.errors import DriverError, ReadingsError
-from daq.recordings.columns import find_columns
+from daq.recordings.columns import find_columns, quantity_of
 
 AUTO = "auto"
 # Tried in this order: a comma may be a decimal mark, and spaces may pad the fields of the others.
@@ -26,7 +26,6 @@ _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?
 _LABELLED = re.compile(
     r"\s*([^\s\d:=,;][^:=,;]*?)\s*[:=]\s*([+-]?(?:[0-9]+(?:[.,][0-9]+)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)(?:\s*[,;]\s*|\s+|$)"
 )
-_SYMBOL = re.compile(r"\s*([ftm][xyz]|time|t|status)", re.IGNORECASE)
 _NAMED = re.compile(r"f[_ ]?x", re.IGNORECASE)
 _EXAMPLE = "t_s,Fx_N,Fy_N,Fz_N,Tx_Nmm,Ty_Nmm,Tz_Nmm"
 
@@ -93,13 +92,6 @@ def labelled(line: str) -> tuple[list[str], list[float]] | None:
     return (labels, values) if len(labels) >= 6 else None
 
 
-def _symbol(header: str) -> str:
-    """What a column is of, without its unit."""
-    found = _SYMBOL.match(header)
-    name = found[1].lower() if found else header.strip().lower()
-    return {"time": "t", "mx": "tx", "my": "ty", "mz": "tz"}.get(name, name)
-
-
 class TextDecoder:
     """Lines of numbers between delimiters, as a header or the setting says what they are.
 
@@ -161,14 +153,15 @@ class TextDecoder:
             return None  # between CR and LF, or an empty line
         self._first = False
         line = octets.decode("utf-8", "replace")
-        fields = None if overlong else labelled(line)
-        if fields is None and not overlong and _NAMED.search(line) and self._header(line):
+        fields = labelled(line)
+        if fields is None and _NAMED.search(line) and self._header(line):
             self._skipped += len(octets)
             return None
         if first:
             self._skipped += len(octets)
             return None
-        row = self._of_labels(*fields) if fields else None if overlong else self._reading(line)
+        # Of an overlong line nothing is left, which is no reading.
+        row = self._of_labels(*fields) if fields else self._reading(line)
         self._rejected += int(row is None)
         return row
 
@@ -199,7 +192,8 @@ class TextDecoder:
             except ReadingsError as error:
                 self.problem = self.problem or error
                 return None
-        if self._contradicted or [_symbol(h) for h in columns.split(",")] != [_symbol(h) for h in labels]:
+        named, needed = ([quantity_of(h) for h in headers] for headers in (labels, columns.split(",")))
+        if self._contradicted or named != needed:
             return None
         row = layout.reading(values)
         if row is not None:

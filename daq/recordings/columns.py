@@ -102,20 +102,26 @@ def find_columns(headers: Sequence[str], file: str) -> Columns:
     return Columns(used, found.get(STATUS), conversions, tuple(notes))
 
 
-def _column(header: str, index: int, file: str) -> Column | None:
+def quantity_of(header: str) -> str | None:
+    """Which of QUANTITIES a header names, or the status, with or without a unit; None where it is another column."""
     if header.strip().lower() == STATUS:
-        return Column(STATUS, header, index, 1.0)
+        return STATUS
     match = _PATTERN.match(header)
     if match is None:
         return None
     symbol = match["symbol"].lower()
-    unit = match["inside"] if match["inside"] is not None else match["after"]
     if symbol in ("t", "time"):
-        quantity = "t"
-    elif symbol[0] == "f":
-        quantity = "F" + symbol[1]
-    else:
-        quantity = "T" + symbol[1]
+        return "t"
+    return ("F" if symbol[0] == "f" else "T") + symbol[1]
+
+
+def _column(header: str, index: int, file: str) -> Column | None:
+    quantity, match = quantity_of(header), _PATTERN.match(header)
+    if quantity == STATUS:
+        return Column(STATUS, header, index, 1.0)
+    if quantity is None or match is None:
+        return None
+    unit = match["inside"] if match["inside"] is not None else match["after"]
     example = dict(zip(QUANTITIES, HEADERS, strict=True))[quantity]
     if not unit:
         raise ReadingsError(

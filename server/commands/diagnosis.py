@@ -79,7 +79,8 @@ def _print_verdict(body: dict[str, Any]) -> None:
     say(f"  Probability {body['probability']:.2f}: {body['probability_of']}.")
     if suspects := [_suspect(row) for row in body["suspects"]]:
         say(f"  Suspect load case{'s' if len(suspects) > 1 else ''}: {', '.join(suspects)}.")
-    for fault in (f for f in body["session_faults"] if not any(f["words"][1:] in r for r in body["reasons"])):
+    said = " ".join(body["reasons"]).casefold()
+    for fault in (f for f in body["session_faults"] if f["words"].casefold() not in said):
         say(f"  The whole session: {fault['words']} (probability {fault['probability']:.2f}).")
     if entered := body.get("without_amendments"):
         names = f" ({' and '.join(entered['effects'])})" if entered["effects"] else ""

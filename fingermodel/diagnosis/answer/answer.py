@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from fingermodel.diagnosis.answer.effect_size import effect_size
-from fingermodel.diagnosis.answer.where import bent, where
+from fingermodel.diagnosis.answer.remarks import remarks
+from fingermodel.diagnosis.answer.where import where
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.marginals import Entry, Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
@@ -52,11 +53,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "probability_of": meaning(d),
         "confirmed": None,
         "sentence": sentence(d),
-        "reasons": [
-            *verdict.reasons,
-            *(f"Short of more: {s}." for s in verdict.short),
-            *(() if d.faults else remarks(d)),
-        ],
+        "reasons": [*verdict.reasons, *(f"Short of more: {s}." for s in verdict.short), *remarks(d)],
         "robustness": d.sensitivity.as_dict(),
         "ranking": ranking(d),
         "inclusion": {name: p for name, p in posterior.inclusion.items() if p >= _SHOWN},
@@ -126,36 +123,6 @@ def meaning(d: Diagnosis) -> str:
         "undecided": "the likeliest single statement",
     }
     return kinds[d.verdict.kind]
-
-
-def remarks(d: Diagnosis) -> list[str]:
-    """What the readings say of the rig: repeatability, budget and noise."""
-    out, posterior = [], d.posterior
-    scatter, stated = posterior.scatter[0], d.session.stated_scatter
-    if scatter > max(0.004, 1.5 * stated):
-        than = f", where {100 * stated:.1f} % is stated" if stated else ", where none is stated"
-        out.append(f"The cases repeat to {100 * scatter:.1f} % of their tensions{than}.")
-    multiple = posterior.budget[0]
-    if multiple > 1.5:
-        carried = ", ".join(row["name"] for row in bent(d.session.problem, d.theta_of(d.best))[:3])
-        out.append(
-            f"The readings want a budget {multiple:.1f} times as large as stated"
-            + (f"; it is bent most in {carried}." if carried else ".")
-        )
-    if posterior.anatomy[0] > 1.5:
-        out.append(
-            f"The specimen differs {posterior.anatomy[0]:.1f} times as much from the finger of its file as the "
-            "anatomy's priors say."
-        )
-    noise = posterior.noise[0]
-    if d.session.observations.noise_assumed:
-        out.append(
-            f"The readings state no uncertainty; this rests on {noise * d.session.model.budget.reading_sd_N:.3f} N a "
-            "component, as the readings have it."
-        )
-    elif noise > 1.5:
-        out.append(f"The readings scatter {noise:.1f} times as much as their stated noise.")
-    return out
 
 
 def nulls_beside(d: Diagnosis, held: Sequence[str]) -> str:

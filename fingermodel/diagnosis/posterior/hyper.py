@@ -22,6 +22,8 @@ Node = tuple[int, ...]
 SCATTER, NOISE, BUDGET, ANATOMY, SMOOTH = range(5)
 FAMILIES = 3
 FORMS = SMOOTH + FAMILIES
+# Blocks of weights that act at every node (see `Linearised`).
+ACTING = ("always", "budget", "anatomy")
 # Scatter of a usual bench, relative.
 _USUAL_SCATTER = 0.01
 
@@ -122,7 +124,8 @@ class Hyperparameters:
             v = self.values(node)
             smooth = {f"smooth{k}": float(width) for k, width in enumerate(v.smooth_N) if width > 0.0}
             forms = {f"form{k}": float(width) for k, width in enumerate(v.forms) if width > 0.0}
-            self._widths[node] = {"always": 1.0, "budget": v.budget, "anatomy": v.anatomy, **smooth, **forms}
+            always = dict(zip(ACTING, (1.0, v.budget, v.anatomy), strict=True))
+            self._widths[node] = always | smooth | forms
         return self._widths[node]
 
     @cached_property

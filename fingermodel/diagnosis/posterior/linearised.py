@@ -15,8 +15,7 @@ from scipy.linalg import solve_triangular
 from scipy.sparse import csr_array
 
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
-from fingermodel.diagnosis.posterior.hyper import BUDGET as BUDGET_AXIS
-from fingermodel.diagnosis.posterior.hyper import NOISE, SCATTER, Hyperparameters, Node
+from fingermodel.diagnosis.posterior.hyper import ACTING, NOISE, SCATTER, Hyperparameters, Node
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Rows, Session, WhitenedSmooth, whitened
@@ -29,7 +28,8 @@ Ints = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 # Names of the blocks; `smooth0`, … and `form0`, … besides.
-ALWAYS, BUDGET, ANATOMY, OWN, OTHERS = "always", "budget", "anatomy", "own", "others"
+ALWAYS, BUDGET, ANATOMY = ACTING
+OWN, OTHERS = "own", "others"
 
 # Quadratics that are kept, those asked for last: about as many as the nodes around one have noises and sets of blocks.
 _KEPT = 16
@@ -232,8 +232,8 @@ class Linearised:
         count, n = len(nodes), len(self.residual)
         covariance, left = np.empty((count, n, n)), np.empty((count, n))
         own, of_noise = np.empty((count, n, self.size(OWN))), np.empty(count)
-        for noise in dict.fromkeys(node[:BUDGET_AXIS] for node in nodes):
-            alike = [k for k, node in enumerate(nodes) if node[:BUDGET_AXIS] == noise]
+        for noise in dict.fromkeys((node[SCATTER], node[NOISE]) for node in nodes):
+            alike = [k for k, node in enumerate(nodes) if (node[SCATTER], node[NOISE]) == noise]
             inner = self._inner_at(nodes[alike[0]], self.bad if bad is None else bad)
             blocks = [self.hyper.block_widths(nodes[k]) for k in alike]
             names = list(dict.fromkeys(name for block in blocks for name in block))

@@ -274,8 +274,8 @@ class Optimum(Linearised):
             V (k, n), such that the inverse covariance of the whitened readings is 1 - Vᵀ V, and (n,) what is left.
         """
         names = [*self.acting(node), OWN]
-        blocks = self.whitened_blocks(names, node)
-        left = self.whitened_columns(self.residual, node) + blocks @ self.places(names)
+        blocks, residual, _ = self.whitened_at(names, node, None)
+        left = residual + blocks @ self.places(names)
         columns = blocks * self.widths(names, node)
         return solve_triangular(root_of_one_plus(columns.T @ columns), columns.T, lower=True, check_finite=False), left
 
@@ -286,8 +286,9 @@ class Optimum(Linearised):
             residuals: (fitted readings, k) these readings less the model [N, N mm].
             node: of the hyperparameters.
         """
-        (across, left), other = self._marginal(node), self.whitened_columns(residuals, node)
-        turned = np.column_stack([left, other + (left - self.whitened_columns(self.residual, node))[:, None]])
+        across, left = self._marginal(node)
+        changed = self.whitened_columns(residuals - self.residual[:, None], node)
+        turned = np.column_stack([left, left[:, None] + changed])
         misfit = (turned**2).sum(axis=0) - ((across @ turned) ** 2).sum(axis=0)
         out: Floats = self.log_joint(node) - 0.5 * (misfit[1:] - misfit[0])
         return out

@@ -179,8 +179,13 @@ def _as_stated(session: Session, offer: _Corrected) -> Floats:
     if offer.gain is None:
         return away
     place, gain = offer.gain
-    here = np.array(session.observations.locations)[session.rows[session.fitted] // 6] == place
-    return np.where(here, gain * away, away)
+    return np.where(_read_at(session, place), gain * away, away)
+
+
+def _read_at(session: Session, place: str) -> NDArray[np.bool_]:
+    """(n,) which fitted readings are of a mount."""
+    here: NDArray[np.bool_] = np.array(session.observations.locations)[session.rows[session.fitted] // 6] == place
+    return here
 
 
 def _gains(fit: Optimum) -> Iterator[_Corrected]:
@@ -213,8 +218,7 @@ def _of_mount(fit: Optimum, place: str) -> Floats:
     session = fit.session
     rows = session.rows[session.fitted]
     predicted = np.asarray(session.model.predict(session.observations.inputs, fit.theta).reading).reshape(-1)[rows]
-    here = np.array(session.observations.locations)[rows // 6] == place
-    return (predicted * here)[:, None]
+    return (predicted * _read_at(session, place))[:, None]
 
 
 def _corrected(session: Session) -> Iterator[_Corrected]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from copy import deepcopy
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from fingermodel import comparing
 from fingermodel.comparison.comparison import compare
@@ -29,9 +29,6 @@ from server.service.sessions.blinding import blinded, require_closed, seen
 from server.service.sessions.measuring import Measured
 from server.service.sessions.turns import Made
 from server.service.web.problems import ProblemError, not_found
-
-if TYPE_CHECKING:
-    pass
 
 SearchFit = Literal["before", "after"]
 

@@ -1,0 +1,38 @@
+"""What the readings say of the rig, beside the verdict."""
+
+from __future__ import annotations
+
+from fingermodel.diagnosis.answer.where import bent
+from fingermodel.diagnosis.diagnose import Diagnosis
+
+
+def remarks(d: Diagnosis) -> list[str]:
+    """Say what repeatability, budget, anatomy and noise the readings want; nothing where the session has a fault."""
+    out, posterior = list[str](), d.posterior
+    if d.faults:
+        return out  # what they cause says nothing of the rig
+    scatter, stated = posterior.scatter[0], d.session.stated_scatter
+    if scatter > max(0.004, 1.5 * stated):
+        than = f", where {100 * stated:.1f} % is stated" if stated else ", where none is stated"
+        out.append(f"The cases repeat to {100 * scatter:.1f} % of their tensions{than}.")
+    multiple = posterior.budget[0]
+    if multiple > 1.5:
+        carried = ", ".join(row["name"] for row in bent(d.session.problem, d.theta_of(d.best))[:3])
+        out.append(
+            f"The readings want a budget {multiple:.1f} times as large as stated"
+            + (f"; it is bent most in {carried}." if carried else ".")
+        )
+    if posterior.anatomy[0] > 1.5:
+        out.append(
+            f"The specimen differs {posterior.anatomy[0]:.1f} times as much from the finger of its file as the "
+            "anatomy's priors say."
+        )
+    noise = posterior.noise[0]
+    if d.session.observations.noise_assumed:
+        out.append(
+            f"The readings state no uncertainty; this rests on {noise * d.session.model.budget.reading_sd_N:.3f} N a "
+            "component, as the readings have it."
+        )
+    elif noise > 1.5:
+        out.append(f"The readings scatter {noise:.1f} times as much as their stated noise.")
+    return out
