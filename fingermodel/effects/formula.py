@@ -57,6 +57,7 @@ class EffectFile(Document):
     formulas: list[str] | None = None
     parameters: dict[str, _Parameter] = Field(min_length=1, max_length=MOST_PARAMETERS)
     tell: str = Field(default="", max_length=400)
+    shown_by: str = Field(default="", max_length=400)
     alternatives: list[list[str]] = Field(default_factory=list, max_length=8)
     rests_on_clamp_assumption: bool = False
     outside: bool = False
@@ -95,6 +96,7 @@ def formula_effect(raw: Any, where: str, *, tried: bool = False) -> FormulaEffec
         formulas=tuple(f.text for f in formulas),
         declared=declared,
         tell=document.tell,
+        shown_by=" ".join(document.shown_by.split()),
         alternatives=tuple(tuple(names) for names in document.alternatives),
         rests_on_clamp_assumption=document.rests_on_clamp_assumption,
         outside=document.outside,
@@ -117,6 +119,8 @@ def formula_document(effect: FormulaEffect) -> dict[str, Any]:
     }
     if effect.tell:
         document["tell"] = effect.tell
+    if effect.shown_by:
+        document["shown_by"] = effect.shown_by
     if effect.alternatives:
         document["alternatives"] = [list(names) for names in effect.alternatives]
     if effect.rests_on_clamp_assumption:

@@ -37,6 +37,7 @@ class FormulaEffect(Effect):
         formulas: what it changes, one target each, all of one stage.
         declared: its parameters, by name.
         tell: what gives it away in the data.
+        shown_by: instruction for the measurement besides a load case that would show it; empty where none is known.
         alternatives: sets of parameters, any of which may make it up; all together where none are given.
         rests_on_clamp_assumption: whether only out-of-plane forces can support it.
         outside: whether it is known to happen in rigs but is no effect of the catalogue.
@@ -49,6 +50,7 @@ class FormulaEffect(Effect):
     formulas: tuple[str, ...]
     declared: tuple[FormulaParameter, ...]
     tell: str = ""  # type: ignore[misc]
+    shown_by: str = field(default="", compare=False)  # type: ignore[misc]
     alternatives: tuple[tuple[str, ...], ...] = ()
     rests_on_clamp_assumption: bool = False  # type: ignore[misc]
     outside: bool = field(default=False, compare=False)  # type: ignore[misc]

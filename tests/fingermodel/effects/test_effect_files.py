@@ -57,6 +57,9 @@ from tests.own_effect import CODE, python_file
         ({"parameters": {"sin": K}}, "Rename it"),
         ({"parameters": {"k.x": K}}, "Rename it"),
         ({"parameters": {"if": K}}, "Rename it"),
+        ({"shown_by": 3}, "shown_by"),
+        ({"shown_by": ["pull"]}, "shown_by"),
+        ({"shown_by": "pull " * 100}, "shown_by: String should have at most 400 characters"),
         ({"alternatives": [["k"], ["m"]]}, "alternatives name 'm'"),
         ({"alternatives": [[]]}, "none empty"),
         ({"extra": 1}, "Extra inputs are not permitted"),
@@ -106,6 +109,19 @@ def test_an_effect_comes_back_from_its_document(name: str) -> None:
         again = effect_from_dict(copied, "revision")
         assert again == effect
         assert hash(again) == hash(effect)
+
+
+def test_a_file_declares_the_measurement_that_shows_its_effect(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    text = yaml.safe_dump(document(), sort_keys=False)
+    path.write_text(f"{text}shown_by: >\n  pull a known weight\n  through the sheath\n", encoding="utf-8")
+    for effect in (load_effect(path), effect_from_dict(effect_document(load_effect(path)), "revision")):
+        assert effect.remedy("mine") == "pull a known weight through the sheath"
+    without = made("torque[PIP] += k * t_EDC * sin(q_PIP)")
+    assert without.remedy("mine") == ""
+    assert "shown_by" not in effect_document(without)
+    # Words change nothing that is computed: programs and revisions of the one serve the other.
+    assert without == load_effect(path)
 
 
 def test_null_is_a_key_in_yaml_too(tmp_path: Path) -> None:
