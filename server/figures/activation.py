@@ -13,19 +13,9 @@ from fingermodel.studies.activation_result import PLANES, ActivationResult
 from server.figures import graph_objects as go
 from server.figures.plot import Plot
 from server.figures.report import Picture, Section, Table, write_report
+from server.figures.sheet import Sheet, note
 from server.figures.static import write_static
-from server.figures.style import (
-    INK,
-    MUTED,
-    SMALL_PX,
-    TEXT_PX,
-    WIDTH,
-    axis,
-    domain,
-    figure,
-    number,
-    plain,
-)
+from server.figures.style import MUTED, SMALL_PX, WIDTH, ZERO_LINE, axis, number, plain
 
 Floats = NDArray[np.float64]
 _LEFT, _RIGHT, _TOP, _GAP = 62, 16, 108, 70  # [px]
@@ -50,104 +40,80 @@ def activation_plots(result: ActivationResult) -> list[Plot]:
 
 def alone_figure(result: ActivationResult) -> go.Figure:
     """Draw the tip force of every muscle per newton of its tension (as Figs 2 and 3 of Barry et al. 2018)."""
-    across = WIDTH - _LEFT - _RIGHT
-    wide = (across - _GAP) / 2.0
+    wide = (WIDTH - _LEFT - _RIGHT - _GAP) / 2.0
     names = [m.muscle for m in result.alone]
     colors = [_COLORS[i % len(_COLORS)] for i in range(len(names))]
-    data: list[go.Scatter] = []
-    layout: dict[str, Any] = {"annotations": [], "showlegend": False}
     # One scale for both, so that lengths can be compared.
     parts = {plane: np.array([m.per_newton[list(axes)] for m in result.alone]) for plane, axes in PLANES.items()}
     every = np.concatenate([*parts.values(), np.zeros((1, 2))])
     low, high = every.min(axis=0), every.max(axis=0)
     room = 0.14 * float((high - low).max())
     low, high = low - room * np.array([1.6, 1.0]), high + room * np.array([1.6, 1.0])
-    tall = wide * (high[1] - low[1]) / (high[0] - low[0])
-    height = round(_TOP + tall + 56)
+    zero = {"nticks": 6, **ZERO_LINE, "zerolinecolor": MUTED}
+    sheet = Sheet(wide * (high[1] - low[1]) / (high[0] - low[0]), (_LEFT, _RIGHT, _TOP, 56), showlegend=False)
     for k, (plane, forces) in enumerate(parts.items()):
-        suffix = "" if k == 0 else "2"
-        axes = {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
         along, up, down = _ENDS[plane]
-        first = k * (wide + _GAP) / across
-        layout[f"xaxis{suffix}"] = axis(
-            f"{along} [N/N]", domain=domain(first, first + wide / across), anchor=f"y{suffix}",
-            range=[low[0], high[0]], nticks=6, zeroline=True, zerolinecolor=MUTED, zerolinewidth=1,
-        )  # fmt: skip
-        layout[f"yaxis{suffix}"] = axis(
-            f"{up} [N/N]", domain=[0.0, 1.0], anchor=f"x{suffix}",
-            range=[low[1], high[1]], nticks=6, zeroline=True, zerolinecolor=MUTED, zerolinewidth=1,
-        )  # fmt: skip
-        layout["annotations"].append(_panel_heading(f"{plane.capitalize()} plane ({up} up, {down} down)", first))
+        axes = sheet.panel(
+            axis(f"{along} [N/N]", range=[low[0], high[0]], **zero),
+            axis(f"{up} [N/N]", range=[low[1], high[1]], **zero),
+            left=k * (wide + _GAP),
+            wide=wide,
+            heading=f"{plane.capitalize()} plane ({up} up, {down} down)",
+            above=6,
+        )
         head = 0.035 * float((high - low).max())
         for name, force, color in zip(names, forces, colors, strict=True):
-            data += _arrow(name, force, head, color, axes)
-        layout["annotations"] += _labels(names, forces, colors, low, high, axes)
+            sheet.data += _arrow(name, force, head, color, axes)
+        sheet.notes += _labels(names, forces, colors, low, high, axes)
     angles = ", ".join(f"{n} {a:g}" for n, a in zip(result.rotations, result.posture_deg, strict=True))
-    return figure(
-        data,
-        layout,
-        title=f"Tip force of each muscle alone, per newton of tension: {plain(result.finger)}",
-        subtitle=f"Force of the finger on the clamp, axes of the distal phalanx. Posture: {plain(angles)} deg.",
-        height=height,
-        margin={"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": 56},
+    return sheet.drawn(
+        f"Tip force of each muscle alone, per newton of tension: {plain(result.finger)}",
+        f"Force of the finger on the clamp, axes of the distal phalanx. Posture: {plain(angles)} deg.",
     )
 
 
 def deficits_figure(result: ActivationResult) -> go.Figure:
     """Draw size and direction of the tip force while each muscle loses activation."""
-    across, tall = WIDTH - _LEFT - _RIGHT, 300
-    wide = (across - _GAP) / 2.0
     moving = [np.abs(d.force_N - d.force_N[0]).max() > _UNSEEN_N for d in result.deficits]
-    data: list[go.Scatter] = []
-    layout: dict[str, Any] = {"annotations": [], "showlegend": True}
-    panels = (("Size", "tip force [N]"), ("Direction", "turned by [deg]"))
-    for k, (name, unit) in enumerate(panels):
-        suffix = "" if k == 0 else "2"
-        first = k * (wide + _GAP) / across
-        tops: list[float] = []
-        for i, d in enumerate(result.deficits):
-            if not moving[i]:
-                continue
-            color = _COLORS[i % len(_COLORS)]
-            values = d.magnitudes.tolist() if k == 0 else d.change_deg()
-            tops += [v for v in values if v is not None]
-            data.append(
-                go.Scatter(
-                    x=d.levels_pct.tolist(),
-                    y=[None if v is None else float(f"{v:.6g}") for v in values],
-                    name=plain(d.muscle),
-                    legendgroup=d.muscle,
-                    showlegend=k == 0,
-                    mode="lines+markers",
-                    line={"color": color, "width": 1.8},
-                    marker={"color": color, "symbol": _SYMBOLS[i % len(_SYMBOLS)], "size": 7},
-                    xaxis=f"x{suffix}",
-                    yaxis=f"y{suffix}",
-                )
-            )
-        layout[f"xaxis{suffix}"] = axis(
-            "activation left to the muscle [%]", domain=domain(first, first + wide / across), anchor=f"y{suffix}",
-            range=[103.0, -3.0], tickvals=result.deficits[0].levels_pct.tolist(),
-        )  # fmt: skip
+    sheet = Sheet(300, (_LEFT, _RIGHT, _TOP, 104), showlegend=True)
+    wide = (sheet.wide - _GAP) / 2.0
+    levels = result.deficits[0].levels_pct.tolist()
+    for k, (name, unit) in enumerate((("Size", "tip force [N]"), ("Direction", "turned by [deg]"))):
+        courses = [d.magnitudes.tolist() if k == 0 else d.change_deg() for d in result.deficits]
+        courses = [[None if v is None else float(f"{v:.6g}") for v in course] for course in courses]
+        tops = [v for course, moves in zip(courses, moving, strict=True) if moves for v in course if v is not None]
         top = 1.06 * max([*tops, 1e-3])
-        layout[f"yaxis{suffix}"] = axis(
-            unit, domain=[0.0, 1.0], anchor=f"x{suffix}", range=[-0.02 * top, top], nticks=7
+        axes = sheet.panel(
+            axis("activation left to the muscle [%]", range=[103.0, -3.0], tickvals=levels),
+            axis(unit, range=[-0.02 * top, top], nticks=7),
+            left=k * (wide + _GAP),
+            wide=wide,
+            heading=name,
+            above=6,
         )
-        layout["annotations"].append(_panel_heading(name, first))
-    layout["legend"] = {
-        "orientation": "h", "x": 0.0, "xanchor": "left", "y": -58 / tall, "yanchor": "top",
-        "font": {"size": SMALL_PX + 1},
-    }  # fmt: skip
+        for i, (d, course) in enumerate(zip(result.deficits, courses, strict=True)):
+            if moving[i]:
+                color = _COLORS[i % len(_COLORS)]
+                sheet.data.append(
+                    go.Scatter(
+                        x=d.levels_pct.tolist(),
+                        y=course,
+                        name=plain(d.muscle),
+                        legendgroup=d.muscle,
+                        showlegend=k == 0,
+                        mode="lines+markers",
+                        line={"color": color, "width": 1.8},
+                        marker={"color": color, "symbol": _SYMBOLS[i % len(_SYMBOLS)], "size": 7},
+                        **axes,
+                    )
+                )
     size = number(float(np.linalg.norm(result.force_N)))
     still = [plain(d.muscle) for d, moves in zip(result.deficits, moving, strict=True) if not moves]
     nothing = f" Without them nothing changes: {', '.join(still)}." if still else ""
-    return figure(
-        data,
-        layout,
-        title=f"One muscle loses activation: {plain(result.finger)}",
-        subtitle=f"The others keep theirs; {size} N at full activation.{nothing}",
-        height=_TOP + tall + 104,
-        margin={"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": 104},
+    return sheet.drawn(
+        f"One muscle loses activation: {plain(result.finger)}",
+        f"The others keep theirs; {size} N at full activation.{nothing}",
+        legend_px=-58,
     )
 
 
@@ -205,19 +171,18 @@ def _labels(
     right = forces[:, 0] > 0.0
     middle = forces[:, 0] + np.where(right, 1.0, -1.0) * 0.07 * span
     heights = _apart(middle, forces[:, 1], 0.13 * span, 0.055 * span)
+    on = (axes["xaxis"], axes["yaxis"])
     return [
-        {
-            "text": f"<b>{plain(name)}</b>",
-            "x": float(force[0]),
-            "y": float(y),
-            "xref": axes["xaxis"],
-            "yref": axes["yaxis"],
-            "xanchor": "left" if side else "right",
-            "yanchor": "middle",
-            "xshift": 7 if side else -7,
-            "showarrow": False,
-            "font": {"size": SMALL_PX + 1, "color": color},
-        }
+        note(
+            f"<b>{plain(name)}</b>",
+            float(force[0]),
+            float(y),
+            on,
+            at=("left" if side else "right", "middle"),
+            shift=(7 if side else -7, 0),
+            size=SMALL_PX + 1,
+            color=color,
+        )
         for name, force, color, side, y in zip(names, forces, colors, right, heights, strict=True)
     ]
 
@@ -238,18 +203,3 @@ def _apart(across: Floats, up: Floats, wide: float, tall: float) -> Floats:
         if not moved:
             break
     return out
-
-
-def _panel_heading(text: str, x: float) -> dict[str, Any]:
-    return {
-        "text": f"<b>{plain(text)}</b>",
-        "x": x,
-        "y": 1.0,
-        "xref": "paper",
-        "yref": "paper",
-        "xanchor": "left",
-        "yanchor": "bottom",
-        "yshift": 6,
-        "showarrow": False,
-        "font": {"size": TEXT_PX, "color": INK},
-    }

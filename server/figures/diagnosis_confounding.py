@@ -7,7 +7,19 @@ from typing import Any
 
 from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import DETECTABLE, Answer, effect_name, part, shortened, value, words
-from server.figures.style import GRID, INK, SMALL_PX, WIDTH, NothingToDrawError, axis, figure, fixed, number, plain
+from server.figures.sheet import Sheet, shape
+from server.figures.style import (
+    GRID,
+    INK,
+    SMALL_PX,
+    WIDTH,
+    NothingToDrawError,
+    axis,
+    colorbar,
+    fixed,
+    number,
+    plain,
+)
 
 MOST = 32
 _TOP, _BOTTOM, _RIGHT = 92, 20, 90  # [px]
@@ -63,30 +75,19 @@ def confounding_figure(answer: Answer) -> go.Figure:
         hoverinfo="text",
         hovertext=[[_hover(a, b, matrix.get((a, b))) for b in order] for a in order],
         hoverongaps=False,
-        colorbar={
-            "title": {"text": "alike", "side": "top", "font": {"size": SMALL_PX + 1, "color": INK}},
-            "thickness": 12,
-            "len": 1.0,
-            "tickfont": {"size": SMALL_PX, "color": INK},
-            "tickvals": [0, 0.5, 0.9, 1],
-            "ticktext": ["0", "0.5", "0.9", "1"],
-            "outlinewidth": 0,
-        },
+        colorbar=colorbar("alike", [0, 0.5, 0.9, 1], ["0", "0.5", "0.9", "1"]),
     )
     frame: dict[str, Any] = {"ticks": "", "showgrid": False, "linecolor": GRID, "tickvals": list(range(len(order)))}
-    layout = {
-        "xaxis": axis(ticktext=[plain(t) for t in columns], tickangle=-90, range=[-0.5, len(order) - 0.5], **frame),
-        "yaxis": axis(ticktext=[plain(t) for t in labels], range=[len(order) - 0.5, -0.5], **frame),
-        "shapes": [_outline(first, last) for first, last in classes],
-    }
-    return figure(
-        [heat],
-        layout,
-        title="What these load cases can tell apart",
-        subtitle=_subtitle(total, len(order), classes, detectability),
-        height=plot + _TOP + _BOTTOM + below,
-        margin={"l": left, "r": max(WIDTH - left - plot, _RIGHT), "t": _TOP, "b": _BOTTOM + below},
+    sheet = Sheet(plot, (left, max(WIDTH - left - plot, _RIGHT), _TOP, _BOTTOM + below))
+    sheet.panel(
+        axis(ticktext=[plain(t) for t in columns], tickangle=-90, range=[-0.5, len(order) - 0.5], **frame),
+        axis(ticktext=[plain(t) for t in labels], range=[len(order) - 0.5, -0.5], **frame),
     )
+    sheet.data.append(heat)
+    for first, last in classes:
+        ends, line = (first - 0.5, last + 0.5), {"color": INK, "width": 2}
+        sheet.shapes.append(shape(ends, ends, ("x", "y"), line=line, type="rect", layer="above"))
+    return sheet.drawn("What these load cases can tell apart", _subtitle(total, len(order), classes, detectability))
 
 
 def _matrix(answer: Answer) -> tuple[list[str], dict[tuple[str, str], float | None]]:
@@ -126,20 +127,6 @@ def _number(v: float | None, own: bool, cell: int) -> str:
 
 def _hover(a: str, b: str, v: float | None) -> str:
     return "" if v is None or a == b else f"{plain(effect_name(a))}<br>{plain(effect_name(b))}<br>{number(v, 3)}"
-
-
-def _outline(first: int, last: int) -> dict[str, Any]:
-    return {
-        "type": "rect",
-        "xref": "x",
-        "yref": "y",
-        "x0": first - 0.5,
-        "x1": last + 0.5,
-        "y0": first - 0.5,
-        "y1": last + 0.5,
-        "line": {"color": INK, "width": 2},
-        "layer": "above",
-    }
 
 
 def _subtitle(total: int, shown: int, classes: Sequence[Any], detectability: dict[str, float | None]) -> str:

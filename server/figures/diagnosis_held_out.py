@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import BETTER, WORSE, Answer, change_text, plane_of, rows, shortened, value, vector
+from server.figures.sheet import Sheet, note
 from server.figures.style import (
     COMPONENT_AXES,
     INK,
@@ -15,15 +16,13 @@ from server.figures.style import (
     SMALL_PX,
     NothingToDrawError,
     axis,
-    figure,
-    legend,
     load_text,
     number,
     plain,
 )
 
 MOST_ROWS = 40
-_ROW, _TOP, _BOTTOM, _RIGHT = 22, 112, 60, 84  # [px]
+_ROW, _MARGINS = 22, (84, 112, 60)  # [px]; margins at the right, above and below
 _LONGEST = 62  # of a label [characters]
 
 
@@ -72,36 +71,30 @@ def held_out_figure(answer: Answer) -> go.Figure:
     if not cases:
         raise NothingToDrawError("There is no validation case with a prediction before and after.")
     total, cases = len(cases), cases[:MOST_ROWS]
-    plot = _ROW * len(cases)
     top = 1.06 * max(max(c.before_N, c.after_N, c.sd_N or 0.0) for c in cases) or 1.0
     labels = [shortened(c.label, _LONGEST) for c in cases]
     left = 30 + round(6.4 * max(len(t) for t in labels))
     fell = sum(c.after_N < c.before_N for c in cases)
     places = list(range(len(cases)))
-    data = [*_lines(cases), _noise(cases, places), *_points(cases, places)]
-    layout: dict[str, Any] = {
-        "xaxis": axis(
-            f"‖predicted \N{MINUS SIGN} measured‖ {PLANE_NAMES[plane_of(answer)]} [N]", range=[-0.015 * top, top]
-        ),
-        "yaxis": axis(
+    sheet = Sheet(_ROW * len(cases), (left, *_MARGINS), showlegend=True)
+    minus = "\N{MINUS SIGN}"
+    sheet.panel(
+        axis(f"‖predicted {minus} measured‖ {PLANE_NAMES[plane_of(answer)]} [N]", range=[-0.015 * top, top]),
+        axis(
             tickvals=places,
             ticktext=[plain(t) for t in labels],
             range=[len(cases) - 0.4, -0.6],
             ticks="",
             showline=False,
         ),
-        "annotations": [_change(c, i) for i, c in enumerate(cases)],
-        "showlegend": True,
-        "legend": legend(10, plot),
-    }
+    )
+    sheet.data += [*_lines(cases), *_noise(cases, places), *_points(cases, places)]
+    sheet.notes += [_change(c, i) for i, c in enumerate(cases)]
     many = f"The worst {len(cases)} of {total} cases" if total > len(cases) else f"{total} cases"
-    return figure(
-        [trace for trace in data if trace is not None],
-        layout,
-        title="Residuals of the validation cases, before and after",
-        subtitle=f"{many} for validation; the residual falls in {fell} of them. At the right the change [N].",
-        height=plot + _TOP + _BOTTOM,
-        margin={"l": left, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
+    return sheet.drawn(
+        "Residuals of the validation cases, before and after",
+        f"{many} for validation; the residual falls in {fell} of them. At the right the change [N].",
+        legend_px=10,
     )
 
 
@@ -120,33 +113,27 @@ def _lines(cases: Sequence[Held]) -> list[go.Scatter]:
 
 
 def _points(cases: Sequence[Held], places: Sequence[int]) -> list[go.Scatter]:
-    out: list[go.Scatter] = []
-    for name, symbol, values in (
-        ("before", "circle-open", [c.before_N for c in cases]),
-        ("after", "circle", [c.after_N for c in cases]),
-    ):
-        look: dict[str, Any] = {"symbol": symbol, "size": 9, "color": INK}
-        hover = [c.hover for c in cases]
-        out.append(
-            go.Scatter(
-                x=values,
-                y=list(places),
-                mode="markers",
-                marker=look,
-                name=name,
-                legendrank=1001 + len(out),
-                hoverinfo="text",
-                hovertext=hover,
-            )
+    return [
+        go.Scatter(
+            x=values,
+            y=list(places),
+            mode="markers",
+            marker={"symbol": symbol, "size": 9, "color": INK},
+            name=name,
+            legendrank=rank,
+            hoverinfo="text",
+            hovertext=[c.hover for c in cases],
         )
-    return out
+        for rank, name, symbol, values in (
+            (1001, "before", "circle-open", [c.before_N for c in cases]),
+            (1002, "after", "circle", [c.after_N for c in cases]),
+        )
+    ]
 
 
-def _noise(cases: Sequence[Held], places: Sequence[int]) -> go.Scatter | None:
+def _noise(cases: Sequence[Held], places: Sequence[int]) -> list[go.Scatter]:
     known = [(c.sd_N, i) for c, i in zip(cases, places, strict=True) if c.sd_N is not None]
-    if not known:
-        return None
-    return go.Scatter(
+    noise = go.Scatter(
         x=[v for sd, _ in known for v in (sd, sd, None)],
         y=[v for _, i in known for v in (i - 0.34, i + 0.34, None)],
         mode="lines",
@@ -155,21 +142,13 @@ def _noise(cases: Sequence[Held], places: Sequence[int]) -> go.Scatter | None:
         hoverinfo="skip",
         legendrank=1005,
     )
+    return [noise] if known else []
 
 
 def _change(case: Held, row: int) -> dict[str, Any]:
-    return {
-        "text": change_text(case.before_N, case.after_N),
-        "x": 1.0,
-        "y": row,
-        "xref": "paper",
-        "yref": "y",
-        "xanchor": "left",
-        "yanchor": "middle",
-        "xshift": 12,
-        "showarrow": False,
-        "font": {"size": SMALL_PX, "color": BETTER if case.after_N <= case.before_N else WORSE},
-    }
+    color = BETTER if case.after_N <= case.before_N else WORSE
+    text = change_text(case.before_N, case.after_N)
+    return note(text, 1.0, row, ("paper", "y"), at=("left", "middle"), shift=(12, 0), size=SMALL_PX, color=color)
 
 
 def _label(case: Answer) -> str:

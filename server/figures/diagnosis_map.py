@@ -19,16 +19,15 @@ from server.figures.diagnosis_answer import (
     shortened,
     value,
 )
+from server.figures.sheet import Sheet
 from server.figures.style import (
     GRID,
     INK,
     SMALL_PX,
-    TEXT_PX,
     WIDTH,
     NothingToDrawError,
     axis,
-    domain,
-    figure,
+    colorbar,
     number,
     plain,
     posture_name,
@@ -41,6 +40,7 @@ _TICKS = (0.5, 1, 2, 5, 10, 20)
 _ROW, _TOP, _BOTTOM, _RIGHT, _BETWEEN = 27, 100, 64, 90, 34  # [px]
 _WIDEST, _NARROWEST = 96, 34  # of a cell [px]
 _LONGEST = 24  # of a label [characters]
+_FRAME: dict[str, Any] = {"ticks": "", "showgrid": False, "linecolor": GRID, "mirror": True}
 
 
 class Cell(NamedTuple):
@@ -71,51 +71,31 @@ def residual_map(answer: Answer) -> go.Figure:
     width = max(_NARROWEST, min(_WIDEST, room // (len(locations) * len(postures)))) * len(postures)
     plot = width * len(locations) + _BETWEEN * (len(locations) - 1)
     turned = width / len(postures) < 6.4 * max(len(line) for p in postures for line in _lines(p).split("<br>"))
-    data: list[go.Heatmap] = []
-    layout: dict[str, Any] = {"annotations": []}
-    for index, location in enumerate(locations):
-        suffix, begin = str(index + 1) if index else "", index * (width + _BETWEEN)
-        layout[f"xaxis{suffix}"] = axis(
-            domain=domain(begin / plot, (begin + width) / plot),
-            anchor=f"y{suffix}",
-            tickvals=list(range(len(postures))),
-            ticktext=[_name(p) if turned else _lines(p) for p in postures],
-            tickangle=-90 if turned else 0,
-            range=[-0.5, len(postures) - 0.5],
-            **_frame(),
-        )
-        layout[f"yaxis{suffix}"] = axis(
-            anchor=f"x{suffix}",
-            tickvals=list(range(len(muscles))),
-            ticktext=[plain(shortened(m, _LONGEST)) for m in muscles],
-            range=[len(muscles) - 0.5, -0.5],
-            showticklabels=index == 0,
-            **_frame(),
-        )
-        data.append(_panel(cells, location, muscles, postures, suffix, last=index == len(locations) - 1))
-        layout["annotations"].append(
-            {
-                "text": f"<b>{plain(shortened(_mount(location), 40))}</b>",
-                "x": begin / plot,
-                "y": 1.0,
-                "xref": "paper",
-                "yref": "paper",
-                "xanchor": "left",
-                "yanchor": "bottom",
-                "yshift": 4,
-                "showarrow": False,
-                "font": {"size": TEXT_PX, "color": INK},
-            }
-        )
     bottom = round(6.4 * max(len(_name(p)) for p in postures)) + 20 if turned else _BOTTOM
-    return figure(
-        data,
-        layout,
-        title=f"Where the model fails, {plain(after_which_fit(answer))}",
-        subtitle=_subtitle(cells, plane_of(answer)),
-        height=_ROW * len(muscles) + _TOP + bottom,
-        margin={"l": left, "r": max(WIDTH - left - plot, _RIGHT), "t": _TOP, "b": bottom},
-    )
+    margins = (left, max(WIDTH - left - plot, _RIGHT), _TOP, bottom)
+    sheet = Sheet(_ROW * len(muscles), margins, wide=plot)
+    for index, location in enumerate(locations):
+        axes = sheet.panel(
+            axis(
+                tickvals=list(range(len(postures))),
+                ticktext=[_name(p) if turned else _lines(p) for p in postures],
+                tickangle=-90 if turned else 0,
+                range=[-0.5, len(postures) - 0.5],
+                **_FRAME,
+            ),
+            axis(
+                tickvals=list(range(len(muscles))),
+                ticktext=[plain(shortened(m, _LONGEST)) for m in muscles],
+                range=[len(muscles) - 0.5, -0.5],
+                showticklabels=index == 0,
+                **_FRAME,
+            ),
+            left=index * (width + _BETWEEN),
+            wide=width,
+            heading=plain(shortened(_mount(location), 40)),
+        )
+        sheet.data.append(_panel(cells, location, muscles, postures, axes, last=index == len(locations) - 1))
+    return sheet.drawn(f"Where the model fails, {plain(after_which_fit(answer))}", _subtitle(cells, plane_of(answer)))
 
 
 def _cells(answer: Answer) -> dict[tuple[str, str, str], Cell]:
@@ -142,7 +122,7 @@ def _panel(
     location: str,
     muscles: Sequence[str],
     postures: Sequence[str],
-    suffix: str,
+    axes: dict[str, str],
     *,
     last: bool,
 ) -> go.Heatmap:
@@ -167,17 +147,10 @@ def _panel(
         ],
         hoverongaps=False,
         showscale=last,
-        colorbar={
-            "title": {"text": "z", "side": "top", "font": {"size": TEXT_PX, "color": INK}},
-            "thickness": 12,
-            "len": 1.0,
-            "tickfont": {"size": SMALL_PX, "color": INK},
-            "tickvals": [math.log10(t) for t in _TICKS],
-            "ticktext": [f"{t:g}" for t in _TICKS[:-1]] + [f"≥ {_TICKS[-1]:g}"],
-            "outlinewidth": 0,
-        },
-        xaxis=f"x{suffix}",
-        yaxis=f"y{suffix}",
+        colorbar=colorbar(
+            "z", [math.log10(t) for t in _TICKS], [f"{t:g}" for t in _TICKS[:-1]] + [f"≥ {_TICKS[-1]:g}"]
+        ),
+        **axes,
     )
 
 
@@ -210,7 +183,3 @@ def _lines(posture: str) -> str:
     """A posture's name, a long one on two lines."""
     name = _name(posture)
     return name.replace(" ", "<br>", 1) if len(name) > 9 else name
-
-
-def _frame() -> dict[str, Any]:
-    return {"ticks": "", "showgrid": False, "linecolor": GRID, "mirror": True}

@@ -26,21 +26,11 @@ from server.figures.diagnosis_answer import (
     value,
     with_sd,
 )
-from server.figures.style import (
-    BAND,
-    INK,
-    MUTED,
-    SMALL_PX,
-    NothingToDrawError,
-    axis,
-    figure,
-    legend,
-    mix,
-    plain,
-)
+from server.figures.sheet import Sheet, note, shape
+from server.figures.style import BAND, INK, MUTED, OUTSIDE, SMALL_PX, NothingToDrawError, axis, mix, plain
 
 MOST_ROWS = 12
-_ROW, _TOP, _BOTTOM, _RIGHT = 30, 136, 40, 20  # [px]
+_ROW, _MARGINS = 30, (20, 136, 40)  # [px]; margins at the right, above and below
 _LONGEST = 38  # of a label [characters]
 _KINDS = {
     "effects": (EFFECT_COLOR, "effects of the catalogue"),
@@ -82,31 +72,24 @@ def ranking_figure(answer: Answer) -> go.Figure:
         raise NothingToDrawError("No explanation was ranked.")
     names = [_label(r) for r in shown]
     left = 34 + round(6.8 * max(len(line) for n in names for line in n))
-    plot = _ROW * len(shown)
-    data = [trace for which in _KINDS for trace in _bars(shown, named, which)]
-    layout: dict[str, Any] = {
-        "barmode": "overlay",
-        "xaxis": axis(
+    sheet = Sheet(_ROW * len(shown), (left, *_MARGINS), barmode="overlay", showlegend=True)
+    sheet.panel(
+        axis(
             range=[_BEGIN, _END],
             tickvals=[0, 0.25, 0.5, 0.75, 1.0],
             ticktext=["0", "0.25", "0.5", "0.75", "1"],
             showline=False,
             ticks="",
         ),
-        "yaxis": axis(range=[len(shown) - 0.5, -0.5], visible=False),
-        "annotations": [*_labels(shown, names, named), *_columns(shown)],
-        "shapes": [_band(i) for i, r in enumerate(shown) if r in named],
-        "showlegend": True,
-        "legend": legend(38, plot),
-    }
-    return figure(
-        data,
-        layout,
-        title="Explanations, most probable first",
-        subtitle=_subtitle(answer, shown, named),
-        height=plot + _TOP + _BOTTOM,
-        margin={"l": left, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
+        axis(range=[len(shown) - 0.5, -0.5], visible=False),
     )
+    sheet.data += [trace for which in _KINDS for trace in _bars(shown, named, which)]
+    sheet.notes += [*_labels(shown, names, named), *_columns(shown)]
+    # A pale band behind each row that the verdict names.
+    sheet.shapes += [
+        shape((0.0, 1.0), (i - 0.5, i + 0.5), ("paper", "y"), fillcolor=BAND) for i, r in enumerate(shown) if r in named
+    ]
+    return sheet.drawn("Explanations, most probable first", _subtitle(answer, shown, named), legend_px=38)
 
 
 def _bars(shown: Sequence[Answer], named: Sequence[Answer], which: str) -> list[go.Bar | go.Scatter]:
@@ -123,10 +106,7 @@ def _bars(shown: Sequence[Answer], named: Sequence[Answer], which: str) -> list[
         width=0.62,
         marker={"color": inks, "line": {"width": 0}},
         text=[plain(probability_text(r.get("probability"))) for _, r in own],
-        textposition="outside",
-        textangle=0,
-        constraintext="none",
-        cliponaxis=False,
+        **OUTSIDE,
         textfont={"size": SMALL_PX + 1, "color": INK},
         name=name,
         legendgroup=which,
@@ -193,22 +173,6 @@ def _hover(row: Answer) -> str:
     return "<br>".join(lines)
 
 
-def _band(row: int) -> dict[str, Any]:
-    """A pale band behind a row that the verdict names."""
-    return {
-        "type": "rect",
-        "xref": "paper",
-        "yref": "y",
-        "x0": 0.0,
-        "x1": 1.0,
-        "y0": row - 0.5,
-        "y1": row + 0.5,
-        "fillcolor": BAND,
-        "line": {"width": 0},
-        "layer": "below",
-    }
-
-
 def _subtitle(answer: Answer, shown: Sequence[Answer], named: Sequence[Answer]) -> str:
     parts = ["Shaded: what the verdict names" if named else "The verdict names none of them"]
     rest = [r for r in ranked(answer) if r not in shown]
@@ -221,16 +185,6 @@ def _subtitle(answer: Answer, shown: Sequence[Answer], named: Sequence[Answer]) 
 
 
 def _word(text: str, x: float, y: float, yref: str, ink: str, shift: int) -> dict[str, Any]:
-    return {
-        "text": text,
-        "x": x,
-        "y": y,
-        "xref": "paper",
-        "yref": yref,
-        "xanchor": "right",
-        "yanchor": "middle" if yref == "y" else "bottom",
-        "yshift": shift,
-        "align": "right",
-        "showarrow": False,
-        "font": {"size": SMALL_PX + 1, "color": ink},
-    }
+    at = ("right", "middle" if yref == "y" else "bottom")
+    look: dict[str, Any] = {"size": SMALL_PX + 1, "color": ink, "align": "right"}
+    return note(text, x, y, ("paper", yref), at=at, shift=(0, shift), **look)

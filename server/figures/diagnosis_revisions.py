@@ -18,18 +18,8 @@ from server.figures.diagnosis_answer import (
     value,
     words,
 )
-from server.figures.style import (
-    INK,
-    SMALL_PX,
-    WIDTH,
-    NothingToDrawError,
-    axis,
-    domain,
-    figure,
-    heading,
-    number,
-    plain,
-)
+from server.figures.sheet import Sheet
+from server.figures.style import INK, OUTSIDE, SMALL_PX, WIDTH, NothingToDrawError, axis, number, plain
 
 MOST_STEPS = 8
 _PANEL, _BETWEEN, _TOP, _LEFT, _RIGHT, _WIDEST = 190, 42, 104, 70, 20, 84  # [px]
@@ -75,55 +65,43 @@ def revisions_figure(answer: Answer, history: Sequence[Mapping[str, Any]] | None
     locations = locations_in_order(_split(k)[1] for k in keys)
     labels = [_wrapped(s.lines, max(14, 104 // len(steps))) for s in steps]
     bottom = 30 + 16 * max(text.count("<br>") + 1 for text in labels)
-    plot = _PANEL * len(locations) + _BETWEEN * (len(locations) - 1)
-    data: list[go.Bar] = []
     roles = _roles(keys)
     room = (WIDTH - _LEFT - _RIGHT) / (len(steps) + 0.2)
     gap = 1.0 - min(0.7, _WIDEST * len(roles) / room)
-    layout: dict[str, Any] = {"annotations": [], "barmode": "group", "bargap": gap, "bargroupgap": 0.06}
+    sheet = Sheet(
+        _PANEL * len(locations) + _BETWEEN * (len(locations) - 1),
+        (_LEFT, _RIGHT, _TOP, bottom),
+        barmode="group",
+        bargap=gap,
+        bargroupgap=0.06,
+        showlegend=True,
+    )
     for index, location in enumerate(locations):
-        suffix, upper = str(index + 1) if index else "", plot - index * (_PANEL + _BETWEEN)
-        last = index == len(locations) - 1
         own = [s.rmse_N.get(f"{role}/{location}") for s in steps for role in roles]
-        layout[f"xaxis{suffix}"] = axis(
-            anchor=f"y{suffix}",
-            tickvals=list(range(len(steps))),
-            ticktext=labels,
-            tickangle=0,
-            range=[-0.6, len(steps) - 0.4],
-            showticklabels=last,
-            ticks="",
-            showgrid=False,
-        )
-        layout[f"yaxis{suffix}"] = axis(
-            "RMSE [N]",
-            domain=domain((upper - _PANEL) / plot, upper / plot),
-            anchor=f"x{suffix}",
-            range=[0.0, 1.2 * max((v for v in own if v is not None), default=0.0) or 1.0],
-            nticks=5,
-        )
-        layout["annotations"].append(
-            heading(shortened(f"Cell at the {location}" if location else "All cases", 40), upper / plot, 6)
+        axes = sheet.panel(
+            axis(
+                tickvals=list(range(len(steps))),
+                ticktext=labels,
+                tickangle=0,
+                range=[-0.6, len(steps) - 0.4],
+                showticklabels=index == len(locations) - 1,
+                ticks="",
+                showgrid=False,
+            ),
+            axis("RMSE [N]", range=[0.0, 1.2 * max((v for v in own if v is not None), default=0.0) or 1.0], nticks=5),
+            top=index * (_PANEL + _BETWEEN),
+            high=_PANEL,
+            heading=plain(shortened(f"Cell at the {location}" if location else "All cases", 40)),
+            above=6,
         )
         for role in roles:
-            data += _bars([s.rmse_N.get(f"{role}/{location}") for s in steps], role, suffix, named=index == 0)
-    layout["showlegend"] = True
-    layout["legend"] = {
-        "orientation": "h",
-        "x": 1.0,
-        "xanchor": "right",
-        "y": 1.0 + 10 / plot,
-        "yanchor": "bottom",
-        "font": {"size": SMALL_PX + 1},
-    }
+            sheet.data += _bars([s.rmse_N.get(f"{role}/{location}") for s in steps], role, axes, named=index == 0)
     cut = f" The first and the last {MOST_STEPS - 1} of {total} steps." if total > len(steps) else ""
-    return figure(
-        data,
-        layout,
-        title="The error at every revision" if history else "The error before and after",
-        subtitle=f"Root mean square of the force residual. Pale: what it fell by; orange: what it rose by.{cut}",
-        height=plot + _TOP + bottom,
-        margin={"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": bottom},
+    return sheet.drawn(
+        "The error at every revision" if history else "The error before and after",
+        f"Root mean square of the force residual. Pale: what it fell by; orange: what it rose by.{cut}",
+        legend_px=10,
+        at_right=True,
     )
 
 
@@ -148,7 +126,7 @@ def _roles(keys: Sequence[str]) -> list[str]:
     return [*(r for r in _ROLES if r in present), *(r for r in dict.fromkeys(present) if r not in _ROLES)]
 
 
-def _bars(values: Sequence[float | None], role: str, suffix: str, *, named: bool) -> list[go.Bar]:
+def _bars(values: Sequence[float | None], role: str, axes: dict[str, str], *, named: bool) -> list[go.Bar]:
     """Solid bars of the error, pale ones above for what it fell by, and orange ones for what it rose by."""
     color, pale = _ROLES.get(role, ("#555555", "#dddddd"))
     earlier = [None, *values[:-1]]
@@ -163,8 +141,7 @@ def _bars(values: Sequence[float | None], role: str, suffix: str, *, named: bool
         "legendgroup": role,
         "hoverinfo": "text",
         "hovertext": hover,
-        "xaxis": f"x{suffix}",
-        "yaxis": f"y{suffix}",
+        **axes,
     }
     look = {"marker": {"color": color, "line": {"width": 0}}, "name": plain(shortened(role, 30)), "showlegend": named}
     out = [go.Bar(y=[None if v is None else v - r for v, r in zip(values, rises, strict=True)], **look, **place)]
@@ -180,10 +157,7 @@ def _bars(values: Sequence[float | None], role: str, suffix: str, *, named: bool
             y=[0.0] * len(values),
             base=[v or 0.0 for v in values],
             text=["" if v is None else number(v, 3) for v in values],
-            textposition="outside",
-            textangle=0,
-            constraintext="none",
-            cliponaxis=False,
+            **OUTSIDE,
             textfont={"size": SMALL_PX, "color": INK},
             marker={"color": color},
             showlegend=False,

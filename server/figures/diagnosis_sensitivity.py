@@ -7,21 +7,13 @@ from typing import Any, NamedTuple
 
 from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import BETTER, WORSE, Answer, probability_text, rows, shortened, value
-from server.figures.style import (
-    INK,
-    MUTED,
-    SMALL_PX,
-    NothingToDrawError,
-    axis,
-    figure,
-    legend,
-    plain,
-)
+from server.figures.sheet import Sheet, note, shape
+from server.figures.style import INK, MUTED, SMALL_PX, NothingToDrawError, axis, plain
 
 # From this probability on a verdict is sure.
 SURE = 0.9
 MOST_ROWS = 40
-_ROW, _TOP, _BOTTOM, _RIGHT = 21, 108, 52, 70  # [px]
+_ROW, _MARGINS = 21, (70, 108, 52)  # [px]; margins at the right, above and below
 _LONGEST = 62  # of a label [characters]
 _GROUPS = {
     "prior": "Prior probability of nothing",
@@ -75,40 +67,33 @@ def sensitivity_figure(answer: Answer) -> go.Figure:
             at += 1.0
         places.append(at)
         at += 1.0
-    plot = round(_ROW * at)
     labels = [shortened(a.words, _LONGEST) for a in shown]
     left = 40 + round(6.4 * max(len(t) for t in [*labels, *(h for _, h in headings)]))
-    layout: dict[str, Any] = {
-        "xaxis": axis("probability of what the verdict says", range=[-0.02, 1.03], tickvals=[0, 0.25, 0.5, 0.75, 1.0]),
-        "yaxis": axis(
+    sheet = Sheet(round(_ROW * at), (left, *_MARGINS), showlegend=True)
+    sheet.panel(
+        axis("probability of what the verdict says", range=[-0.02, 1.03], tickvals=[0, 0.25, 0.5, 0.75, 1.0]),
+        axis(
             range=[at - 0.4, -0.6],
             tickvals=places,
             ticktext=[plain(t) for t in labels],
             ticks="",
             showline=False,
         ),
-        "annotations": [
-            *(_heading(y, text) for y, text in headings),
-            *(_number(y, a) for y, a in zip(places, shown, strict=True)),
-        ],
-        "shapes": _lines(answer),
-        "showlegend": True,
-        "legend": legend(10, plot),
-    }
-    stated = value(answer.get("probability"))
+    )
+    sheet.data += _dots(shown, places)
+    sheet.notes += [_word(f"<b>{plain(text)}</b>", 0.0, y, "right", -8, INK) for y, text in headings]
+    sheet.notes += [
+        _word(plain(probability_text(a.probability)), 1.0, y, "left", 12, MUTED)
+        for y, a in zip(places, shown, strict=True)
+    ]
+    sheet.shapes.append(_line(SURE, INK, "dash"))
     said = "Dashed: 0.9, from which a verdict is sure."
-    if stated is not None:
+    if (stated := value(answer.get("probability"))) is not None:
+        sheet.shapes.append(_line(min(max(stated, 0.0), 1.0), "#b5b5b5", "solid"))
         said += f" Grey line: as stated, {plain(probability_text(stated))}."
     if total > len(shown):
         said += f" {total - len(shown)} parts whose absence changes least are not drawn."
-    return figure(
-        _dots(shown, places),
-        layout,
-        title="Sensitivity analysis",
-        subtitle=said,
-        height=plot + _TOP + _BOTTOM,
-        margin={"l": left, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
-    )
+    return sheet.drawn("Sensitivity analysis", said, legend_px=10)
 
 
 def _shown(found: Sequence[Assumed]) -> list[Assumed]:
@@ -143,47 +128,12 @@ def _dots(shown: Sequence[Assumed], places: Sequence[float]) -> list[go.Scatter]
     return out
 
 
-def _lines(answer: Answer) -> list[dict[str, Any]]:
-    out = [_line(SURE, INK, "dash")]
-    stated = value(answer.get("probability"))
-    return out if stated is None else [*out, _line(min(max(stated, 0.0), 1.0), "#b5b5b5", "solid")]
-
-
 def _line(x: float, color: str, dash: str) -> dict[str, Any]:
-    return {
-        "type": "line",
-        "xref": "x",
-        "yref": "paper",
-        "x0": x,
-        "x1": x,
-        "y0": 0.0,
-        "y1": 1.0,
-        "line": {"color": color, "width": 1.5, "dash": dash},
-        "layer": "below",
-    }
+    return shape((x, x), (0.0, 1.0), ("x", "paper"), line={"color": color, "width": 1.5, "dash": dash})
 
 
-def _heading(y: float, text: str) -> dict[str, Any]:
-    return _word(f"<b>{plain(text)}</b>", 0.0, y, "right", -8, INK)
-
-
-def _number(y: float, one: Assumed) -> dict[str, Any]:
-    return _word(plain(probability_text(one.probability)), 1.0, y, "left", 12, MUTED)
-
-
-def _word(text: str, x: float, y: float, anchor: str, shift: int, ink: str) -> dict[str, Any]:
-    return {
-        "text": text,
-        "x": x,
-        "y": y,
-        "xref": "paper",
-        "yref": "y",
-        "xanchor": anchor,
-        "yanchor": "middle",
-        "xshift": shift,
-        "showarrow": False,
-        "font": {"size": SMALL_PX, "color": ink},
-    }
+def _word(text: str, x: float, y: float, side: str, shift: int, ink: str) -> dict[str, Any]:
+    return note(text, x, y, ("paper", "y"), at=(side, "middle"), shift=(shift, 0), size=SMALL_PX, color=ink)
 
 
 def verdict_under(answer: Answer) -> tuple[int, int]:

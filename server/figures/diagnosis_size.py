@@ -16,14 +16,12 @@ from server.figures.diagnosis_answer import (
     shortened,
     vector,
 )
+from server.figures.sheet import Sheet
 from server.figures.style import (
     TEXT_PX,
-    WIDTH,
     NothingToDrawError,
     axis,
-    domain,
-    figure,
-    legend,
+    band,
     load_styles,
     number,
     plain,
@@ -33,7 +31,7 @@ from server.figures.style import (
 
 MOST_PANELS = 20
 _ACROSS, _PANEL, _GAP, _HEAD = 5, 150, 26, 30  # panels in a row; [px] height, beside, above
-_TOP, _BOTTOM, _LEFT, _RIGHT = 106, 56, 66, 20  # [px]
+_MARGINS = (66, 20, 106, 56)  # [px]
 _LONGEST = 18  # of a posture or mount in a heading [characters]
 
 
@@ -89,56 +87,37 @@ def size_figure(answer: Answer) -> go.Figure:
     total, keys = len(keys), keys[:MOST_PANELS]
     across = min(_ACROSS, max(sum(k[1] == place for k in keys) for place in places))
     spots = _spots(keys, across)
-    down = 1 + max(row for row, _ in spots)
-    plot = down * (_PANEL + _HEAD)
-    wide = (WIDTH - _LEFT - _RIGHT - _GAP * (across - 1)) / across
-    width = WIDTH - _LEFT - _RIGHT
+    sheet = Sheet((1 + max(row for row, _ in spots)) * (_PANEL + _HEAD), _MARGINS, showlegend=True)
+    wide = (sheet.wide - _GAP * (across - 1)) / across
     shown = [c for c in found if (c.posture, c.location) in keys]
     top = 1.06 * max(v for c in shown for v in [*c.change_N, *(c.high_N or [])]) or 1.0
     heaviest = 1.04 * max(v for c in shown for v in c.load_g) or 1.0
     order = in_tendon_order(c.muscle for c in shown)
     styles = load_styles(order)
-    layout: dict[str, Any] = {"annotations": []}
-    data: list[go.Scatter] = []
     told: set[str] = set()
-    for k, (key, (row, column)) in enumerate(zip(keys, spots, strict=True)):
-        suffix, upper = str(k + 1) if k else "", plot - row * (_PANEL + _HEAD) - _HEAD
-        begin = column * (wide + _GAP)
+    for key, (row, column) in zip(keys, spots, strict=True):
         lowest = not any(r > row and c == column for r, c in spots)
-        layout[f"xaxis{suffix}"] = axis(
-            "load [g]" if lowest else "",
-            domain=domain(begin / width, (begin + wide) / width),
-            anchor=f"y{suffix}",
-            range=[0.0, heaviest],
-            nticks=5,
-            showticklabels=lowest,
-        )
-        layout[f"yaxis{suffix}"] = axis(
-            "change [N]" if column == 0 else "",
-            domain=domain((upper - _PANEL) / plot, upper / plot),
-            anchor=f"x{suffix}",
-            range=[0.0, top],
-            nticks=5,
-            showticklabels=column == 0,
-        )
         words = (posture_name(shortened(key[0], _LONGEST)), plain(shortened(key[1], _LONGEST)))
-        where = ", at the ".join(t for t in words if t)
-        layout["annotations"].append(_title(where, begin / width, upper / plot))
+        axes = sheet.panel(
+            axis("load [g]" if lowest else "", range=[0.0, heaviest], nticks=5, showticklabels=lowest),
+            axis("change [N]" if column == 0 else "", range=[0.0, top], nticks=5, showticklabels=column == 0),
+            left=column * (wide + _GAP),
+            top=row * (_PANEL + _HEAD) + _HEAD,
+            wide=wide,
+            high=_PANEL,
+            heading=", at the ".join(t for t in words if t),
+            size=TEXT_PX - 1,
+        )
         own = [c for muscle in order for c in shown if (c.posture, c.location) == key and c.muscle == muscle]
         for curve in own:
-            data += _traces(curve, styles[curve.muscle], suffix, named=curve.muscle not in told)
+            sheet.data += _traces(curve, styles[curve.muscle], axes, named=curve.muscle not in told)
             told.add(curve.muscle)
-    layout["showlegend"] = True
-    layout["legend"] = legend(6, plot)
     named = [shortened(explanation_name(r), 50) for r in named_rows(answer)]
     cut = f" The first {len(keys)} of {total} panels." if total > len(keys) else ""
-    return figure(
-        data,
-        layout,
-        title="Size of the effect" + (f": {plain(named[0])}" if named else ""),
-        subtitle=f"Norm of the force's change under each tendon alone; bands: 95 %. All panels on one scale.{cut}",
-        height=plot + _TOP + _BOTTOM,
-        margin={"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
+    return sheet.drawn(
+        "Size of the effect" + (f": {plain(named[0])}" if named else ""),
+        f"Norm of the force's change under each tendon alone; bands: 95 %. All panels on one scale.{cut}",
+        legend_px=6,
     )
 
 
@@ -154,31 +133,18 @@ def _spots(keys: Sequence[tuple[str, str]], across: int) -> list[tuple[int, int]
     return out
 
 
-def _traces(curve: Curve, style: Any, suffix: str, *, named: bool) -> list[go.Scatter]:
-    place: dict[str, Any] = {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}", "legendgroup": curve.muscle}
+def _traces(curve: Curve, style: Any, axes: dict[str, str], *, named: bool) -> list[go.Scatter]:
+    place: dict[str, Any] = {"legendgroup": curve.muscle, **axes}
     out = []
     if curve.low_N is not None and curve.high_N is not None and len(curve.load_g) > 1:
-        out.append(
-            go.Scatter(
-                x=[*curve.load_g, *reversed(curve.load_g)],
-                y=[*curve.high_N, *reversed(curve.low_N)],
-                mode="lines",
-                line={"width": 0, "color": style.color},
-                fill="toself",
-                fillcolor=rgba(style.color, 0.18),
-                hoverinfo="skip",
-                showlegend=False,
-                **place,
-            )
-        )
-    look: dict[str, Any] = {"symbol": style.symbol, "size": 6, "color": style.color}
+        out.append(band(curve.load_g, curve.low_N, curve.high_N, rgba(style.color, 0.18), place))
     out.append(
         go.Scatter(
             x=curve.load_g,
             y=curve.change_N,
             mode="lines+markers",
             line={"color": style.color, "width": 2},
-            marker=look,
+            marker={"symbol": style.symbol, "size": 6, "color": style.color},
             name=plain(curve.muscle),
             showlegend=named,
             hoverinfo="text",
@@ -196,18 +162,3 @@ def _hover(curve: Curve) -> list[str]:
         f"{plain(curve.muscle)} {load:g} g changes it by {number(change, 3)} N{said}"
         for load, change, said in zip(curve.load_g, curve.change_N, bands, strict=True)
     ]
-
-
-def _title(text: str, x: float, y: float) -> dict[str, Any]:
-    return {
-        "text": f"<b>{text}</b>",
-        "x": x,
-        "y": y,
-        "xref": "paper",
-        "yref": "paper",
-        "xanchor": "left",
-        "yanchor": "bottom",
-        "yshift": 4,
-        "showarrow": False,
-        "font": {"size": TEXT_PX - 1},
-    }

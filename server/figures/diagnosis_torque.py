@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import (
@@ -17,25 +17,24 @@ from server.figures.diagnosis_answer import (
     shortened,
     value,
 )
+from server.figures.sheet import Sheet, note
 from server.figures.style import (
     INK,
     MUTED,
     SMALL_PX,
-    TEXT_PX,
-    WIDTH,
+    ZERO_LINE,
     NothingToDrawError,
     axis,
-    domain,
-    figure,
     number,
     plain,
     posture_name,
+    whiskers,
 )
 
 CLEAR, WITHIN = "#D55E00", "#9fb4c7"
 MOST_ROWS = 40
 _LONGEST = 30  # of a label [characters]
-_ROW, _TOP, _BOTTOM, _RIGHT, _BETWEEN = 18, 112, 62, 20, 26  # [px]
+_ROW, _BETWEEN, _MARGINS = 18, 26, (20, 112, 62)  # [px]; margins at the right, above and below
 _JOINTS = ("MCP", "PIP", "DIP")
 
 
@@ -80,54 +79,45 @@ def torque_figure(answer: Answer) -> go.Figure:
     ends = [abs(t.value) + (t.sd or 0.0) for g in groups for t in g.torques.values()]
     reach = 1.12 * max(ends, default=0.0) or 1.0
     left = 40 + 7 * max([len(shortened(g.label, _LONGEST)) for g in groups] + [len(h) + 2 for h, _ in headings])
-    plot_width = WIDTH - left - _RIGHT
-    panel = (plot_width - _BETWEEN * (len(joints) - 1)) / len(joints)
-    data: list[go.Bar] = []
+    sheet = Sheet(_ROW * count, (left, *_MARGINS), barmode="overlay", showlegend=True)
+    wide = (sheet.wide - _BETWEEN * (len(joints) - 1)) / len(joints)
     named: set[str] = set()
-    layout: dict[str, Any] = {"annotations": [], "barmode": "overlay"}
     for index, joint in enumerate(joints):
-        suffix, begin = str(index + 1) if index else "", index * (panel + _BETWEEN)
-        layout[f"xaxis{suffix}"] = axis(
-            "missing torque [N mm]",
-            domain=domain(begin / plot_width, (begin + panel) / plot_width),
-            anchor=f"y{suffix}",
-            range=[-reach, reach],
-            nticks=6,
-            zeroline=True,
-            zerolinecolor=INK,
-            zerolinewidth=1,
+        axes = sheet.panel(
+            axis("missing torque [N mm]", range=[-reach, reach], nticks=6, **ZERO_LINE),
+            axis(
+                tickvals=places,
+                ticktext=[plain(shortened(g.label, _LONGEST)) for g in groups],
+                range=[count - 0.4, -0.6],
+                showticklabels=index == 0,
+                ticks="",
+                showgrid=False,
+                showline=False,
+            ),
+            left=index * (wide + _BETWEEN),
+            wide=wide,
+            heading=plain(shortened(joint, 16)),
+            above=0,
         )
-        layout[f"yaxis{suffix}"] = axis(
-            anchor=f"x{suffix}",
-            tickvals=places,
-            ticktext=[plain(shortened(g.label, _LONGEST)) for g in groups],
-            range=[count - 0.4, -0.6],
-            showticklabels=index == 0,
-            ticks="",
-            showgrid=False,
-            showline=False,
-        )
-        layout["annotations"].append(_words(plain(shortened(joint, 16)), begin / plot_width, 1.0, "paper", -2))
-        data += _bars(groups, places, joint, suffix, named)
+        sheet.data += _bars(groups, places, joint, axes, named)
     for text, place in headings:
-        layout["annotations"].append(_words(text, 0.0, place, "y", -8, anchor="right"))
-    height = round(_ROW * count) + _TOP + _BOTTOM
-    layout["showlegend"] = True
-    layout["legend"] = {
-        "orientation": "h",
-        "x": 1.0,
-        "xanchor": "right",
-        "y": 1.0 + 20 / (_ROW * count),
-        "yanchor": "bottom",
-        "font": {"size": SMALL_PX + 1},
-    }
-    return figure(
-        data,
-        layout,
-        title=f"Joint torque that is missing, {plain(after_which_fit(answer))}",
-        subtitle=_subtitle(groups, total),
-        height=height,
-        margin={"l": left, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
+        sheet.notes.append(
+            note(
+                f"<b>{text}</b>",
+                0.0,
+                place,
+                ("paper", "y"),
+                at=("right", "middle"),
+                shift=(-8, 0),
+                size=SMALL_PX + 1,
+                color=MUTED,
+            )
+        )
+    return sheet.drawn(
+        f"Joint torque that is missing, {plain(after_which_fit(answer))}",
+        _subtitle(groups, total),
+        legend_px=20,
+        at_right=True,
     )
 
 
@@ -188,7 +178,9 @@ def _places(groups: Sequence[Group]) -> tuple[list[float], list[tuple[str, float
     return places, headings, row
 
 
-def _bars(groups: Sequence[Group], places: Sequence[float], joint: str, suffix: str, named: set[str]) -> list[go.Bar]:
+def _bars(
+    groups: Sequence[Group], places: Sequence[float], joint: str, axes: dict[str, str], named: set[str]
+) -> list[go.Bar]:
     """Bars of one joint, those clear of nothing in their own colour; `named` are the legend's words so far."""
     out = []
     for clear, color, name in ((True, CLEAR, "beyond two standard deviations"), (False, WITHIN, "within them")):
@@ -197,7 +189,6 @@ def _bars(groups: Sequence[Group], places: Sequence[float], joint: str, suffix: 
         if not chosen:
             continue
         torques = [g.torques[joint] for g, _ in chosen]
-        spread = {"type": "data", "array": [t.sd or 0.0 for t in torques], "color": INK, "thickness": 1, "width": 2}
         out.append(
             go.Bar(
                 x=[t.value for t in torques],
@@ -205,14 +196,13 @@ def _bars(groups: Sequence[Group], places: Sequence[float], joint: str, suffix: 
                 orientation="h",
                 width=0.72,
                 marker={"color": color, "line": {"width": 0}},
-                error_x=spread,
+                error_x=whiskers([t.sd or 0.0 for t in torques], INK, width=2),
                 name=name,
                 legendgroup=name,
                 showlegend=name not in named,
                 hoverinfo="text",
                 hovertext=[_hover(g, joint) for g, _ in chosen],
-                xaxis=f"x{suffix}",
-                yaxis=f"y{suffix}",
+                **axes,
             )
         )
         named.add(name)
@@ -230,18 +220,3 @@ def _hover(group: Group, joint: str) -> str:
 def _subtitle(groups: Sequence[Group], total: int) -> str:
     left = f"; the {len(groups)} clearest of {total} groups" if total > len(groups) else ""
     return f"Residual forces taken back through the Jacobian; bars with one standard deviation{left}."
-
-
-def _words(text: str, x: float, y: float, yref: str, shift: int, anchor: str = "left") -> dict[str, Any]:
-    return {
-        "text": f"<b>{text}</b>",
-        "x": x,
-        "y": y,
-        "xref": "paper",
-        "yref": yref,
-        "xanchor": anchor,
-        "xshift": shift if anchor == "right" else 0,
-        "yanchor": "middle" if anchor == "right" else "bottom",
-        "showarrow": False,
-        "font": {"size": SMALL_PX + 1 if anchor == "right" else TEXT_PX, "color": INK if anchor == "left" else MUTED},
-    }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +11,17 @@ from numpy.typing import NDArray
 from fingermodel.comparison.comparison import CaseComparison, Comparison
 from fingermodel.fingers import PLANES, Plane
 from server.figures import graph_objects as go
+from server.figures.sheet import Sheet, shape
 from server.figures.style import (
     COMPONENT_AXES,
     COMPONENT_SENSES,
     GRID,
     INK,
     MUTED,
-    SMALL_PX,
+    ZERO_LINE,
     NothingToDrawError,
     axis,
     case_text,
-    domain,
-    figure,
     in_order,
     load_styles,
     number,
@@ -34,7 +32,7 @@ Floats = NDArray[np.float64]
 
 # Beyond so many cases a bar is no longer seen.
 MOST_CASES = 150
-_PANEL, _GAP, _TOP, _BOTTOM, _LEFT, _RIGHT = 170, 30, 112, 118, 66, 20  # [px]
+_PANEL, _GAP, _MARGINS = 170, 30, (66, 20, 112, 118)  # [px]
 # Less than this is nothing that a cell could read [N].
 _NOTHING_N = 1e-6
 
@@ -86,35 +84,17 @@ def effect_figure(
     said = f"{number(sizes[largest], 3)} N in {plain(pairs[largest][0].id)}"
     least = sorted(sizes, reverse=True)[:MOST_CASES][-1]
     drawn = [p for p, size in zip(pairs, sizes, strict=True) if size >= least][:MOST_CASES]
-    height = count * _PANEL + (count - 1) * _GAP
-    data: list[Any] = []
-    layout: dict[str, Any] = {
-        "annotations": [],
-        "shapes": [],
-        "bargap": 0.15,
-        "showlegend": True,
-        "meta": {"case": pairs[largest][0].id},
-    }
+    sheet = Sheet(
+        count * _PANEL + (count - 1) * _GAP, _MARGINS, bargap=0.15, showlegend=True, meta={"case": pairs[largest][0].id}
+    )
     for index in range(count):
-        upper = 1.0 - index * (_PANEL + _GAP) / height
-        data += _panel(drawn, index, layout, domain(upper - _PANEL / height, upper), last=index == count - 1)
-    layout["legend"] = {
-        "orientation": "h",
-        "x": 0.0,
-        "xanchor": "left",
-        "y": -(_BOTTOM - 34) / height,
-        "yanchor": "top",
-        "font": {"size": SMALL_PX + 1},
-    }
+        _panel(sheet, drawn, index, last=index == count - 1)
     left_out = len(pairs) - len(drawn)
     cut = f" The {len(drawn)} cases that it changes most, {left_out} others are left out." if left_out else ""
-    return figure(
-        data,
-        layout,
-        title=f"What it would change here: {plain(title)}",
-        subtitle=f"{_given(settings)}<br>Largest change: {said}.{cut}",
-        height=height + _TOP + _BOTTOM,
-        margin={"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
+    return sheet.drawn(
+        f"What it would change here: {plain(title)}",
+        f"{_given(settings)}<br>Largest change: {said}.{cut}",
+        legend_px=34 - _MARGINS[3],
     )
 
 
@@ -133,17 +113,8 @@ def _sorted(cases: Sequence[CaseComparison]) -> list[CaseComparison]:
     )
 
 
-def _panel(
-    pairs: Sequence[tuple[CaseComparison, Floats]],
-    index: int,
-    layout: dict[str, Any],
-    place: list[float],
-    *,
-    last: bool,
-) -> list[Any]:
-    """Bars and circles of one component, with its axes and the bounds between tendons."""
-    suffix = str(index + 1) if index else ""
-    names = {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
+def _panel(sheet: Sheet, pairs: Sequence[tuple[CaseComparison, Floats]], index: int, *, last: bool) -> None:
+    """Draw bars and circles of one component, and the bounds between tendons."""
     cases = [c for c, _ in pairs]
     changes = [float(change[index]) for _, change in pairs]
     missing = [float(c.measured_N[index] - c.predicted_N[index]) for c in cases]
@@ -155,24 +126,26 @@ def _panel(
     ]
     at = list(range(len(cases)))
     groups = _groups(cases)
-    layout[f"xaxis{suffix}"] = axis(
-        anchor=names["yaxis"],
-        range=[-0.7, len(cases) - 0.3],
-        tickvals=[0.5 * (a + b - 1) for _, a, b in groups],
-        ticktext=[name for name, _, _ in groups],
-        tickangle=-60,
-        ticks="",
-        showticklabels=last,
-        showgrid=False,
-        showline=False,
+    axes = sheet.panel(
+        axis(
+            range=[-0.7, len(cases) - 0.3],
+            tickvals=[0.5 * (a + b - 1) for _, a, b in groups],
+            ticktext=[name for name, _, _ in groups],
+            tickangle=-60,
+            ticks="",
+            showticklabels=last,
+            showgrid=False,
+            showline=False,
+        ),
+        axis(f"{COMPONENT_AXES[index]} [N], {COMPONENT_SENSES[index]} +", nticks=5, **ZERO_LINE)
+        | {"zerolinecolor": MUTED},
+        top=index * (_PANEL + _GAP),
+        high=_PANEL,
     )
-    title = f"{COMPONENT_AXES[index]} [N], {COMPONENT_SENSES[index]} +"
-    layout[f"yaxis{suffix}"] = axis(title, domain=place, anchor=names["xaxis"], nticks=5)
-    layout[f"yaxis{suffix}"] |= {"zeroline": True, "zerolinecolor": MUTED, "zerolinewidth": 1}
-    line = {"color": GRID, "width": 1}
-    for _, begin, _ in groups[1:]:
-        shape = {"type": "line", "x0": begin - 0.5, "x1": begin - 0.5, "y0": 0, "y1": 1, "line": line}
-        layout["shapes"].append(shape | {"xref": names["xaxis"], "yref": f"{names['yaxis']} domain", "layer": "below"})
+    on = (axes["xaxis"], f"{axes['yaxis']} domain")
+    sheet.shapes += [
+        shape((begin - 0.5, begin - 0.5), (0, 1), on, line={"color": GRID, "width": 1}) for _, begin, _ in groups[1:]
+    ]
     bars = go.Bar(
         x=at,
         y=changes,
@@ -182,7 +155,7 @@ def _panel(
         name="change by the effect (colour: the loaded tendon)",
         showlegend=index == 0,
         meta={"kind": "change", "cases": [c.id for c in cases]},
-        **names,
+        **axes,
     )
     circles = go.Scatter(
         x=at,
@@ -193,9 +166,9 @@ def _panel(
         name="measured − predicted without the effect",
         showlegend=index == 0,
         meta={"kind": "missing"},
-        **names,
+        **axes,
     )
-    return [bars, circles]
+    sheet.data += [bars, circles]
 
 
 def _groups(cases: Sequence[CaseComparison]) -> list[tuple[str, int, int]]:

@@ -13,23 +13,22 @@ from fingermodel.studies.inverted import Assigned, Inversion, InvertedCase
 from server.figures import graph_objects as go
 from server.figures.plot import Plot
 from server.figures.report import Picture, Section, Table, write_report
+from server.figures.sheet import Sheet, shape
 from server.figures.static import write_static
 from server.figures.style import (
     BAND,
     INK,
     SMALL_PX,
     WIDTH,
+    ZERO_LINE,
     axis,
-    domain,
-    figure,
-    heading,
     in_order,
-    legend,
     load_styles,
     load_text,
     number,
     plain,
     posture_name,
+    whiskers,
 )
 
 JOINT_COLOR = "#5B2A86"
@@ -182,63 +181,30 @@ def _ordered(cases: Sequence[InvertedCase]) -> _Order:
 def _strips(panels: Sequence[_Panel], order: _Order, names: tuple[str, str], *, title: str, subtitle: str) -> go.Figure:
     """One panel below the other, cases from left to right, with common bands for the loads."""
     crowded = _crowded(order)
-    bottom = _BOTTOM if crowded else _BOTTOM_LEVEL
-    up = len(panels) * _PANEL + (len(panels) - 1) * _GAP
-    data: list[go.Scatter] = []
-    shapes: list[dict[str, Any]] = []
-    layout: dict[str, Any] = {"annotations": [], "shapes": shapes, "showlegend": True}
+    margins = (_LEFT, _RIGHT, _TOP, _BOTTOM if crowded else _BOTTOM_LEVEL)
+    sheet = Sheet(len(panels) * _PANEL + (len(panels) - 1) * _GAP, margins, showlegend=True)
     reach = [order.loads[0][1] - _SIDE, order.loads[-1][2] + _SIDE]
     for k, panel in enumerate(panels):
-        suffix = str(k + 1) if k else ""
-        top = 1.0 - k * (_PANEL + _GAP) / up
         span = _span(panel)
-        data += _traces(panel, order, names, suffix, first=k == 0)
-        shapes += [
-            {
-                "type": "rect",
-                "xref": f"x{suffix}",
-                "yref": f"y{suffix}",
-                "x0": begin,
-                "x1": end,
-                "y0": span[0],
-                "y1": span[1],
-                "fillcolor": BAND,
-                "line": {"width": 0},
-                "layer": "below",
-            }
-            for _, begin, end in order.loads
-        ]
-        lowest = k == len(panels) - 1
-        layout[f"xaxis{suffix}"] = axis(
-            range=reach,
-            anchor=f"y{suffix}",
-            showgrid=False,
-            ticks="",
-            tickvals=[0.5 * (begin + end) for _, begin, end in order.loads],
-            ticktext=[plain(name) for name, _, _ in order.loads],
-            tickangle=-40 if crowded else 0,
-            showticklabels=lowest,
+        axes = sheet.panel(
+            axis(
+                range=reach,
+                showgrid=False,
+                ticks="",
+                tickvals=[0.5 * (begin + end) for _, begin, end in order.loads],
+                ticktext=[plain(name) for name, _, _ in order.loads],
+                tickangle=-40 if crowded else 0,
+                showticklabels=k == len(panels) - 1,
+            ),
+            axis("force [N]", range=span, nticks=5, **ZERO_LINE),
+            top=k * (_PANEL + _GAP),
+            high=_PANEL,
+            heading=plain(panel.title),
         )
-        layout[f"yaxis{suffix}"] = axis(
-            "force [N]",
-            domain=domain(top - _PANEL / up, top),
-            anchor=f"x{suffix}",
-            range=span,
-            nticks=5,
-            zeroline=True,
-            zerolinecolor=INK,
-            zerolinewidth=1,
-        )
-        layout["annotations"].append(heading(panel.title, top, 4))
-    layout["legend"] = legend(26, up)
-    return figure(
-        data,
-        layout,
-        title=title,
-        subtitle=subtitle,
-        height=up + _TOP + bottom,
-        margin={"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": bottom},
-    )
+        on = (axes["xaxis"], axes["yaxis"])
+        sheet.shapes += [shape((begin, end), span, on, fillcolor=BAND) for _, begin, end in order.loads]
+        sheet.data += _traces(panel, order, names, axes, first=k == 0)
+    return sheet.drawn(title, subtitle, legend_px=26)
 
 
 def _crowded(order: _Order) -> bool:
@@ -268,13 +234,15 @@ def _bars(panel: _Panel) -> tuple[list[float], list[float]]:
     return [min(bar, max(a.force_N, 0.0)) for bar, a in zip(above, panel.forces, strict=True)], above
 
 
-def _traces(panel: _Panel, order: _Order, names: tuple[str, str], suffix: str, *, first: bool) -> list[go.Scatter]:
+def _traces(
+    panel: _Panel, order: _Order, names: tuple[str, str], axes: dict[str, str], *, first: bool
+) -> list[go.Scatter]:
     words = [
         f"<b>{plain(c.id)}</b> {plain(load_text(c.masses_g))}, {posture_name(c.posture)}"
         f"<br>{number(a.force_N)} ± {number(2.0 * a.sd_N)} N; {names[1]}: {number(a.hung_N)} N"
         for c, a in zip(order.cases, panel.forces, strict=True)
     ]
-    own: dict[str, Any] = {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}", "showlegend": first}
+    own: dict[str, Any] = {"showlegend": first, **axes}
     pushed = [a.force_N < -1e-9 for a in panel.forces]
     below, above = _bars(panel)
     return [
@@ -295,16 +263,7 @@ def _traces(panel: _Panel, order: _Order, names: tuple[str, str], suffix: str, *
             name=names[0],
             legendgroup="assigned",
             marker={"color": panel.color, "size": 6, "symbol": ["circle-open" if p else "circle" for p in pushed]},
-            error_y={
-                "type": "data",
-                "symmetric": False,
-                "array": above,
-                "arrayminus": below,
-                "color": panel.color,
-                "thickness": 1.2,
-                "width": 0,
-                "visible": True,
-            },
+            error_y=whiskers(above, panel.color, below, thickness=1.2, width=0),
             hoverinfo="text",
             hovertext=words,
             **own,

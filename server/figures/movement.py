@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,24 +14,15 @@ from fingermodel.studies.movement import MovementResult
 from server.figures import graph_objects as go
 from server.figures.plot import Plot
 from server.figures.report import Picture, Section, Table, write_report
+from server.figures.sheet import Sheet, shape
 from server.figures.static import write_static
-from server.figures.style import (
-    INK,
-    MUTED,
-    TEXT_PX,
-    WIDTH,
-    axis,
-    domain,
-    figure,
-    legend,
-    number,
-    plain,
-)
+from server.figures.style import MUTED, ZERO_LINE, axis, number, plain
 
 Floats = NDArray[np.float64]
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9")
 TOTAL, ACTIVE, PASSIVE, OTHER = "#222222", "#0072B2", "#D55E00", "#8a8a8a"
-_LEFT, _RIGHT, _TOP, _BOTTOM, _GAP_X, _GAP_Y, _HEIGHT = 64, 16, 104, 52, 62, 46, 170  # [px]
+_COLUMNS = 2
+_MARGINS, _GAP_X, _GAP_Y, _HEIGHT = (64, 16, 104, 52), 62, 46, 170  # [px]
 
 
 @dataclass(frozen=True)
@@ -82,7 +73,6 @@ def movement_figure(result: MovementResult) -> go.Figure:
     return _grid(
         result,
         [p for p in panels if p.lines],
-        columns=2,
         title="What moves, and the torques behind it",
         subtitle="Flexion positive. Dotted: first and last contact of the tip.",
     )
@@ -108,7 +98,6 @@ def muscles_figure(result: MovementResult, reference: Reference | None = None) -
     return _grid(
         result,
         panels,
-        columns=2,
         title="Muscle forces",
         subtitle="Min/max recruitment of what the passive forces leave. Each muscle has its own scale.",
     )
@@ -162,72 +151,45 @@ def movement_report(result: MovementResult, folder: Path, *, static: bool = True
     return page
 
 
-def _grid(result: MovementResult, panels: Sequence[Panel], *, columns: int, title: str, subtitle: str) -> go.Figure:
-    rows = -(-len(panels) // columns)
-    height = _TOP + _BOTTOM + rows * _HEIGHT + (rows - 1) * _GAP_Y
-    across, up = WIDTH - _LEFT - _RIGHT, height - _TOP - _BOTTOM
-    wide = (across - (columns - 1) * _GAP_X) / columns
-    contact = result.contact_s()
-    first, last = float(result.times_s[0]), float(result.times_s[-1])
-    data: list[go.Scatter] = []
-    layout: dict[str, Any] = {"annotations": [], "shapes": [], "showlegend": True}
+def _grid(result: MovementResult, panels: Sequence[Panel], *, title: str, subtitle: str) -> go.Figure:
+    """Panels in two columns, one scale of time below them."""
+    rows = -(-len(panels) // _COLUMNS)
+    sheet = Sheet(rows * _HEIGHT + (rows - 1) * _GAP_Y, _MARGINS, showlegend=True)
+    wide = (sheet.wide - (_COLUMNS - 1) * _GAP_X) / _COLUMNS
+    times = [float(result.times_s[0]), float(result.times_s[-1])]
     named: set[str] = set()
     for index, panel in enumerate(panels):
-        row, column = divmod(index, columns)
-        suffix = str(index + 1) if index else ""
-        left, top = column * (wide + _GAP_X), row * (_HEIGHT + _GAP_Y)
-        lowest = index + columns >= len(panels)
-        layout[f"xaxis{suffix}"] = axis(
-            "time [s]" if lowest else "",
-            domain=domain(left / across, (left + wide) / across),
-            anchor=f"y{suffix}",
-            range=[first, last],
-            nticks=7,
+        row, column = divmod(index, _COLUMNS)
+        span = _span(panel.lines)
+        axes = sheet.panel(
+            axis("time [s]" if index + _COLUMNS >= len(panels) else "", range=times, nticks=7),
+            axis(panel.unit, range=span, nticks=5, **ZERO_LINE | {"zerolinecolor": MUTED}),
+            left=column * (wide + _GAP_X),
+            top=row * (_HEIGHT + _GAP_Y),
+            wide=wide,
+            high=_HEIGHT,
+            heading=plain(panel.heading),
+            above=3,
         )
-        layout[f"yaxis{suffix}"] = axis(
-            panel.unit,
-            domain=domain(1.0 - (top + _HEIGHT) / up, 1.0 - top / up),
-            anchor=f"x{suffix}",
-            range=_span(panel.lines),
-            nticks=5,
-            zeroline=True,
-            zerolinecolor=MUTED,
-            zerolinewidth=1,
-        )
-        layout["annotations"].append(_heading(panel.heading, left / across, 1.0 - top / up))
-        for at in contact or ():
-            layout["shapes"].append(
-                {
-                    "type": "line",
-                    "xref": f"x{suffix}",
-                    "yref": f"y{suffix}",
-                    "x0": at,
-                    "x1": at,
-                    "y0": layout[f"yaxis{suffix}"]["range"][0],
-                    "y1": layout[f"yaxis{suffix}"]["range"][1],
-                    "line": {"color": MUTED, "width": 1, "dash": "dot"},
-                    "layer": "below",
-                }
-            )
+        dotted = {"color": MUTED, "width": 1, "dash": "dot"}
+        on = (axes["xaxis"], axes["yaxis"])
+        sheet.shapes += [shape((at, at), span, on, line=dotted) for at in result.contact_s() or ()]
         for line in panel.lines:
-            times = result.times_s if line.times is None else line.times
-            data.append(
+            times_s = result.times_s if line.times is None else line.times
+            sheet.data.append(
                 go.Scatter(
-                    x=np.round(times, 6).tolist(),
+                    x=np.round(times_s, 6).tolist(),
                     y=[float(f"{v:.6g}") for v in line.values],
                     name=plain(line.name),
                     legendgroup=line.name,
                     showlegend=line.name not in named,
                     mode="lines",
                     line={"color": line.color, "width": 1.8, "dash": line.dash},
-                    xaxis=f"x{suffix}",
-                    yaxis=f"y{suffix}",
+                    **axes,
                 )
             )
             named.add(line.name)
-    layout["legend"] = legend(24, up)
-    margin = {"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM}
-    return figure(data, layout, title=title, subtitle=subtitle, height=height, margin=margin)
+    return sheet.drawn(title, subtitle, legend_px=24)
 
 
 def _span(lines: Sequence[Line]) -> list[float]:
@@ -236,18 +198,3 @@ def _span(lines: Sequence[Line]) -> list[float]:
     high = max(0.0, *(float(line.values.max()) for line in lines))
     room = 0.06 * (high - low) or 1.0
     return [low - (room if low < 0.0 else 0.0), high + room]
-
-
-def _heading(text: str, x: float, y: float) -> dict[str, Any]:
-    return {
-        "text": f"<b>{plain(text)}</b>",
-        "x": x,
-        "y": y,
-        "xref": "paper",
-        "yref": "paper",
-        "xanchor": "left",
-        "yanchor": "bottom",
-        "yshift": 3,
-        "showarrow": False,
-        "font": {"size": TEXT_PX, "color": INK},
-    }

@@ -15,14 +15,13 @@ from fingermodel.fingers import Finger, FingerValues
 from server.figures import graph_objects as go
 from server.figures.poses import FingerPose, finger_pose
 from server.figures.scales import scale_bars
+from server.figures.sheet import Sheet, note, panel_axes
 from server.figures.skeleton import finger_traces
 from server.figures.style import (
-    INK,
+    BARE,
     SMALL_PX,
     TEXT_PX,
     WIDTH,
-    domain,
-    figure,
     in_order,
     legend,
     load_styles,
@@ -68,12 +67,6 @@ def panels_of(
         own = [c for c in cases if c.posture == posture]
         panels.append(Panel(posture, finger_pose(finger, values, postures[where[own[0].id]]), own))
     return panels
-
-
-def panel_axes(index: int) -> dict[str, str]:
-    """Names of the axes of the panel with that index."""
-    suffix = str(index + 1) if index else ""
-    return {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
 
 
 def thinned(cases: Sequence[CaseComparison]) -> tuple[list[CaseComparison], str]:
@@ -168,56 +161,37 @@ def panels_figure(
     top = 58 + 15 * subtitle.count("<br>") + (18 if subtitle else 0)
     longest = max(_key_width(k) for k in keys)
     bottom = 40 + 19 * -(-len(keys) // max(1, (WIDTH - 2 * _SIDE) // longest))
-    plot = sum(up) * px_per_mm + len(up) * _HEADING + (len(up) - 1) * _GAP
-    layout: dict[str, Any] = {"annotations": [], "showlegend": True}
-    data: list[go.Scatter] = []
-    upper = 1.0
+    high = sum(up) * px_per_mm + len(up) * _HEADING + (len(up) - 1) * _GAP
+    sheet = Sheet(high, (_SIDE, _SIDE, top, int(bottom)), showlegend=True)
+    down = 0.0
     for index, panel in enumerate(panels):
         row, column = divmod(index, columns)
         size = np.array([across, up[row]])
         low = extents[index].mean(axis=0) - size / 2 - [0.0, strip / 2]
-        left = column * (width + _GAP) / (WIDTH - 2 * _SIDE)
-        height = up[row] * px_per_mm
         if column == 0:
-            upper -= (_HEADING + (up[row - 1] * px_per_mm + _GAP if row else 0.0)) / plot
-        names = panel_axes(index)
-        hidden = {"showgrid": False, "zeroline": False, "showline": False, "showticklabels": False, "ticks": ""}
-        layout[names["xaxis"].replace("x", "xaxis")] = hidden | {
-            "domain": domain(left, left + width / (WIDTH - 2 * _SIDE)),
-            "anchor": names["yaxis"],
-            "range": [float(low[0]), float(low[0] + size[0])],
-            "constrain": "domain",
-        }
-        layout[names["yaxis"].replace("y", "yaxis")] = hidden | {
-            "domain": domain(upper - height / plot, upper),
-            "anchor": names["xaxis"],
-            "range": [float(low[1]), float(low[1] + size[1])],
-            "scaleanchor": names["xaxis"],
-            "scaleratio": 1,
-            "constrain": "domain",
-        }
-        layout["annotations"].append(
-            {
-                "text": panel.heading,
-                "x": left,
-                "y": upper + (_HEADING - 6) / plot,
-                "xref": "paper",
-                "yref": "paper",
-                "xanchor": "left",
-                "yanchor": "top",
-                "align": "left",
-                "showarrow": False,
-                "font": {"size": SMALL_PX + 1, "color": INK},
-            }
+            down += _HEADING + (up[row - 1] * px_per_mm + _GAP if row else 0.0)
+        left = column * (width + _GAP)
+        names = sheet.panel(
+            *drawing_axes(low, size, constrain="domain"),
+            left=left,
+            top=down,
+            wide=width,
+            high=up[row] * px_per_mm,
+            equal=True,
         )
-        data += panel.traces
+        place = left / sheet.wide, 1.0 - (down - _HEADING + 6) / high
+        sheet.notes.append(note(panel.heading, *place, at=("left", "top"), size=SMALL_PX + 1, align="left"))
         bars, words = scale_bars(low, size, mm_per_N, names, first=index == 0)
-        data += bars
-        layout["annotations"] += words
-    layout["legend"] = legend(-14, plot) | {"traceorder": "normal"}
-    margin = {"l": _SIDE, "r": _SIDE, "t": top, "b": int(bottom)}
-    total = round(plot + top + bottom)
-    return figure([*data, *keys], layout, title=title, subtitle=subtitle, height=total, margin=margin)
+        sheet.data += [*panel.traces, *bars]
+        sheet.notes += words
+    sheet.data += keys
+    return sheet.drawn(title, subtitle, legend=legend(-14, high) | {"traceorder": "normal"})
+
+
+def drawing_axes(low: Floats, size: Floats, **more: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the axes of a drawing, of which nothing is seen, from its lower left corner (2,) and its size [mm]."""
+    x, y = (BARE | {"range": [float(a), float(a + b)]} | more for a, b in zip(low, size, strict=True))
+    return x, y
 
 
 def key(name: str, **changes: Any) -> go.Scatter:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.figures import graph_objects as go
+from server.figures.sheet import note
 from server.figures.style import MUTED, SMALL_PX
 
 Floats = NDArray[np.float64]
@@ -24,8 +25,8 @@ def scale_bars(
     low: Floats, size: Floats, mm_per_N: float, names: Mapping[str, str], *, first: bool
 ) -> tuple[list[go.Scatter], list[dict[str, Any]]]:
     """Force bar of each panel; the first one has a length bar and the directions too."""
-    axes = {"xref": names["xaxis"], "yref": names["yaxis"]}
-    font = {"size": SMALL_PX, "color": MUTED}
+    on = (names["xaxis"], names["yaxis"])
+    look: dict[str, Any] = {"size": SMALL_PX, "color": MUTED}
     y = float(low[1] + 0.035 * size[1])
     bars = []
     if mm_per_N > 0:  # else there is no force to scale
@@ -42,39 +43,19 @@ def scale_bars(
         traces.append(
             go.Scatter(**shape, showlegend=False, hoverinfo="skip", meta={"kind": "scale", "text": text}, **names)
         )
-        words.append(
-            {
-                "text": text,
-                "x": x + length / 2,
-                "y": y,
-                "yanchor": "bottom",
-                "yshift": 1,
-                "showarrow": False,
-                "font": font,
-            }
-            | axes
-        )
+        words.append(note(text, x + length / 2, y, on, at=("auto", "bottom"), shift=(0, 1), **look))
         x += length + 0.06 * float(size[0])
     if first:
         x, arm = float(low[0] + 0.80 * size[0]), 0.09 * float(size[0])
+        head: dict[str, Any] = {
+            "showarrow": True,
+            "arrowhead": 2,
+            "arrowsize": 1,
+            "arrowwidth": 1.2,
+            "arrowcolor": MUTED,
+        }
+        tail: dict[str, Any] = {"ax": x, "ay": y, "axref": on[0], "ayref": on[1]}
         for dx, dy, text, anchor in ((1, 0, "proximal", "top"), (0, 1, "dorsal", "bottom")):
-            arrow = {
-                "x": x + dx * arm,
-                "y": y + dy * arm,
-                "ax": x,
-                "ay": y,
-                "axref": axes["xref"],
-                "ayref": axes["yref"],
-            }
-            head = {
-                "showarrow": True,
-                "arrowhead": 2,
-                "arrowsize": 1,
-                "arrowwidth": 1.2,
-                "arrowcolor": MUTED,
-                "text": "",
-            }
-            words.append(arrow | head | axes)
-            place = {"x": x + dx * arm * 0.6, "y": y + dy * arm, "text": text, "yanchor": anchor, "showarrow": False}
-            words.append(place | axes | {"font": font})
+            words.append(note("", x + dx * arm, y + dy * arm, on, at=("auto", "auto"), **head, **tail))
+            words.append(note(text, x + dx * arm * 0.6, y + dy * arm, on, at=("auto", anchor), **look))
     return traces, words

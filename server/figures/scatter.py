@@ -10,21 +10,18 @@ import numpy as np
 from fingermodel.comparison.comparison import CaseComparison, Comparison
 from fingermodel.fingers import PLANES, Plane
 from server.figures import graph_objects as go
+from server.figures.sheet import Sheet, note
 from server.figures.style import (
     BAND,
     COMPONENT_AXES,
     COMPONENT_SENSES,
-    INK,
     MUTED,
     PLANE_NAMES,
     SMALL_PX,
-    TEXT_PX,
     WIDTH,
     NothingToDrawError,
     axis,
     case_text,
-    domain,
-    figure,
     in_order,
     load_styles,
     number,
@@ -60,68 +57,49 @@ def scatter_figure(
     columns, rows = len(components), len(chosen)
     beside = columns < 3  # where the legend is: beside two panels, below three
     right = 300 if beside else 20
-    plot_width = WIDTH - _LEFT - right
-    side = (plot_width - (columns - 1) * _GAP) / columns
-    plot_height = rows * (side + _HEADING) + (rows - 1) * _UNDER
-    limits = [_limits([c for _, part in chosen for c in part.cases], k) for k in components]
-    data: list[go.Scatter] = []
-    layout: dict[str, Any] = {"annotations": []}
+    side = (WIDTH - _LEFT - right - (columns - 1) * _GAP) / columns
     muscles = in_order(c.muscles for c in chosen[-1][1].cases)
-    for row, (name, comparison) in enumerate(chosen):
-        top = 1.0 - (row * (side + _HEADING + _UNDER) + _HEADING) / plot_height
-        layout["annotations"].append(_row_title(name, comparison, plane, top + _HEADING / plot_height))
-        for column in components:
-            index = row * columns + column
-            names = {"xaxis": f"x{index + 1 if index else ''}", "yaxis": f"y{index + 1 if index else ''}"}
-            left = column * (side + _GAP) / plot_width
-            low, high = limits[column]
-            words = f"{COMPONENT_AXES[column]} [N]"
-            shared = {"range": [low, high], "nticks": 7 if beside else 6}
-            layout[names["xaxis"].replace("x", "xaxis")] = axis(
-                f"measured {words}, {COMPONENT_SENSES[column]} +",
-                domain=domain(left, left + side / plot_width),
-                anchor=names["yaxis"],
-                **shared,
-            )
-            layout[names["yaxis"].replace("y", "yaxis")] = axis(
-                f"predicted {words}",
-                domain=domain(top - side / plot_height, top),
-                anchor=names["xaxis"],
-                scaleanchor=names["xaxis"],
-                scaleratio=1,
-                constrain="domain",
-                **shared,
-            )
-            data += _identity(comparison, column, (low, high), names, first=index == 0)
-            data += _points(comparison, column, muscles, names)
-    data += _keys(chosen, muscles, plane)
-    explained = {
-        "text": _legend_title(chosen, "<br>" if beside else " "),
-        "font": {"size": SMALL_PX + 1, "color": MUTED},
-    }
-    layout["legend"] = {
-        "x": 1.0 + 20 / plot_width if beside else 0.0,
-        "y": 1.0 if beside else -(_UNDER + 20) / plot_height,
-        "xanchor": "left",
-        "yanchor": "top",
-        "orientation": "v" if beside else "h",
-        "font": {"size": SMALL_PX + 1},
-    }
-    if beside:
-        layout["legend"]["title"] = explained
-    else:  # beside its entries, a title would push them out of the figure
-        place = {"x": 0.0, "xref": "paper", "xanchor": "left", "yref": "paper", "yanchor": "top", "showarrow": False}
-        layout["annotations"].append(explained | place | {"y": -_UNDER / plot_height})
     bottom = _UNDER + (0 if beside else 44 + 20 * -(-(len(muscles) + 2) // 3))
+    sheet = Sheet(rows * (side + _HEADING) + (rows - 1) * _UNDER, (_LEFT, right, _TOP, bottom))
+    limits = [_limits([c for _, part in chosen for c in part.cases], k) for k in components]
+    for row, (name, comparison) in enumerate(chosen):
+        top = row * (side + _HEADING + _UNDER) + _HEADING
+        named = f"<b>{plain(name)}: RMSE {rmse_text(comparison.errors(plane))} {PLANE_NAMES[plane]}</b>"
+        sheet.notes.append(note(named, 0.0, 1.0 - (top - _HEADING) / sheet.high, at=("left", "top")))
+        for column in components:
+            words = f"{COMPONENT_AXES[column]} [N]"
+            shared = {"range": list(limits[column]), "nticks": 7 if beside else 6}
+            names = sheet.panel(
+                axis(f"measured {words}, {COMPONENT_SENSES[column]} +", **shared),
+                axis(f"predicted {words}", constrain="domain", **shared),
+                left=column * (side + _GAP),
+                top=top,
+                wide=side,
+                high=side,
+                equal=True,
+            )
+            sheet.data += _identity(comparison, column, limits[column], names, first=row + column == 0)
+            sheet.data += _points(comparison, column, muscles, names)
+    sheet.data += _keys(chosen, muscles, plane)
+    explained = "RMSE by tendon (of its mean force)"
+    explained += f"{'<br>' if beside else ' '}before → after" if len(chosen) > 1 else ""
+    look: dict[str, Any] = {"size": SMALL_PX + 1, "color": MUTED}
+    if not beside:  # beside its entries, a title would push them out of the figure
+        sheet.notes.append(note(explained, 0.0, -_UNDER / sheet.high, at=("left", "top"), **look))
     cases = f"{len(chosen[-1][1].cases)} {role + ' ' if role else ''}cases"
     frame = "distal phalanx" if location == "tip" else "metacarpal"
-    return figure(
-        data,
-        layout,
-        title=f"Measured and predicted {location} force components",
-        subtitle=f"{cases}; axes of the {frame}; grey: identity ± 2 SD of the measurement",
-        height=round(plot_height + _TOP + bottom),
-        margin={"l": _LEFT, "r": right, "t": _TOP, "b": bottom},
+    return sheet.drawn(
+        f"Measured and predicted {location} force components",
+        f"{cases}; axes of the {frame}; grey: identity ± 2 SD of the measurement",
+        legend={
+            "x": 1.0 + 20 / sheet.wide if beside else 0.0,
+            "y": 1.0 if beside else -(_UNDER + 20) / sheet.high,
+            "xanchor": "left",
+            "yanchor": "top",
+            "orientation": "v" if beside else "h",
+            "font": {"size": SMALL_PX + 1},
+        }
+        | ({"title": {"text": explained, "font": look}} if beside else {}),
     )
 
 
@@ -132,21 +110,6 @@ def _limits(cases: Sequence[CaseComparison], component: int) -> tuple[float, flo
     low, high = float(values.min()), float(values.max())
     room = 0.08 * (high - low) or 1e-3
     return low - room, high + room
-
-
-def _row_title(name: str, comparison: Comparison, plane: Plane, y: float) -> dict[str, Any]:
-    errors = comparison.errors(plane)
-    return {
-        "text": f"<b>{plain(name)}: RMSE {rmse_text(errors)} {PLANE_NAMES[plane]}</b>",
-        "x": 0.0,
-        "y": y,
-        "xref": "paper",
-        "yref": "paper",
-        "xanchor": "left",
-        "yanchor": "top",
-        "showarrow": False,
-        "font": {"size": TEXT_PX, "color": INK},
-    }
 
 
 def _identity(
@@ -215,10 +178,6 @@ def _points(comparison: Comparison, component: int, muscles: Sequence[str], axes
             )
         )
     return out
-
-
-def _legend_title(chosen: Sequence[tuple[str, Comparison]], separator: str) -> str:
-    return "RMSE by tendon (of its mean force)" + (f"{separator}before → after" if len(chosen) > 1 else "")
 
 
 def _keys(chosen: Sequence[tuple[str, Comparison]], muscles: Sequence[str], plane: Plane) -> list[go.Scatter]:

@@ -11,16 +11,13 @@ from fingermodel.parameters import with_unit
 from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import Answer, part, rows, value, vector, words
 from server.figures.report import Picture, Section, Table
+from server.figures.sheet import Sheet
 from server.figures.style import (
     INK,
-    TEXT_PX,
-    WIDTH,
     NothingToDrawError,
     axis,
-    domain,
-    figure,
+    band,
     fixed,
-    legend,
     load_text,
     number,
     plain,
@@ -28,7 +25,7 @@ from server.figures.style import (
 )
 
 _MOST, _ACROSS, _PANEL, _GAP, _HEAD = 6, 3, 170, 48, 30  # panels, in a row; [px] height, beside, above
-_TOP, _BOTTOM, _LEFT, _RIGHT = 106, 72, 66, 20  # [px]
+_MARGINS = (66, 20, 106, 72)  # [px]
 _COLOR, _PALE, _LAW = "#00629b", "#8a8f98", "#b84f00"
 # So that law and curve are seen at every tendon and joint of a finger.
 _MOST_WITH_LAW = 18
@@ -121,115 +118,55 @@ def _curve(curve: Answer, name: str, title: str, subtitle: str) -> go.Figure:
     names = ["/".join(fixed(value(a) or 0.0, 0) for a in p.values()) for p in postures]
     order = sorted(range(len(postures)), key=lambda i: [value(a) or 0.0 for a in postures[i].values()])
     rotations = "/".join(plain(r) for r in postures[0])
-    down = -(-len(parts) // _ACROSS)
-    plot, width = down * (_PANEL + _HEAD), WIDTH - _LEFT - _RIGHT
-    wide = (width - _GAP * (_ACROSS - 1)) / _ACROSS
-    layout: dict[str, Any] = {"annotations": []}
-    data: list[go.Scatter] = []
+    sheet = Sheet(-(-len(parts) // _ACROSS) * (_PANEL + _HEAD), _MARGINS, showlegend=True)
+    wide = (sheet.wide - _GAP * (_ACROSS - 1)) / _ACROSS
     x = [names[i] for i in order]
     for k, found in enumerate(parts):
-        suffix, row, column = str(k + 1) if k else "", k // _ACROSS, k % _ACROSS
-        upper, begin = plot - row * (_PANEL + _HEAD) - _HEAD, column * (wide + _GAP)
-        place = {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
+        row, column = divmod(k, _ACROSS)
         lowest = k + _ACROSS >= len(parts)
-        layout[f"xaxis{suffix}"] = axis(
-            f"{rotations} [°]" if lowest else "",
-            domain=domain(begin / width, (begin + wide) / width),
-            anchor=f"y{suffix}",
-            type="category",
-            showticklabels=lowest,
-        )
-        layout[f"yaxis{suffix}"] = axis(
-            _WHAT.get(str(curve.get("stage")), "") if column == 0 else "",
-            domain=domain((upper - _PANEL) / plot, upper / plot),
-            anchor=f"x{suffix}",
-            zeroline=True,
-            zerolinecolor=INK,
-        )
         lost = number(value(found.get("log_evidence_lost")), 1)
-        said = f"{plain(found.get('muscle'))} {plain(found.get('joint'))}, {lost} nat"
-        layout["annotations"].append(
-            {
-                "text": f"<b>{said}</b>",
-                "x": begin / width,
-                "y": upper / plot,
-                "xref": "paper",
-                "yref": "paper",
-                "xanchor": "left",
-                "yanchor": "bottom",
-                "showarrow": False,
-                "font": {"size": TEXT_PX, "color": INK},
-            }
+        axes = sheet.panel(
+            axis(f"{rotations} [°]" if lowest else "", type="category", showticklabels=lowest),
+            axis(_WHAT.get(str(curve.get("stage")), "") if column == 0 else "", zeroline=True, zerolinecolor=INK),
+            left=column * (wide + _GAP),
+            top=row * (_PANEL + _HEAD) + _HEAD,
+            wide=wide,
+            high=_PANEL,
+            heading=f"{plain(found.get('muscle'))} {plain(found.get('joint'))}, {lost} nat",
+            above=0,
         )
-        for n, (session, own) in enumerate(part(found, "own").items()):
-            y = vector(own) or []
-            data.append(
-                go.Scatter(
-                    x=x,
-                    y=[y[i] for i in order],
-                    mode="lines+markers",
-                    line={"color": _PALE, "width": 1},
-                    marker={"size": 4, "color": _PALE},
-                    name="each session alone",
-                    showlegend=k == 0 and n == 0,
-                    legendgroup="own",
-                    hovertemplate=f"{plain(session)}: %{{y:.2f}}<extra></extra>",
-                    **place,
-                )
-            )
-        mean, sd = vector(found.get("mean")) or [], vector(found.get("sd")) or []
-        high, low = [mean[i] + 2.0 * sd[i] for i in order], [mean[i] - 2.0 * sd[i] for i in order]
-        data.append(
-            go.Scatter(
-                x=[*x, *reversed(x)],
-                y=[*high, *reversed(low)],
-                mode="lines",
-                line={"width": 0},
-                fill="toself",
-                fillcolor=rgba(_COLOR, 0.16),
-                hoverinfo="skip",
-                showlegend=False,
-                **place,
-            )
-        )
-        data.append(
+
+        pale = {"line": {"color": _PALE, "width": 1}, "marker": {"size": 4, "color": _PALE}}
+        strong = {"line": {"color": _COLOR, "width": 2.5}, "marker": {"size": 6, "color": _COLOR}}
+        dashed = {
+            "line": {"color": _LAW, "width": 2.5, "dash": "6px,4px"},
+            "marker": {"size": 7, "color": _LAW, "symbol": "diamond-open"},
+        }
+        own = [
+            (vector(y) or [], "each session alone", "own", pale, f"{plain(session)}: ", k == 0 and n == 0)
+            for n, (session, y) in enumerate(part(found, "own").items())
+        ]
+        mean, sd, law = (vector(found.get(key)) or [] for key in ("mean", "sd", "law"))
+        courses = [*own, (mean, name, "shared", strong, "", k == 0)]
+        courses += [(law, "the law", "law", dashed, "law: ", k == 0)] if law else []
+        drawn = [
             go.Scatter(
                 x=x,
-                y=[mean[i] for i in order],
+                y=[y[i] for i in order],
                 mode="lines+markers",
-                line={"color": _COLOR, "width": 2.5},
-                marker={"size": 6, "color": _COLOR},
-                name=name,
-                showlegend=k == 0,
-                legendgroup="shared",
-                hovertemplate="%{y:.2f}<extra></extra>",
-                **place,
+                name=called,
+                showlegend=named,
+                legendgroup=group,
+                hovertemplate=f"{said}%{{y:.2f}}<extra></extra>",
+                **look,
+                **axes,
             )
-        )
-        if law := vector(found.get("law")):
-            data.append(
-                go.Scatter(
-                    x=x,
-                    y=[law[i] for i in order],
-                    mode="lines+markers",
-                    line={"color": _LAW, "width": 2.5, "dash": "6px,4px"},
-                    marker={"size": 7, "color": _LAW, "symbol": "diamond-open"},
-                    name="the law",
-                    showlegend=k == 0,
-                    legendgroup="law",
-                    hovertemplate="law: %{y:.2f}<extra></extra>",
-                    **place,
-                )
-            )
-    layout["showlegend"], layout["legend"] = True, legend(6, plot)
-    return figure(
-        data,
-        layout,
-        title=title,
-        subtitle=subtitle,
-        height=plot + _TOP + _BOTTOM,
-        margin={"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
-    )
+            for y, called, group, look, said, named in courses
+        ]
+        high, low = [mean[i] + 2.0 * sd[i] for i in order], [mean[i] - 2.0 * sd[i] for i in order]
+        # The band lies over the sessions' own courses and below the rest.
+        sheet.data += [*drawn[: len(own)], band(x, low, high, rgba(_COLOR, 0.16), axes), *drawn[len(own) :]]
+    return sheet.drawn(title, subtitle, legend_px=6)
 
 
 def chance_figure(answer: Answer) -> go.Figure:
@@ -260,19 +197,14 @@ def chance_figure(answer: Answer) -> go.Figure:
         name="as the sessions are",
         hovertemplate=f"{gained:.1f} nat<extra></extra>",
     )
-    plot, chance = 240, number(value(shared.get("permutation_p")), 3)
-    return figure(
-        [bars, line],
-        {
-            "xaxis": axis("gain of sharing [nat]", anchor="y"),
-            "yaxis": axis("shuffles", anchor="x"),
-            "showlegend": True,
-            "legend": legend(6, plot),
-        },
-        title="Would chance do as well?",
-        subtitle=f"Tendons and signs of each session shuffled, {len(shuffled)} times; p = {chance}.",
-        height=plot + _TOP + _BOTTOM,
-        margin={"l": _LEFT, "r": _RIGHT, "t": _TOP, "b": _BOTTOM},
+    sheet = Sheet(240, _MARGINS, showlegend=True)
+    sheet.panel(axis("gain of sharing [nat]"), axis("shuffles"))
+    sheet.data += [bars, line]
+    chance = number(value(shared.get("permutation_p")), 3)
+    return sheet.drawn(
+        "Would chance do as well?",
+        f"Tendons and signs of each session shuffled, {len(shuffled)} times; p = {chance}.",
+        legend_px=6,
     )
 
 

@@ -16,14 +16,15 @@ from fingermodel.studies.species import SpeciesResult
 from fingermodel.studies.species_sides import Load, Side, Spread, same_angles, shared
 from server.figures import graph_objects as go
 from server.figures.arrows import arrow_traces
-from server.figures.panels import Panel, key, panel_axes
+from server.figures.panels import Panel, drawing_axes, key
 from server.figures.plot import Plot
 from server.figures.poses import finger_pose, reach_mm
 from server.figures.report import Picture, Section, Table, write_report
 from server.figures.scales import scale_bars
+from server.figures.sheet import Sheet, note, panel_axes
 from server.figures.skeleton import finger_traces
 from server.figures.static import write_static
-from server.figures.style import INK, MUTED, SMALL_PX, TEXT_PX, WIDTH, axis, domain, figure, legend, mix, number, plain
+from server.figures.style import INK, WIDTH, axis, mix, number, plain, whiskers
 from server.figures.style import posture_name as named
 
 Floats = NDArray[np.float64]
@@ -92,43 +93,23 @@ def species_figure(result: SpeciesResult) -> go.Figure:
     across = (WIDTH - 2 * _SIDE - _GAP_X) / 2
     px_per_mm = min(across / wide, 350.0 / high)
     tall = px_per_mm * high
-    bars = _bars(result)
-    height = _TOP + tall + _BETWEEN + _BARS + _BOTTOM
-    plot = (WIDTH - 2 * _SIDE, height - _TOP - _BOTTOM)
-    data = [trace for panel in panels for trace in panel.traces]
-    layout: dict[str, Any] = {"annotations": [], "barmode": "overlay", "showlegend": True}
+    sheet = Sheet(tall + _BETWEEN + _BARS, (_SIDE, _SIDE, _TOP, _BOTTOM), barmode="overlay", showlegend=True)
+    size = np.array([across / px_per_mm, high])
     for i, panel in enumerate(panels):
-        names = panel_axes(i)
-        left = i * (across + _GAP_X)
-        size = np.array([across / px_per_mm, high])
         low = extents[i].mean(axis=0) - size / 2 - [0.0, strip / 2]
-        hidden = {"showgrid": False, "zeroline": False, "showline": False, "showticklabels": False, "ticks": ""}
-        layout[names["xaxis"].replace("x", "xaxis")] = hidden | {
-            "domain": domain(left / plot[0], (left + across) / plot[0]),
-            "range": [float(low[0]), float(low[0] + size[0])],
-            "anchor": names["yaxis"],
-        }
-        layout[names["yaxis"].replace("y", "yaxis")] = hidden | {
-            "domain": domain(1.0 - tall / plot[1], 1.0),
-            "range": [float(low[1]), float(low[1] + size[1])],
-            "anchor": names["xaxis"],
-        }
-        layout["annotations"].append(_words(panel.heading, left / plot[0], 1.0, 6))
+        left = i * (across + _GAP_X)
+        names = sheet.panel(*drawing_axes(low, size), left=left, wide=across, high=tall)
         rulers, words = scale_bars(low, size, mm_per_unit, names, first=i == 0)
-        data += rulers
-        layout["annotations"] += [w | {"text": f"{w['text']} per N"} if w["text"].endswith(" N") else w for w in words]
-    data += _bar_traces(bars, layout, plot, len(panels))
-    data += _keys(sides, result)
-    layout["legend"] = legend(50, plot[1])
+        sheet.data += [*panel.traces, *rulers]
+        sheet.notes.append(note(panel.heading, left / sheet.wide, 1.0, shift=(0, 6)))
+        sheet.notes += [w | {"text": f"{w['text']} per N"} if w["text"].endswith(" N") else w for w in words]
+    _draw_bars(_bars(result), sheet)
+    sheet.data += _keys(sides, result)
     angles = "the same angles" if same else "each with its own angles"
-    return figure(
-        data,
-        layout,
-        title=f"{_capital(plain(result.of.label))} and {plain(result.other.label)}",
-        subtitle=f"{named(posture)}, {angles}, to one scale. {plain(result.main)}: tip force per tension, "
-        "sagittal plane.",
-        height=round(height),
-        margin={"l": _SIDE, "r": _SIDE, "t": _TOP, "b": _BOTTOM},
+    return sheet.drawn(
+        f"{_capital(plain(result.of.label))} and {plain(result.other.label)}",
+        f"{named(posture)}, {angles}, to one scale. {plain(result.main)}: tip force per tension, sagittal plane.",
+        legend_px=50,
     )
 
 
@@ -259,41 +240,32 @@ def _bars(result: SpeciesResult) -> list[Bars]:
     ]
 
 
-def _bar_traces(
-    bars: Sequence[Bars], layout: dict[str, Any], plot: tuple[float, float], first: int
-) -> list[go.Bar | go.Scatter]:
-    """Add the panels of bars to the layout; return their traces."""
+def _draw_bars(bars: Sequence[Bars], sheet: Sheet) -> None:
+    """Draw the panels of bars along the lower edge."""
     counts = [len(panel.names) for panel in bars]
     # A panel with whiskers and marks of its own needs more room for each bar.
     shares = [(n + 0.4) * (1.6 if panel.measured else 1.0) for n, panel in zip(counts, bars, strict=True)]
-    gap = 58.0
-    unit = (plot[0] - 44 - gap * (len(bars) - 1)) / sum(shares)
-    left, traces = 44.0, []
-    for i, panel in enumerate(bars):
-        suffix = str(first + i + 1)
-        wide = unit * shares[i]
-        layout[f"xaxis{suffix}"] = axis(
-            range=[-0.7, counts[i] - 0.3],
-            tickvals=list(range(counts[i])),
-            ticktext=list(panel.names),
-            showgrid=False,
-            ticks="",
-            domain=domain(left / plot[0], (left + wide) / plot[0]),
-            anchor=f"y{suffix}",
+    gap, left = 58.0, 44.0
+    unit = (sheet.wide - left - gap * (len(bars) - 1)) / sum(shares)
+    for panel, count, share in zip(bars, counts, shares, strict=True):
+        axes = sheet.panel(
+            axis(
+                range=[-0.7, count - 0.3],
+                tickvals=list(range(count)),
+                ticktext=list(panel.names),
+                showgrid=False,
+                ticks="",
+            ),
+            axis("" if panel.unit == "1" else panel.unit, rangemode="tozero", nticks=6),
+            left=left,
+            top=sheet.high - _BARS,
+            wide=unit * share,
+            high=_BARS,
         )
-        layout[f"yaxis{suffix}"] = axis(
-            "" if panel.unit == "1" else panel.unit,
-            domain=domain(0.0, _BARS / plot[1]),
-            anchor=f"x{suffix}",
-            rangemode="tozero",
-            nticks=6,
-        )
-        layout["annotations"].append(
-            _words(f"<b>{plain(panel.heading)}</b>", (left - 34) / plot[0], _BARS / plot[1], 8)
-        )
-        traces += _panel_traces(panel, {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"})
-        left += wide + gap
-    return traces
+        title = f"<b>{plain(panel.heading)}</b>"
+        sheet.notes.append(note(title, (left - 34) / sheet.wide, _BARS / sheet.high, shift=(0, 8)))
+        sheet.data += _panel_traces(panel, axes)
+        left += unit * share + gap
 
 
 def _panel_traces(panel: Bars, axes: dict[str, str]) -> list[go.Bar | go.Scatter]:
@@ -345,16 +317,8 @@ def _panel_traces(panel: Bars, axes: dict[str, str]) -> list[go.Bar | go.Scatter
 
 def _whiskers(spreads: Sequence[Spread], color: str) -> dict[str, Any]:
     """From least to most about the mean."""
-    return {
-        "type": "data",
-        "symmetric": False,
-        "array": [s.most - s.mean for s in spreads],
-        "arrayminus": [s.mean - s.least for s in spreads],
-        "color": color,
-        "thickness": 1.2,
-        "width": 3,
-        "visible": True,
-    }
+    up, down = [s.most - s.mean for s in spreads], [s.mean - s.least for s in spreads]
+    return whiskers(up, color, down, thickness=1.2)
 
 
 def _keys(sides: tuple[Side, Side], result: SpeciesResult) -> list[go.Scatter]:
@@ -374,18 +338,3 @@ def _keys(sides: tuple[Side, Side], result: SpeciesResult) -> list[go.Scatter]:
 
 def _mark(name: str, marker: dict[str, Any]) -> go.Scatter:
     return go.Scatter(x=[None], y=[None], name=name, mode="markers", marker=marker, hoverinfo="skip")
-
-
-def _words(text: str, x: float, y: float, above_px: int, *, small: bool = False) -> dict[str, Any]:
-    return {
-        "text": text,
-        "x": x,
-        "y": y,
-        "xref": "paper",
-        "yref": "paper",
-        "xanchor": "left",
-        "yanchor": "bottom",
-        "yshift": above_px,
-        "showarrow": False,
-        "font": {"size": SMALL_PX + 1 if small else TEXT_PX, "color": MUTED if small else INK},
-    }

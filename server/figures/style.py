@@ -167,43 +167,72 @@ def axis(title: str = "", **changes: Any) -> dict[str, Any]:
     return out | changes
 
 
-def domain(begin: float, end: float) -> list[float]:
-    """Return a subplot's place, kept within 0 to 1 against rounding."""
-    return [min(max(begin, 0.0), 1.0), min(max(end, 0.0), 1.0)]
-
-
-def heading(text: str, y: float, above_px: int) -> dict[str, Any]:
-    """A bold heading at the left edge, so many pixels above a height of the plot (0 to 1)."""
+def colorbar(title: str, values: Sequence[float], words: Sequence[str]) -> dict[str, Any]:
+    """Return a heatmap's scale of colours, as high as its panel."""
     return {
-        "text": f"<b>{plain(text)}</b>",
-        "x": 0.0,
-        "y": y,
-        "xref": "paper",
-        "yref": "paper",
-        "xanchor": "left",
-        "yanchor": "bottom",
-        "yshift": above_px,
-        "showarrow": False,
-        "font": {"size": TEXT_PX, "color": INK},
+        "title": {"text": title, "side": "top", "font": {"size": TEXT_PX, "color": INK}},
+        "thickness": 12,
+        "len": 1.0,
+        "tickfont": {"size": SMALL_PX, "color": INK},
+        "tickvals": list(values),
+        "ticktext": list(words),
+        "outlinewidth": 0,
     }
 
 
-def legend(offset_px: float, plot_px: float) -> dict[str, Any]:
+def legend(offset_px: float, plot_px: float, *, at_right: bool = False) -> dict[str, Any]:
     """Return a legend in one line at the left.
 
     Args:
         offset_px: of its lower edge above the plot, or if negative of its upper edge below the plot.
         plot_px: height of the plot.
+        at_right: whether it stands at the right instead.
     """
     above = offset_px > 0.0
     return {
         "orientation": "h",
-        "x": 0.0,
-        "xanchor": "left",
+        "x": float(at_right),
+        "xanchor": "right" if at_right else "left",
         "y": float(above) + offset_px / plot_px,
         "yanchor": "bottom" if above else "top",
         "font": {"size": SMALL_PX + 1},
     }
+
+
+# Of an axis: nothing of it is seen.
+BARE: dict[str, Any] = {"showline": False, "showgrid": False, "showticklabels": False, "ticks": "", "zeroline": False}
+# Of an axis: a line at zero.
+ZERO_LINE: dict[str, Any] = {"zeroline": True, "zerolinecolor": INK, "zerolinewidth": 1}
+# Of bars: their words stand beyond their ends, level, whole, and beyond the axes if need be.
+OUTSIDE: dict[str, Any] = {
+    "textposition": "outside",
+    "textangle": 0,
+    "constraintext": "none",
+    "cliponaxis": False,
+}
+
+
+def whiskers(
+    up: Sequence[float], color: str, down: Sequence[float] | None = None, *, thickness: float = 1, width: int = 3
+) -> dict[str, Any]:
+    """Return error bars: how far each reaches up, and down where that differs."""
+    out = {"type": "data", "array": list(up), "color": color, "thickness": thickness, "width": width, "visible": True}
+    return out if down is None else out | {"symmetric": False, "arrayminus": list(down)}
+
+
+def band(x: Sequence[Any], low: Sequence[float], high: Sequence[float], color: str, axes: Mapping[str, Any]) -> Any:
+    """Return a filled area between two lines, without an edge or a place in the legend."""
+    return go.Scatter(
+        x=[*x, *reversed(x)],
+        y=[*high, *reversed(low)],
+        mode="lines",
+        line={"width": 0},
+        fill="toself",
+        fillcolor=color,
+        hoverinfo="skip",
+        showlegend=False,
+        **axes,
+    )
 
 
 def figure(

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from fingermodel.comparison.comparison import Comparison, ErrorSummary
 from fingermodel.fingers import Plane
 from server.figures import graph_objects as go
+from server.figures.sheet import Sheet
 from server.figures.style import (
     INK,
     MUTED,
+    OUTSIDE,
     PLANE_NAMES,
     SMALL_PX,
-    WIDTH,
     NothingToDrawError,
     axis,
-    domain,
-    figure,
-    heading,
     in_order,
     number,
     plain,
@@ -61,66 +58,60 @@ def errors_figure(
         raise NothingToDrawError("There is no load case to summarise.")
     per_bar = _BAR if before is None else _BAR + 8
     heights = [per_bar * len(rows) for _, rows in groups]
-    plot = sum(heights) + _GROUP_GAP * len(groups)
-    plot_width = WIDTH - _LEFT - _RIGHT
-    half = (plot_width - 60) / 2 / plot_width
-    data: list[go.Bar] = []
-    layout: dict[str, Any] = {"annotations": [], "barmode": "group", "bargap": 0.25}
+    half_gap = round(_GROUP_GAP / 2)
+    sheet = Sheet(
+        sum(heights) + _GROUP_GAP * len(groups),
+        (_LEFT, _RIGHT, _TOP - half_gap, _BOTTOM),
+        barmode="group",
+        bargap=0.25,
+        showlegend=before is not None,
+    )
+    half = (sheet.wide - 60) / 2
     measures = (("rmse_N", "RMSE [N]", 2), ("rmse_rel_pct", "RMSE [% of the mean measured force]", 1))
     models = [(model_name or "model", comparison, AFTER)]
     if before is not None:
         models.insert(0, (before_name, before, BEFORE))
     tops = [_largest(groups, models, plane, key) for key, _, _ in measures]
-    upper = plot
+    top = 0
     for index, ((title, rows), height) in enumerate(zip(groups, heights, strict=True)):
-        upper -= _GROUP_GAP
-        place = domain((upper - height) / plot, upper / plot)
-        layout["annotations"].append(heading(title[:1].upper() + title[1:], upper / plot, 3))
+        top += _GROUP_GAP
+        last = index == len(groups) - 1
         for column, (key, unit, digits) in enumerate(measures):
-            suffix = str(2 * index + column + 1) if index + column else ""
-            last = index == len(groups) - 1
-            layout[f"xaxis{suffix}"] = axis(
-                unit if last else "",
-                domain=[0.0, half] if column == 0 else [1.0 - half, 1.0],
-                anchor=f"y{suffix}",
-                range=[0.0, 1.16 * tops[column]],
-                showticklabels=last,
-                ticks="outside" if last else "",
-                showline=last,
-                nticks=6,
-            )
-            layout[f"yaxis{suffix}"] = axis(
-                domain=place,
-                anchor=f"x{suffix}",
-                type="category",
-                categoryorder="array",
-                categoryarray=[r[0] for r in reversed(rows)],
-                range=[-0.5, len(rows) - 0.5],
-                showgrid=False,
-                showticklabels=column == 0,
-                ticks="",
-                linecolor=MUTED,
+            axes = sheet.panel(
+                axis(
+                    unit if last else "",
+                    range=[0.0, 1.16 * tops[column]],
+                    showticklabels=last,
+                    ticks="outside" if last else "",
+                    showline=last,
+                    nticks=6,
+                ),
+                axis(
+                    type="category",
+                    categoryorder="array",
+                    categoryarray=[r[0] for r in reversed(rows)],
+                    range=[-0.5, len(rows) - 0.5],
+                    showgrid=False,
+                    showticklabels=column == 0,
+                    ticks="",
+                    linecolor=MUTED,
+                ),
+                left=column * (half + 60),
+                top=top,
+                wide=half,
+                high=height,
+                heading=plain(title[:1].upper() + title[1:]) if column == 0 else "",
+                above=3,
             )
             for k, (name, one, color) in enumerate(models):
                 shown = index == 0 and column == 0
-                data.append(_bars(one, rows, plane, key, digits, name, color, suffix, k, shown=shown))
-        upper -= height
-    layout["showlegend"] = before is not None
-    layout["legend"] = {
-        "orientation": "h",
-        "x": 1.0,
-        "xanchor": "right",
-        "y": 1.0 + 8 / plot,
-        "yanchor": "bottom",
-        "font": {"size": SMALL_PX + 1},
-    }
-    return figure(
-        data,
-        layout,
-        title="Errors by tendon, posture and role",
-        subtitle=f"RMSE {PLANE_NAMES[plane]}; on the right relative to the mean measured force of the same cases",
-        height=round(plot + _TOP + _BOTTOM - _GROUP_GAP / 2),
-        margin={"l": _LEFT, "r": _RIGHT, "t": round(_TOP - _GROUP_GAP / 2), "b": _BOTTOM},
+                sheet.data.append(_bars(one, rows, plane, key, digits, name, color, axes, k, shown=shown))
+        top += height
+    return sheet.drawn(
+        "Errors by tendon, posture and role",
+        f"RMSE {PLANE_NAMES[plane]}; on the right relative to the mean measured force of the same cases",
+        legend_px=8,
+        at_right=True,
     )
 
 
@@ -163,7 +154,7 @@ def _bars(
     digits: int,
     name: str,
     color: str,
-    suffix: str,
+    axes: dict[str, str],
     slot: int,
     *,
     shown: bool,
@@ -178,16 +169,12 @@ def _bars(
         offsetgroup=str(1 - slot) if slot in (0, 1) else str(slot),
         marker={"color": color, "line": {"width": 0}},
         text=[number(v, digits) for v in values],
-        textposition="outside",
-        textangle=0,
-        constraintext="none",
-        cliponaxis=False,
+        **OUTSIDE,
         textfont={"size": SMALL_PX, "color": INK},
         hoverinfo="text",
         hovertext=[f"{row[0]}: {e.cases} cases, RMSE {rmse_text(e)}" for row, e in zip(rows, errors, strict=True)],
         name=plain(name),
         legendgroup=name,
         showlegend=shown,
-        xaxis=f"x{suffix}",
-        yaxis=f"y{suffix}",
+        **axes,
     )

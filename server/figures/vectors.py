@@ -18,12 +18,12 @@ from server.figures.panels import (
     heading,
     key,
     load_colors,
-    panel_axes,
     panels_figure,
     panels_of,
     thinned,
 )
 from server.figures.poses import reach_mm
+from server.figures.sheet import panel_axes
 from server.figures.style import INK, NothingToDrawError, load_text, mix, plain, rgba
 
 Floats = NDArray[np.float64]

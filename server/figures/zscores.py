@@ -10,14 +10,13 @@ import numpy as np
 from fingermodel.comparison.comparison import CaseComparison, Comparison
 from fingermodel.fingers import Plane
 from server.figures import graph_objects as go
+from server.figures.sheet import Sheet
 from server.figures.style import (
     INK,
     NothingToDrawError,
     axis,
     case_text,
-    figure,
     in_order,
-    legend,
     load_styles,
     number,
     plain,
@@ -26,7 +25,7 @@ from server.figures.style import (
 # 95 % of chi with as many degrees of freedom as there are components.
 CHI_95: dict[Plane, float] = {"sagittal": 2.4477, "space": 2.7955}
 COMPONENTS: dict[Plane, str] = {"sagittal": "Fx and Fy", "space": "Fx, Fy and Fz"}
-_ROW, _TOP, _BOTTOM = 26, 84, 96  # [px]
+_ROW, _MARGINS = 26, (110, 30, 84, 96)  # [px]
 _TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 
 
@@ -78,25 +77,6 @@ def z_figure(
             marker = {"color": INK, "symbol": symbol, "size": 8}
             data.append(go.Scatter(x=[None], y=[None], mode="markers", marker=marker, name=name, hoverinfo="skip"))
     end = len(rows) - 0.5
-    limit = go.Scatter(
-        x=[limit, limit],
-        y=[-0.5, end],
-        mode="lines",
-        line={"color": INK, "width": 1, "dash": "dash"},
-        name=f"95 % limit of noise alone, {number(limit, 1)}",
-        hoverinfo="skip",
-    )
-    return figure(
-        [limit, *data],
-        _layout(labels, low, high, end, len(rows) * _ROW, bent=bent),
-        title="Residual of every case against its measurement uncertainty",
-        subtitle=_subtitle(comparison, cases, plane, bent=bent),
-        height=len(rows) * _ROW + _TOP + _BOTTOM,
-        margin={"l": 110, "r": 30, "t": _TOP, "b": _BOTTOM},
-    )
-
-
-def _layout(labels: list[str], low: float, high: float, end: float, plot: int, *, bent: bool) -> dict[str, Any]:
     scale: dict[str, Any] = {"range": [low, high], "nticks": 8}
     if bent:
         shown = [t for t in _TICKS if low <= t <= high]
@@ -106,17 +86,20 @@ def _layout(labels: list[str], low: float, high: float, end: float, plot: int, *
             "tickvals": shown,
             "ticktext": [f"{t:g}" for t in shown],
         }
-    return {
-        "xaxis": axis("z: norm of the force residual in standard uncertainties [1]", **scale),
-        "yaxis": axis(
-            range=[end, -0.5],
-            tickvals=list(range(len(labels))),
-            ticktext=labels,
-            ticks="",
-            showline=False,
-        ),
-        "legend": legend(-50, plot),
-    }
+    sheet = Sheet(len(rows) * _ROW, _MARGINS)
+    sheet.panel(
+        axis("z: norm of the force residual in standard uncertainties [1]", **scale),
+        axis(range=[end, -0.5], tickvals=list(range(len(labels))), ticktext=labels, ticks="", showline=False),
+    )
+    line = {"color": INK, "width": 1, "dash": "dash"}
+    name = f"95 % limit of noise alone, {number(limit, 1)}"
+    limits = go.Scatter(x=[limit, limit], y=[-0.5, end], mode="lines", line=line, name=name, hoverinfo="skip")
+    sheet.data += [limits, *data]
+    return sheet.drawn(
+        "Residual of every case against its measurement uncertainty",
+        _subtitle(comparison, cases, plane, bent=bent),
+        legend_px=-50,
+    )
 
 
 def _sagittal(comparison: Comparison) -> Comparison:
