@@ -86,18 +86,16 @@ def _draw(parts: Mapping[str, Any]) -> Figure:
     left, bottom = margin["l"] / width, margin["b"] / height
     plot = (left, bottom, 1.0 - left - margin["r"] / width, 1.0 - bottom - margin["t"] / height)
     canvas = Canvas(figure, layout, plot)
-    given = [with_defaults(t, order) for order, t in enumerate(parts.get("data") or ())]
-    traces = [t for t in given if t.get("visible") is not False]
-    seen = [t for t in traces if t.get("visible") != "legendonly"]
-    _collect_categories(canvas, seen)
+    traces = [with_defaults(t, order) for order, t in enumerate(parts.get("data") or ())]
+    _collect_categories(canvas, traces)
     overlay = figure.add_axes((0.0, 0.0, 1.0, 1.0), zorder=15)
     overlay.set_axis_off()
     bars: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
-    for trace in seen:
+    for trace in traces:
         if trace.get("type") == "bar":
             bars.setdefault(_pair(trace), []).append(trace)
     slots = {pair: iter(bar_slots(group, layout)) for pair, group in bars.items()}
-    for order, trace in enumerate(seen):
+    for order, trace in enumerate(traces):
         x, y = _pair(trace)
         slot = next(slots[x, y]) if trace.get("type") == "bar" else {}
         draw_trace(canvas.subplot(x, y), trace, order, (canvas.categories.get(x), canvas.categories.get(y)), slot)
@@ -130,11 +128,9 @@ def _title(canvas: Canvas, width: float, height: float) -> None:
     if not title.get("text"):
         return
     font = dict(canvas.font) | {"size": 17} | dict(title.get("font") or {})
-    pad = title.get("pad") or {}
-    anchor = title.get("xanchor") or "left"
-    x = float(title.get("x", 0.5)) * width + float(pad.get("l", 0)) - float(pad.get("r", 0))
-    y = float(title.get("y", 0.9)) * height - float(pad.get("t", 0))
-    place: dict[str, Any] = {"horizontal": anchor, "vertical": "top"}
+    x = float(title.get("x", 0.5)) * width + float((title.get("pad") or {}).get("l", 0))
+    y = float(title.get("y", 0.9)) * height
+    place: dict[str, Any] = {"horizontal": "left", "vertical": "top"}
     at, lines = (x / width, y / height), title["text"].count("<br>") + 1
     size = float(font["size"])
     put_text(
@@ -173,14 +169,13 @@ def _legend(canvas: Canvas, overlay: Any, traces: Sequence[Mapping[str, Any]], w
         order = [i for c in range(columns) for i in range(c, len(words), columns)]
         handles, words = [handles[i] for i in order], [words[i] for i in order]
     x, y = float(layout.get("x", 1.02)), float(layout.get("y", 1.0))
-    vertical = {"top": "upper", "middle": "center", "bottom": "lower"}[layout.get("yanchor") or "top"]
-    loc = f"{vertical} {layout.get('xanchor') or 'left'}"
+    vertical = "lower" if layout.get("yanchor") == "bottom" else "upper"
     left, bottom, plot_width, plot_height = canvas.plot
     title = layout.get("title") or {}
     overlay.legend(
         handles,
         words,
-        loc="center" if loc == "center center" else loc,
+        loc=f"{vertical} {layout.get('xanchor') or 'left'}",
         bbox_to_anchor=(left + x * plot_width, bottom + y * plot_height),
         bbox_transform=canvas.figure.transFigure,
         ncols=columns,
@@ -189,9 +184,7 @@ def _legend(canvas: Canvas, overlay: Any, traces: Sequence[Mapping[str, Any]], w
         title=flat(title["text"]) if title.get("text") else None,
         title_fontsize=float((title.get("font") or {}).get("size", size)) * PT,
         alignment="left",
-        frameon=bool(layout.get("bgcolor")),
-        facecolor=color(layout.get("bgcolor") or "none"),
-        edgecolor="none",
+        frameon=False,
         borderaxespad=0.0,
         borderpad=0.2,
         labelspacing=0.55,

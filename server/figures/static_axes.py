@@ -8,7 +8,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator, NullFormatter, NullLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter, NullLocator
 from matplotlib.transforms import BboxTransformTo, Transform, TransformedBbox, blended_transform_factory
 
 from server.figures.static_schema import UnsupportedFigureError
@@ -67,11 +67,7 @@ class Canvas:
             float((x1 - x0) * width),
             float((y1 - y0) * height),
         )
-        shared: dict[str, Any] = {}
-        for name, keyword in ((x, "sharex"), (y, "sharey")):
-            if matched := self.axis(name).get("matches"):
-                shared[keyword] = self.of_axis(matched)
-        axes = self.figure.add_axes(box, **shared)
+        axes = self.figure.add_axes(box)
         axes.set_facecolor(color(self.layout.get("plot_bgcolor", "none")))
         axes.set_axisbelow(True)
         for name in (x, y):
@@ -124,19 +120,16 @@ def _range(canvas: Canvas, axes: Axes, name: str) -> None:
         low, high = -0.5, len(canvas.categories[name]) - 0.5
     elif layout.get("rangemode") == "tozero":
         low, high = min(low, 0.0), max(high, 0.0)
-    if layout.get("autorange") == "reversed":
-        low, high = high, low
     place(low, high)
 
 
 def _look(canvas: Canvas, axes: Axes, name: str) -> None:
     layout, flat_axis = canvas.axis(name), name[0] == "x"
     line = axes.xaxis if flat_axis else axes.yaxis
-    side = layout.get("side") or ("bottom" if flat_axis else "left")
     if layout.get("visible") is False:
         layout = {"showgrid": False, "showticklabels": False, "showline": False, "ticks": "", "zeroline": False}
     for spine in ("bottom", "top") if flat_axis else ("left", "right"):
-        shown = bool(layout.get("showline")) and (spine == side or layout.get("mirror") is True)
+        shown = bool(layout.get("showline")) and (spine in ("bottom", "left") or layout.get("mirror") is True)
         axes.spines[spine].set_visible(shown)
         axes.spines[spine].set_color(color(layout.get("linecolor", "#444444")))
         axes.spines[spine].set_linewidth(float(layout.get("linewidth", 1)) * PT)
@@ -144,14 +137,14 @@ def _look(canvas: Canvas, axes: Axes, name: str) -> None:
     labels, ticks = layout.get("showticklabels") is not False, layout.get("ticks") or ""
     line.set_tick_params(
         which="major",
-        direction="in" if ticks == "inside" else "out",
+        direction="out",
         length=float(layout.get("ticklen", 5)) * PT if ticks else 0.0,
-        width=float(layout.get("tickwidth", 1)) * PT,
+        width=PT,
         color=color(layout.get("tickcolor", "#444444")),
         labelsize=float(font["size"]) * PT,
         labelcolor=color(font["color"]),
         labelrotation=-float(layout.get("tickangle") or 0.0),
-        **_sides(side, labels, bool(ticks)),
+        **{"bottom" if flat_axis else "left": bool(ticks), "labelbottom" if flat_axis else "labelleft": labels},
     )
     line.set_minor_locator(NullLocator())
     line.set_minor_formatter(NullFormatter())
@@ -172,34 +165,22 @@ def _look(canvas: Canvas, axes: Axes, name: str) -> None:
     if title.get("text"):
         font = dict(canvas.font) | dict(title.get("font") or {})
         line.set_label_text(flat(title["text"]), fontsize=float(font["size"]) * PT, color=color(font["color"]))
-        set_side: Any = line.set_label_position
-        set_side(side)
         line.labelpad = 0.5 * float(title.get("standoff", 8)) * PT
-
-
-def _sides(side: str, labels: bool, ticks: bool) -> dict[str, bool]:
-    ends = ("bottom", "top") if side in ("bottom", "top") else ("left", "right")
-    out = {}
-    for end in ends:
-        out[end], out[f"label{end}"] = ticks and end == side, labels and end == side
-    return out
 
 
 def _ticks(canvas: Canvas, axes: Axes, name: str) -> None:
     layout, line = canvas.axis(name), axes.xaxis if name[0] == "x" else axes.yaxis
-    suffix = flat(layout.get("ticksuffix") or "")
     if layout.get("tickvals") is not None:
         values = [canvas.along(name, v) if isinstance(v, str) else float(v) for v in layout["tickvals"]]
         words = layout.get("ticktext") or [f"{v:g}" for v in values]
-        line.set_ticks(values, labels=[flat(w) + suffix for w in words])
+        line.set_ticks(values, labels=[flat(w) for w in words])
     elif name in canvas.categories:
         line.set_ticks(range(len(canvas.categories[name])), labels=[flat(w) for w in canvas.categories[name]])
     else:
         if layout.get("type") != "log":
-            step, count = layout.get("dtick"), int(layout.get("nticks") or 6)
-            line.set_major_locator(MultipleLocator(float(step)) if step else MaxNLocator(count, steps=[1, 2, 5, 10]))
+            line.set_major_locator(MaxNLocator(int(layout.get("nticks") or 6), steps=[1, 2, 5, 10]))
         low, high = line.get_view_interval()
-        line.set_major_formatter(FuncFormatter(lambda v, _: _tick_text(v, abs(high - low)) + suffix))
+        line.set_major_formatter(FuncFormatter(lambda v, _: _tick_text(v, abs(high - low))))
 
 
 def _tick_text(value: float, span: float) -> str:

@@ -42,8 +42,6 @@ def draw_bar(axes: Axes, trace: Trace, x: Floats, y: Floats, slot: Trace, zorder
     spacing = float(np.min(np.diff(np.unique(place)))) if len(np.unique(place)) > 1 else 1.0
     width = np.array(each(trace.get("width") or slot["width"] * spacing, len(place)), dtype=float)
     middle = place + slot["offset"] * spacing
-    if trace.get("offset") is not None:
-        middle = place + np.array(each(trace["offset"], len(place)), dtype=float) + width / 2
     base = np.array(each(trace.get("base") or 0.0, len(place)), dtype=float)
     if slot["stack"]:
         for i, (p, h) in enumerate(zip(place, height, strict=True)):
@@ -51,10 +49,9 @@ def draw_bar(axes: Axes, trace: Trace, x: Floats, y: Floats, slot: Trace, zorder
             base[i] += total.get(p, 0.0)
             total[p] = base[i] + (h if np.isfinite(h) else 0.0)
     marker = trace.get("marker") or {}
-    alpha = float(trace.get("opacity") or 1.0) * float(marker.get("opacity") or 1.0)
     rim = marker.get("line") or {}
     looks: dict[str, Any] = {
-        "color": [color(c, alpha) for c in each(marker.get("color", "#1f77b4"), len(place))],
+        "color": [color(c) for c in each(marker.get("color", "#1f77b4"), len(place))],
         "edgecolor": color(rim.get("color", "none")),
         "linewidth": float(rim.get("width", 0)) * PT,
         "zorder": zorder,
@@ -68,20 +65,14 @@ def draw_bar(axes: Axes, trace: Trace, x: Floats, y: Floats, slot: Trace, zorder
         if bars := trace.get(which):
             at = (ends, middle) if flat else (middle, ends)
             error_bars(axes, bars, which, at[0], at[1], zorder)
-    where = trace.get("textposition") or "none"
-    if where != "none" and trace.get("text") is not None:
+    if trace.get("text") is not None:
         font = trace.get("textfont") or {}
         for m, e, h, word in zip(middle, ends, height, each(trace["text"], len(place)), strict=True):
-            if word and np.isfinite(e):
-                outward = 1.0 if (h >= 0) == (where == "outside") else -1.0
-                if flat:
-                    put_word(
-                        axes, word, (e, m), font, "left" if outward > 0 else "right", "center", (4 * outward, 0), zorder
-                    )
-                else:
-                    put_word(
-                        axes, word, (m, e), font, "center", "bottom" if outward > 0 else "top", (0, 3 * outward), zorder
-                    )
+            up = 1.0 if h >= 0 else -1.0
+            if word and np.isfinite(e) and flat:
+                put_word(axes, word, (e, m), font, "left" if up > 0 else "right", "center", (4 * up, 0), zorder)
+            elif word and np.isfinite(e):
+                put_word(axes, word, (m, e), font, "center", "bottom" if up > 0 else "top", (0, 3 * up), zorder)
 
 
 def draw_heatmap(axes: Axes, trace: Trace, x_names: list[str] | None, y_names: list[str] | None, zorder: float) -> None:
@@ -94,15 +85,9 @@ def draw_heatmap(axes: Axes, trace: Trace, x_names: list[str] | None, y_names: l
     y = numbers(trace.get("y") or list(range(z.shape[0])), y_names)
     scale = trace.get("colorscale") or "Viridis"
     stops = get_colorscale(scale) if isinstance(scale, str) else scale
-    if trace.get("reversescale"):
-        stops = [[1.0 - float(s), c] for s, c in reversed(stops)]
     cmap = LinearSegmentedColormap.from_list("plotly", [(float(s), color(c)) for s, c in stops])
     known = z[np.isfinite(z)]
-    low = (
-        float(trace["zmin"])
-        if trace.get("zmin") is not None
-        else float(known.min(initial=0.0) if not known.size else known.min())
-    )
+    low = float(trace["zmin"]) if trace.get("zmin") is not None else float(known.min() if known.size else 0.0)
     high = float(trace["zmax"]) if trace.get("zmax") is not None else float(known.max() if known.size else 1.0)
     if trace.get("zmid") is not None:
         reach = max(high - float(trace["zmid"]), float(trace["zmid"]) - low)
@@ -154,7 +139,4 @@ def _color_bar(axes: Axes, mesh: Any, bar: Trace) -> None:
     if title.get("text"):
         font = title.get("font") or {}
         size, ink = float(font.get("size", 12)) * PT, color(font.get("color", "#222222"))
-        if title.get("side") == "right":
-            place.set_ylabel(title["text"], fontsize=size, color=ink, rotation=270, va="bottom")
-        else:
-            place.set_title(title["text"], fontsize=size, color=ink, loc="left")
+        place.set_title(title["text"], fontsize=size, color=ink, loc="left")

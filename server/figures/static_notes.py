@@ -27,12 +27,12 @@ def draw_shapes(canvas: Canvas) -> None:
         if shape["type"] == "rect":
             corners = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1]), (x[0], y[0])]
         line = shape.get("line") or {}
-        width, alpha = float(line.get("width", 2)), float(shape.get("opacity") or 1.0)
-        face = color(shape.get("fillcolor", "none"), alpha) if shape["type"] == "rect" else "none"
+        width = float(line.get("width", 2))
+        face = color(shape.get("fillcolor", "none")) if shape["type"] == "rect" else "none"
         patch = PathPatch(
             Path(corners),
             facecolor=face,
-            edgecolor=color(line.get("color", "#444444"), alpha),
+            edgecolor=color(line.get("color", "#444444")),
             linewidth=width * PT,
             linestyle=dashes(line.get("dash"), width),
             transform=canvas.transform(x_of, y_of),
@@ -82,7 +82,6 @@ def draw_annotations(canvas: Canvas, overlay: Axes) -> None:
             horizontal=sides[note.get("xanchor") or "auto"],
             vertical=heights[note.get("yanchor") or "auto"],
             align=note.get("align"),
-            angle=-float(note.get("textangle") or 0),
             shift_px=shift,
             zorder=20.0,
             **box,

@@ -41,7 +41,7 @@ def _any(names: str) -> dict[str, object]:
 
 _INVISIBLE = _any("hoverinfo hovertemplate hovertext hoveron hoverlabel customdata meta uid ids legendgroup")
 _FONT: Schema = {"size": ANY, "color": ANY, "family": ANY}
-_LINE: Schema = {"color": ANY, "width": ANY, "dash": ANY, "shape": {"linear", "hv", "vh"}, "simplify": ANY}
+_LINE: Schema = {"color": ANY, "width": ANY, "dash": ANY, "shape": {"linear"}}
 _ERROR: Schema = {
     "type": {"data"},
     **_any("array arrayminus symmetric"),
@@ -49,9 +49,7 @@ _ERROR: Schema = {
     **_any("color thickness width"),
 }
 _TRACE: Schema = {
-    **_any("type name x y xaxis yaxis"),
-    "visible": {True, False, "legendonly"},
-    **_any("opacity showlegend legendrank text"),
+    **_any("type name x y xaxis yaxis showlegend legendrank text"),
     **_INVISIBLE,
 }
 TRACES: dict[str, Schema] = {
@@ -60,26 +58,25 @@ TRACES: dict[str, Schema] = {
         "mode": ANY,
         "line": _LINE,
         "marker": {
-            **_any("color size symbol opacity"),
+            **_any("color size symbol"),
             "line": {"color": ANY, "width": ANY},
         },
-        "fill": {"none", "toself", "tozeroy"},
+        "fill": {"toself"},
         "fillcolor": ANY,
         "error_x": _ERROR,
         "error_y": _ERROR,
         "textposition": ANY,
         "textfont": _FONT,
         "cliponaxis": ANY,
-        "connectgaps": {False},
     },
     "bar": {
         **_TRACE,
         "orientation": {"v", "h"},
-        **_any("base width offset"),
-        "marker": {"color": ANY, "opacity": ANY, "line": {"color": ANY, "width": ANY}},
+        **_any("base width"),
+        "marker": {"color": ANY, "line": {"color": ANY, "width": ANY}},
         "error_x": _ERROR,
         "error_y": _ERROR,
-        "textposition": {"outside", "inside", "none"},
+        "textposition": {"outside"},
         "textfont": _FONT,
         "textangle": {0},
         "cliponaxis": ANY,
@@ -88,12 +85,12 @@ TRACES: dict[str, Schema] = {
     },
     "heatmap": {
         **_TRACE,
-        **_any("z zmin zmax zmid colorscale reversescale showscale"),
+        **_any("z zmin zmax zmid colorscale showscale"),
         "texttemplate": {"%{text}"},
         "textfont": _FONT,
         **_any("xgap ygap hoverongaps"),
         "colorbar": {
-            "title": {"text": ANY, "side": {"top", "right"}, "font": _FONT},
+            "title": {"text": ANY, "side": {"top"}, "font": _FONT},
             **_any("thickness len"),
             "tickfont": _FONT,
             **_any("tickvals ticktext outlinewidth"),
@@ -104,43 +101,33 @@ AXIS: Schema = {
     "title": {"text": ANY, "font": _FONT, "standoff": ANY},
     "range": ANY,
     "type": {"linear", "log", "category", "-"},
-    "autorange": {True, "reversed"},
-    "rangemode": {"normal", "tozero"},
+    "rangemode": {"tozero"},
     **_any("domain anchor"),
-    "side": {"bottom", "top", "left", "right"},
     **_any("showgrid gridcolor gridwidth zeroline zerolinecolor zerolinewidth showline linecolor linewidth"),
-    "mirror": {True, False},
-    "ticks": {"outside", "inside", ""},
-    **_any("ticklen tickcolor tickwidth"),
+    "mirror": {True},
+    "ticks": {"outside", ""},
+    **_any("ticklen tickcolor"),
     "tickfont": _FONT,
     **_any("tickangle tickvals ticktext"),
-    "tickmode": {"array", "auto", "linear"},
-    "dtick": ANY,
-    "tick0": {0},
-    **_any("nticks ticksuffix showticklabels scaleanchor scaleratio"),
-    "constrain": {"domain", "range"},
-    "matches": ANY,
-    "categoryorder": {"array", "trace"},
-    **_any("categoryarray visible automargin fixedrange"),
-    "layer": {"above traces"},
+    **_any("nticks showticklabels scaleanchor scaleratio"),
+    "constrain": {"domain"},
+    "categoryorder": {"array"},
+    **_any("categoryarray visible"),
 }
 ANNOTATION: Schema = {
     **_any("text x y xref yref xanchor yanchor xshift yshift"),
     "align": {"left", "center", "right"},
     "font": _FONT,
-    **_any("textangle bgcolor showarrow ax ay axref ayref"),
+    **_any("bgcolor showarrow ax ay axref ayref"),
     "arrowhead": {0, 1, 2, 3},
     **_any("arrowsize arrowwidth arrowcolor"),
-    "standoff": {0},
-    **_any("name hovertext captureevents"),
 }
 SHAPE: Schema = {
     "type": {"line", "rect"},
     **_any("x0 x1 y0 y1 xref yref"),
     "line": _LINE,
-    **_any("fillcolor opacity"),
+    "fillcolor": ANY,
     "layer": {"above", "below"},
-    "name": ANY,
 }
 LAYOUT: Schema = {
     **_any("template width height"),
@@ -149,9 +136,9 @@ LAYOUT: Schema = {
         **_any("text x y"),
         "xref": {"container"},
         "yref": {"container"},
-        "xanchor": {"left", "center", "right"},
+        "xanchor": {"left"},
         "yanchor": {"top"},
-        "pad": {"l": ANY, "t": ANY, "r": ANY, "b": ANY},
+        "pad": {"l": ANY},
         "font": _FONT,
         "subtitle": {"text": ANY, "font": _FONT},
     },
@@ -159,21 +146,15 @@ LAYOUT: Schema = {
     **_any("paper_bgcolor plot_bgcolor showlegend"),
     "legend": {
         **_any("x y"),
-        "xanchor": {"left", "center", "right"},
-        "yanchor": {"top", "middle", "bottom"},
-        "xref": {"paper"},
-        "yref": {"paper"},
+        "xanchor": {"left", "right"},
+        "yanchor": {"top", "bottom"},
         "orientation": {"h", "v"},
         "font": _FONT,
         "title": {"text": ANY, "font": _FONT},
         "traceorder": {"normal"},
-        **_any("bgcolor itemclick itemdoubleclick itemsizing tracegroupgap groupclick"),
     },
     "barmode": {"group", "overlay", "stack", "relative"},
-    **_any(
-        "bargap bargroupgap annotations shapes hovermode hoverlabel hoverdistance dragmode modebar uirevision meta "
-        "autosize"
-    ),
+    **_any("bargap bargroupgap annotations shapes hovermode hoverlabel meta"),
 }
 
 

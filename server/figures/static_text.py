@@ -20,7 +20,7 @@ _TAG = re.compile(r"<[^>]*>")
 _RGB = re.compile(r"rgba?\(([^)]*)\)")
 
 
-def color(value: Any, opacity: float = 1.0) -> Color:
+def color(value: Any) -> Color:
     """Convert `#rrggbb`, `rgb()`, `rgba()` or a CSS name."""
     from matplotlib.colors import to_rgba
 
@@ -30,12 +30,11 @@ def color(value: Any, opacity: float = 1.0) -> Color:
     if match := _RGB.fullmatch(text.replace(" ", "")):
         parts = [float(v) for v in match[1].split(",")]
         alpha = parts[3] if len(parts) > 3 else 1.0
-        return (parts[0] / 255, parts[1] / 255, parts[2] / 255, alpha * opacity)
+        return (parts[0] / 255, parts[1] / 255, parts[2] / 255, alpha)
     try:
-        r, g, b, a = to_rgba(text)
+        return to_rgba(text)
     except ValueError as error:
         raise UnsupportedFigureError(f"colour {text!r} is not understood") from error
-    return (r, g, b, a * opacity)
 
 
 def dashes(name: str | None, width_px: float) -> Any:
@@ -86,7 +85,6 @@ def put_text(
     horizontal: str = "center",
     vertical: str = "center",
     align: str | None = None,
-    angle: float = 0.0,
     shift_px: tuple[float, float] = (0.0, 0.0),
     zorder: float = 10.0,
     **box: Any,
@@ -103,7 +101,6 @@ def put_text(
         horizontal: which side of the block is at the anchor.
         vertical: top, center or bottom.
         align: of the lines within the block.
-        angle: counter-clockwise [degrees].
         shift_px: right and up.
         zorder: of drawing.
         box: bbox and the like.
@@ -112,7 +109,7 @@ def put_text(
     looks = {(weight, style) for _, weight, style in lines}
     blocks = [lines]
     if len(looks) > 1:
-        if (align or horizontal) != horizontal or angle:
+        if (align or horizontal) != horizontal:
             raise UnsupportedFigureError(f"mixed weights in {str(marked)!r} need to be aligned as they are anchored")
         blocks = [[line] for line in lines]
     step = size_px * LINE_HEIGHT
@@ -134,8 +131,6 @@ def put_text(
             ha=horizontal,
             va=vertical,
             multialignment=lines_at,
-            rotation=angle,
-            rotation_mode="anchor" if angle else "default",
             linespacing=LINE_HEIGHT * 0.92,
             zorder=zorder,
             **box,

@@ -85,29 +85,23 @@ def _pieces(x: Floats, y: Floats) -> list[Floats]:
 
 
 def _scatter(axes: Axes, trace: Trace, x: Floats, y: Floats, zorder: float) -> None:
-    opacity = float(trace.get("opacity") or 1.0)
     line, mode = trace.get("line") or {}, trace["mode"]
-    fill = trace.get("fill") or "none"
     clip = trace.get("cliponaxis") is not False
-    if fill == "toself":
+    if trace.get("fill") == "toself":
         for piece in _pieces(x, y):
             codes = [Path.MOVETO, *[Path.LINETO] * (len(piece) - 1), Path.CLOSEPOLY]
-            face = color(trace.get("fillcolor", "none"), opacity)
+            face = color(trace.get("fillcolor", "none"))
             path = Path(np.concatenate([piece, piece[:1]]), codes)
             axes.add_patch(PathPatch(path, facecolor=face, edgecolor="none", zorder=zorder, clip_on=clip))
             axes.update_datalim(piece)
-    elif fill == "tozeroy":
-        axes.fill_between(x, y, 0.0, color=color(trace.get("fillcolor", "none"), opacity), linewidth=0, zorder=zorder)
     if "lines" in mode:
         width = float(line.get("width", 2))
-        drawstyle = {"hv": "steps-post", "vh": "steps-pre"}.get(line.get("shape", "linear"), "default")
         axes.plot(
             x,
             y,
-            color=color(line.get("color", "#000000"), opacity),
+            color=color(line.get("color", "#000000")),
             linewidth=width * PT,
             linestyle=dashes(line.get("dash"), width),
-            drawstyle=drawstyle,
             solid_capstyle="butt",
             dash_capstyle="butt",
             solid_joinstyle="miter",
@@ -118,14 +112,13 @@ def _scatter(axes: Axes, trace: Trace, x: Floats, y: Floats, zorder: float) -> N
         if bars := trace.get(which):
             error_bars(axes, bars, which, x, y, zorder)
     if "markers" in mode:
-        _markers(axes, trace.get("marker") or {}, x, y, opacity, zorder + 2e-5, clip)
+        _markers(axes, trace.get("marker") or {}, x, y, zorder + 2e-5, clip)
     if "text" in mode.split("+"):
         _labels(axes, trace, x, y, zorder)
 
 
-def _markers(axes: Axes, marker: Trace, x: Floats, y: Floats, opacity: float, zorder: float, clip: bool) -> None:
+def _markers(axes: Axes, marker: Trace, x: Floats, y: Floats, zorder: float, clip: bool) -> None:
     count = len(x)
-    alpha = opacity * float(marker.get("opacity") or 1.0)
     rim = marker.get("line") or {}
     inks = each(marker.get("color", "#000000"), count)
     sizes = each(marker.get("size", 6), count)
@@ -140,8 +133,8 @@ def _markers(axes: Axes, marker: Trace, x: Floats, y: Floats, opacity: float, zo
             y[rows],
             s=[(sizes[i] * PT * _SIZES.get(shape, 1.0)) ** 2 for i in rows],
             marker=shape,
-            facecolors=None if thin else ["none" if hollow else color(inks[i], alpha) for i in rows],
-            edgecolors=[color(inks[i] if hollow or thin else rims[i], alpha) for i in rows],
+            facecolors=None if thin else ["none" if hollow else color(inks[i]) for i in rows],
+            edgecolors=[color(inks[i] if hollow or thin else rims[i]) for i in rows],
             linewidths=[max(rim_widths[i], 1.3 if hollow or thin else 0) * PT for i in rows],
             zorder=zorder,
             clip_on=clip,
@@ -167,21 +160,20 @@ def _labels(axes: Axes, trace: Trace, x: Floats, y: Floats, zorder: float) -> No
 
 def legend_handle(trace: Trace) -> Artist:
     """Return the sign that stands for a trace in the legend."""
-    opacity = float(trace.get("opacity") or 1.0)
     marker, line = trace.get("marker") or {}, trace.get("line") or {}
     one: Callable[[Any], Any] = lambda v: v[0] if isinstance(v, list | tuple | np.ndarray) else v  # noqa: E731
     if trace.get("type") == "bar":
         rim = marker.get("line") or {}
         return Patch(
-            facecolor=color(one(marker.get("color", "#1f77b4")), opacity),
+            facecolor=color(one(marker.get("color", "#1f77b4"))),
             edgecolor=color(one(rim.get("color", "none"))),
             linewidth=float(one(rim.get("width", 0))) * PT,
         )
     mode = trace["mode"]
-    if trace.get("fill") in ("toself", "tozeroy"):
-        edge = color(line.get("color", "none"), opacity) if "lines" in mode else "none"
+    if trace.get("fill") == "toself":
+        edge = color(line.get("color", "none")) if "lines" in mode else "none"
         return Patch(
-            facecolor=color(trace.get("fillcolor", "none"), opacity),
+            facecolor=color(trace.get("fillcolor", "none")),
             edgecolor=edge,
             linewidth=float(line.get("width", 2)) * PT,
         )
@@ -190,10 +182,10 @@ def legend_handle(trace: Trace) -> Artist:
     if "lines" in mode:
         handle.set_linestyle(dashes(line.get("dash"), width))
         handle.set_linewidth(width * PT)
-        handle.set_color(color(line.get("color", "#000000"), opacity))
+        handle.set_color(color(line.get("color", "#000000")))
     if "markers" in mode:
         shape, hollow = _symbol(one(marker.get("symbol", "circle")))
-        ink = color(one(marker.get("color", "#000000")), opacity)
+        ink = color(one(marker.get("color", "#000000")))
         rim = marker.get("line") or {}
         handle.set_marker(shape)
         handle.set_markersize(min(float(one(marker.get("size", 6))), 14.0) * PT * _SIZES.get(shape, 1.0))
