@@ -146,6 +146,12 @@ def _panel(
             for m, line in zip(muscles, grid, strict=True)
         ],
         hoverongaps=False,
+        meta={
+            "select": [
+                [{"role": "identification", "location": location, "muscles": m, "posture": p} for p in postures]
+                for m in muscles
+            ]
+        },
         showscale=last,
         colorbar=colorbar(
             "z", [math.log10(t) for t in _TICKS], [f"{t:g}" for t in _TICKS[:-1]] + [f"≥ {_TICKS[-1]:g}"]

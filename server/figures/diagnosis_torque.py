@@ -36,6 +36,7 @@ MOST_ROWS = 40
 _LONGEST = 30  # of a label [characters]
 _ROW, _BETWEEN, _MARGINS = 18, 26, (20, 112, 62)  # [px]; margins at the right, above and below
 _JOINTS = ("MCP", "PIP", "DIP")
+_FITTED = {"role": "identification", "location": "tip"}
 
 
 class Torque(NamedTuple):
@@ -202,6 +203,7 @@ def _bars(
                 showlegend=name not in named,
                 hoverinfo="text",
                 hovertext=[_hover(g, joint) for g, _ in chosen],
+                meta={"select": [_FITTED | {"posture": g.posture, "muscles": g.label} for g, _ in chosen]},
                 **axes,
             )
         )

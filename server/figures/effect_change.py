@@ -165,7 +165,7 @@ def _panel(sheet: Sheet, pairs: Sequence[tuple[CaseComparison, Floats]], index: 
         hoverinfo="skip",
         name="measured − predicted without the effect",
         showlegend=index == 0,
-        meta={"kind": "missing"},
+        meta={"kind": "missing", "cases": [c.id for c in cases]},
         **axes,
     )
     sheet.data += [bars, circles]

@@ -170,6 +170,7 @@ def _points(comparison: Comparison, component: int, muscles: Sequence[str], axes
                     "line": {"color": "#ffffff", "width": 0.8},
                 },
                 text=words,
+                meta={"cases": [c.id for c in cases]},
                 hoverinfo="text",
                 name=muscle,
                 legendgroup=muscle,

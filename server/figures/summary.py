@@ -28,7 +28,8 @@ from server.figures.style import (
 AFTER, BEFORE = "#3b5b7a", "#b9c6d3"
 _BAR, _GROUP_GAP, _LEFT, _RIGHT, _TOP, _BOTTOM = 22, 40, 150, 60, 84, 54  # [px]
 
-# Label, and what the cases have in common: role, location, muscles, posture.
+_SHARED = ("role", "location", "muscles", "posture")
+# Label, and what the cases have in common.
 Row = tuple[str, str | None, str | None, str | None, str | None]
 Rows = list[Row]
 
@@ -176,5 +177,6 @@ def _bars(
         name=plain(name),
         legendgroup=name,
         showlegend=shown,
+        meta={"select": [{k: v for k, v in zip(_SHARED, row[1:], strict=True) if v is not None} for row in rows]},
         **axes,
     )
