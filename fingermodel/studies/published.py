@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -59,6 +60,13 @@ def row_about(quantity: str, published: str, spread: str, ours: float, unit: str
 def not_available(quantity: str, published: str, ours: float | None, unit: str, note: str) -> Row:
     """A number that cannot be recomputed from what was published."""
     return Row(quantity, float(published), ours, unit, None, note, published)
+
+
+def published_table(rows: Sequence[Row]) -> tuple[list[str], list[list[str]], list[str]]:
+    """Return rows as a table, published beside ours: its columns, its cells, and the notes, each once, as sentences."""
+    cells = [[r.quantity, r.printed, ours(r), r.unit, verdict(r)] for r in rows]
+    notes = dict.fromkeys(f"{r.note[:1].upper()}{r.note[1:]}." for r in rows if r.note)
+    return ["quantity", "published", "ours", "unit", ""], cells, list(notes)
 
 
 def verdict(row: Row) -> str:

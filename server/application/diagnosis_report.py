@@ -6,11 +6,11 @@ answer lacks is said to be absent; nothing is computed here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daq.files import replacing
 from server.figures import diagnosis_tables as tables
 from server.figures import diagnosis_words as said
 from server.figures.diagnosis_answer import value, words
@@ -23,10 +23,10 @@ from server.figures.diagnosis_sensitivity import sensitivity_figure
 from server.figures.diagnosis_size import size_figure
 from server.figures.diagnosis_torque import torque_figure
 from server.figures.diagnosis_words import title
-from server.figures.report import Picture, Section, report_html
+from server.figures.report import Picture, Section, Table, add_picture, write_report
 from server.figures.report_front import closing_sections, finger_section, folded, to_do_section
 from server.figures.shared_law import own_curve_figure, shared_sections
-from server.figures.style import NothingToDrawError, number
+from server.figures.style import number
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -55,8 +55,8 @@ def draw_diagnosis(
     """
     figures: dict[str, go.Figure] = {} if finger is None else {"finger": finger}
     sections = [*diagnosis_sections(answer, history, figures), *closing_sections(answer.get("origin") or {})]
-    text = report_html(sections, title(answer), subtitle(answer))
-    return _written(folder / "diagnose.html", text, figures if static else {})
+    below = subtitle(answer)
+    return write_report(folder / "diagnose.html", sections, title(answer), below, figures if static else {})
 
 
 def subtitle(answer: Mapping[str, Any]) -> str:
@@ -81,13 +81,7 @@ def diagnosis_sections(
 
     `figures` may hold a drawing of the `finger` with the effect already, which then stands on the first page.
     """
-
-    def picture(name: str, draw: Callable[[], go.Figure], caption: str) -> Picture | str:
-        try:
-            figures[name] = draw()
-        except NothingToDrawError as nothing:
-            return f"No figure: {str(nothing)[:1].lower()}{str(nothing)[1:]}"
-        return Picture(figures[name], caption)
+    picture = partial(add_picture, figures)
 
     def or_else(found: Sequence[Table], otherwise: str, key: str = "") -> Sequence[Table | str]:
         return found or [otherwise if not key or key in answer else "Not worked out for this answer."]
@@ -240,16 +234,5 @@ def draw_shared(answer: dict[str, Any], folder: Path, static: bool = True) -> Pa
     """
     figures: dict[str, go.Figure] = {}
     sections = shared_sections(answer, figures)
-    text = report_html(sections, f"What {len(answer['sessions'])} sessions share")
-    return _written(folder / "shared.html", text, figures if static else {})
-
-
-def _written(page: Path, text: str, figures: dict[str, go.Figure]) -> Path:
-    """Write a page, and figures beside it as PNG and SVG."""
-    with replacing(page) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    if figures:
-        from server.figures.static import write_static
-
-        write_static(page.parent, figures)
-    return page
+    name = f"What {len(answer['sessions'])} sessions share"
+    return write_report(folder / "shared.html", sections, name, "", figures if static else {})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fingermodel.studies.published import ours, verdict
+from fingermodel.studies.published import published_table
 from server.commands.console import answer, progress, say, table
 from server.reproduce.report import write_study
 from server.reproduce.study import reproduce, study_of
@@ -24,11 +24,11 @@ def reproduce_study(name: str, figures: Path | None, json: str | None) -> None:
         body["figures"] = str(write_study(figures, study, done))
     if answer("reproduce", body, json):
         return
-    rows = [[r.quantity, r.printed, ours(r), r.unit, verdict(r)] for r in done.rows]
-    table(study.citation, ["quantity", "published", "ours", "unit", ""], rows)
+    header, rows, notes = published_table(done.rows)
+    table(study.citation, header, rows)
     checked = [r for r in done.rows if r.agrees is not None]
-    for note in dict.fromkeys(r.note for r in done.rows if r.note):
-        say(f"{note[:1].upper()}{note[1:]}.")
+    for note in notes:
+        say(note)
     for assumption in done.assumptions:
         say(assumption)
     say(f"{sum(bool(r.agrees) for r in checked)} of {len(checked)} figures that can be recomputed agree.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fingermodel.studies.published import ours, verdict
+from fingermodel.studies.published import published_table
 from fingermodel.studies.species import SpeciesResult
 from fingermodel.studies.species_sides import PLANES, Spread, shared
 from server.application.species import compare_species
@@ -97,13 +97,14 @@ def _show(result: SpeciesResult) -> None:
             [[s.what, s.tension_to_tip, s.bone_to_tip] for s in result.steps],
         )
     if result.rows:
+        header, rows, notes = published_table(result.rows)
         table(
             "Synek et al. 2019, PeerJ 7:e7470",
-            ["quantity", "published", "ours", "unit", ""],
-            [[r.quantity, r.printed, ours(r), r.unit, verdict(r)] for r in result.rows],
+            header,
+            rows,
         )
-        for note in dict.fromkeys(r.note for r in result.rows if r.note):
-            say(f"{note[:1].upper()}{note[1:]}.")
+        for note in notes:
+            say(note)
     for assumption in result.assumptions:
         say(assumption)
 

@@ -14,7 +14,6 @@ from server.figures import graph_objects as go
 from server.figures.plot import Plot
 from server.figures.report import Picture, Section, Table, write_report
 from server.figures.sheet import Sheet, note
-from server.figures.static import write_static
 from server.figures.style import MUTED, SMALL_PX, WIDTH, ZERO_LINE, axis, number, plain
 
 Floats = NDArray[np.float64]
@@ -134,10 +133,8 @@ def activation_report(result: ActivationResult, folder: Path, *, static: bool = 
     if result.notes:
         sections.append(Section("Notes", list(result.notes)))
     subtitle = f"{result.finger} with muscles {result.muscle_set}"
-    page = write_report(folder / "activation.html", sections, "Active muscles and the tip force", subtitle)
-    if static:
-        write_static(folder, {p.name: p.figure for p in plots})
-    return page
+    figures = {p.name: p.figure for p in plots} if static else {}
+    return write_report(folder / "activation.html", sections, "Active muscles and the tip force", subtitle, figures)
 
 
 def _arrow(name: str, force: Floats, head: float, color: str, axes: dict[str, str]) -> list[go.Scatter]:

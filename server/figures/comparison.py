@@ -105,7 +105,7 @@ def drawn(plans: Sequence[Plan]) -> tuple[dict[str, go.Figure], dict[str, str]]:
         try:
             figures[plan.name] = plan.draw()
         except NothingToDrawError as nothing:
-            missing[plan.name] = f"No figure: {str(nothing)[:1].lower()}{str(nothing)[1:]}"
+            missing[plan.name] = nothing.sentence
     return figures, missing
 
 

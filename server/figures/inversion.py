@@ -14,7 +14,6 @@ from server.figures import graph_objects as go
 from server.figures.plot import Plot
 from server.figures.report import Picture, Section, Table, write_report
 from server.figures.sheet import Sheet, shape
-from server.figures.static import write_static
 from server.figures.style import (
     BAND,
     INK,
@@ -141,9 +140,8 @@ def inversion_report(folder: Path, inversion: Inversion, title: str, model: str,
         *(Section(p.heading, [Picture(p.figure, p.caption)]) for p in plots),
         Section("Load cases", [_case_table(inversion)]),
     ]
-    page = write_report(folder / "inversion.html", sections, title, f"Model: {model}. Closure: {inversion.title}.")
-    write_static(folder, {p.name: p.figure for p in plots})
-    return page
+    subtitle = f"Model: {model}. Closure: {inversion.title}."
+    return write_report(folder / "inversion.html", sections, title, subtitle, {p.name: p.figure for p in plots})
 
 
 def _case_table(inversion: Inversion) -> Table:

@@ -15,7 +15,6 @@ from server.figures import graph_objects as go
 from server.figures.plot import Plot
 from server.figures.report import Picture, Section, Table, write_report
 from server.figures.sheet import Sheet, shape
-from server.figures.static import write_static
 from server.figures.style import MUTED, ZERO_LINE, axis, number, plain
 
 Floats = NDArray[np.float64]
@@ -145,10 +144,8 @@ def movement_report(result: MovementResult, folder: Path, *, static: bool = True
     peaks = Table(["muscle", "peak [N]", "at [s]", "of it passive [%]", "over peak tip force"], rows)
     sections = [*(Section(p.heading, [Picture(p.figure, p.caption)]) for p in plots), Section("Peaks", [peaks])]
     subtitle = f"{result.motion} with {result.finger}, muscles {result.muscle_set}"
-    page = write_report(folder / "movement.html", sections, "A movement and its muscle forces", subtitle)
-    if static:
-        write_static(folder, {p.name: p.figure for p in plots})
-    return page
+    figures = {p.name: p.figure for p in plots} if static else {}
+    return write_report(folder / "movement.html", sections, "A movement and its muscle forces", subtitle, figures)
 
 
 def _grid(result: MovementResult, panels: Sequence[Panel], *, title: str, subtitle: str) -> go.Figure:

@@ -9,13 +9,14 @@ from __future__ import annotations
 import html
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
 from daq.files import replacing
 from server.figures import graph_objects as go
+from server.figures.style import NothingToDrawError
 
 # Plotly's tool bar would by default offer to send the figure, with its data, to a server of its maker.
 OPTIONS = {
@@ -78,14 +79,30 @@ class Section:
     folded: bool = False
 
 
-def write_report(path: Path, sections: Sequence[Section], title: str, subtitle: str = "") -> Path:
-    """Write a report; the file appears whole or not at all.
+def add_picture(figures: dict[str, go.Figure], name: str, draw: Callable[[], go.Figure], caption: str) -> Picture | str:
+    """Draw a figure and put it into `figures`; return it with its caption, or why there is nothing to draw."""
+    try:
+        figures[name] = draw()
+    except NothingToDrawError as nothing:
+        return nothing.sentence
+    return Picture(figures[name], caption)
+
+
+def write_report(
+    path: Path,
+    sections: Sequence[Section],
+    title: str,
+    subtitle: str = "",
+    figures: Mapping[str, go.Figure] | None = None,
+) -> Path:
+    """Write a report, and figures beside it as PNG and SVG; each file appears whole or not at all.
 
     Args:
         path: of the HTML file; its folder is made.
         sections: in order.
         title: of the page.
         subtitle: one line below it.
+        figures: by name.
 
     Returns:
         The path.
@@ -93,6 +110,10 @@ def write_report(path: Path, sections: Sequence[Section], title: str, subtitle: 
     text = report_html(sections, title, subtitle)
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+    if figures:
+        from server.figures.static import write_static
+
+        write_static(path.parent, figures)
     return path
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from functools import partial
 
 import numpy as np
 
 from fingermodel.parameters import with_unit
 from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import Answer, part, rows, value, vector, words
-from server.figures.report import Picture, Section, Table
+from server.figures.report import Section, Table, add_picture
 from server.figures.sheet import Sheet
 from server.figures.style import (
     INK,
@@ -268,14 +268,7 @@ def _fall(errors: Answer) -> str:
 
 def shared_sections(answer: Answer, figures: dict[str, go.Figure]) -> list[Section]:
     """The parts of the page of several sessions; puts its figures into `figures`."""
-
-    def picture(name: str, draw: Any, caption: str) -> Picture | str:
-        try:
-            figures[name] = draw(answer)
-        except NothingToDrawError as nothing:
-            return f"No figure: {str(nothing)[:1].lower()}{str(nothing)[1:]}"
-        return Picture(figures[name], caption)
-
+    picture = partial(add_picture, figures)
     shared = part(answer, "shared")
     sentences = [str(answer.get("sentence") or ""), *(f"Short of more: {s}." for s in words(answer.get("short")))]
     each = part(answer, "each")
@@ -287,15 +280,27 @@ def shared_sections(answer: Answer, figures: dict[str, go.Figure]) -> list[Secti
             [
                 str(shared.get("sentence") or "Their fingers have other tendons or joints."),
                 *([f"It does not help {', '.join(lacking)}."] if lacking else []),
-                picture("shared_curve", curve_figure, "Beside each session's anatomy, budget, noise and scatter."),
-                picture("shared_chance", chance_figure, "Sessions that share nothing gain as much in any order."),
+                picture(
+                    "shared_curve",
+                    lambda: curve_figure(answer),
+                    "Beside each session's anatomy, budget, noise and scatter.",
+                ),
+                picture(
+                    "shared_chance",
+                    lambda: chance_figure(answer),
+                    "Sessions that share nothing gain as much in any order.",
+                ),
             ],
         ),
         Section(
             "Which law it resembles",
             [
                 *(laws_tables(answer) or ("None helps a session that it is not learned from.",)),
-                picture("shared_law", law_figure, "Where the two part, the law is not all of the curve."),
+                picture(
+                    "shared_law",
+                    lambda: law_figure(answer),
+                    "Where the two part, the law is not all of the curve.",
+                ),
             ],
         ),
         Section("What would decide", _deciding(shared)),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.comparison.comparison import CaseComparison
-from fingermodel.studies.published import ours, verdict
+from fingermodel.studies.published import published_table
 from fingermodel.studies.species import SpeciesResult
 from fingermodel.studies.species_sides import Load, Side, Spread, same_angles, shared
 from server.figures import graph_objects as go
@@ -23,7 +23,6 @@ from server.figures.report import Picture, Section, Table, write_report
 from server.figures.scales import scale_bars
 from server.figures.sheet import Sheet, note, panel_axes
 from server.figures.skeleton import finger_traces
-from server.figures.static import write_static
 from server.figures.style import INK, WIDTH, axis, mix, number, plain, whiskers
 from server.figures.style import posture_name as named
 
@@ -70,15 +69,11 @@ def species_report(result: SpeciesResult, folder: Path, *, static: bool = True) 
         rows = [[s.what, number(s.tension_to_tip), number(s.bone_to_tip)] for s in result.steps]
         sections.append(Section("Step by step", [Table(["finger", "tension / tip", "bone / tip"], rows)]))
     if result.rows:
-        lines = [[r.quantity, r.printed, ours(r), r.unit, verdict(r)] for r in result.rows]
-        notes = list(dict.fromkeys(f"{r.note[:1].upper()}{r.note[1:]}." for r in result.rows if r.note))
-        header = ["quantity", "published", "ours", "unit", ""]
+        header, lines, notes = published_table(result.rows)
         sections.append(Section("Published and ours", [Table(header, lines), *notes]))
     subtitle = f"{result.of.label} and {result.other.label}"
-    page = write_report(folder / "species.html", sections, "Two fingers side by side", subtitle)
-    if static:
-        write_static(folder, {p.name: p.figure for p in plots})
-    return page
+    figures = {p.name: p.figure for p in plots} if static else {}
+    return write_report(folder / "species.html", sections, "Two fingers side by side", subtitle, figures)
 
 
 def species_figure(result: SpeciesResult) -> go.Figure:

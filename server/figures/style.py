@@ -36,6 +36,12 @@ COMPONENT_SENSES = ("proximal", "dorsal", "radial")
 class NothingToDrawError(ValueError):
     """A figure has no case to show; the message is a sentence for the reader."""
 
+    @property
+    def sentence(self) -> str:
+        """What stands where the figure would."""
+        text = str(self)
+        return f"No figure: {text[:1].lower()}{text[1:]}"
+
 
 @dataclass(frozen=True)
 class LoadStyle:

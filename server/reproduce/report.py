@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from fingermodel.studies.published import ours, verdict
+from fingermodel.studies.published import published_table
 from server.figures.plot import Plot
 from server.figures.report import Picture, Section, Table, write_report
-from server.figures.static import write_static
 from server.reproduce.study import Reproduction, Study
 
 
@@ -21,10 +20,9 @@ def write_study(folder: Path, study: Study, done: Reproduction) -> Path:
         done: what came out.
     """
     plots = [] if done.plots is None else list(done.plots())
-    rows = [[r.quantity, r.printed, ours(r), r.unit, verdict(r)] for r in done.rows]
-    notes = list(dict.fromkeys(f"{r.note[:1].upper()}{r.note[1:]}." for r in done.rows if r.note))
+    header, rows, notes = published_table(done.rows)
     sections = [
-        Section("Published and ours", [Table(["quantity", "published", "ours", "unit", ""], rows), *notes]),
+        Section("Published and ours", [Table(header, rows), *notes]),
         *([Section("What the paper leaves out", list(done.assumptions))] if done.assumptions else []),
         *(
             Section(s.title, [Table(s.columns, [[_cell(x) for x in line] for line in s.lines]), *s.notes])
@@ -32,9 +30,8 @@ def write_study(folder: Path, study: Study, done: Reproduction) -> Path:
         ),
         *_pictures(plots),
     ]
-    page = write_report(folder / "reproduce.html", sections, study.citation, f"{study.about}: published and ours")
-    write_static(folder, {p.name: p.figure for p in plots})
-    return page
+    subtitle, figures = f"{study.about}: published and ours", {p.name: p.figure for p in plots}
+    return write_report(folder / "reproduce.html", sections, study.citation, subtitle, figures)
 
 
 def _pictures(plots: Sequence[Plot]) -> list[Section]:

@@ -29,8 +29,6 @@ DIAGNOSIS = (
     "own_curve",
 )
 
-_NONE = "No figure: "
-
 
 def diagnosed(
     parts: Services, job: str, session: str | None
@@ -66,14 +64,8 @@ def diagnosed(
 def diagnosis_drawings(answer: dict[str, Any], history: Any) -> dict[str, Drawing]:
     """Every figure of a diagnosis with its caption; None with a sentence where there is nothing to draw."""
     sections = diagnosis_sections(answer, history, {})
-    places = [p for s in sections for p in s.parts if isinstance(p, Picture) or str(p).startswith(_NONE)]
+    places = [p for s in sections for p in s.parts if isinstance(p, Picture) or str(p).startswith("No figure: ")]
     return {
         name: (p.figure, p.caption) if isinstance(p, Picture) else (None, str(p))
         for name, p in zip(DIAGNOSIS, places, strict=True)
     }
-
-
-def nothing_to_draw(error: Exception) -> str:
-    """Return the sentence that stands where there is nothing to draw."""
-    text = str(error)
-    return f"{_NONE}{text[:1].lower()}{text[1:]}"

@@ -19,7 +19,7 @@ from server.service.answers import Tagged
 from server.service.figures.answer import Theme, on_page, shown, shown_data
 from server.service.figures.cases import Told, told_of
 from server.service.figures.comparison import Only, drawn_comparison
-from server.service.figures.diagnosed import DIAGNOSIS, diagnosed, diagnosis_drawings, nothing_to_draw
+from server.service.figures.diagnosed import DIAGNOSIS, diagnosed, diagnosis_drawings
 from server.service.figures.finger_drawing import draw_finger
 from server.service.figures.parts import resolved, spread_members, spread_of
 from server.service.figures.parts import settings_of as effect_settings
@@ -86,7 +86,7 @@ class Figures:
                     name, bench, comparison, only, held, spread_of(parts, others, comparison)
                 )
             except NothingToDrawError as nothing:
-                return shown(name, None, nothing_to_draw(nothing), about)
+                return shown(name, None, nothing.sentence, about)
             return shown(name, figure, caption, about, _told(measured))
 
         return self._kept(key, theme, draw)
@@ -122,7 +122,7 @@ class Figures:
             try:
                 drawn = effect_figure(title, before, after, settings, plane=bench.model.finger.judged_in)
             except NothingToDrawError as nothing:
-                return shown(effect, None, nothing_to_draw(nothing), about)
+                return shown(effect, None, nothing.sentence, about)
             caption = (
                 f"Model: {bench.loaded.fitted}. The circles are what it misses with the effect taken out; bars that "
                 "follow them take it up."
@@ -221,7 +221,7 @@ class Figures:
             try:
                 figure = (curve_figure, chance_figure, law_figure)[SHARED.index(name)](answer)
             except NothingToDrawError as nothing:
-                return shown(name, None, nothing_to_draw(nothing), about)
+                return shown(name, None, nothing.sentence, about)
             captions = (
                 "Beside each session's anatomy, budget, noise and scatter.",
                 "Chance gains as much in any order.",
@@ -257,7 +257,7 @@ class Figures:
             try:
                 figure = revisions_figure({}, found["history"])
             except NothingToDrawError as nothing:
-                return shown(name, None, nothing_to_draw(nothing), about)
+                return shown(name, None, nothing.sentence, about)
             return shown(name, figure, "Identification cases are fitted, validation cases never.", about)
 
         return self._kept(("revisions", name, revision), theme, draw)
