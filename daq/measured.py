@@ -136,6 +136,14 @@ class MeasuredSession:
             out[np.ix_(rows, axes, rows, axes)] += np.einsum("ij,ab->iajb", shares, self.tares[index].covariance)
         return out.reshape(6 * n, 6 * n)
 
+    def standard_uncertainties(self) -> Floats:
+        """Return those of the wrenches (n, 6) [N, N mm], shared tares included."""
+        out = np.array([m.covariance.diagonal() for m in self.cases]).reshape(-1, 6)
+        for tare, weights in zip(self.tares, self.tare_weights.T, strict=True):
+            rows = np.flatnonzero(weights)
+            out[rows] += weights[rows, None] ** 2 * tare.covariance.diagonal()
+        return np.sqrt(out)
+
     def case_covariance(self, index: int) -> Floats:
         """Return the covariance (6, 6) of one case's wrench, its tares included."""
         return self.covariance([index])

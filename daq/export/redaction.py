@@ -100,10 +100,11 @@ class Redactor:
 
     private: dict[str, str] = field(default_factory=dict)
     marks: dict[tuple[str, str], str] = field(default_factory=dict)
+    _cleaned: dict[str, str] = field(default_factory=dict, repr=False)
 
     def learn(self, value: Any) -> None:
         """Note the names of users and hosts that plain data give away."""
-        for key, text in _texts(value):
+        for key, text in dict.fromkeys(_texts(value)):
             if key.lower() in USER_KEYS | HOST_KEYS:
                 kind = "user" if key.lower() in USER_KEYS else "host"
                 for word in (text, *(w for w in text.split() if w[:1].isupper())):
@@ -137,6 +138,11 @@ class Redactor:
         """Return a text without anything private."""
         if text in _RESERVED:
             return text
+        if text not in self._cleaned:  # a session of many cases says the same words over and over
+            self._cleaned[text] = self._without_private(text)
+        return self._cleaned[text]
+
+    def _without_private(self, text: str) -> str:
         for kind, pattern in PATTERNS:
             text = pattern.sub(lambda m, kind=kind: self._mark(kind, m[0]), text)  # type: ignore[misc]
         for word, kind in sorted(self.private.items(), key=lambda item: (-len(item[0]), item[0])):
@@ -157,6 +163,7 @@ class Redactor:
         name = word.strip(" .,;:-_").lower()
         if len(name) > 2 and name not in COMMON and name not in _RESERVED and not name.isdigit():
             self.private.setdefault(name, kind)
+            self._cleaned.clear()
 
     def _mark(self, kind: str, found: str) -> str:
         number = sum(k == kind for k, _ in self.marks) + 1

@@ -14,6 +14,7 @@ import shutil
 import sys
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -160,6 +161,7 @@ def model_members(models: Sequence[Mapping[str, Any]]) -> list[str]:
     return [f"models/{s}.{'json' if revision else 'yaml'}" for s, revision in zip(stems, revisions, strict=False)]
 
 
+@cache
 def versions() -> dict[str, Any]:
     """Return the versions of this software, of Python and of all that the software depends on."""
     from importlib.metadata import PackageNotFoundError, distribution

@@ -116,9 +116,8 @@ def case_columns(measured: MeasuredSession) -> Mapping[str, list[Any]]:
     """Return the table as columns; None is what is unknown."""
     session = measured.session
     rows = []
-    for i, m in enumerate(measured.cases):
+    for m, sd in zip(measured.cases, measured.standard_uncertainties(), strict=True):
         case = m.case
-        sd = np.sqrt(np.diag(measured.case_covariance(i)))
         posture = session.postures_deg[case.posture].model_dump()
         known = {j: posture[j] for j in JOINT_ANGLES} | {j: a for j, a in posture.items() if j not in JOINT_ANGLES}
         row: dict[str, Any] = {

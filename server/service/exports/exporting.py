@@ -151,7 +151,7 @@ def _readings(
     name, hidden = measured.record.id, blinded(measured)
     suffix = "-supplement" if file_format == "supplement" else ""
     file = into / f"{name}{suffix}{ENDINGS[file_format][0]}"
-    with session_folder(parts, measured) as (folder, session):
+    with session_folder(parts, measured, described=file_format != "c3d") as (folder, session):
         if file_format == "c3d":
             write_c3d(session, file)
             return file
