@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,10 @@ MATLAB_HDF5 = b"MATLAB 7.3 MAT-file"
 _UNITS, _NAMES = ("unit", "units"), ("names", "columns", "labels", "channels")
 # A table has no more columns than that; what has is an image.
 _MOST_COLUMNS = 100
+# Of a file unpacked: so many bytes are no more than so many times what it holds. Noise is not packed that tightly.
+_MODEST, _PACKED = 1 << 30, 100
+# Of a piece that is packed on its own, and unpacked whole for any value in it.
+_MOST_PIECE = 1 << 25
 # What the library says of damaged bytes.
 _UNREADABLE = (OSError, RuntimeError, ValueError, KeyError, TypeError, OverflowError, MemoryError)
 
@@ -51,9 +56,12 @@ class Hdf5Channels(LabChannels):
                         sets.append((name, item))
 
                 file.visititems(visit)  # which follows no link out of the file
+                self._require_modest([item for _, item in sets])
                 for name, item in sets:
                     found += self._describe(name, item, file)
         except _UNREADABLE as error:
+            if isinstance(error, ReadingsError):
+                raise
             raise self._torn(error) from error
         # Those with most values first: a table of settings beside the readings is not what is meant.
         self.channels = tuple(sorted(found, key=lambda c: -(c.count or 0)))
@@ -67,7 +75,8 @@ class Hdf5Channels(LabChannels):
             said = ", ".join(f"{c.name} {c.count}" for c in wanted)
             raise ReadingsError(f"{self.path.name} has channels of different length ({said})", "as many values in each")
         try:
-            with h5py.File(self.path) as file:
+            # Pieces stay unpacked until all their values were read.
+            with h5py.File(self.path, rdcc_nbytes=max(self._piece, 1 << 20)) as file:
                 for at in range(0, wanted[0].count or 0, BLOCK_ROWS):
                     yield np.stack([self._numbers(file, c, at) for c in wanted], axis=1)
         except _UNREADABLE as error:
@@ -84,10 +93,34 @@ class Hdf5Channels(LabChannels):
         elif place.column is None:
             values = item[at:end]
         elif isinstance(place.column, str):
-            values = item[at:end][place.column]
+            values = item.fields(place.column)[at:end]
         else:
             values = item[at:end, place.column]
         return np.asarray(values, dtype=np.float64)
+
+    def _require_modest(self, items: Sequence[Any]) -> None:
+        """Refuse what tells far more values than the file can hold, and pieces that are unpacked to too much.
+
+        Raises:
+            ReadingsError: it does.
+        """
+        inside = [item for item in items if item.shape is not None and not item.is_virtual and not item.external]
+        told = sum(int(item.size) * item.dtype.itemsize for item in inside)
+        size = self.path.stat().st_size
+        if told > max(_MODEST, _PACKED * size):
+            raise ReadingsError(
+                f"{self.path.name} tells {told} bytes of values and has {size}",
+                f"at most {_PACKED} times as many as it has",
+                "Export the recording again, without room for values that were never written",
+            )
+        pieces = [math.prod(item.chunks) * item.dtype.itemsize for item in inside if item.chunks]
+        self._piece = max(pieces, default=0)
+        if self._piece > _MOST_PIECE:
+            raise ReadingsError(
+                f"{self.path.name} is packed in pieces of {self._piece} bytes",
+                f"at most {_MOST_PIECE} in each",
+                "Write it in smaller ones: h5repack -l CHUNK=16384",
+            )
 
     def _describe(self, name: str, item: Any, file: Any) -> list[Channel]:
         """The channels of a dataset; none of what holds no values in a row."""
@@ -147,7 +180,7 @@ def _labels(name: str, item: Any, file: Any) -> list[str]:
     count = int(item.shape[1])
     candidates = [_texts(item.attrs[key]) for key in item.attrs if key.lower() in _NAMES]
     beside = f"{name.removesuffix('_values')}_items"
-    if name.endswith("_values") and beside in file:
+    if name.endswith("_values") and beside in file and file[beside].shape == (count,):
         candidates.append(_texts(file[beside][:]))
     fits = [c for c in candidates if len(c) == count and len(set(c)) == count]
     return fits[0] if fits else [f"column {k + 1}" for k in range(count)]

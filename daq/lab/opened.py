@@ -15,8 +15,10 @@ from daq.lab.text import TextChannels
 from daq.recordings.readings import first_bytes
 
 _LVM = b"LabVIEW Measurement"
-# Of files whose readers are C libraries that a hostile file may crash: a service does not open them.
-NOT_FOR_A_SERVICE = (HDF5, MATLAB_HDF5, C3D)
+OLD_EXCEL = b"\xd0\xcf\x11\xe0"
+# Of files whose readers are C libraries that a hostile file may crash, and of those whose reader makes room for every
+# cell up to one far away: a service does not open them.
+NOT_FOR_A_SERVICE = (HDF5, MATLAB_HDF5, C3D, OLD_EXCEL)
 
 
 def open_channels(path: str | Path) -> LabChannels:
@@ -40,7 +42,7 @@ def open_channels(path: str | Path) -> LabChannels:
         return Hdf5Channels(file)
     if start.startswith(C3D):
         return C3dChannels(file)
-    if start.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
+    if start.startswith((b"PK\x03\x04", OLD_EXCEL)):
         return ExcelChannels(file)
     if start.startswith(b"MATLAB 5.0"):
         raise ReadingsError(f"{file.name} is a MATLAB 5 file", "an HDF5 file", "Save it with -v7.3, or as CSV")

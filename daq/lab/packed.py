@@ -11,17 +11,23 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import BinaryIO
 
 from daq.errors import ReadingsError
 
-# Of all parts together, and of the cells from the first to the last row and column of a sheet.
+# Of all parts together, and of the cells from the first to the last row and column of each sheet, all sheets together.
 MOST_BYTES, MOST_CELLS = 1 << 30, 20_000_000
 _BLOCK = 1 << 20
-# Names of rows and cells in a sheet, such as r="17" and r="AB17"; a name is short, so that none is cut in two.
-_PLACE = re.compile(rb"""<(?:\w+:)?(?:c|row)\s(?:[^<>]{0,200}?\s)?r\s*=\s*["']([A-Za-z]{0,3})([0-9]{1,8})["']""")
-_OVERLAP = 300
+# Rows, cells and shared texts of a sheet, with their attributes; one that is not closed soon is none that is written.
+_TAG = re.compile(rb"""<(?:[^\s<>/:]*:)?(row|c|si)(?=[\s/>])(?: r="([A-Z]{0,3})([0-9]{1,8})")?([^<>]{0,400})(>?)""")
+_LONGEST_TAG, _LONGEST_ROW = 1000, 16 << 20
+_PLACE = re.compile(rb"""(?<![\w:.-])r\s*=\s*["']([A-Za-z]{0,3})([0-9]{1,8})["']""")
+_SHARED = re.compile(rb"""(?<![\w:.-])t\s*=\s*["']s["']""")
+# Of OpenDocument: how often a row and a cell are repeated.
+_REPEATED = re.compile(rb"""(rows|columns)-repeated\s*=\s*["']\s*([0-9]{1,18})""")
 # Of a part's own head: its last two numbers are the lengths of its name and of what else stands before its bytes.
 _HEAD = struct.Struct("<4s5H3L2H")
 
@@ -34,21 +40,29 @@ def require_modest(path: Path) -> None:
     """
     try:
         with zipfile.ZipFile(path) as archive, path.open("rb") as stream:
-            size = 0
+            if any(part.filename.lower().endswith("workbook.bin") for part in archive.infolist()):
+                raise ReadingsError(
+                    f"{path.name} is a binary workbook (.xlsb)", "an .xlsx or .xls file", "Save it as .xlsx or CSV"
+                )
+            size, sheets = 0, _Sheets()
             for part in archive.infolist():
-                sheet = _Sheet() if "worksheets/" in part.filename else None
+                watched = _Repeats(sheets) if part.filename == "content.xml" else _Sheet(sheets)
                 for piece in _unpacked(stream, part):
                     size += len(piece)
                     if size > MOST_BYTES:
                         raise _too_large(path, f"more than {MOST_BYTES} bytes unpacked", f"at most {MOST_BYTES}")
-                    if sheet is not None and sheet.cells(piece) > MOST_CELLS:
-                        found = f"a cell in row {sheet.row}, column {sheet.column}"
-                        raise _too_large(path, found, f"at most {MOST_CELLS} cells in all")
+                    _require(path, watched.look(piece))
+                _require(path, watched.end())
     except ReadingsError:
         raise
     except (zipfile.BadZipFile, zlib.error, OSError, ValueError, NotImplementedError) as error:
         said = " ".join(str(error).split())[:160]
         raise ReadingsError(f"{path.name} is no sound Excel file ({said})", "an .xlsx or .xls file") from error
+
+
+def _require(path: Path, fault: str) -> None:
+    if fault:
+        raise _too_large(path, fault, f"at most {MOST_CELLS} cells in {MOST_BYTES} bytes")
 
 
 def _too_large(path: Path, found: str, expected: str) -> ReadingsError:
@@ -78,21 +92,132 @@ def _unpacked(stream: BinaryIO, part: zipfile.ZipInfo) -> Iterator[bytes]:
             packed = unpack.unconsumed_tail
 
 
-class _Sheet:
-    """The last row and column of a sheet."""
+@dataclass
+class _Sheets:
+    """What the sheets that were looked at need together.
 
-    def __init__(self) -> None:
-        self.row = self.column = 1
+    Attributes:
+        cells: of the sheets that came before.
+        shared: cells that name a shared text; longest: bytes of the longest shared text.
+    """
+
+    cells: int = 0
+    shared: int = 0
+    longest: int = 0
+
+
+class _Sheet:
+    """The last row and column of a part that is a sheet, and the longest text of one that holds shared texts.
+
+    A row or cell that does not say its place is the next one.
+    """
+
+    def __init__(self, sheets: _Sheets) -> None:
+        self._all = sheets
+        self._row = self._column = 0
+        self._last = (0, 0)
+        self._begun = False
+        self._rest = b""
+        self._passed, self._text_at = 0, -1
+
+    def look(self, piece: bytes) -> str:
+        """Take one more piece of its text; return what is too much, nothing where nothing is."""
+        text = self._rest + piece
+        end = text.rfind(b"<")
+        whole, self._rest = (text[:end], text[end:]) if end >= 0 and len(text) - end < _LONGEST_TAG else (text, b"")
+        self._begun = self._begun or b"sheetData" in text
+        for tag in _TAG.finditer(whole):
+            name, letters, digits, attributes, closed = tag.groups()
+            if name == b"si":
+                self._text(self._passed + tag.start())
+            elif self._begun and digits and name == b"c" and attributes == b"" and closed:  # as most are
+                self._see(int(digits), _column(letters))
+            elif self._begun:
+                if not closed or attributes.count(b'"') % 2 or attributes.count(b"'") % 2:
+                    return f"the tag {whole[tag.start() : tag.start() + 40]!r}, which cannot be read"
+                self._place(name, [(letters, digits)] if digits else [], attributes)
+        self._passed += len(whole)
+        return self._too_much()
+
+    def _too_much(self) -> str:
+        if self._all.cells + self._last[0] * self._last[1] > MOST_CELLS:
+            return f"a cell in row {self._last[0]}, column {self._last[1]}"
+        if self._all.shared * self._all.longest > MOST_BYTES:
+            return f"{self._all.shared} cells that share texts of up to {self._all.longest} bytes"
+        return ""
+
+    def end(self) -> str:
+        """Take note that the part is over; return what is too much."""
+        self._text(self._passed + len(self._rest))
+        fault = self._too_much()
+        self._all.cells += self._last[0] * self._last[1]
+        return fault
+
+    def _place(self, name: bytes, told: list[tuple[bytes, bytes]], attributes: bytes) -> None:
+        told = told + _PLACE.findall(attributes)
+        row = max((int(digits) for _, digits in told), default=0)
+        if name == b"row":
+            self._see(row or self._row + 1, 0)
+        else:
+            column = max((_column(letters) for letters, _ in told), default=0)
+            self._see(max(row, self._row), column or self._column + 1)
+            self._all.shared += _SHARED.search(attributes) is not None
+
+    def _see(self, row: int, column: int) -> None:
+        self._row, self._column = row, column
+        self._last = (max(self._last[0], row), max(self._last[1], column))
+
+    def _text(self, at: int) -> None:
+        """A shared text ends here, and another may begin."""
+        if self._text_at >= 0:
+            self._all.longest = max(self._all.longest, at - self._text_at)
+        self._text_at = at
+
+
+@cache
+def _column(letters: bytes) -> int:
+    out = 0
+    for letter in letters.upper():
+        out = 26 * out + letter - 64
+    return out
+
+
+class _Repeats:
+    """How many cells an OpenDocument table has, whose rows and cells may be told once and repeated."""
+
+    def __init__(self, sheets: _Sheets) -> None:
+        self._all = sheets
+        self._rows = self._empty = self._width = 0
         self._rest = b""
 
-    def cells(self, piece: bytes) -> int:
-        """Return how many cells lie up to the last one so far, with one more piece of the sheet's text."""
-        text = self._rest + piece
-        for letters, digits in set(_PLACE.findall(text)):
-            self.row = max(self.row, int(digits))
-            column = 0
-            for letter in letters.upper():
-                column = 26 * column + letter - 64
-            self.column = max(self.column, column)
-        self._rest = text[-_OVERLAP:]
-        return self.row * self.column
+    def look(self, piece: bytes) -> str:
+        """Take one more piece of its text; return what is too much, nothing where nothing is."""
+        *rows, self._rest = (self._rest + piece).split(b"<table:table-row")
+        for row in rows:
+            self._add(row)
+        return f"more than {_LONGEST_ROW} bytes in a row" if len(self._rest) > _LONGEST_ROW else self._too_much()
+
+    def _too_much(self) -> str:
+        if self._all.cells + self._rows * self._width > MOST_CELLS:
+            return f"cells that are repeated to {self._rows} rows of {self._width}"
+        return ""
+
+    def end(self) -> str:
+        """Take note that the part is over; return what is too much."""
+        self._add(self._rest)
+        fault = self._too_much()
+        self._all.cells += self._rows * self._width
+        return fault
+
+    def _add(self, row: bytes) -> None:
+        """A row's text; empty rows count where one with something in it follows, and so do empty cells."""
+        head, _, told = row.partition(b">")
+        often = max((int(n) for kind, n in _REPEATED.findall(head) if kind == b"rows"), default=1)
+        width = last = 0
+        for cell in told.split(b"<table:")[1:]:
+            width += max((int(n) for kind, n in _REPEATED.findall(cell) if kind == b"columns"), default=1)
+            last = width if any(word in cell for word in (b"value", b"<text:", b"formula")) else last
+        if last:
+            self._rows, self._empty, self._width = self._rows + self._empty + often, 0, max(self._width, last)
+        else:
+            self._empty += often

@@ -50,12 +50,32 @@ class TdmsChannels(LabChannels):
                 self._end = _last_segment(stream)
             with self._opened() as file:
                 self.cut_off = self._end < path.stat().st_size or bool(file.file_status.incomplete_final_segment)
+                self._require_values(file)
                 self._origin = _origin(file)
                 for group in file.groups():
                     out += [self._describe(group, c, file) for c in group.channels() if len(c)]
         except _UNREADABLE as error:
+            if isinstance(error, ReadingsError):
+                raise
             raise self._torn(error) from error
         self.channels = tuple(out)
+
+    def _require_values(self, file: Any) -> None:
+        """Refuse a file whose last index tells more values than there are bytes, unless the end was cut off.
+
+        Raises:
+            ReadingsError: it does; or none of them is there.
+        """
+        statuses = file.file_status.channel_statuses or {}
+        told = max((s.expected_length for s in statuses.values()), default=0)
+        held = any(len(c) for g in file.groups() for c in g.channels())
+        size = self.path.stat().st_size
+        if told > size and not (held and self.cut_off):
+            raise ReadingsError(
+                f"{self.path.name} tells {told} values of a channel and has {size} bytes",
+                "values that are there",
+                "Copy it again",
+            )
 
     def blocks(self, names: Sequence[str]) -> Iterator[Floats]:
         """Yield the numbers (n, k) of some channels."""

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from daq.journal.check import check
+from tests.daq.lab_bombs import BOMBS
 from tests.server.command_line import run
 
 
@@ -32,6 +33,14 @@ def test_a_replay_into_a_folder_names_that(tmp_path: Path, monkeypatch: pytest.M
     out = tmp_path / "kept"
     answer = run("replay", "DEV-02", "--to", "http://127.0.0.1:9", "--speed", "max", "--out", out)
     assert (answer.code, str(out) in answer.err) == (2, True)
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_recording_that_claims_far_more_than_it_holds_is_refused(name: str, tmp_path: Path) -> None:
+    answer = run("import", BOMBS[name](tmp_path / name))
+    assert (answer.code, answer.err.count("\n")) == (2, 1)
+    assert name in answer.err
+    assert [p.name for p in tmp_path.iterdir()] == [name]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a pipe that is closed there is another error")

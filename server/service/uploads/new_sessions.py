@@ -20,7 +20,7 @@ from daq.errors import InputError, ReadingsError
 from daq.lab.drafts import Choice, is_readings_file, joined, still_missing
 from daq.lab.files import AXES, WANTED, Increment, LabFileMap, Taken
 from daq.lab.notebook import Note
-from daq.lab.opened import NOT_FOR_A_SERVICE, open_channels
+from daq.lab.opened import NOT_FOR_A_SERVICE, OLD_EXCEL, open_channels
 from daq.lab.proposals import ground_of, grounds, propose_channels, propose_mapping, stated_unit
 from daq.lab.traces import Traces, read_traces
 from daq.recordings.columns import QUANTITIES
@@ -103,11 +103,13 @@ def held(files: Sent, mapping: Mapping[str, Any] | None) -> Iterator[Held]:
         if not recordings:
             raise ProblemError(422, "no recording among the files", "CSV, TDMS, LVM, Parquet, Excel or readings")
         for path in recordings:
-            if first_bytes(path, 32, "a recording").startswith(NOT_FOR_A_SERVICE):
+            start = first_bytes(path, 32, "a recording")
+            if start.startswith(NOT_FOR_A_SERVICE):
+                kind = "an .xls" if start.startswith(OLD_EXCEL) else "an HDF5 or C3D"
                 raise ProblemError(
                     422,
-                    f"{path.name} is an HDF5 or C3D file, which a service does not open",
-                    "CSV, TDMS, LVM, Parquet, Excel or readings",
+                    f"{path.name} is {kind} file, which a service does not open",
+                    "CSV, TDMS, LVM, Parquet, Excel (.xlsx) or readings",
                     "Make the session on the command line: fingertwin new RECORDING… --out DIR",
                 )
             require_unpacked(path, MOST_UNPACKED)

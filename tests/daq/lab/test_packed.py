@@ -11,44 +11,7 @@ from daq.errors import ReadingsError
 from daq.lab import packed
 from daq.lab.opened import open_channels
 from daq.lab.packed import require_modest
-
-MAIN = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
-PACKAGE = "http://schemas.openxmlformats.org/package/2006"
-OFFICE = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
-
-
-def related(kind: str, target: str) -> str:
-    one = f'<Relationship Id="r1" Type="{OFFICE}/{kind}" Target="{target}"/>'
-    return f'<Relationships xmlns="{PACKAGE}/relationships">{one}</Relationships>'
-
-
-def workbook(path: Path, rows: str) -> Path:
-    """A workbook of one sheet."""
-    sheet = f'<worksheet xmlns="{MAIN}"><sheetData>{rows}</sheetData></worksheet>'
-    types = f'<Types xmlns="{PACKAGE}/content-types"><Default Extension="xml" ContentType="application/xml"/></Types>'
-    named = '<sheets><sheet name="S" sheetId="1" r:id="r1"/></sheets>'
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as out:
-        out.writestr("[Content_Types].xml", types)
-        out.writestr("_rels/.rels", related("officeDocument", "xl/workbook.xml"))
-        out.writestr("xl/_rels/workbook.xml.rels", related("worksheet", "worksheets/sheet1.xml"))
-        out.writestr("xl/workbook.xml", f'<workbook xmlns="{MAIN}" xmlns:r="{OFFICE}">{named}</workbook>')
-        out.writestr("xl/worksheets/sheet1.xml", sheet)
-    return path
-
-
-def row(number: int, *cells: tuple[str, str]) -> str:
-    held = "".join(
-        f'<c r="{at}{number}"><v>{value}</v></c>'
-        if value[0].isdigit()
-        else f'<c r="{at}{number}" t="inlineStr"><is><t>{value}</t></is></c>'
-        for at, value in cells
-    )
-    return f'<row r="{number}">{held}</row>'
-
-
-def table(count: int) -> str:
-    head = row(1, ("A", "time [s]"), ("B", "Fx [N]"))
-    return head + "".join(row(n, ("A", f"{n}.5"), ("B", "2.5")) for n in range(2, count))
+from tests.daq.lab_bombs import row, table, workbook
 
 
 def test_a_table_is_read_and_a_stray_cell_a_little_away_does_not_matter(tmp_path: Path) -> None:

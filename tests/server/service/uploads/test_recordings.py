@@ -15,6 +15,7 @@ import pytest
 from daq.lab.drafts import posture_of
 from daq.sessions import plain_document, read_session, read_yaml
 from server.service.uploads import new_sessions
+from tests.daq.lab_bombs import BOMBS
 from tests.server.lab import POSTURE, SOURCE, lab_files
 from tests.server.service.running import ServiceReceiver
 from tests.server.test_exchange_cli import answered
@@ -108,6 +109,23 @@ def test_files_whose_readers_a_hostile_one_may_crash_are_not_opened(start: bytes
     said = ask(service, f"{AT}/look", 422, files=sent(("run.bin", start.ljust(2000, b"\0"))))
     assert "is an HDF5 or C3D file, which a service does not open" in said["detail"]
     assert "fingertwin new" in said["remedy"]
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_file_that_claims_far_more_than_it_holds_is_refused(
+    name: str, service: ServiceReceiver, tmp_path: Path
+) -> None:
+    content = BOMBS[name](tmp_path / name).read_bytes()
+    answer = service.client().post(f"{AT}/look", json={"files": sent((name, content))})
+    assert answer.status_code == 422, answer.text
+    assert name in answer.json()["detail"]
+    assert "\n" not in answer.json()["detail"]
+
+
+def test_an_xls_file_is_not_opened(service: ServiceReceiver) -> None:
+    content = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1".ljust(2000, b"\0")
+    said = ask(service, f"{AT}/look", 422, files=sent(("run.xls", content)))
+    assert "run.xls is an .xls file, which a service does not open" in said["detail"]
 
 
 def test_without_a_time_the_other_lines_are_proposed_all_the_same(service: ServiceReceiver, lab: Path) -> None:
