@@ -20,6 +20,7 @@ from fingermodel.studies.published import Row, not_available, row
 from server.figures.activation import alone_figure, deficits_figure
 from server.figures.plot import Plot
 from server.reproduce.barry2018_sheets import Case, alone, arms, deficits, levels, passive, postures, reach
+from server.reproduce.printed import reference, rows_beside
 from server.reproduce.study import Progress, Reproduction
 
 INDEX, THUMB = "barry2018_index", "barry2018_thumb"
@@ -34,31 +35,17 @@ COMPARED = (
     "not available: the cadavers' forces (Qiu et al. 2017, Towles et al. 2008) and the paper's are in figures alone"
 )
 MOST = "ours starts from the least activity that gives the force, not from EMG"
-ASSUMPTIONS = (
-    "Axes, points and wrapping cylinders: MyoHand's (Holzbaur 2005, Saul 2014, Lee 2015); the paper's are not "
-    "published. Axes of one joint stand oblique there but meet; those of successive joints do not.",
-    "Thumb: four angles; the axis of the paper's fifth (MP abduction) is not at hand.",
-    "Short muscles of the thumb: FPB, APB and ADP run along straight lines with the moment arms of Nakajima et al. "
-    "2022, quoted second hand; strengths and fibres are Brand's of 1981, quoted without the paper at hand.",
-    "Index muscles: PCSA, fibres and pennation of Wu et al. 2008 at 30 N/cm2; the paper prints none of its own.",
-    "Slack lengths by Eq 1, the posture of 0 being MyoHand's neutral one with wrist and elbow straight.",
-    "Force-length curves: Thelen 2003 with the paper's strain of 3.3 % in place of Millard's.",
-    "Passive joint torques: none. The paper gives no numbers, and those of its sources (Domalain 2010, Kamper 2002, "
-    "Knutson 2000) are not at hand; a sheet says what a torque of 10 N mm would do.",
-    "Tip: a clamp that carries force and the torque about flexion. Walls that carry force alone, as the paper's, leave "
-    "one more equation than unknowns; a baseline is one with no torque on the clamp, where there is such a one.",
-    "Baselines: min/max recruitment for 7.7 N palmar and 1 N dorsal (its size is not printed) at the index, 12.7 N "
-    "dorsal and 51.6 N palmar (32 N over 62 %) at the thumb.",
-    "Postures: index MCP 45, PIP 45, DIP 10 deg (Valero-Cuevas 2000), thumb MP 30, IP 30 deg (assumed); the paper's "
-    "are not printed.",
-    "Dynamic simulations of grasp and pinch: the paper judged them by eye and prints no number.",
-)
 
 
 def reproduce(progress: Progress) -> Reproduction:
     """Recompute the study."""
     cases = baselines(progress)
-    rows = [*_model_rows(cases), *_comparison_rows(), *_deficit_rows(cases), *_most_rows(cases)]
+    rows = [
+        *_model_rows(cases),
+        *rows_beside(reference("barry2018")["against_cadavers"], {}, COMPARED),
+        *_deficit_rows(cases),
+        *_most_rows(cases),
+    ]
     sheets = (
         *(alone(cases[i].result) for i in (0, 2)),
         levels(cases),
@@ -71,7 +58,11 @@ def reproduce(progress: Progress) -> Reproduction:
     progress(1.0)
     results: dict[str, Any] = {"baselines": {c.name: c.result.as_dict() for c in cases}}
     return Reproduction(
-        rows=tuple(rows), assumptions=ASSUMPTIONS, sheets=sheets, results=results, plots=lambda: _plots(cases)
+        rows=tuple(rows),
+        assumptions=tuple(reference("barry2018")["assumptions"]),
+        sheets=sheets,
+        results=results,
+        plots=lambda: _plots(cases),
     )
 
 
@@ -116,21 +107,6 @@ def _model_rows(cases: Sequence[Case]) -> list[Row]:
             )
         )  # fmt: skip
     return rows
-
-
-def _comparison_rows() -> list[Row]:
-    return [
-        not_available(quantity, printed, None, unit, COMPARED)
-        for quantity, printed, unit in (
-            ("index: FDS more distal than the cadavers' range", "0.9", "deg"),
-            ("index: FDP more distal than the cadavers' range", "4.4", "deg"),
-            ("index: FDI further ulnar than the cadavers' range", "13.0", "deg"),
-            ("thumb: FPB further to adduction", "26.1", "deg"),
-            ("thumb: APL further to adduction", "12.1", "deg"),
-            ("thumb: EPL less than the cadavers'", "19", "%"),
-            ("thumb: EPB more than the cadavers'", "48", "%"),
-        )
-    ]
 
 
 def _deficit_rows(cases: Sequence[Case]) -> list[Row]:

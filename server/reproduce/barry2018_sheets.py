@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-from daq.locations import data_dir
 from fingermodel.studies.activation import DIRECTIONS, work_out
 from fingermodel.studies.activation_result import ActivationResult, angle_between
+from server.reproduce.printed import reference
 from server.reproduce.study import Sheet
 
 if TYPE_CHECKING:
@@ -187,7 +186,7 @@ def passive(cases: Sequence[Case]) -> Sheet:
 
 def arms(cases: Sequence[Case]) -> Sheet:
     """Moment arms at 0 beside quoted ones."""
-    quoted: dict[str, Any] = yaml.safe_load((data_dir() / "reference" / "barry2018.yaml").read_text(encoding="utf-8"))
+    quoted = reference("barry2018")
     lines: list[tuple[str | float | None, ...]] = []
     for case, name in ((cases[0], "index"), (cases[2], "thumb")):
         topology = case.held.finger.topology

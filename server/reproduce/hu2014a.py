@@ -24,27 +24,16 @@ from server.reproduce.hu2014a_fingers import (
     index_finger,
     means,
     pressed,
-    published_numbers,
     with_fitted_flexor,
     with_fitted_terminal_slip,
 )
 from server.reproduce.hu2014a_sheets import forces_sheet, least_sheet, needed_sheet, sister_sheet, terminal_sheet
+from server.reproduce.printed import reference
 from server.reproduce.study import Progress, Reproduction
 
 NORMATIVE, FLEXOR, TERMINAL = "An's index", "flexor fitted", "terminal slip fitted"
 
-ASSUMPTIONS = (
-    "Postures and loads: Tables S1 and S2 of the study are not at hand; the three measured loads of Hu et al. 2014b "
-    "(same laboratory; age, weight and height of the subject are the same) stand in. Posture 1 is the most flexed "
-    "('ranging from very flexed to fully extended'); the first load stands for it, the third for posture 4, the second "
-    "for 2 and 3 together.",
-    "Anatomy: points and bones of the study (OpenSim bones, an anatomy atlas) are not published; ours are An et al. "
-    "1979, second digit. It is not scaled to the subject, since all forces are divided by the load and a finger larger "
-    "in every direction has the same ones.",
-    "The plate presses at the end of the distal phalanx, 19.67 mm from the DIP centre (the study's l1 is not printed); "
-    "abduction is about the proximal phalanx' dorsal axis, where Eqs 3 and 6 take the room's vertical.",
-    "Spreads are printed as s.e.m.; they are taken as they are, and a row agrees within one of them.",
-)
+
 MIXED = (
     "the load stands for postures 2 and 3: the range is from the lower mean less its spread to the higher plus its own"
 )
@@ -76,7 +65,7 @@ CARRIED = (
 def reproduce(progress: Progress) -> Reproduction:
     """Compute both models at the three loads, with An's index finger and with fitted moment arms."""
     prepare_jax()
-    published = published_numbers()
+    published = reference("hu2014a")
     normative = index_finger(published)
     fingers = {
         NORMATIVE: normative,
@@ -108,7 +97,7 @@ def reproduce(progress: Progress) -> Reproduction:
     progress(1.0)
     return Reproduction(
         tuple(rows),
-        ASSUMPTIONS,
+        tuple(reference("hu2014a")["assumptions"]),
         sheets,
         {"pressing": {who: [p.as_dict() for p in answers] for who, answers in forces.items()}},
         lambda: _plots(forces, published),

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 
-from daq.locations import data_dir
 from fingermodel.fingers.files import read_finger
 from fingermodel.inverse.pressing import pressing_forces, pressing_posture, pressing_wrench
 from fingermodel.model import jax_values, posture_moment_arms, tip_kinematics_batch
@@ -51,13 +49,6 @@ class Pressed:
     def as_dict(self) -> dict[str, Any]:
         """Return plain data."""
         return {"load": self.name, "postures": self.postures, "forces": self.forces, "push": self.push}
-
-
-def published_numbers() -> dict[str, Any]:
-    """The study's tables and text, as printed."""
-    text = (data_dir() / "reference" / "hu2014a.yaml").read_text(encoding="utf-8")
-    numbers: dict[str, Any] = yaml.safe_load(text)
-    return numbers
 
 
 def index_finger(published: dict[str, Any]) -> Finger:

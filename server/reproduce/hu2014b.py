@@ -14,7 +14,7 @@ from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.inverse.pressing import pressing_forces
 from fingermodel.studies.published import Row, not_available, row
 from server.reproduce.hu2014a import PUSH
-from server.reproduce.hu2014a_fingers import index_finger, published_numbers
+from server.reproduce.hu2014a_fingers import index_finger
 from server.reproduce.hu2014b_network import (
     Held,
     contact_of,
@@ -22,13 +22,13 @@ from server.reproduce.hu2014b_network import (
     hood_of,
     index_with_network,
     printed_loads,
-    printed_tables,
     pulls_by_components,
     pulls_by_table_1,
 )
 from server.reproduce.hu2014b_plots import plots
 from server.reproduce.hu2014b_sheets import layouts_sheet, nodes_sheet, pulls_sheet, springs_sheet, stiffness_sheet
 from server.reproduce.hu2014b_specimens import against_rhombus
+from server.reproduce.printed import reference
 from server.reproduce.study import Progress, Reproduction
 
 JOINTS = ("DIP", "PIP", "MCP")
@@ -49,24 +49,6 @@ CONTACT = (
     "contact grows with FDP, so with that one arm"
 )
 SUMS = "printed forces of the springs at the muscle's node, against the muscle's own printed force"
-ASSUMPTIONS = (
-    "Node positions are in no table (Figures 1 and 5 alone show them): A, D, E0, F, H, L and N lie where An et al. "
-    "1979 have the tendons, the others by choice; `data/hoods/hu2014b_index.yaml` has each with its reason.",
-    "G and M lie 0.35 mm distal of B, since GB is printed as slack throughout and MB as taut in posture 1 alone. The "
-    "rows that this was taken from are not counted.",
-    "Bone surfaces are taken as developable, so that a fibre that wraps round a bone is straight on the unrolled "
-    "dorsum; the paper has straight lines between nodes on a scanned surface.",
-    "A node slides along the finger; the paper lets it slide towards the vertex of its facet that is nearest to the "
-    "direction of force. What sliding in both directions would change is in a sheet.",
-    "Unloaded lengths are those of the posture (the blue lines of Figure 5): the network is at rest in each of them.",
-    "Stiffnesses: printed force over printed length change, over the three postures; GB, which is slack in all of "
-    "them, as MB; HA and NA from forces below 1 N.",
-    "Muscle forces: Table 1 times the load's magnitude. LE's column cannot be read in the text at hand; it follows "
-    "from the paper's own Eq 8 as 0.4 (RI + LU + UI), and the printed springs at node A add up to the same within 2 %.",
-    "An et al. 1979, second digit, pressed 19.67 mm beyond the DIP centre, stands for the subject's finger. Its size "
-    "hardly matters: angles between springs do not change with it.",
-    "Loose tissue of 0.001 N/mm keeps a node in place that no taut spring holds.",
-)
 
 
 def reproduce(progress: Progress) -> Reproduction:
@@ -88,7 +70,7 @@ def reproduce(progress: Progress) -> Reproduction:
     specimens, fits = against_rhombus(lambda done: progress(0.4 + 0.6 * done))
     return Reproduction(
         rows=tuple(rows),
-        assumptions=ASSUMPTIONS,
+        assumptions=tuple(reference("hu2014b")["assumptions"]),
         sheets=(*sheets, specimens),
         results={"springs": list(springs), "specimens": fits},
         plots=lambda: plots(held),
@@ -116,7 +98,7 @@ def _sum_rows(loads: Sequence[dict[str, Any]]) -> list[Row]:
 
 def _muscle_rows(loads: Sequence[dict[str, Any]]) -> list[Row]:
     """Table 1's muscle forces from Eqs 7 and 8 with An's index finger."""
-    finger = index_finger(published_numbers())
+    finger = index_finger(reference("hu2014a"))
     rows = []
     for k, load in enumerate(loads):
         muscle = pressing_forces(finger, load["theta_deg"], load["force_N"], "chao").muscle
@@ -143,7 +125,7 @@ def _contact_rows(loads: Sequence[dict[str, Any]], contact: Sequence[dict[str, f
 
 def _component_rows(number: int, held: Held, springs: Sequence[str]) -> list[Row]:
     """Length change and force of every spring, as printed and, where that is a misprint, as mended."""
-    tables = printed_tables()
+    tables = reference("hu2014b")
     rows = []
     for i, spring in enumerate(springs):
         length, force = tables["components"][held.name][spring]

@@ -23,7 +23,8 @@ from fingermodel.kinematics import joint_poses
 from fingermodel.model import jax_values
 from fingermodel.statics import joint_loads
 from fingermodel.tendons import joint_pulls
-from server.reproduce.hu2014a_fingers import moments, published_numbers
+from server.reproduce.hu2014a_fingers import moments
+from server.reproduce.printed import reference
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger
@@ -81,17 +82,9 @@ class Stretched(NamedTuple):
     excursion: dict[str, Floats]
 
 
-@cache
-def printed_tables() -> dict[str, Any]:
-    """Tables 2, 3(a) and 3(b), as printed."""
-    text = (data_dir() / "reference" / "hu2014b.yaml").read_text(encoding="utf-8")
-    numbers: dict[str, Any] = yaml.safe_load(text)
-    return numbers
-
-
 def mended(load: str, spring: str) -> tuple[float, float]:
     """Length change [mm] and force [N] of a spring under a load, as printed, misprints mended."""
-    tables = printed_tables()
+    tables = reference("hu2014b")
     length, force = tables["components"][load][spring]
     mend = tables["misprints"].get(load, {}).get(spring, {})
     return float(mend.get("length_mm", length)), float(mend.get("force_N", force))
@@ -99,7 +92,7 @@ def mended(load: str, spring: str) -> tuple[float, float]:
 
 def printed_loads() -> list[dict[str, Any]]:
     """Table 1: angles, loads, muscle and contact forces, as printed."""
-    loads: list[dict[str, Any]] = published_numbers()["loads"]
+    loads: list[dict[str, Any]] = reference("hu2014a")["loads"]
     return loads
 
 
@@ -120,7 +113,7 @@ def index_with_network(change: Change | None = None) -> Finger:
     block = other["hood"] | {"network": network}
     # Both interossei enter whole, as in the paper.
     finger |= {"id": "index_with_network", "hood": block, "sources": finger["sources"] | other["sources"]}
-    tip = [-published_numbers()["distal_phalanx_mm"], 0.0, 0.0]
+    tip = [-reference("hu2014a")["distal_phalanx_mm"], 0.0, 0.0]
     return finger_from_dict(finger, "index_with_network").replace_values(load_point=tip)
 
 
@@ -140,7 +133,7 @@ def pulls_by_table_1(load: Mapping[str, Any]) -> dict[str, float]:
 
 def pulls_by_components(load: Mapping[str, Any]) -> dict[str, float]:
     """Muscle forces [N] that the printed forces of the springs at each muscle's node add up to."""
-    force = {name: float(f) for name, (_, f) in printed_tables()["components"][load["name"]].items()}
+    force = {name: float(f) for name, (_, f) in reference("hu2014b")["components"][load["name"]].items()}
     return {
         "RI": force["GH"] + force["HA"],
         "LU": force["GC"] + force["FG"] + force["GB"] - force["GH"],

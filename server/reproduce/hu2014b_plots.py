@@ -9,7 +9,6 @@ import numpy as np
 
 from server.figures.hood import NetworkPanel, forces_figure, network_figure
 from server.figures.plot import Plot
-from server.reproduce.hu2014a_fingers import published_numbers
 from server.reproduce.hu2014b_network import (
     Floats,
     Held,
@@ -18,6 +17,7 @@ from server.reproduce.hu2014b_network import (
     mended,
     printed_loads,
 )
+from server.reproduce.printed import reference
 
 # How far from the bones' axes the network is drawn, and how much of the metacarpal [mm]; the paper prints neither.
 _OFF, _METACARPAL = 7.0, 22.0
@@ -65,7 +65,7 @@ def _from_the_side(
     angle = np.deg2rad(np.array(load["theta_deg"], dtype=float))
     proximal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     dorsal = np.stack([-proximal[:, 1], proximal[:, 0]], axis=1)
-    steps = np.array([published_numbers()["distal_phalanx_mm"], lengths[1], lengths[0], _METACARPAL])
+    steps = np.array([reference("hu2014a")["distal_phalanx_mm"], lengths[1], lengths[0], _METACARPAL])
     bones = np.concatenate([np.zeros((1, 2)), np.cumsum(proximal * steps[:, None], axis=0)])
     # Of each bone from DP to MC: its proximal joint in the room, and on the straight finger.
     straight = {3: -lengths[0] - lengths[1], 2: -lengths[0], 1: 0.0}

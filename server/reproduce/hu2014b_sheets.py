@@ -14,10 +14,10 @@ from server.reproduce.hu2014b_network import (
     hood_of,
     index_with_network,
     mended,
-    printed_tables,
     pulls_by_components,
     pulls_by_table_1,
 )
+from server.reproduce.printed import reference
 from server.reproduce.study import Sheet
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def springs_sheet(held: Sequence[Held], springs: Sequence[str]) -> Sheet:
 
 def stiffness_sheet(hood: ElasticHood) -> Sheet:
     """Printed force over printed length change, beside the stiffness in use."""
-    tables = printed_tables()["components"]
+    tables = reference("hu2014b")["components"]
     lines: list[Line] = []
     for spring, stiffness in zip(hood.network.springs, hood.stiffness, strict=True):
         ratios: list[str | float | None] = []

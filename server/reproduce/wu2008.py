@@ -24,6 +24,7 @@ from fingermodel.studies.movement import MovementResult, work_out
 from fingermodel.studies.published import Row, not_available, row, row_about, row_within
 from server.figures.movement import Reference, movement_plots
 from server.figures.plot import Plot
+from server.reproduce.printed import reference
 from server.reproduce.study import Progress, Reproduction, Sheet
 
 Floats = NDArray[np.float64]
@@ -46,23 +47,6 @@ REST = (
     "our muscles at rest hold the finger against gravity and against the passive RI and UI, so FDS is active throughout"
 )
 AROUND = "'around' is taken as within 10 ms, 'shortly before' as from 50 ms before to 10 ms after"
-ASSUMPTIONS = (
-    "Angles and tip force: AMMR's input files, cubic splines through the samples; the paper's fourth-order polynomials "
-    "are not printed, a polynomial of that order through the same samples is in the sheet of settings.",
-    "Tip force: dorsal in the metacarpal's axes, 20 mm beyond the DIP centre, and monotone between its samples.",
-    "Gravity: AMMR's, palmar with the metacarpal level; the paper does not speak of it.",
-    "Centres of mass: AMMR's; the paper has them in the middle of the segments.",
-    "Hood: AMMR's heads of each muscle at equal activity, which is Winslow's rhombus with fixed fractions; there each "
-    "head is a muscle of its own.",
-    "Tendons wrap by Landsmeer's first model; AMMR has ellipsoids.",
-    "Passive force: exponential, the fibre carrying its isometric force at five times its optimal length; so AMMR's "
-    "output has it. The tendon's slack length follows from the calibration's posture (MCP 11.5, PIP 28.5, DIP 13.6 "
-    "deg).",
-    "Slack length of FDS: 21 mm, 0.3 of its fibres; AMMR's path of 59 mm is shorter than the fibres.",
-    "Recruitment: active forces over the greatest isometric force (Eq 3); where the busiest muscles leave freedom, the "
-    "others are shared out by the same rule in turn, as AMMR does.",
-    "A muscle is active where its active force exceeds a tenth of its own peak.",
-)
 
 
 def reproduce(progress: Progress) -> Reproduction:
@@ -76,7 +60,7 @@ def reproduce(progress: Progress) -> Reproduction:
     progress(1.0)
     return Reproduction(
         rows=tuple(rows),
-        assumptions=ASSUMPTIONS,
+        assumptions=tuple(reference("wu2008")["assumptions"]),
         sheets=sheets,
         results={"peaks": result.peaks(), "peaks_with_ammr_muscles": later.peaks()},
         plots=_plots,

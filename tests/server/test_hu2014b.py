@@ -9,7 +9,8 @@ import pytest
 import server.reproduce.hu2014b_specimens as specimens
 from fingermodel.studies.published import Row
 from server.figures.static import write_static
-from server.reproduce.hu2014b_network import mended, printed_tables
+from server.reproduce.hu2014b_network import mended
+from server.reproduce.printed import reference
 from server.reproduce.study import Reproduction, reproduce
 
 LOADS = ("flexed", "between", "extended")
@@ -33,7 +34,7 @@ def test_every_figure_of_tables_2_and_3_has_its_row(study: Reproduction) -> None
     for number, load in enumerate(LOADS, start=1):
         for spring in springs:
             for what, printed in zip(
-                ("length change", "force"), printed_tables()["components"][load][spring], strict=True
+                ("length change", "force"), reference("hu2014b")["components"][load][spring], strict=True
             ):
                 (found,) = [r for r in study.rows if r.quantity == f"posture {number}, {spring}: {what}"]
                 assert found.printed == printed
