@@ -11,6 +11,7 @@ from fingermodel.studies.activation_result import ActivationResult
 from server.application.exporting import writing
 from server.application.study_tables import write_deficits
 from server.commands.console import answer, progress, say, table
+from server.figures.activation import activation_report
 
 
 def activate_finger(
@@ -44,8 +45,6 @@ def activate_finger(
             write_deficits(result, out)
         body["file"] = str(out)
     if figures is not None:
-        from server.figures.activation import activation_report
-
         body["figures"] = str(activation_report(result, figures))
     if answer("activate", body, json):
         return

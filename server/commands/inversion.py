@@ -9,6 +9,7 @@ from fingermodel.studies.inversion import invert_bench
 from fingermodel.studies.inverted import Assigned, Inversion, InvertedCase
 from server.application.provenance import provenance
 from server.commands.console import answer, progress, say, table
+from server.figures.inversion import inversion_report
 
 
 def invert_session(session: str, closure: str, model: str | None, figures: Path | None, json: str | None) -> None:
@@ -25,8 +26,6 @@ def invert_session(session: str, closure: str, model: str | None, figures: Path 
     name, about = bench.measured.session.id, provenance(bench)
     body = about | inversion.as_dict() | {"figures": None}
     if figures is not None:
-        from server.figures.inversion import inversion_report
-
         title = f"Forces behind the tip forces: {name}"
         body["figures"] = str(inversion_report(figures, inversion, title, bench.loaded.name, about["notes"]))
     if answer("invert", body, json):

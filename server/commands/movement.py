@@ -8,6 +8,7 @@ from fingermodel.studies.movement import move
 from server.application.exporting import writing
 from server.application.study_tables import write_time_courses
 from server.commands.console import answer, progress, say, table
+from server.figures.movement import movement_report
 
 
 def move_finger(
@@ -26,8 +27,6 @@ def move_finger(
             write_time_courses(result, out)
         body["file"] = str(out)
     if figures is not None:
-        from server.figures.movement import movement_report
-
         body["figures"] = str(movement_report(result, figures))
     if answer("move", body, json):
         return

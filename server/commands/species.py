@@ -9,6 +9,7 @@ from fingermodel.studies.species import SpeciesResult
 from fingermodel.studies.species_sides import PLANES, Spread, shared
 from server.application.species import compare_species
 from server.commands.console import answer, progress, say, table
+from server.figures.species import species_report
 
 KINDS = ("predicted", "measured")
 WORDS = {"tension_to_tip": "tension / tip", "bone_to_tip": "bone / tip"}
@@ -31,8 +32,6 @@ def compare_fingers(
         result = compare_species(of, other, of_session, other_session, tell)
     body = result.as_dict() | {"figures": None}
     if figures is not None:
-        from server.figures.species import species_report
-
         body["figures"] = str(species_report(result, figures))
     if answer("species", body, json):
         return

@@ -15,6 +15,7 @@ from fingermodel.muscles.muscle_files import muscle_set_names
 from fingermodel.studies.scaling import scale_finger, scaled_document, scaled_heading
 from server.application.exchange import ENDINGS, UNSOURCED, imported_body, read_foreign, written_finger
 from server.application.species import compare_species
+from server.figures.species import species_plots
 from server.service.figures.answer import Theme, drawn_plots
 from server.service.web.problems import not_found
 
@@ -120,8 +121,6 @@ def compared(finger: str, other: str, theme: Theme | None) -> dict[str, Any]:
     Raises:
         InputError: they do not fit together.
     """
-    from server.figures.species import species_plots
-
     found = compare_species(finger, other)
     drawn = [] if theme is None else drawn_plots(species_plots(found), theme)
     return {"schema": "fingertwin/species/1"} | found.as_dict() | {"figures": drawn}

@@ -10,6 +10,9 @@ from fingermodel.muscles.muscle_files import muscle_set_names, read_muscles
 from fingermodel.studies.activation import activate
 from fingermodel.studies.inversion import invert_bench
 from fingermodel.studies.movement import work_out
+from server.figures.activation import activation_plots
+from server.figures.inversion import inversion_plots
+from server.figures.movement import movement_plots
 from server.service.figures.answer import Theme, drawn_plots
 from server.service.figures.fingers import finger_shown, known_finger
 from server.service.figures.parts import resolved
@@ -25,8 +28,6 @@ def invertible(parts: Services, session: str, closure: str, model: str | None, t
         InputError: no case that can be inverted, or a finger that the closure does not fit.
         ProblemError: 404 there is no such session, 409 its bench is still running, 422 there is no such model.
     """
-    from server.figures.inversion import inversion_plots
-
     measured = parts.measuring.of(session)
     require_closed(measured)
     bench = parts.models.bench(measured, resolved(parts, measured, model))
@@ -53,8 +54,6 @@ def movement(asked: dict[str, Any], theme: Theme | None) -> dict[str, Any]:
         InputError: a document that cannot be used, or torques beyond the muscles' strength.
         ProblemError: 404 there is no such movement, finger or muscle set.
     """
-    from server.figures.movement import movement_plots
-
     known = movement_choices()
     if asked["muscles"] not in known["muscles"]:
         raise not_found("muscle set", asked["muscles"], "/api/v1/movements")
@@ -80,8 +79,6 @@ def activation(asked: dict[str, Any], theme: Theme | None) -> dict[str, Any]:
         InputError: a muscle, joint or direction that is not known, or a force beyond the muscles' strength.
         ProblemError: 404 there is no such finger or muscle set.
     """
-    from server.figures.activation import activation_plots
-
     finger, muscles = known_finger(asked.pop("finger")), asked.pop("muscles")
     if muscles is not None and muscles not in muscle_set_names():
         raise not_found("muscle set", muscles, "/api/v1/movements")
