@@ -6,6 +6,7 @@ import threading
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Header, Path, Query, Request, Response
+from fastapi.routing import APIRoute
 
 from daq.uplink.wire import API
 from server.service.answers import JsonAnswer
@@ -71,55 +72,15 @@ Matched = Annotated[str | None, Header(alias="If-None-Match", max_length=200)]
 _DRAWN = documented(FigureShown, example=EXAMPLE) | {304: {"description": "Not Modified"}}
 _LOCK = threading.Lock()
 
-_MODEL = ("model", False, "A revision's id, a finger's name, or in_force; by default the session's own finger.")
-_SESSION = ("session", True, "Id of the session.")
-_THEME = ("theme", False, "light (default) or dark.")
-_ONLY = (
-    ("plane", False, "sagittal or space; by default as the finger is judged."),
-    ("role", False, "identification, validation or all; by default both, on the finger validation alone."),
-    ("location", False, "tip or bone."),
-    ("posture", False, "Of this posture only."),
-    ("muscles", False, "With these tendons loaded only, such as FDP+FDS."),
-)
-_KINDS: dict[str, tuple[str, tuple[tuple[str, bool, str], ...]]] = {
-    "comparison": (
-        "Measured load cases; while a bench is running, identification cases alone are shown.",
-        (_SESSION, _MODEL, ("before", False, "A model that this one is held against."), *_ONLY, _THEME),
-    ),
-    "diagnosis": (
-        "A job of kind diagnose or pooled that is done.",
-        (
-            ("job", True, "Id of the job."),
-            ("session", False, "Which session of a pooled diagnosis."),
-            ("fit", False, "before (default) or after: residuals with nothing added, or with what the verdict adds."),
-            _THEME,
-        ),
-    ),
-    "shared": ("A job of kind pooled that is done.", (("job", True, "Id of the job."), _THEME)),
-    "revisions": (
-        "A revision.",
-        (
-            ("revision", False, "Id of the revision, or"),
-            ("specimen", False, "the specimen whose revision in force is meant."),
-            _THEME,
-        ),
-    ),
-    "finger": (
-        "A session with postures; a load case for weights and forces.",
-        (
-            _SESSION,
-            ("posture", False, "Its name; by default that of the case."),
-            ("case", False, "A load case, taken or planned."),
-            _MODEL,
-            ("without", False, "An effect of the model: its case is drawn with its prediction without it, too."),
-            _THEME,
-        ),
-    ),
-    "effect": (
-        "Measured load cases, and an effect of GET /api/v1/effects; while a bench is running, identification alone.",
-        (_SESSION, _MODEL, _THEME),
-    ),
-    "study": ("A study of GET /api/v1/studies that was computed.", (_THEME,)),
+_NEEDS = {
+    "comparison": "Measured load cases; while a bench is running, identification cases alone are shown.",
+    "diagnosis": "A job of kind diagnose or pooled that is done.",
+    "shared": "A job of kind pooled that is done.",
+    "revisions": "A revision.",
+    "finger": "A session with postures; a load case for weights and forces.",
+    "effect": "Measured load cases, and an effect of GET /api/v1/effects; while a bench is running, identification "
+    "alone.",
+    "study": "A study of GET /api/v1/studies that was computed.",
 }
 _TITLES = {
     "scatter": "Measured and predicted force components, identification cases",
@@ -141,6 +102,9 @@ _TITLES = {
     "shared_chance": "Whether chance would do as well",
     "shared_law": "The best law against the shared curve, by tendon and joint",
     "waterfall": "The fall of the error, step by step",
+    "finger": "The finger in a posture, with weights and forces",
+    "{effect}": "What an effect would change in a session's cases",
+    "{study}/{name}": "A figure of a published study",
 }
 
 
@@ -158,10 +122,6 @@ def figures_of(request: Request) -> Figures:
 def listed() -> JsonAnswer:
     """List the figures: what each needs, and its query parameters."""
     rows = [_listed(k, n) for k, names in _names().items() for n in names]
-    finger = _listed("finger", "finger") | {"title": "The finger in a posture, with weights and forces"}
-    effect = _listed("effect", "{effect}") | {"title": "What an effect would change in a session's cases"}
-    study = _listed("study", "{study}/{name}") | {"title": "A figure of a published study"}
-    rows += [finger | {"path": f"{API}/figures/finger"}, effect, study]
     return JsonAnswer({"figures": rows})
 
 
@@ -271,16 +231,23 @@ def effect(
 
 
 def _names() -> dict[str, tuple[str, ...]]:
-    return {"comparison": COMPARISON, "diagnosis": DIAGNOSIS, "shared": SHARED, "revisions": REVISIONS}
+    named = {"comparison": COMPARISON, "diagnosis": DIAGNOSIS, "shared": SHARED, "revisions": REVISIONS}
+    return named | {"finger": ("finger",), "effect": ("{effect}",), "study": ("{study}/{name}",)}
 
 
 def _listed(kind: str, name: str) -> dict[str, object]:
-    needs, parameters = _KINDS[kind]
+    """A line of the list; its query parameters are those of its route."""
+    at = f"{router.prefix}/{kind}"
+    routes = (r for r in router.routes if isinstance(r, APIRoute))
+    route = next(r for r in routes if f"{r.path}/".startswith(f"{at}/"))
     return {
         "kind": kind,
         "name": name,
         "title": _TITLES.get(name, name),
-        "needs": needs,
-        "path": f"{API}/figures/{kind}/{name}",
-        "parameters": [{"name": n, "required": r, "description": d} for n, r, d in parameters],
+        "needs": _NEEDS[kind],
+        "path": f"{API}{at}" if route.path == at else f"{API}{at}/{name}",
+        "parameters": [
+            {"name": p.alias, "required": p.field_info.is_required(), "description": p.field_info.description}
+            for p in route.dependant.query_params
+        ],
     }
