@@ -27,7 +27,7 @@ from server.figures.style import (
     posture_name,
     rgba,
 )
-from server.figures.tendon_lines import tendon_paths
+from server.figures.tendon_lines import leaving, tendon_paths
 from server.figures.vectors import MEASURED_PX, predicted_line
 
 Floats = NDArray[np.float64]
@@ -173,7 +173,7 @@ def _weights(
     finger: Finger, values: FingerValues, pose: FingerPose, masses_g: Mapping[str, float], axes: dict[str, str]
 ) -> list[go.Scatter]:
     """The string of each loaded tendon, over a pulley beyond the clamp, and the weight on its end; schematic."""
-    hung = {m: _string(finger, values, pose, m) for m in finger.topology.muscles if masses_g.get(m)}
+    hung = {m: leaving(finger, values, pose, m)[:, :2] for m in finger.topology.muscles if masses_g.get(m)}
     styles = load_styles(hung)
     stub = stub_mm(values)
     heaviest = max((masses_g[m] for m in hung), default=1.0)
@@ -229,17 +229,6 @@ def _weights(
             )
         )
     return traces
-
-
-def _string(finger: Finger, values: FingerValues, pose: FingerPose, muscle: str) -> Floats:
-    """A tendon's course (2, 2) in the metacarpal, proximally out of the drawing [mm]."""
-    stub = stub_mm(values)
-    for index, segment in enumerate(finger.topology.segments):
-        if segment.slip == muscle and segment.proximal_bone == 0:
-            begin = pose.place(0, values.proximal_point[index])[:2]
-            suture = np.asarray(values.suture[finger.topology.muscles.index(muscle)])[:2]
-            return np.stack([begin, begin + suture * max(stub - float(begin[0]), 0.0)])
-    return np.array([[stub, 0.0], [stub, 0.0]])
 
 
 def _heading(finger: Finger, posture: str, pose: FingerPose, hung: Hung) -> str:

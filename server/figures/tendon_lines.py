@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.fingers import Finger, FingerValues, Segment
+from fingermodel.fingers import Finger, FingerValues, Segment, Topology
 from server.figures.poses import FingerPose, stub_mm
 
 Floats = NDArray[np.float64]
@@ -43,13 +43,7 @@ def _bend(finger: Finger, segment: Segment, pose: FingerPose) -> float:
 def tendon_connections(finger: Finger, values: FingerValues, pose: FingerPose) -> list[Floats]:
     """Along the bones: from a tendon's segment to its next, through the hood, and proximally out of the drawing."""
     topology = finger.topology
-    feeds: dict[str, set[str]] = {}
-    if hood := topology.hood:
-        bands = {hood.central_slip: hood.members, hood.terminal_slip: (hood.radial_band, hood.ulnar_band)}
-        bands |= {hood.radial_band: (*hood.radial, *hood.extensors), hood.ulnar_band: (*hood.ulnar, *hood.extensors)}
-        for slip, sources in bands.items():
-            for source in sources:
-                feeds.setdefault(source, set()).add(slip)
+    feeds = hood_feeds(topology)
     lines = []
     for i, segment in enumerate(topology.segments):
         end = pose.place(segment.distal_bone, values.distal_point[i])[:2]
@@ -58,8 +52,28 @@ def tendon_connections(finger: Finger, values: FingerValues, pose: FingerPose) -
             if follows and following.proximal_bone == segment.distal_bone:
                 lines.append(np.stack([end, pose.place(following.proximal_bone, values.proximal_point[k])[:2]]))
         if segment.proximal_bone == 0 and segment.slip in topology.muscles:
-            suture = np.asarray(values.suture[topology.muscles.index(segment.slip)])[:2]
-            begin = np.asarray(values.proximal_point[i])[:2]
-            room = max(stub_mm(values) - float(begin[0]), 0.0)
-            lines.append(np.stack([begin, begin + suture * room]))
+            lines.append(leaving(finger, values, pose, segment.slip)[:, :2])
     return lines
+
+
+def hood_feeds(topology: Topology) -> dict[str, set[str]]:
+    """Return the slips of the hood that each tendon or slip pulls."""
+    feeds: dict[str, set[str]] = {}
+    if hood := topology.hood:
+        bands = {hood.central_slip: hood.members, hood.terminal_slip: (hood.radial_band, hood.ulnar_band)}
+        bands |= {hood.radial_band: (*hood.radial, *hood.extensors), hood.ulnar_band: (*hood.ulnar, *hood.extensors)}
+        for slip, sources in bands.items():
+            for source in sources:
+                feeds.setdefault(source, set()).add(slip)
+    return feeds
+
+
+def leaving(finger: Finger, values: FingerValues, pose: FingerPose, muscle: str) -> Floats:
+    """Return a tendon's course (2, 3) along the first bone, to where it leaves the drawing proximally [mm]."""
+    stub = stub_mm(values)
+    for index, segment in enumerate(finger.topology.segments):
+        if segment.slip == muscle and segment.proximal_bone == 0:
+            begin = pose.place(0, values.proximal_point[index])
+            suture = np.asarray(values.suture[finger.topology.muscles.index(muscle)])
+            return np.stack([begin, begin + suture * max(stub - float(begin[0]), 0.0)])
+    return np.array([[stub, 0.0, 0.0], [stub, 0.0, 0.0]])

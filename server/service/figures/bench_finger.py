@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from daq.sessions.models import Mount
 from daq.signals.calibration import mount_transform
 from server.figures.poses import bone_lengths, finger_pose, reach_mm, stub_mm
-from server.figures.tendon_lines import tendon_paths
+from server.figures.tendon_lines import hood_feeds, leaving, tendon_paths
 from server.service.figures.finger_drawing import held_finger
 from server.service.services import Services
 from server.service.sessions.measuring import Measured
 
 if TYPE_CHECKING:
-    from fingermodel.fingers import Finger, FingerValues, Topology
+    from fingermodel.fingers import Finger, FingerValues
     from server.figures.poses import FingerPose
 
 Floats = NDArray[np.float64]
@@ -95,7 +95,8 @@ def _places(document: Mapping[str, Any], finger: Finger, pose: FingerPose) -> di
 
 def _view(finger: Finger, pose: FingerPose, paper: Floats, masses_g: Mapping[str, float]) -> dict[str, Any]:
     values, topology = finger.values, finger.topology
-    pulled = _pulled(topology, masses_g)
+    feeds = hood_feeds(topology)
+    pulled = _pulled(feeds, masses_g)
     near = [pose.place(s.proximal_bone, values.proximal_point[k]) for k, s in enumerate(topology.segments)]
     far = [pose.place(s.distal_bone, values.distal_point[k]) for k, s in enumerate(topology.segments)]
     tendons = []
@@ -106,7 +107,7 @@ def _view(finger: Finger, pose: FingerPose, paper: Floats, masses_g: Mapping[str
         for i, following in enumerate(topology.segments):
             if following.proximal_bone != segment.distal_bone:
                 continue
-            if following.slip == segment.slip or following.slip in _pulls(topology, segment.slip):
+            if following.slip == segment.slip or following.slip in feeds.get(segment.slip, ()):
                 loaded = segment.slip in pulled and following.slip in pulled
                 tendons.append(_tendon(following.slip, loaded, np.stack([far[k], near[i]]) @ paper.T))
     centres = pose.origins[[j.child for j in topology.joints]] @ paper.T
@@ -118,7 +119,7 @@ def _view(finger: Finger, pose: FingerPose, paper: Floats, masses_g: Mapping[str
         ],
         "tendons": tendons,
         "strings": [
-            {"tendon": m, "mass_g": g, "line_mm": (_string(finger, pose, m) @ paper.T).round(2).tolist()}
+            {"tendon": m, "mass_g": g, "line_mm": (leaving(finger, values, pose, m) @ paper.T).round(2).tolist()}
             for m, g in masses_g.items()
         ],
     }
@@ -128,36 +129,14 @@ def _tendon(name: str, loaded: bool, line: Floats) -> dict[str, Any]:
     return {"tendon": name, "loaded": loaded, "line_mm": line.round(2).tolist()}
 
 
-def _pulls(topology: Topology, slip: str) -> set[str]:
-    """What a tendon or a slip of the hood pulls."""
-    hood = topology.hood
-    if hood is None:
-        return set()
-    bands = {hood.central_slip: hood.members, hood.terminal_slip: (hood.radial_band, hood.ulnar_band)}
-    bands |= {hood.radial_band: (*hood.radial, *hood.extensors), hood.ulnar_band: (*hood.ulnar, *hood.extensors)}
-    return {name for name, sources in bands.items() if slip in sources}
-
-
-def _pulled(topology: Topology, masses_g: Mapping[str, float]) -> set[str]:
+def _pulled(feeds: Mapping[str, set[str]], masses_g: Mapping[str, float]) -> set[str]:
     """All that the weights pull, through the hood too."""
     out, new = set(masses_g), list(masses_g)
     while new:
-        more = _pulls(topology, new.pop()) - out
+        more = feeds.get(new.pop(), set()) - out
         out |= more
         new += more
     return out
-
-
-def _string(finger: Finger, pose: FingerPose, muscle: str) -> Floats:
-    """A loaded tendon's course (2, 3) along the metacarpal, to where it leaves the drawing proximally [mm]."""
-    values, topology = finger.values, finger.topology
-    stub = stub_mm(values)
-    for index, segment in enumerate(topology.segments):
-        if segment.slip == muscle and segment.proximal_bone == 0:
-            begin = pose.place(0, values.proximal_point[index])
-            suture = np.asarray(values.suture[topology.muscles.index(muscle)])
-            return np.stack([begin, begin + suture * max(stub - float(begin[0]), 0.0)])
-    return np.array([[stub, 0.0, 0.0], [stub, 0.0, 0.0]])
 
 
 def _outlines(finger: Finger, values: FingerValues, pose: FingerPose, paper: Floats) -> list[Floats]:
