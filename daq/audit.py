@@ -1,4 +1,4 @@
-"""Who changed what, when and from where: a trail that is only ever added to, each entry chained to the one before.
+"""Audit trail of changes: author, time and address; entries are only added, each chained to the one before.
 
 An entry holds the SHA-256 of the entry before it and of itself, so that none can be changed, left out or put in without
 all that follow being made anew. What the last entry is has to be known from elsewhere: a copy, or a published figure.

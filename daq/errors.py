@@ -1,4 +1,4 @@
-"""What can be wrong with what the user gave us.
+"""Errors in the user's input.
 
     InputError            anything in a file or an argument that we cannot use (exit 2, HTTP 4xx)
     ├── SessionError      session.yaml: keys, roles, postures, windows

@@ -1,4 +1,4 @@
-"""What a check of a session found: each finding says what was found, what was expected and what to do."""
+"""Findings of a session's check: each names what was found, what was expected, and the remedy."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class CheckReport:
 
     @property
     def ok(self) -> bool:
-        """Whether there is no error."""
+        """True if there is no error."""
         return not self.errors
 
     @property

@@ -1,4 +1,4 @@
-"""Where shipped data are found: beside the packages in a checkout, inside `daq` in an installed wheel."""
+"""Location of shipped data: beside the packages in a checkout, inside `daq` in an installed wheel."""
 
 from __future__ import annotations
 

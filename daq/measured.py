@@ -1,4 +1,4 @@
-"""What a bench session measured: one wrench a load case, with the covariance that shared tares give them."""
+"""Measured bench session: one wrench a load case, with the covariance that shared tares give them."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ _PARTS = re.compile(r"[\s_.*\u00b7\u22c5\u00d7-]+")
 
 @lru_cache(maxsize=512)
 def factor_of(unit: str, kind: Kind) -> float | None:
-    """How many s, N, N mm, V or mm a unit is; None where it is not known or of another kind.
+    """Return a unit's factor to s, N, N mm, V or mm; None where it is not known or of another kind.
 
     Args:
         unit: in a lab's words, such as `N-m`, `InchPounds` or `kgf`.
@@ -75,7 +75,7 @@ def _registry() -> Any:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a word is a unit of any of these kinds."""
+    """Return whether a word is a unit of any of these kinds."""
     return any(factor_of(text, kind) is not None for kind in _TARGETS)
 
 

@@ -46,7 +46,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def same_letters(a: str, b: str) -> bool:
-    """Whether two words are the same but for case and the order of their letters."""
+    """Return whether two words are the same but for case and the order of their letters."""
     return sorted(a.lower()) == sorted(b.lower())
 
 

@@ -257,7 +257,7 @@ class Acquisition:
             self._overloaded = False
 
     def _gaps(self, decoded: Samples, times: NDArray[np.float64]) -> list[StreamEvent]:
-        """Where samples are missing: by the device's own count, or by what its clock and the arrivals tell."""
+        """Find missing samples by the device's own count, or by its clock and the arrivals."""
         clock = self._clock
         told: list[tuple[float, dict[str, Any]]] = [
             (float(times[at]), {"lost_s": round(lost_s, 4), "counted": False, "restarted": at in clock.restarted})

@@ -1,4 +1,4 @@
-"""What is gathered of a connection until a chunk of it is handed on."""
+"""Buffer of a connection until a chunk of it is handed on."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Listening:
 
 @dataclass(eq=False)
 class Gathered:
-    """What came since the last chunk: bytes as read, and what they made.
+    """Data since the last chunk: raw bytes, and the samples decoded from them.
 
     Attributes:
         since_s: when the gathering began [s].

@@ -1,4 +1,4 @@
-"""What the sampling thread hands on: chunks of samples, and what happened to the stream."""
+"""Records of the sampling thread: chunks of samples, and events of the stream."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class StreamEvent:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What the sampling thread hands on: a chunk with what happened in it, or events alone.
+    """Record of the sampling thread: a chunk with its events, or events alone.
 
     A chunk without samples holds bytes that made none.
     """

@@ -98,7 +98,7 @@ class SampleClock:
         return out
 
     def _follows(self, samples: Samples, device_s: float) -> bool:
-        """Whether one sample comes next by the device's clock: most datagrams of a fast stream do, one each."""
+        """Return whether one sample comes next by the device's clock: most datagrams of a fast stream do, one each."""
         if samples.device_s is None or not 0.0 < samples.device_s[0] - device_s <= LOST_S:
             return False
         return samples.sequence is None or self._sequence is None or bool(samples.sequence[0] > self._sequence)
@@ -167,7 +167,7 @@ class SampleClock:
         return units * self._learnt_s(float(units[:upto].sum()), waited_s, alone), upto
 
     def _learnt_s(self, count: float, waited_s: float, alone: bool) -> float:
-        """How long a sample takes [s], where only arrivals tell: these are spread over the wait for them.
+        """Return the duration of a sample [s], learnt from arrivals: they are spread over the wait for them.
 
         Args:
             count: of samples, lost ones too.

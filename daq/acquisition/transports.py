@@ -1,4 +1,4 @@
-"""Serial ports and UDP, as transports that a driver talks over. What goes wrong is said in one line with its remedy."""
+"""Serial ports and UDP, as transports that a driver talks over. Faults are explained in one line with a remedy."""
 
 from __future__ import annotations
 

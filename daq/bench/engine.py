@@ -1,4 +1,4 @@
-"""What lies beneath a bench run: readings in, plateaus found, windows taken, and every decision an event."""
+"""Foundation of a bench run: readings come in, plateaus are found, windows are taken, decisions are events."""
 
 from __future__ import annotations
 

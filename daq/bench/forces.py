@@ -1,4 +1,4 @@
-"""What a bench run has measured so far, and whether it lies where a prediction says; validation cases stay blind."""
+"""Measured forces of a bench run, and their agreement with predictions; validation cases stay blind."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Predict = Callable[[LoadCase], tuple[Floats, Floats] | None]
 
 @runtime_checkable
 class Likens(Protocol):
-    """What predicts, and can also say which other case a force is like."""
+    """Predictor that also names the other case that a force resembles."""
 
     def __call__(self, case: LoadCase) -> tuple[Floats, Floats] | None:
         """Force (3,) and half width (3,) of its band [N]."""
@@ -62,7 +62,7 @@ class Result:
 
     @property
     def outside(self) -> bool | None:
-        """Whether the force lies outside the band, None where there is no band."""
+        """True if the force lies outside the band, None where there is no band."""
         if self.predicted_N is None or self.band_N is None:
             return None
         return bool((np.abs(self.force_N - self.predicted_N) > self.band_N + COVERAGE * self.sd_N).any())
@@ -97,7 +97,7 @@ class Forces:
         self._plateaus[window_s] = plateau
 
     def live(self, case: LoadCase, loaded: Plateau, tare: Plateau, blind: bool) -> Result:
-        """What a case that is not confirmed yet shows."""
+        """Return the force of a case that is not confirmed yet."""
         transform = self._transforms[case.location]
         force = transform.apply(loaded.mean - tare.mean)[:3]
         covariance = transform.apply_covariance(loaded.covariance + tare.covariance)

@@ -94,7 +94,7 @@ class PlateauFinder:
 
     @property
     def searching(self) -> bool:
-        """Whether there is a mark."""
+        """True if there is a mark."""
         return self._from_s is not None
 
     @property

@@ -1,4 +1,4 @@
-"""What was done at a bench, folded from its events alone: the same live as from the journal of a bench that crashed."""
+"""Record of a bench, folded from its events alone: the same live as from the journal of a bench that crashed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SAME_KIND = tuple(k for k in EVENT_KINDS if k != "tare")
 
 @dataclass(frozen=True)
 class BenchSetup:
-    """What is known before the first reading; plain data, as in session.yaml.
+    """Setup known before the first reading; plain data, as in session.yaml.
 
     Attributes:
         id: of the session.

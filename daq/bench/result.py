@@ -122,7 +122,7 @@ def _parsed(document: dict[str, Any], folder: Path) -> Session:
 
 
 def _with_factor(session: Session, document: dict[str, Any], journal: JournalReader, stream: str) -> Session:
-    """Where the tension factor is to be estimated and cannot be, state the published one and say so."""
+    """State the published tension factor, and say so, where it is to be estimated and cannot be."""
     recording = gather(_blocks(journal, stream), windows_of(session), journal.path.name)
     try:
         assemble(session, recording.plateaus)

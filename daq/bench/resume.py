@@ -28,7 +28,7 @@ LEAST_AWAY_S = 1.0
 
 @dataclass(frozen=True)
 class BrokenOff:
-    """What a journal holds of the bench session that was begun last.
+    """Latest bench session in a journal, as it broke off.
 
     Attributes:
         stream: that its readings belong to.

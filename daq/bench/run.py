@@ -173,7 +173,7 @@ class BenchRun(BenchEngine):
         return self._results(blind=not self.record.closed)
 
     def status(self) -> BenchStatus:
-        """What a view shows."""
+        """Return the state for a view."""
         step, offer, then = self._at.steps.now, self._finder.offer, self._next()
         return BenchStatus(
             self._now_s,

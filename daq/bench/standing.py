@@ -1,4 +1,4 @@
-"""Where a bench stands: steps, place and known weight, folded from its events, the same live as from a journal."""
+"""Standing of a bench: steps, place and known weight, folded from its events, live or from a journal."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ class Standing:
         )  # fmt: skip
 
     def settings(self, posture: str) -> int:
-        """How often a posture was set so far."""
+        """Count how often a posture was set so far."""
         return self._times_set[posture]
 
     def mountings(self, location: str) -> int:
-        """How often the cell was put at a location so far."""
+        """Count how often the cell was put at a location so far."""
         return self._times_moved[location]
 
     def wanted(self) -> dict[str, Any]:
-        """Posture and location that the present step needs; a known weight's direction is told in one mount's axes."""
+        """Posture and location that the present step needs; a known weight's direction is in one mount's axes."""
         step = self.steps.now
         if step is not None and step.case is not None:
             return {"posture": step.case.posture, "location": step.case.location}

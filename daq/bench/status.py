@@ -1,4 +1,4 @@
-"""What a view of a bench run shows, and what the user is to do now."""
+"""State of a bench run for a view, and the next action of the user."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from daq.sessions.protocols import PlannedCase
 
 @dataclass(frozen=True, eq=False)
 class BenchStatus:
-    """What a view shows.
+    """State for a view.
 
     Attributes:
         now_s: of the stream.
@@ -46,7 +46,7 @@ class BenchStatus:
 
 
 class Next(NamedTuple):
-    """What comes next.
+    """Next action of the user.
 
     Attributes:
         text: what to do.
@@ -82,7 +82,7 @@ def next_of(standing: Standing, has_tare: bool, hanging_now: PlannedCase | None)
 
 
 def _alike(before: PlannedCase | None, case: PlannedCase | None) -> bool:
-    """Whether the weights of a case hang since the one before it."""
+    """Return whether the weights of a case hang since the one before it."""
     if before is None or case is None:
         return False
     loads = [(c.masses_g, c.posture, c.location, c.reading.direction) for c in (before, case)]

@@ -25,7 +25,7 @@ class Step:
 
     @property
     def text(self) -> str:
-        """What is hung where."""
+        """Load and place in words."""
         if self.case is None:
             return f"known weight on the cell ({self.when})"
         masses, note = worded(self.case.masses_g), self.case.told().get("note")
@@ -69,7 +69,7 @@ class Steps:
 
     @property
     def now_done(self) -> bool:
-        """Whether the present step is completed."""
+        """True if the present step is completed."""
         return self.now is not None and self.now.id in self.done
 
     def insert(self, step: Step) -> None:
@@ -78,7 +78,7 @@ class Steps:
         self.all.insert(self.at, step)
 
     def undone(self) -> list[Step]:
-        """What was not completed."""
+        """Return the steps that were not completed."""
         return [s for s in self.all if s.id not in self.done]
 
     def repeat(self, name: str) -> Step:

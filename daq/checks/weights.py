@@ -22,7 +22,7 @@ _NAMES = "xyz"
 
 @dataclass(frozen=True)
 class WeightResult:
-    """What one known weight says.
+    """Result of one known weight.
 
     Attributes:
         when, mount, mass_g: of the weight.

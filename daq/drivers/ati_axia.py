@@ -40,7 +40,7 @@ _FIELD = {"#": re.compile(r"[0-9]{1,10}"), "!": re.compile(r"[0-9A-Fa-f]{1,8}")}
 
 
 def columns(command: str) -> tuple[str, ...]:
-    """What a console command prints, in its order: `#`, `!` and the six axes.
+    """Parse the columns that a console command prints, in its order: `#`, `!` and the six axes.
 
     Raises:
         DriverError: it asks for what cannot be read here, or not for the counter and all six axes.

@@ -171,7 +171,7 @@ class BinaryDecoder:
         return samples(counts * self._scale, status, status != 0, rejected=rejected, skipped=skipped)
 
     def _implausible(self, octets: NDArray[np.uint8]) -> Floats:
-        """How implausible three records are that begin at each byte (n - 38,), as a logarithm."""
+        """Return how implausible three records are that begin at each byte (n - 38,), as a logarithm."""
         windows = np.lib.stride_tricks.sliding_window_view(octets, BINARY_LENGTH)
         counts = np.ascontiguousarray(windows[:, 1:]).view(">i2").astype(np.float64)
         error = windows[:, 0]

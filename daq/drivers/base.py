@@ -1,4 +1,4 @@
-"""What a load-cell driver is: a pure decoder of its bytes, and the conversation that starts and stops them.
+"""Interface of load-cell drivers: a pure decoder of bytes, and the conversation that starts and stops them.
 
 A driver is one file. Its decoder turns bytes into `Samples` and nothing else, so that a log's raw bytes give the same
 readings again; its `start` and `stop` talk over a `Transport`, which tests script.
@@ -58,7 +58,7 @@ class Recorded(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What some bytes decoded to.
+    """Samples decoded from some bytes.
 
     Attributes:
         wrench: (n, 6) Fx Fy Fz [N], Tx Ty Tz [N mm], in the cell's axes.
@@ -91,7 +91,7 @@ class Decoder(Protocol):
 
 @dataclass(frozen=True)
 class Setting:
-    """What a driver must be told.
+    """Setting of a driver.
 
     Attributes:
         name: with its unit, such as `counts_per_N`.

@@ -78,7 +78,7 @@ class FrameStream:
         return Found(frames, rejected, skipped)
 
     def _run(self, buffer: bytes, at: int) -> int:
-        """How many valid frames follow each other from here."""
+        """Count the valid frames that follow each other from here."""
         count = (len(buffer) - at) // self._length
         frames = np.frombuffer(buffer, np.uint8, count * self._length, at).reshape(count, self._length)
         header = np.frombuffer(self._header, np.uint8)
@@ -89,11 +89,11 @@ class FrameStream:
         return upto if good.all() else int(np.argmin(good))
 
     def _may_be_followed(self, buffer: bytes, at: int) -> bool:
-        """Whether a frame may begin here that is not complete yet."""
+        """Return whether a frame may begin here that is not complete yet."""
         return len(buffer) - at < self._length and self._header.startswith(buffer[at : at + len(self._header)])
 
     def _followed(self, buffer: bytes, at: int) -> bool | None:
-        """Whether a header stands here or one frame further; None where that cannot be told yet."""
+        """Return whether a header stands here or one frame further; None where that cannot be told yet."""
         for place in (at, at + self._length):
             rest = buffer[place : place + len(self._header)]
             if rest == self._header:

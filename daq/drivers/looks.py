@@ -1,4 +1,4 @@
-"""What bytes look like that make no reading: a hint at a wrong driver, speed or setting."""
+"""Diagnosis of bytes that make no reading: a hint at a wrong driver, speed or setting."""
 
 from __future__ import annotations
 

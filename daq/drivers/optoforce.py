@@ -84,7 +84,7 @@ class OptoForceDecoder:
         )
 
     def _steady_until(self, buffer: bytes, at: int, run: int) -> int:
-        """How many of these frames come before one from which the count rises otherwise than it steadily did."""
+        """Count the frames before one from which the count rises otherwise than it steadily did."""
         if run == 0:
             return 0
         behind = at + run * LENGTH + len(HEADER)
@@ -101,7 +101,7 @@ class OptoForceDecoder:
 
 
 def _run(buffer: bytes, at: int) -> int:
-    """How many good frames follow each other from here, each with the next one's header after it."""
+    """Count the good frames that follow each other from here, each with the next one's header after it."""
     if not _good(buffer, at):
         return 0
     count = (len(buffer) - at - SEEN_AHEAD) // LENGTH
@@ -115,7 +115,7 @@ def _run(buffer: bytes, at: int) -> int:
 
 
 def _good(buffer: bytes, at: int) -> bool:
-    """Whether one does; asked first, as most places where a header is looked for are none."""
+    """Return whether one does; asked first, as most places where a header is looked for are none."""
     stated = int.from_bytes(buffer[at + SUMMED : at + LENGTH], "big")
     return (
         buffer.startswith(HEADER, at)

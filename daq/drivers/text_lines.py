@@ -32,7 +32,7 @@ _EXAMPLE = "t_s,Fx_N,Fy_N,Fz_N,Tx_Nmm,Ty_Nmm,Tz_Nmm"
 
 @dataclass(frozen=True)
 class Layout:
-    """What the fields of a line are.
+    """Meaning of the fields of a line.
 
     Attributes:
         count: of fields.
@@ -230,7 +230,7 @@ class TextDecoder:
 
 
 class TextLines(LoadCell):
-    """Lines of text: what they hold is told by a header or the settings, then kept with the record."""
+    """Lines of text, whose fields a header or the settings define; the definition is kept with the record."""
 
     name = "text-lines"
     title = "Lines of text over a serial port (Arduino, loggers)"

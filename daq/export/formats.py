@@ -159,7 +159,7 @@ def write_c3d(session: Session, file: Path) -> None:
 
 
 def _facts(session: Session, about: Mapping[str, Any]) -> dict[str, Any]:
-    """What stands at the head of a file, as texts and numbers."""
+    """Return the head of a file, as texts and numbers."""
     given = {k: v if isinstance(v, str | int | float) else json.dumps(v) for k, v in about.items()}
     return {
         "session": session.id,

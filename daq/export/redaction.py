@@ -195,7 +195,7 @@ def _texts(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
 
 
 def _since_1970(number: float) -> bool:
-    """Whether a number may count seconds, ms, us or ns from 1970 to a day between 1990 and 2100."""
+    """Return whether a number may count seconds, ms, us or ns from 1970 to a day between 1990 and 2100."""
     return any(6.3e8 < number / unit < 4.2e9 for unit in (1.0, 1e3, 1e6, 1e9))
 
 

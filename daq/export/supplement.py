@@ -186,7 +186,7 @@ def versions() -> dict[str, Any]:
 
 
 def _write_zip(archive: Path, files: Mapping[str, Path]) -> None:
-    """Write files in the order of their names, then their checksums; no time, owner or system is told."""
+    """Write files in the order of their names, then their checksums; no time, owner or system is stored."""
     sums = []
     with zipfile.ZipFile(archive, "w") as out:
         for name in sorted(files):

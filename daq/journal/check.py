@@ -89,7 +89,7 @@ def _identity(connection: sqlite3.Connection, path: Path) -> int:
 
 
 def _behind(connection: sqlite3.Connection, mark: Mark | None) -> list[Fault]:
-    """What was committed and is not there any more."""
+    """Return committed rows that are missing now."""
     with suppress(sqlite3.DatabaseError):
         epoch = connection.execute("SELECT value FROM meta WHERE key = 'epoch'").fetchone()
         (rows,) = connection.execute(ROWS).fetchone()

@@ -18,7 +18,7 @@ SCHEMA = "fingertwin/journal-events/1"
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written."""
+    """Files and rows written by an export."""
 
     stream: str
     readings: Path

@@ -17,7 +17,7 @@ class InUseError(Exception):
 
 
 def lock_file(path: Path) -> Path:
-    """Where the lock of a journal lies."""
+    """Return the path of a journal's lock."""
     return path.with_name(path.name + "-writer")
 
 
@@ -52,7 +52,7 @@ class WriterLock:
             raise
 
     def vouches(self, epoch: str, rows: int) -> bool:
-        """Whether this journal, with so many rows, goes on from where it was last seen here."""
+        """Return whether this journal, with so many rows, goes on from where it was last seen here."""
         seen = self._connection.execute("SELECT epoch, rows FROM seen").fetchall()
         return len(seen) == 1 and seen[0][0] == epoch and seen[0][1] <= rows
 

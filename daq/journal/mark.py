@@ -1,4 +1,4 @@
-"""How far a journal had come at its last commit, kept outside the journal and its write-ahead log.
+"""Mark of a journal's last commit, kept outside the journal and its write-ahead log.
 
 Where the log is lost, cut or zeroed, SQLite shows an earlier state without a word. This small file tells that more had
 been there. It is written after each commit, never before: a journal that is behind it has lost what was acknowledged.
@@ -23,13 +23,13 @@ _APART = 4096
 
 
 def mark_file(path: Path) -> Path:
-    """Where the mark of a journal lies."""
+    """Return the path of a journal's mark."""
     return path.with_name(path.name + "-mark")
 
 
 @dataclass(frozen=True)
 class Mark:
-    """How far a journal had come.
+    """Position of a journal's last commit.
 
     Attributes:
         turn: how often this was written.
@@ -44,7 +44,7 @@ class Mark:
     epoch: str
 
     def missing(self, epoch: str, rows: int, samples: int) -> str | None:
-        """What a journal lacks of what was committed, in words; None where it lacks nothing, or is another."""
+        """Describe committed rows that a journal lacks; None where it lacks nothing, or is another."""
         if self.epoch != epoch or self.rows <= rows:
             return None
         return f"{self.samples - samples} readings ({self.rows - rows} rows) were committed and are missing"

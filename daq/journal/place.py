@@ -1,4 +1,4 @@
-"""Where a journal's files are: SQLite writes on, without a word, into what was deleted or moved.
+"""Places of a journal's files: SQLite goes on writing, without a word, into a file that was deleted or moved.
 
 Windows lets nobody delete or rename a file that is open; elsewhere anybody may. Only the journal's one writer changes
 the size of the file and of its write-ahead log.
@@ -19,7 +19,7 @@ class _Seen(NamedTuple):
 
 
 class Place:
-    """Where the files of a journal lie that one connection writes.
+    """Places of the journal files that one connection writes.
 
     Args:
         path: of the journal.
@@ -36,7 +36,7 @@ class Place:
         self._known = self._look()
 
     def lost(self, *, written: bool = False) -> str | None:
-        """What has become of a file since it was noted, in words; None where all are as they were.
+        """Describe the loss of a file since it was noted; None where all are as they were.
 
         Args:
             written: whether their writer has written since, so that their sizes may differ.

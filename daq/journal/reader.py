@@ -57,7 +57,7 @@ class JournalReader:
         return self.meta("epoch") or ""
 
     def meta(self, key: str) -> str | None:
-        """What is said of the journal as a whole."""
+        """Return the journal's own description."""
         rows = self._rows("SELECT value FROM meta WHERE key = ?", key)
         return str(rows[0][0]) if rows else None
 

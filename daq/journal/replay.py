@@ -22,7 +22,7 @@ _MAGIC = b"SQLite format 3\x00"
 
 
 def is_journal(path: str | Path) -> bool:
-    """Whether a file is a database such as a journal is."""
+    """Return whether a file is a database such as a journal is."""
     try:
         with Path(path).open("rb") as file:
             return file.read(len(_MAGIC)) == _MAGIC
@@ -152,7 +152,7 @@ class JournalReplay(LoadCell):
 
     @property
     def rate_hz(self) -> float | None:
-        """That of the device."""
+        """Sampling rate of the device [Hz]."""
         return self._original.rate_hz
 
     def decoder(self) -> Decoder:

@@ -1,4 +1,4 @@
-"""What a journal holds: its tables, and one row of each, with the checksum that ties its columns together."""
+"""Rows of a journal: its tables, and one row of each, with the checksum that ties its columns together."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ class Stream:
 
 @dataclass(frozen=True)
 class Event:
-    """What happened: gap, overload, stale, reconnect, tare, mark, loaded, unloaded, note, exclusion, and so on.
+    """Event of a bench: gap, overload, stale, reconnect, tare, mark, loaded, unloaded, note, exclusion, and so on.
 
     Attributes:
         kind: small letters and underscores.
@@ -223,7 +223,7 @@ def require_journal(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def said(error: sqlite3.Error, path: Path) -> JournalError:
-    """What SQLite said, in one line."""
+    """Return SQLite's message in one line."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code == sqlite3.SQLITE_FULL:
         return disk_full(path)

@@ -1,4 +1,4 @@
-"""What can still be read of a journal, row by row, past what cannot."""
+"""Recovery of a damaged journal: every row that can still be read."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _MOST_MISSES = 200_000
 
 @dataclass(frozen=True)
 class Fault:
-    """What is not as it was written.
+    """Damage to a journal.
 
     Attributes:
         kind: what it is about.
@@ -57,7 +57,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class Report:
-    """What a journal holds that is sound, and what is not.
+    """Sound contents of a journal, and its damage.
 
     Attributes:
         bench: name.

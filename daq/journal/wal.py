@@ -25,7 +25,7 @@ _DATABASE = b"SQLite format 3\x00"
 
 
 def log_file(path: Path) -> Path:
-    """Where the log of a journal lies."""
+    """Return the path of a journal's write-ahead log."""
     return path.with_name(path.name + "-wal")
 
 
@@ -53,7 +53,7 @@ class Log:
 
     @property
     def damaged(self) -> bool:
-        """Whether more is hidden than the one transaction that a crash may have torn."""
+        """True if more is hidden than the one transaction that a crash may have torn."""
         return self.hidden > 1
 
     def mended(self, first_page: bytes) -> bytes:
@@ -162,7 +162,7 @@ def _fibonacci(count: int) -> Words:
 
 
 def _added(words: Words) -> Words:
-    """What words (n, m) add to the two sums (n, 2), modulo 2³²."""
+    """Return the sums (n, 2), modulo 2³², after the words (n, m)."""
     weights = _fibonacci(words.shape[1] + 1)[::-1]
     return np.stack([words @ weights[1:], words @ weights[:-1]], axis=1)
 

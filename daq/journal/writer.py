@@ -200,7 +200,7 @@ class Journal(Writer):
         return shutil.disk_usage(self.path.parent).free - self._reserve_bytes
 
     def pending(self, limit: int = 100) -> list[Pending]:
-        """What waits to be sent, the oldest first."""
+        """Return the rows that wait to be sent, the oldest first."""
         rows = self._rows(
             "SELECT c.stream, c.first_seq, c.n, o.sha256, o.tries, c.payload FROM outbox o "
             "JOIN chunks c ON c.id = o.id WHERE o.state = 'pending' ORDER BY o.id LIMIT ?",

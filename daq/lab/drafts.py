@@ -27,7 +27,7 @@ APART_S = 10.0
 
 @dataclass(frozen=True)
 class Choice:
-    """What a plateau is taken for: load, tare or skip; of a load what hung; and how sure that is (0 to 1)."""
+    """Meaning of a plateau: load, tare or skip; the load that hung; and its certainty (0 to 1)."""
 
     kind: str
     note: Note | None
@@ -35,7 +35,7 @@ class Choice:
 
 
 def is_readings_file(path: Path) -> bool:
-    """Whether a file is a readings file as sessions have it, which needs no mapping."""
+    """Return whether a file is a readings file as sessions have it, which needs no mapping."""
     try:
         open_readings(path)
     except ReadingsError:
@@ -90,7 +90,7 @@ def joined(
 
 
 def chosen(layout: Layout, notes: Sequence[Note]) -> list[Choice]:
-    """What every plateau is taken for, from a layout."""
+    """Return the meaning of every plateau, from a layout."""
     out = []
     for laid in layout.plateaus:
         note = None if laid.note is None or laid.kind != "load" else notes[laid.note]
@@ -171,7 +171,7 @@ def posture_of(text: str) -> tuple[str, dict[str, float]]:
 
 
 def still_missing(document: Mapping[str, Any]) -> list[str]:
-    """What a diagnosis of a session would lack, one line each."""
+    """Return the gaps of a session for a diagnosis, one line each."""
     cases = document["cases"]
     mounts = (document.get("load_cell") or {}).get("mounts") or {}
     out = []

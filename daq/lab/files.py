@@ -54,7 +54,7 @@ class Increment(Document):
 
 
 class LabFileMap(Document):
-    """Which channel is which.
+    """Mapping of channels to time and axes.
 
     Attributes:
         confirmed: a person has looked at it; else it is refused.
@@ -86,7 +86,7 @@ class LabFileMap(Document):
 
     @property
     def in_volts(self) -> bool:
-        """Whether the channels are gauges."""
+        """True if the channels are gauges."""
         return GAUGES[0] in self.channels
 
 
@@ -116,7 +116,7 @@ class LabRecording:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the reader should know; that an end is missing is known of some files only when they were read."""
+        """Notes for the reader; a missing end is known of some files only after they were read."""
         cut = f"{self.source.path.name} is cut off: the readings that all its channels have were read"
         return ((cut,) if self.source.cut_off else ()) + self.told + tuple(self.source.notes)
 

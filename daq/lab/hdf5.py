@@ -32,7 +32,7 @@ _UNREADABLE = (OSError, RuntimeError, ValueError, KeyError, TypeError, OverflowE
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a channel's numbers are: a dataset, and its column or field; None where it is all of it."""
+    """Location of a channel's numbers: a dataset, and its column or field; None where it is all of it."""
 
     dataset: str
     column: int | str | None = None

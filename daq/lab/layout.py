@@ -45,7 +45,7 @@ _SAME = 1.0
 
 @dataclass(frozen=True)
 class Laid:
-    """What a plateau is taken for.
+    """Meaning of one plateau, as laid.
 
     Attributes:
         level: index of the plateau.
@@ -66,14 +66,14 @@ class Laid:
 
 @dataclass(frozen=True)
 class Layout:
-    """What every plateau is taken for, in order, and the indices of lines that were found on none."""
+    """Meanings of all plateaus in order, and the indices of lines that were found on none."""
 
     plateaus: tuple[Laid, ...]
     not_found: tuple[int, ...]
 
 
 class _Choice(NamedTuple):
-    """What one plateau is taken for."""
+    """Choice for one plateau."""
 
     kind: str
     line: int
@@ -127,7 +127,7 @@ def lay(levels: Sequence[Level], notes: Sequence[Note]) -> Layout:
 
 
 def _doubted(plateaus: Sequence[Laid], notes: Sequence[Note], lost: Sequence[int]) -> list[Laid]:
-    """Where plateaus and lines of a block are not as many, its forces alone tell which is too many: none is sure."""
+    """Mark as doubtful the blocks whose plateaus and lines differ in number: forces alone tell the odd one."""
     stretch = 0
     at: list[int] = []
     before: tuple[str, str] | None = None
@@ -207,7 +207,7 @@ def _with_lines_left_out(states: Sequence[_State], lost: Sequence[float]) -> lis
 
 
 def _lost(notes: Sequence[Note]) -> list[float]:
-    """What it costs that a line is found on no plateau, of each line."""
+    """Return the cost of each line's being found on no plateau."""
     return [
         _UNSEEN if n.kind != "load" else _TAP if n.tapped else _UNLOADED if _only_moved(n) else _NOT_FOUND
         for n in notes
@@ -215,7 +215,7 @@ def _lost(notes: Sequence[Note]) -> list[float]:
 
 
 def _only_moved(note: Note) -> bool:
-    """Whether what hangs may be what hung before: then it need not make a plateau of its own."""
+    """Return whether what hangs may be what hung before: then it need not make a plateau of its own."""
     return note.tapped or note.direction == "unloading"
 
 
@@ -235,7 +235,7 @@ def _choices(
     off_load: Callable[[int, int, int], float],
     between: bool,
 ) -> Iterator[tuple[_Choice, float, tuple[str, str]]]:
-    """What a plateau may be, what that costs, and the block whose tare holds from then on."""
+    """Yield the possible meanings of a plateau, their costs, and the block whose tare holds from then on."""
     line, tare, block = state.line, state.tare, state.block
     note = notes[line] if line < len(notes) else None
     yield _Choice("skip", -1, tare, False), _LEFT_OUT, block
@@ -281,7 +281,7 @@ def _hung_before(level: int, state: _State, notes: Sequence[Note]) -> int | None
 
 
 def _off_load(force: Floats, distance: float, note: Note, known: Mapping[object, _Known]) -> float:
-    """What it costs to take a change of force (3,) [N] for a line's load; `distance` in tolerances."""
+    """Return the cost of taking a change of force (3,) [N] for a line's load; `distance` in tolerances."""
     mass = sum(m for _, m in note.masses_g)
     if mass <= 0.0:
         return min(distance, _MOST_OFF)

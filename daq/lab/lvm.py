@@ -112,7 +112,7 @@ class LvmChannels(LabChannels):
         return row
 
     def _check_clocks(self, cells: list[str], places: list[int], lines: _Lines) -> None:
-        """Where every channel has its time before it, a row is a reading only if they are the same."""
+        """Refuse rows whose channels differ in time, in a file with a time column for each channel."""
         own = {max((c for c in self._clocks if c <= place), default=-1): place for place in places}
         times = {self._number(cells[c]) if c < len(cells) else None for c in own if c >= 0}
         if len(times) > 1:

@@ -1,4 +1,4 @@
-"""What somebody wrote down at the bench, line by line: `FDP 950, hook, tip`."""
+"""Notebook of the bench, line by line: `FDP 950, hook, tip`."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Note:
 
     @property
     def block(self) -> tuple[str, str]:
-        """What has to stay for a tare to hold."""
+        """Conditions that have to stay for a tare to hold."""
         return self.posture, self.location
 
 
@@ -87,7 +87,7 @@ def read_notes(text: str, tendons: Iterable[str] = (), whole: bool = True) -> tu
 
 
 def _heading(line: str, tendons: set[str]) -> list[str]:
-    """What each column of a CSV holds; nothing where the line is no heading."""
+    """Return the meaning of each column of a CSV; nothing where the line is no heading."""
     cells = [c.strip() for c in _cells(line)]
     kinds = [c if c in tendons else _HEADINGS.get(c.lower(), "") for c in cells]
     return kinds if len(cells) > 1 and all(kinds) else []

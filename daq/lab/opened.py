@@ -22,7 +22,7 @@ NOT_FOR_A_SERVICE = (HDF5, MATLAB_HDF5, C3D, OLD_EXCEL)
 
 
 def open_channels(path: str | Path) -> LabChannels:
-    """Read what channels a recording has; its kind is told by its first bytes.
+    """Read the channels of a recording; its first bytes tell its format.
 
     Args:
         path: of a TDMS, LVM, Parquet, HDF5, C3D or Excel file, or of text with columns (also gzipped).

@@ -1,4 +1,4 @@
-"""What an Excel or OpenDocument file is unpacked, told before a reader makes room for it.
+"""Unpacked size of an Excel or OpenDocument file, checked before a reader makes room for it.
 
 Such a file is an archive whose list of contents may tell any size, and one stray cell far down makes a reader hold
 every cell before it.
@@ -94,7 +94,7 @@ def _unpacked(stream: BinaryIO, part: zipfile.ZipInfo) -> Iterator[bytes]:
 
 @dataclass
 class _Sheets:
-    """What the sheets that were looked at need together.
+    """Total size of the sheets that were looked at.
 
     Attributes:
         cells: of the sheets that came before.
@@ -183,7 +183,7 @@ def _column(letters: bytes) -> int:
 
 
 class _Repeats:
-    """How many cells an OpenDocument table has, whose rows and cells may be told once and repeated."""
+    """Number of cells of an OpenDocument table, whose rows and cells may be stored once and repeated."""
 
     def __init__(self, sheets: _Sheets) -> None:
         self._all = sheets

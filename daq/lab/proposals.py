@@ -109,7 +109,7 @@ def kind_of(key: str) -> Kind:
 
 @dataclass(frozen=True)
 class Ground:
-    """How sure it is (0 to 1) that a channel is what it is proposed for, why, and whether only its place says so."""
+    """Certainty (0 to 1) that a channel is the proposed one, the reason, and whether it rests on its place alone."""
 
     sure: float
     why: str
@@ -170,7 +170,7 @@ def _ground(source: LabChannels, key: str, channel: Channel) -> Ground:
 
 
 def _axis_of(channel: Channel) -> str:
-    """Which of the six axes a channel's name says that it is; nothing where it says none."""
+    """Return which of the six axes a channel's name means; nothing where it means none."""
     match = _AXIS.match(_leaf(channel))
     if match is None:
         return ""
@@ -262,7 +262,7 @@ def _by_position(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | N
 
 
 def _is_gauge(channel: Channel) -> bool:
-    """Whether a name counts inputs, as those of gauges do."""
+    """Return whether a name counts inputs, as those of gauges do."""
     match = _COUNTED.match(_leaf(channel))
     return match is not None and re.split(r"[\W\d_]+", match["stem"].lower())[-1] in _GAUGE_STEMS
 

@@ -29,7 +29,7 @@ _NUMBER = re.compile(r"^[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?$|^[+-]?(nan|inf|
 
 @dataclass(frozen=True)
 class Moment:
-    """A time as it stands in a cell: seconds of the day, and the day where it is told."""
+    """Time of a cell: seconds of the day, and the day where it is stated."""
 
     second: float
     day: str = ""
@@ -40,7 +40,7 @@ Value = float | Moment
 
 @dataclass(frozen=True)
 class Table:
-    """Where a table is.
+    """Position of a table in its file.
 
     Attributes:
         names: of its columns; `column 1` and so on where it has no header.
@@ -162,7 +162,7 @@ def find_table(rows: Sequence[Sequence[Any]], number: Callable[[Any], float | No
         return None
 
     def alike(first: int, names: Sequence[str], units: Sequence[str]) -> bool:
-        """Whether the next rows are as wide and hold numbers too."""
+        """Return whether the next rows are as wide and hold numbers too."""
         rest = (i for i in range(first, len(cells)) if cells[i] and not is_told_again(cells[i], names, units))
         return all(numeric[i] and len(cells[i]) == len(cells[first]) for i in islice(rest, 4))
 
@@ -176,7 +176,7 @@ def find_table(rows: Sequence[Sequence[Any]], number: Callable[[Any], float | No
 
 
 def is_told_again(row: Sequence[Any], names: Sequence[str], units: Sequence[str]) -> bool:
-    """Whether a row is a remark, or the heading once more, as programs write it on each page or after a pause."""
+    """Return whether a row is a remark, or the heading once more, as programs write it on each page."""
     texts = [str(c).strip() for c in row if c is not None]
     while texts and not texts[-1]:
         texts.pop()

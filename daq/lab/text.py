@@ -231,7 +231,7 @@ def _trimmed(cells: Sequence[str]) -> list[str]:
 
 
 def _text_of(column: Sequence[Any]) -> str:
-    """What a column without numbers holds, in a few words."""
+    """Describe a column without numbers, in a few words."""
     first = next((str(c).strip() for c in column if c is not None and str(c).strip()), "")
     return f"holds text ({first[:24]!r})" if first else "holds nothing"
 

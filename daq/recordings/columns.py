@@ -103,7 +103,7 @@ def find_columns(headers: Sequence[str], file: str) -> Columns:
 
 
 def quantity_of(header: str) -> str | None:
-    """Which of QUANTITIES a header names, or the status, with or without a unit; None where it is another column."""
+    """Return which of QUANTITIES, or the status, a header names, with or without a unit; None for another column."""
     if header.strip().lower() == STATUS:
         return STATUS
     match = _PATTERN.match(header)

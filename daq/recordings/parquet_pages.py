@@ -1,4 +1,4 @@
-"""How large the pages of a Parquet file say they are unpacked, told before any of them is.
+"""Unpacked size of the pages of a Parquet file, checked before any of them is unpacked.
 
 The footer is one account of that, the head of every page another, and Arrow makes room by the latter. Heads are structs
 of Thrift's compact protocol: fields of a type and a number, integers in sevens of bits.

@@ -44,12 +44,12 @@ class ReadingSource(ColumnFile):
 
     @property
     def conversions(self) -> tuple[str, ...]:
-        """What was converted, such as `Fx_lbf × 4.448221615 = Fx_N`."""
+        """Conversions of units, such as `Fx_lbf × 4.448221615 = Fx_N`."""
         return self.columns.conversions
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What else the reader should know, such as columns that are not used."""
+        """Further notes for the reader, such as columns that are not used."""
         return self.columns.notes
 
     def blocks(self) -> Iterator[ReadingBlock]:

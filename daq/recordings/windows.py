@@ -18,7 +18,7 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True)
 class Recording:
-    """What was seen on the way.
+    """Summary of a recording that was read once.
 
     Attributes:
         readings: their number.

@@ -128,7 +128,7 @@ def write_amendments(folder: Path, amendments: tuple[Amendment, ...]) -> Path:
 
 
 def listed(session: Session) -> list[dict[str, Any]]:
-    """What was amended, with what was entered: for answers, exports and pages."""
+    """Return the amendments with the original entries, for answers, exports and pages."""
     entries = {c.id: c for c in session.entered.cases}
     return [
         {
@@ -145,7 +145,7 @@ def listed(session: Session) -> list[dict[str, Any]]:
 
 
 def words(amended: Amendment) -> str:
-    """What a case is taken for, in words."""
+    """Describe the load that a case is taken for."""
     parts = []
     if amended.masses_g is not None:
         hung = " and ".join(f"{tendon} {grams:g} g" for tendon, grams in amended.masses_g.items())

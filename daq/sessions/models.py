@@ -78,7 +78,7 @@ class Specimen(Strict):
 
 
 class Mount(Strict):
-    """How the cell sits at one location.
+    """Mount of the cell at one location.
 
     Attributes:
         frame: the bone whose axes the readings end in.
@@ -182,7 +182,7 @@ class LoadCase(Open):
 
     @property
     def recorded(self) -> bool:
-        """Whether the case is a pair of windows in the readings."""
+        """True if the case is a pair of windows in the readings."""
         return self.loaded_s is not None
 
     def windows(self) -> Iterator[tuple[str, tuple[float, float]]]:
@@ -286,7 +286,7 @@ AMENDABLE = ("masses_g", "posture", "excluded")
 
 
 class Amendment(Strict):
-    """What a load case really was, where it was entered wrongly; the entry itself stays as it is.
+    """Amendment of a load case that was entered wrongly; the entry itself stays as it is.
 
     Attributes:
         case: its id.
@@ -314,7 +314,7 @@ class Amendment(Strict):
 
     @property
     def changes(self) -> dict[str, Any]:
-        """What stands instead of the entry, by the key of the case."""
+        """Values in place of the entry, by the key of the case."""
         values = {name: getattr(self, name) for name in AMENDABLE}
         return {name: value for name, value in values.items() if value is not None}
 

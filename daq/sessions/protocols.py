@@ -20,7 +20,7 @@ TAPPED = "tapped"
 
 
 class Timing(Document):
-    """How long each state lasts; windows keep `guard_s` away from the next change."""
+    """Durations of each state; windows keep `guard_s` away from the next change."""
 
     tare_s: float = Field(gt=0)
     load_s: float = Field(gt=0)
@@ -36,7 +36,7 @@ class Timing(Document):
 
 @dataclass(frozen=True)
 class Reading:
-    """How the weights came to rest before they are read.
+    """Manner in which the weights come to rest before they are read.
 
     Attributes:
         direction: loading or unloading, by their last motion.
@@ -76,7 +76,7 @@ class Block(Document):
         return actions
 
     def readings(self) -> list[Reading]:
-        """How each load is read, in order."""
+        """Return the readings of each load, in order."""
         out: list[Reading] = []
         direction, overload = "loading", None
         for action in self.actions:
@@ -132,7 +132,7 @@ class PlannedCase:
     repeat_of: str | None = None
 
     def told(self) -> dict[str, str]:
-        """What a session says of the case beyond its loads: direction, note and repeat_of, as far as there are any."""
+        """Return the case's data beyond its loads: direction, note and repeat_of, as far as there are any."""
         before, overload = [TAPPED] if self.reading.tapped else [], self.reading.overload
         before += [] if overload is None else [f"unloaded from {overload:g} times the weights"]
         unloading = {"direction": "unloading"} if self.reading.direction == "unloading" else {}

@@ -1,4 +1,4 @@
-"""What must agree between the parts of a session, found in its plain data so that every fault is reported."""
+"""Rules between the parts of a session, checked on its plain data so that every fault is reported."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class MountTransform:
-    """How readings become wrenches in mount axes: F' = R F, T' = R (T − d × F), then the mirror of a left hand.
+    """Transform of readings to wrenches in mount axes: F' = R F, T' = R (T − d × F), then the mirror of a left hand.
 
     Attributes:
         matrix: (6, 6) that takes a wrench of the cell to one of the mount.

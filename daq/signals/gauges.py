@@ -32,7 +32,7 @@ _WHOLE = "the calibration file as the maker delivered it"
 
 @dataclass(frozen=True, eq=False)
 class GaugeCalibration:
-    """What a calibration file says.
+    """Contents of a calibration file.
 
     Attributes:
         name: of the file.

@@ -1,4 +1,4 @@
-"""What goes wrong on the way from a device: bytes dropped, flipped, held back, or read at the wrong rate."""
+"""Simulated transmission faults of a device: bytes dropped, flipped, held back, or read at the wrong rate."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Faults:
-    """How often what goes wrong; 0 is never.
+    """Frequencies of transmission faults; 0 is never.
 
     Attributes:
         dropped_per_s: a byte is lost.

@@ -1,4 +1,4 @@
-"""What a rig's cell adds to the load on it: noise of its gauges and electronics, and a zero that goes away."""
+"""Simulated noise of a rig's cell: gauges and electronics, and a zero that drifts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from daq.standins.base import Floats
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What is added to readings; 0 is nothing.
+    """Disturbance added to readings; 0 is nothing.
 
     Attributes:
         noise_N: standard deviation of the noise in each force [N].
@@ -51,7 +51,7 @@ class Disturber:
         self._last = self._rng.normal(size=6)
 
     def added(self, t_s: Floats) -> Floats:
-        """What is added to the next readings (n, 6), which are of these times since the start (n,)."""
+        """Return the disturbance of the next readings (n, 6) at their times since the start (n,)."""
         drift: Floats = t_s[:, None] * self._drift_per_s
         if not self._sd.any():
             return drift

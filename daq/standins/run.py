@@ -1,4 +1,4 @@
-"""A stand-in at work: it plays readings in real time over a wire, hears what it is told, and suffers faults."""
+"""Stand-in for a device: it plays readings in real time over a wire, obeys commands, and simulates faults."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ class Wire(Protocol):
     address: str
 
     def receive(self) -> bytes:
-        """What has come from the host, without waiting."""
+        """Return the bytes that have come from the host, without waiting."""
 
     def send(self, records: list[bytes]) -> None:
         """Write records; what nobody reads is lost, as on a real cable."""
@@ -48,7 +48,7 @@ class TcpWire:
         self.address = f"socket://127.0.0.1:{self._port}"
 
     def receive(self) -> bytes:
-        """What the host sent; a host that has gone makes room for the next."""
+        """Return the bytes that the host sent; a host that has gone makes room for the next."""
         if self._host is None:
             with contextlib.suppress(BlockingIOError):
                 self._host, _ = self._server.accept()
@@ -108,7 +108,7 @@ class UdpWire:
         self.address = f"127.0.0.1:{self._socket.getsockname()[1]}"
 
     def receive(self) -> bytes:
-        """What the host sent."""
+        """Return the bytes that the host sent."""
         try:
             data, host = self._socket.recvfrom(4096)
         except OSError:
@@ -162,7 +162,7 @@ class PtyWire:
             self.address = self._link
 
     def receive(self) -> bytes:
-        """What the host sent."""
+        """Return the bytes that the host sent."""
         try:
             return os.read(self._ours, 4096) if select.select([self._ours], [], [], 0.0)[0] else b""
         except OSError:

@@ -115,7 +115,7 @@ class ChunkFeed:
         self._to_describe.remove(stream)
 
     def _cursor(self, stream: str) -> Cursor | None:
-        """What the service has of a stream; None where it is not known, which is then seen to."""
+        """Return the service's cursor of a stream; None where it is not known, and it is then asked for."""
         response = self._link.exchange("GET", stream_path(self._session, stream) + "/cursor")
         if response is None:
             return None

@@ -1,4 +1,4 @@
-"""What happened, sent to the service: each event of a journal by its place in it, once."""
+"""Delivery of events to the service: each event of a journal by its place in it, once."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ class Link:
         self.problem: str | None = None
 
     def wait_s(self) -> float:
-        """How long the service is to be left alone [s]."""
+        """Return how long the service is to be left alone [s]."""
         return max(self._not_before_s - self._clock(), 0.0)
 
     def exchange(
@@ -128,7 +128,7 @@ def answered(response: httpx.Response) -> Any:
 
 
 def said(response: httpx.Response) -> str:
-    """What an answer says, in one short line."""
+    """Describe an answer in one short line."""
     body = answered(response)
     text = ""
     if isinstance(body, Mapping):

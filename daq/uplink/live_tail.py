@@ -37,7 +37,7 @@ PAUSE_S = 0.25
 
 @dataclass(eq=False)
 class _Window:
-    """What one stream said in one window: blocks as they came, which are put together only when they are sent."""
+    """Live readings of one stream in one window: blocks as they came, joined only when they are sent."""
 
     stream: str
     since_s: float
@@ -224,11 +224,11 @@ class LiveTail:
                 return
 
     def _news(self) -> bool:
-        """Whether there is something to tell beside envelopes."""
+        """Return whether there is something to tell beside envelopes."""
         return bool(self._answers) or (self.asked is not None and self._told != (self._wire.connections, self._bench))
 
     def _rest_s(self, pause_s: float) -> float | None:
-        """How long nothing has to be done [s]; None until something is offered."""
+        """Return the time for which nothing has to be done [s]; None until something is offered."""
         if pause_s:
             return pause_s
         if self._queue:

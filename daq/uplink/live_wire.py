@@ -1,4 +1,4 @@
-"""How what a load cell says now reaches the service: a WebSocket that stays open, or posts where it takes none.
+"""Live connection of a load cell to the service: a WebSocket that stays open, or posts where it takes none.
 
 Through the WebSocket the service may also ask something of the bench. What is lost with a connection is not sent again:
 a command that is carried out late does more harm than one that has to be given twice.
@@ -33,7 +33,7 @@ POSTING_S = 30.0
 
 @dataclass(frozen=True)
 class Command:
-    """What the service asks of a bench.
+    """Command of the service to a bench.
 
     Attributes:
         number: of the connection's commands, which its answer names.

@@ -33,7 +33,7 @@ ENOUGH_S = 5.0
 
 @dataclass(frozen=True)
 class UplinkStatus:
-    """How the uplink fares.
+    """State of the uplink.
 
     Attributes:
         sent: chunks that the service has acknowledged to this uplink.
@@ -123,7 +123,7 @@ class Uplink:
         self._link.close()  # which also ends an exchange that hangs
 
     def status(self) -> UplinkStatus:
-        """How it fares."""
+        """Return the state of the uplink."""
         problem = self._trouble or self._link.problem or self._events.problem
         caught_up = self._idle_step == self._steps > 0
         return UplinkStatus(self._chunks.sent, self._chunks.quarantined, self._events.refused, caught_up, problem)
@@ -188,7 +188,7 @@ class Uplink:
         return True
 
     def _begin_session(self) -> None:
-        """Begin the session where it is not there; whatever else is said of it, chunks and events go on to it."""
+        """Begin the session at the service if it is absent; chunks and events are sent in any case."""
         body = json.dumps({"id": self._session, "document": self._document}, allow_nan=False).encode()
         response = self._link.exchange("POST", f"{API}/sessions", body, {"Content-Type": "application/json"})
         if response is None:

@@ -1,4 +1,4 @@
-"""What a bench and the service say to each other: addresses, headers, answers."""
+"""Protocol between a bench and the service: addresses, headers, answers."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def events_path(session: str, epoch: str) -> str:
 
 @dataclass(frozen=True)
 class Cursor:
-    """What the service has of a stream.
+    """The service's cursor of a stream.
 
     Attributes:
         next_seq: number of the sample after the last that is stored; 0 where none is.
@@ -76,7 +76,7 @@ class Cursor:
         return cls(next_seq, tuple(ranges), value.get("ended") is True, epoch if isinstance(epoch, str) else None)
 
     def holds(self, begin: int, end: int) -> bool:
-        """Whether these samples are stored; of none (an empty chunk) whether it has ended the stream."""
+        """Return whether these samples are stored; of none (an empty chunk) whether it has ended the stream."""
         if begin == end:
             return self.ended
         return end <= self.next_seq and all(stop <= begin or end <= start for start, stop in self.missing)
@@ -89,7 +89,7 @@ def _number(value: object) -> int:
 
 
 def without(ranges: Sequence[Range], gone: Sequence[Range]) -> list[Range]:
-    """What is left of some ranges."""
+    """Return the parts of ranges outside of others."""
     out = list(ranges)
     for begin, end in gone:
         cut = []
@@ -100,7 +100,7 @@ def without(ranges: Sequence[Range], gone: Sequence[Range]) -> list[Range]:
 
 
 def retry_after_s(headers: Mapping[str, str], wall_s: float) -> float | None:
-    """How long the service asks to be left alone [s]; None where it does not say.
+    """Return how long the service asks to be left alone [s]; None where it does not say.
 
     Args:
         headers: of its answer.

@@ -41,7 +41,7 @@ def refitted_alone(
 
 
 def addition_step(addition: Addition, without: Sequence[str], alone: Comparison | None) -> Step:
-    """What an addition changed, for its revision."""
+    """Return the changes of an addition, for its revision."""
     evidence = {"log_evidence_gain": addition.log_evidence_gain}
     told = None if alone is None else alone.summary()
     return Step(added=addition.names, removed=tuple(without), evidence=evidence, alone=told)

@@ -1,4 +1,4 @@
-"""What a load case really was, said beside what was entered."""
+"""Amendments: the load case that was really measured, beside the one that was entered."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the model says beforehand of a bench's cases, with a band so wide that only a mistake leaves it."""
+"""Predictions of a bench's cases, with bands so wide that only a mistake leaves them."""
 
 from __future__ import annotations
 
@@ -82,12 +82,12 @@ def _band(force: Floats) -> float:
 
 
 def _away(force: Floats, predicted: Floats) -> float:
-    """How far a force is from a prediction, in half widths of its band."""
+    """Return the distance of a force from a prediction, in half widths of its band."""
     return float(np.linalg.norm(force - predicted)) / _band(predicted)
 
 
 def _question(hung: Masses, entered: Masses) -> str:
-    """What to look at, where one entry is taken for another."""
+    """Return the question to ask about an entry, given the load that the force resembles."""
     tendons = [t for t, _ in hung if t not in dict(entered)]
     if tendons:
         return f"is a weight on {tendons[0]}"

@@ -1,4 +1,4 @@
-"""Whether a session can be used: its readings, and what its finger asks of it."""
+"""Usability of a session: its readings, and the demands of its finger."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def check_whole(session: str) -> CheckReport:
 
 
 def model_findings(given: str | Session) -> list[Finding]:
-    """What makes a sound session unusable for its finger: joints, tendons, budget, a straight posture."""
+    """Return faults that make a sound session unusable for its finger: joints, tendons, budget, a straight posture."""
     from fingermodel.budget import budget_of
     from fingermodel.comparison.observations import require_usable
     from fingermodel.model import Model

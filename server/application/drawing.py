@@ -59,7 +59,7 @@ def draw_comparison(
 
 
 def comparison_notes(bench: Session) -> list[str]:
-    """What the reader of a comparison should know of its corrections and its model."""
+    """Return notes on the corrections and the model of a comparison."""
     measured = bench.measured
     factor = f"Friction factor c = {measured.tension_factor:g} ({measured.tension_factor_source})."
     return [factor, *measured.notes, *bench.loaded.notes]

@@ -57,7 +57,7 @@ def written_finger(finger: Finger, name: str, file_format: str) -> Written:
 
 
 def revision_notes(revision: Revision) -> tuple[str, ...]:
-    """What of a revision such a file does not hold."""
+    """Return notes on the parts of a revision that such a file cannot hold."""
     held = [str(effect["name"]) for effect in revision.document.get("effects") or []]
     return (f"The file holds the fitted finger without the revision's effects: {', '.join(held)}",) if held else ()
 
@@ -80,7 +80,7 @@ def read_foreign(source: Path, load_point_mm: Floats | None) -> Imported:
 
 
 def imported_body(imported: Imported) -> dict[str, Any]:
-    """What a finger that was read has, as plain data."""
+    """Return the contents of an imported finger as plain data."""
     topology, check = imported.finger.topology, imported.check
     return {
         "id": imported.finger.id,

@@ -69,7 +69,7 @@ def parameter_columns(revision: Revision) -> dict[str, list[Any]]:
 
 
 def about_revision(revision: Revision, sources: Mapping[str, str]) -> dict[str, Any]:
-    """What a table of parameters came from; `sources` are SHA-256 by name."""
+    """Return the origin of a table of parameters; `sources` are SHA-256 by name."""
     return {
         "software": software(),
         "session": revision.session,
@@ -90,7 +90,7 @@ def bench_columns(bench: Session, hidden: Collection[str] = ()) -> dict[str, lis
 
 
 def about_bench(bench: Session, sources: Mapping[str, Any], hidden: Collection[str] = ()) -> dict[str, Any]:
-    """What a table of cases came from; `sources` are fingerprints by name."""
+    """Return the origin of a table of cases; `sources` are fingerprints by name."""
     measured = bench.measured
     notes = list(measured.notes)
     if hidden:

@@ -61,7 +61,7 @@ class Suspect:
 
 
 def header_of(document: Mapping[str, Any]) -> dict[str, Any]:
-    """What a session or a setup says of specimen, finger and rig, for another session of the same."""
+    """Return specimen, finger and rig of a session or setup, for another session of the same."""
     return {key: value for key, value in document.items() if key in HEADER}
 
 

@@ -1,4 +1,4 @@
-"""Where an answer came from: session, model, corrections, readings, software."""
+"""Provenance of an answer: session, model, corrections, readings, software."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What tells a log to end: Ctrl-C, a service manager, a terminal that is closed, a PC that shuts down."""
+"""Signals that end a log: Ctrl-C, a service manager, a closed terminal, a shutdown of the PC."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ENDING = tuple(getattr(signal, name) for name in NAMES if hasattr(signal, name))
 
 
 class Told:
-    """Whether such a signal has come."""
+    """Flag that is set once such a signal has come."""
 
     come = False
 

@@ -44,7 +44,7 @@ Answer = Callable[[str | None], None]
 
 @dataclass(frozen=True)
 class Pressed:
-    """What the user asks for.
+    """A key pressed by the user, as a request.
 
     Attributes:
         command: of a bench run, or `quit`.

@@ -27,7 +27,7 @@ LITTLE_DISK_BYTES = 1 << 30
 
 
 class View(Protocol):
-    """What shows a bench."""
+    """A view of a bench."""
 
     def tell(self, events: Sequence[Event]) -> None:
         """Take what the run did."""

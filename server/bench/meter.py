@@ -1,4 +1,4 @@
-"""What a live view of a load cell shows of its stream: traces, rate, gaps, saturation; bounded, whatever the rate."""
+"""Live view of a load cell's stream: traces, rate, gaps, saturation; bounded in memory at any rate."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ def joined(remote: Remote | None, view: View, pressed: Asked) -> tuple[View, Ask
 
 
 def shown(status: BenchStatus) -> dict[str, Any]:
-    """What of a bench is shown elsewhere: nothing that changes with every reading, and no force."""
+    """Return the state of a bench for other viewers, without forces and values that change with every reading."""
     texts = {"step": status.step, "todo": status.todo, "reason": status.reason}
     return {k: v[:_MOST_TEXT] for k, v in texts.items()} | {
         "phase": status.phase,

@@ -1,4 +1,4 @@
-"""What the command line prints: JSON answers, tables, progress, and one clear line for bad input."""
+"""Output of the command line: JSON answers, tables, progress, and one clear line for bad input."""
 
 from __future__ import annotations
 

@@ -160,7 +160,7 @@ def _together(job: Job[dict[str, Any]], folder: Path) -> None:
 
 
 def _to_add(finding: Finding) -> list[str]:
-    """What the verdict names, or else the single effect that is likeliest: to see how far it goes."""
+    """Return the effects that the verdict names, or else the likeliest single one, to show its fall of the error."""
     if finding.verdict == "found":
         return list(finding.body["ranking"][0]["candidates"])
     singles = [r for r in finding.body["ranking"] if len(r["candidates"]) == 1]

@@ -22,7 +22,7 @@ TOKEN = "FINGERTWIN_TOKEN"  # noqa: S105 - the name of the variable that holds i
 
 @dataclass
 class Delivery:
-    """Whether all that was logged is at the service."""
+    """State of forwarding: complete, or with readings still to be sent."""
 
     whole: bool = True
 

@@ -160,7 +160,7 @@ def _loop(
 
 
 def bench_setup(options: LogOptions, cell: LoadCell) -> BenchSetup:
-    """What is known before the first reading, of the setup file and of the command.
+    """Return everything known before the first reading, from the setup file and the command.
 
     Raises:
         SessionError: the file lacks something, or has what it should not.

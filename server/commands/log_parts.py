@@ -1,4 +1,4 @@
-"""What every log has, with a protocol or without: its options, its load cell, and its open journal."""
+"""Parts of every log, with or without a protocol: options, load cell, open journal."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class LogOptions:
 
 
 def about_cell(cell: LoadCell, given: dict[str, str]) -> dict[str, str]:
-    """What is known of the load cell; a calibration file with its text, so that raw bytes can be decoded anywhere.
+    """Return the description of the load cell; a calibration file is included, so that raw bytes can be decoded.
 
     Such a file also says of what model and serial number the cell is, where nobody else does.
     """

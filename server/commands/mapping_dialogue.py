@@ -1,4 +1,4 @@
-"""Which channel of a recording is which, settled with somebody at a terminal."""
+"""Dialogue at a terminal that maps a recording's channels to time and axes."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def settled(recording: Path, calibration: str | None = None, rate_hz: float | No
 
 
 def words(proposal: LabFileMap) -> tuple[str, dict[str, str]]:
-    """Where time comes from, and each axis' channel with its unit."""
+    """Describe the source of time and each axis' channel with its unit."""
     time = proposal.time
     said = f"every {time.increment_s} s" if isinstance(time, Increment) else f"{time.channel} [{time.unit or '?'}]"
     return said, {name: f"{taken.channel} [{taken.unit or '?'}]" for name, taken in proposal.channels.items()}

@@ -52,7 +52,7 @@ from server.commands.questions import ask, ask_finger, ask_postures, lines, numb
 
 @dataclass(frozen=True)
 class NewOptions:
-    """What the command was given.
+    """Arguments of the command.
 
     Attributes:
         recordings: in the order in which they were made.
@@ -220,7 +220,7 @@ def _friction(text: str) -> float | dict[str, str]:
 
 
 def _mapping(options: NewOptions, recordings: Sequence[Path], rate_hz: float | None, asking: bool) -> LabFileMap | None:
-    """Which channel is which, confirmed; None where every recording is a readings file."""
+    """Return the confirmed mapping of channels; None where every recording is a readings file."""
     first = next((path for path in recordings if not is_readings_file(path)), None)
     if first is None:
         return None

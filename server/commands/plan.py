@@ -33,7 +33,7 @@ from server.commands.scaling import measures
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """What the command was given.
+    """Arguments of the command.
 
     Attributes:
         out: folder of the plan.

@@ -1,4 +1,4 @@
-"""What a command asks at a terminal: a wrong answer is said and asked again, so that nothing typed before is lost."""
+"""Questions of a command at a terminal; a wrong answer is explained and asked again; nothing typed is lost."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ def _log_with(device: str, address: str, settings: dict[str, Any]) -> str:
 
 @contextmanager
 def _readings(options: Options) -> Iterator[Iterable[ReadingBlock]]:
-    """What is played: a recording, or what a simulated rig records of a protocol."""
+    """Return the readings to play: a recording, or those that a simulated rig records of a protocol."""
     path = Path(options.play)
     if path.is_file() and path.suffix not in (".yaml", ".yml"):
         yield open_readings(path).blocks()

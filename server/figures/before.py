@@ -1,4 +1,4 @@
-"""What an earlier model predicted, drawn into the figure of a later one: the same vectors, thin and grey."""
+"""Predictions of an earlier model in the figure of a later one: the same vectors, thin and grey."""
 
 from __future__ import annotations
 

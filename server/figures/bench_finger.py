@@ -38,7 +38,7 @@ _LONGEST = 0.6
 
 @dataclass(frozen=True)
 class Hung:
-    """What hangs, and what is known of the force on the cell.
+    """Weights on the tendons, and the known forces on the cell.
 
     Attributes:
         masses_g: on each tendon.

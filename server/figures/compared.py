@@ -1,4 +1,4 @@
-"""What figures of a comparison are drawn from."""
+"""Input of the figures of a comparison."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Plan:
-    """One figure to come: its name, where it stands in the report and what is said of it."""
+    """Figure still to be drawn: its name, place in the report and caption."""
 
     name: str
     heading: str

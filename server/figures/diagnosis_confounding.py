@@ -1,4 +1,4 @@
-"""Which effects the load cases can tell apart: how much alike the traces of every two are, with their classes."""
+"""Separability of effects by the load cases: similarity of the traces of every two, with their classes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the model fails: residuals in standard uncertainties by loaded tendon and posture, a panel for each mount."""
+"""Map of residuals in standard uncertainties by loaded tendon and posture, a panel for each mount."""
 
 from __future__ import annotations
 

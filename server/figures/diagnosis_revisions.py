@@ -1,4 +1,4 @@
-"""How the error fell with every revision of the model, on the fitted and on the validation cases."""
+"""Fall of the error with every revision of the model, on the fitted and on the validation cases."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _ROLES = {"identification": ("#3b5b7a", "#d5dee7"), "validation": ("#009E73", "#
 
 
 class Step(NamedTuple):
-    """One revision: what is said below it, and its RMSE [N] by role and location."""
+    """One revision: its label, and its RMSE [N] by role and location."""
 
     lines: list[str]
     rmse_N: dict[str, float]

@@ -1,4 +1,4 @@
-"""How large a finding is: the change of the force [N] by load, a panel for each posture and mount, a line a tendon."""
+"""Size of a finding: change of the force [N] by load, a panel for each posture and mount, a line a tendon."""
 
 from __future__ import annotations
 

@@ -275,7 +275,7 @@ def held_out_table(answer: Answer) -> list[Table]:
 
 
 def hints_table(answer: Answer) -> list[Table]:
-    """Tabulate the formulas that would take up what is left."""
+    """Tabulate the formulas that would reduce the residual."""
     lines = [
         [
             str(h.get("formula") or "–"),

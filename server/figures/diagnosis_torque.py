@@ -47,7 +47,7 @@ class Torque(NamedTuple):
 
     @property
     def clear(self) -> bool:
-        """Whether it is more than two standard deviations from nothing."""
+        """True if it is more than two standard deviations from nothing."""
         return self.sd is not None and abs(self.value) > 2.0 * self.sd
 
 

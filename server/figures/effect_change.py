@@ -1,4 +1,4 @@
-"""What an effect would change in the very cases of a session, beside what the model misses in them."""
+"""Change of the forces by an effect in the cases of a session, beside the model's residuals."""
 
 from __future__ import annotations
 

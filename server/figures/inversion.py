@@ -206,7 +206,7 @@ def _strips(panels: Sequence[_Panel], order: _Order, names: tuple[str, str], *, 
 
 
 def _crowded(order: _Order) -> bool:
-    """Whether the loads' names would touch if they stood level."""
+    """Return whether the loads' names would touch if they stood level."""
     places = order.loads[-1][2] - order.loads[0][1] + 2.0 * _SIDE
     per_place = (WIDTH - _LEFT - _RIGHT) / places
     return any(len(name) * 0.62 * SMALL_PX > (end - begin + _BREAK) * per_place for name, begin, end in order.loads)
@@ -225,7 +225,7 @@ def _span(panel: _Panel) -> list[float]:
 
 
 def _bars(panel: _Panel) -> tuple[list[float], list[float]]:
-    """How far each bar reaches down and up; a force that cannot be negative has none below zero."""
+    """Return the lengths of each error bar down and up; a force that cannot be negative has none below zero."""
     above = [2.0 * a.sd_N for a in panel.forces]
     if panel.signed:
         return above, above

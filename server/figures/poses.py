@@ -1,4 +1,4 @@
-"""Where the bones of a finger stand in a posture, in the frame of the first bone [mm]."""
+"""Positions of a finger's bones in a posture, in the frame of the first bone [mm]."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What several sessions share beyond the catalogue: the curve of each tendon and joint, and chance's part in it."""
+"""Common ground of several sessions beyond the catalogue: a curve by tendon and joint, and its test against chance."""
 
 from __future__ import annotations
 
@@ -240,7 +240,7 @@ def laws_tables(answer: Answer) -> list[Table]:
 
 
 def _deciding(shared: Answer) -> list[str | Table]:
-    """What could be read to part the laws, as a table of what to hang."""
+    """Tabulate the load cases that would separate the laws."""
     found = part(shared, "would_decide")
     lines = [
         [

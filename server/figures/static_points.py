@@ -1,4 +1,4 @@
-"""What every drawn trace needs: coordinates, attributes for each point, error bars and words at points."""
+"""Parts of every drawn trace: coordinates, attributes for each point, error bars and words at points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What of a Plotly figure can be drawn without a browser; everything else that shows is refused, never dropped.
+"""Attributes of a Plotly figure that are drawn without a browser; any other that shows is refused, never dropped.
 
 A leaf is `ANY` or the set of values that are understood. Attributes that only matter to a pointer (hover, dragging,
 selection) are known to be invisible and pass.
@@ -159,7 +159,7 @@ LAYOUT: Schema = {
 
 
 def is_axis(key: str) -> bool:
-    """Whether a layout key is a Cartesian axis: xaxis, yaxis3, …."""
+    """Return whether a layout key is a Cartesian axis: xaxis, yaxis3, …."""
     return key[:5] in ("xaxis", "yaxis") and (key[5:] == "" or key[5:].isdigit())
 
 
@@ -193,7 +193,7 @@ def require_supported(figure: Mapping[str, Any]) -> None:
 
 
 def _has_defaults(template: Any) -> bool:
-    """Whether a template says anything beyond the types of traces, which Plotly puts in by itself."""
+    """Return whether a template says anything beyond the types of traces, which Plotly puts in by itself."""
     if not template:
         return False
     entries = [entry for kind in (template.get("data") or {}).values() for entry in kind]

@@ -1,4 +1,4 @@
-"""What all figures share: colours and symbols of the tendons, fonts, axes, and how numbers are written.
+"""Common style of all figures: colours and symbols of the tendons, fonts, axes, number formats.
 
 Colours are those of Okabe and Ito, told apart with every common colour blindness; a symbol says the same again.
 """
@@ -38,7 +38,7 @@ class NothingToDrawError(ValueError):
 
     @property
     def sentence(self) -> str:
-        """What stands where the figure would."""
+        """Sentence in place of the figure."""
         text = str(self)
         return f"No figure: {text[:1].lower()}{text[1:]}"
 

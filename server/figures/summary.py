@@ -1,4 +1,4 @@
-"""Where the errors are: RMSE by tendon, posture and location, and each case against its own uncertainty."""
+"""Errors in summary: RMSE by tendon, posture and location, and each case against its own uncertainty."""
 
 from __future__ import annotations
 

@@ -150,7 +150,7 @@ def _deficit_rows(cases: Sequence[Case]) -> list[Row]:
 
 
 def _most_rows(cases: Sequence[Case]) -> list[Row]:
-    """Which muscle matters most; a row's figure is what the loss of the named one does."""
+    """Return rows on the muscle with the largest influence; a row's number is the effect of losing the named one."""
     palmar, dorsal, thumb_palmar, thumb_dorsal = cases
 
     def turns(case: Case) -> dict[str, float]:

@@ -59,7 +59,7 @@ def alone(result: ActivationResult) -> Sheet:
 
 
 def levels(cases: Sequence[Case]) -> Sheet:
-    """Which muscles make the baselines' forces."""
+    """Tabulate the muscles behind the baselines' forces."""
     lines: list[tuple[str | float | None, ...]] = []
     for case in cases:
         r = case.result
@@ -96,7 +96,7 @@ def deficits(case: Case) -> Sheet:
 
 
 def reach(cases: Sequence[Case]) -> Sheet:
-    """How far a lost muscle can turn and weaken the force, whatever activities make it."""
+    """Tabulate how far a lost muscle can turn and weaken the force, for any activities that make it."""
     palmar, dorsal, thumb_palmar, thumb_dorsal = cases
     published = (
         (palmar, "FDP", "60 deg, 1.9 N"), (dorsal, "FDI", "83 deg"), (thumb_dorsal, "EPL", "73.1 deg, 4.4 N"),
@@ -171,7 +171,7 @@ def postures(cases: Sequence[Case]) -> Sheet:
 
 
 def passive(cases: Sequence[Case]) -> Sheet:
-    """What passive torques would do."""
+    """Tabulate the influence of passive torques."""
     lines: list[tuple[str | float | None, ...]] = []
     for case in (cases[0], cases[2]):
         placed = case.held.place(np.deg2rad(case.result.posture_deg))

@@ -114,7 +114,7 @@ def _law_rows(published: dict[str, Any]) -> list[Row]:
 
 
 def _claim_rows(published: dict[str, Any]) -> list[Row]:
-    """What the study's text says that the hood changes, against its own tables."""
+    """Return rows on the hood's influence as the study's text states it, against its own tables."""
     changes: dict[str, list[float]] = {c: [] for c in COLUMNS}
     for k in range(4):
         without, with_hood = (means(published, model, (k + 1,)) for model in ("minimal", "full"))
@@ -134,7 +134,7 @@ def _claim_rows(published: dict[str, Any]) -> list[Row]:
 
 
 def _flexion_rows(who: str, less: Mapping[str, tuple[float, float]]) -> list[Row]:
-    """Whether the hood takes more off a force in posture 1 than in posture 4, from what it takes off in both [%]."""
+    """Return rows on whether the hood takes more off a force in posture 1 than in posture 4 [%]."""
     rows = []
     for column, what in (("MCP", "MCP contact"), ("radial", "radial intrinsics"), ("ulnar", "ulnar intrinsics")):
         more = less[column][0] - less[column][1]
@@ -163,7 +163,7 @@ def _table_rows(own: Sequence[Pressed], published: dict[str, Any], who: str) -> 
 
 
 def _change_rows(own: Sequence[Pressed], published: dict[str, Any], who: str) -> list[Row]:
-    """What the hood changes, against the study's text."""
+    """Return rows on the hood's influence, against the study's text."""
     changes, rows = published["changes_pct"], []
     for p in own:
         flexed = p.postures == (1,)

@@ -69,7 +69,7 @@ def needed_sheet(finger: Finger, published: dict[str, Any]) -> Sheet:
 
 
 def terminal_sheet(finger: Finger, published: dict[str, Any]) -> Sheet:
-    """What the terminal slip's moment arm at the DIP does to both models."""
+    """Tabulate the influence of the terminal slip's moment arm at the DIP on both models."""
     posture = pressing_posture(finger.topology, published["loads"][0]["theta_deg"])
     lines: list[Line] = []
     for arm in TERMINAL_MM:

@@ -151,7 +151,7 @@ def _component_rows(number: int, held: Held, springs: Sequence[str]) -> list[Row
 
 
 def _text_rows(held: Sequence[Held], springs: Sequence[str]) -> list[Row]:
-    """What the text says of the tables."""
+    """Return rows on the text's statements about the tables."""
     index = {s: i for i, s in enumerate(springs)}
     most_force = sum(int(h.force_N.argmax()) == index["CD"] for h in held)
     most_change = sum(int(h.change_mm.argmax()) == index["MN"] for h in held)

@@ -71,7 +71,7 @@ class Held:
 
 
 class Stretched(NamedTuple):
-    """What crosses the joints in the three postures, whatever the hood's layout.
+    """Excursions across the joints in the three postures, for any layout of the hood.
 
     Attributes:
         posture: (3, rotations) [rad].
@@ -144,7 +144,7 @@ def pulls_by_components(load: Mapping[str, Any]) -> dict[str, float]:
 
 @cache
 def stretched() -> Stretched:
-    """How the three postures lengthen An's slips."""
+    """Return the lengthening of An's slips in the three postures."""
     import jax
     import jax.numpy as jnp
 

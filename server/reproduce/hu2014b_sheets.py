@@ -46,7 +46,7 @@ def pulls_sheet(loads: Sequence[dict[str, Any]]) -> Sheet:
 
 
 def nodes_sheet(held: Sequence[Held], hood: ElasticHood) -> Sheet:
-    """Where every node lies, and by how much it slides."""
+    """Tabulate each node's position and its displacement."""
     lines: list[Line] = []
     for i, node in enumerate(hood.network.nodes):
         along, around = held[0].home_mm[i]
@@ -100,7 +100,7 @@ def stiffness_sheet(hood: ElasticHood) -> Sheet:
 
 
 def layouts_sheet(loads: Sequence[dict[str, Any]]) -> Sheet:
-    """How far forces are from the printed ones with other layouts and other inputs: what the choices weigh."""
+    """Tabulate the distance of forces from the printed ones with other layouts and inputs."""
     lines: list[Line] = []
     for title, change, pulls in (
         ("as shipped", None, pulls_by_table_1),

@@ -1,4 +1,4 @@
-"""What a published study comes to when it is computed again, and which studies there are."""
+"""Published studies, and the result of computing one again."""
 
 from __future__ import annotations
 

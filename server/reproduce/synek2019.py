@@ -63,7 +63,7 @@ class SpecimenFit:
         return out | {"held_to": self.held_to()}
 
     def held_to(self) -> dict[str, bool]:
-        """Whether our fit does what it should on loads that were never fitted.
+        """Return whether our fit does what it should on loads that were never fitted.
 
         The tip is judged by the RMSE of its vector (direction and magnitude in one); direction and magnitude apart must
         not be worse than the published model's, unless they are already below the superposition limit, under which

@@ -85,7 +85,7 @@ def _ratios(result: SpeciesResult) -> Iterator[Row]:
 
 
 def _relations() -> Iterator[Row]:
-    """What the text makes of Table 3, from the table's own numbers."""
+    """Yield rows on the text's statements about Table 3, from the table's own numbers."""
     human, bonobo = (sum(float(pair[i]) for pair in LENGTHS.values()) for i in (0, 1))
     yield row("bonobo's phalanges longer, together", "22", 100.0 * (bonobo / human - 1.0), "%", OF_TABLE)
     larger = {name: 100.0 * (float(b) / float(a) - 1.0) for name, (a, b) in ARMS.items()}
@@ -97,7 +97,7 @@ def _relations() -> Iterator[Row]:
 
 
 def _directions(result: SpeciesResult) -> Iterator[Row]:
-    """What the text says of directions: correlations with MCP flexion, and which of the two varies more."""
+    """Yield rows on directions: correlations with MCP flexion, and which of the two varies more."""
     for who, side in (("human", result.of), ("bonobo", result.other)):
         for measured in (False, True):
             turned = side.turning(FLEXORS, "bone", measured=measured)

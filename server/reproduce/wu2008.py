@@ -262,7 +262,7 @@ def _torque_rows() -> list[Row]:
 
 
 def _settings(result: MovementResult) -> Sheet:
-    """What the open choices do to the peaks."""
+    """Tabulate the influence of the open choices on the peaks."""
     runs: list[tuple[str, MovementResult]] = [
         ("as the paper says", result),
         ("without gravity", tap("wu2008", gravity=False)),

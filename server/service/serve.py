@@ -138,7 +138,7 @@ def _run(settings: Settings, app: ASGIApp, listener: socket.socket, ready: Calla
 
 
 class _Started:
-    """An application whose refusal to start is said in one line, as that of any command."""
+    """Application that explains its refusal to start in one line, as any command does."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

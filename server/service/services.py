@@ -1,4 +1,4 @@
-"""What a running service is made of, and the order in which it starts and stops."""
+"""Components of a running service, and the order in which they start and stop."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ What = Literal["deleted", "jobs", "messages"]
 
 
 def default_folder() -> Path:
-    """Where the service keeps its data unless it is told otherwise."""
+    """Return the default data folder of the service."""
     return user_data_path("fingertwin", appauthor=False)
 
 
@@ -71,7 +71,7 @@ class Settings(BaseSettings):
 
     @property
     def loopback(self) -> bool:
-        """Whether it can be reached from this machine only."""
+        """True if it can be reached from this machine only."""
         try:
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:

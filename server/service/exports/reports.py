@@ -1,4 +1,4 @@
-"""What is found in a session as it is stored, and its report as one page."""
+"""Check of a stored session, and its report as one page."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def checked(parts: Services, session: str) -> dict[str, Any]:
 
 
 def _once(parts: Services, measured: Measured, key: tuple[Any, ...], make: Callable[[], T]) -> T:
-    """What is made of a session, kept where the session is closed and made no more of."""
+    """Make something of a session; keep it where the session is closed."""
     if not measured.record.closed:
         return make()
     made: T = parts.made.of((measured.key, *key), make)

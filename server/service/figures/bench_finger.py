@@ -81,7 +81,7 @@ def bench_finger(
 
 
 def _places(document: Mapping[str, Any], finger: Finger, pose: FingerPose) -> dict[str, Any]:
-    """Where the cell sits, and what takes a force from mount axes, and from the cell's own, to those of the drawing."""
+    """Return the cell's positions, and the matrices from mount axes and cell axes to those of the drawing."""
     mounts = (document.get("load_cell") or {}).get("mounts") or {}
     side = str((document.get("specimen") or {}).get("side"))
     first = pose.origins[finger.topology.joints[0].child]

@@ -1,4 +1,4 @@
-"""Which load cases each point of a figure stands for, so that a click on it can lead to them."""
+"""Load cases behind each point of a figure, so that a click on it can lead to them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Points = str | list[Any] | None
 
 @dataclass(frozen=True)
 class Told:
-    """What a figure's labels may name of a load case.
+    """Load case as figures may refer to it.
 
     Attributes:
         id: of the case.

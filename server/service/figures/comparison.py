@@ -24,7 +24,7 @@ Plane = Literal["sagittal", "space"]
 
 @dataclass(frozen=True)
 class Only:
-    """Which load cases are drawn, and which components of their forces.
+    """Selection of load cases to draw, and of components of their forces.
 
     Attributes:
         plane: the sagittal one or space; None for that in which the finger is judged.
@@ -47,7 +47,7 @@ class Only:
 
     @property
     def everything(self) -> bool:
-        """Whether no case is left out and no plane is asked for."""
+        """True if no case is left out and no plane is asked for."""
         return replace(self, role=None if self.role == "all" else self.role) == Only()
 
 

@@ -148,7 +148,7 @@ def _case(measured: Measured, case: str) -> DrawnCase:
 def _hung(
     parts: Services, measured: Measured, case: DrawnCase, model: str | None, loaded: Finger | Revision, angles: Floats
 ) -> Hung:
-    """What hangs in a case, with its forces as far as they may be seen."""
+    """Return the weights of a case, with the forces that may be seen."""
     force = measured.force(case.id) or {"measured_N": None, "measured_sd_N": None}
     blind = case.role == "validation" and not measured.record.closed
     predicted, note = None, HIDDEN if blind else ""

@@ -38,7 +38,7 @@ def invertible(parts: Services, session: str, closure: str, model: str | None, t
 
 
 def movement_choices() -> dict[str, list[str]]:
-    """What a movement can be asked with."""
+    """Return the choices for a movement."""
     fingers = [name for name in finger_names() if finger_shown(name)["moves"]]
     return {"motions": motion_names(), "muscles": muscle_set_names(), "fingers": fingers}
 

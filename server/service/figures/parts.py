@@ -1,4 +1,4 @@
-"""What figures of the service are drawn from: the model that is meant, an average's members, an effect's values."""
+"""Input of the service's figures: the requested model, an average's members, an effect's values."""
 
 from __future__ import annotations
 

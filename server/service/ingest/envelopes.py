@@ -58,7 +58,7 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """What is stored of a window.
+    """Stored readings of a window.
 
     Attributes:
         window_s: first and last time.
@@ -75,7 +75,7 @@ class Window:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a chunk lies in its stream."""
+    """Position of a chunk in its stream."""
 
     first_seq: int
     n: int
@@ -295,7 +295,7 @@ def _merged(rows: Rows, starts: NDArray[np.intp]) -> Rows:
 
 
 def _starts(t_s: Floats, window: Span, points: int) -> NDArray[np.intp]:
-    """Where another of so many equal stretches of a window begins."""
+    """Return the index at which each of so many equal stretches of a window begins."""
     width = (window[1] - window[0]) / points
     if not width > 0.0:
         return np.zeros(min(len(t_s), 1), dtype=np.intp)

@@ -36,7 +36,7 @@ MOST_SAMPLES = 1 << 20
 
 @dataclass(frozen=True)
 class Sent:
-    """What a bench says of a body that it sends.
+    """Body sent by a bench, with the digest and epoch that it states.
 
     Attributes:
         body: the bytes.
@@ -49,7 +49,7 @@ class Sent:
     epoch: str
 
     def require_sound(self) -> None:
-        """Refuse a body that is not what it is said to be.
+        """Refuse a body that differs from its stated digest or epoch.
 
         Raises:
             ProblemError: its SHA-256 differs, or it has no epoch.
@@ -256,7 +256,7 @@ def _stream(connection: Connection, session: str, stream: str) -> Any:
 
 
 def _overlapping(connection: Connection, session: str, stream: str, chunk: Chunk) -> list[tuple[int, int, str]]:
-    """What a chunk would lie over, in order; an empty one has a place as if it held one sample."""
+    """Return the stored chunks that a chunk would overlap, in order; an empty one counts as one sample."""
     first, end = chunk.first_seq, chunk.first_seq + max(len(chunk), 1)
     columns = select(chunks.c.first_seq, chunks.c.n, chunks.c.sha256)
     mine = columns.where((chunks.c.session == session) & (chunks.c.stream == stream))

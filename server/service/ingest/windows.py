@@ -29,7 +29,7 @@ _Key = tuple[str, str, Span]
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """What has become of a session's windows.
+    """Reduction of a session's windows.
 
     Attributes:
         plateaus: those that could be reduced.
@@ -139,7 +139,7 @@ class Windows:
 
 
 def _lacking(connection: Connection, session: str, stream: str, window: Span, whole: bool) -> str:
-    """What of a window is still to come, in words; nothing where it can be reduced."""
+    """Describe the missing part of a window; empty where it can be reduced."""
     if whole:
         return ""
     mine = (chunks.c.session == session) & (chunks.c.stream == stream)

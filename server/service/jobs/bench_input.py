@@ -1,4 +1,4 @@
-"""What a worker is given of a bench session: its description and its reduced windows, never its readings."""
+"""Input of a worker from a bench session: its description and its reduced windows, never its readings."""
 
 from __future__ import annotations
 

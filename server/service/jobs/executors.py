@@ -44,7 +44,7 @@ class ExecutorError(Exception):
 
 @dataclass(frozen=True)
 class ExecutorSettings:
-    """Where population work is computed.
+    """Place of computation of population work.
 
     Attributes:
         kind: processes on this machine, or a Dask cluster.

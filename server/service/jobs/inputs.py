@@ -1,4 +1,4 @@
-"""What each kind of job is given, as values that go from the service to a worker."""
+"""Input of each kind of job, as values that go from the service to a worker."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class ReproduceInput:
 
 @dataclass(frozen=True, eq=False)
 class PopulationInput:
-    """What is to be fitted.
+    """Fits of a population run.
 
     Attributes:
         benches: sessions with their models.
@@ -144,10 +144,10 @@ class PopulationInput:
 
     @property
     def fits(self) -> int:
-        """How many there are, those to the measured readings included."""
+        """Number of fits, those to the measured readings included."""
         return len(self.benches) * len(self.effects) * (self.bootstrap + 1)
 
     @property
     def catalogue(self) -> bool:
-        """Whether the models must hold the catalogue of effects."""
+        """True if the models must hold the catalogue of effects."""
         return any(self.effects)

@@ -1,4 +1,4 @@
-"""What becomes of a job, kept as it happens: each change of state with its message and its result, or nothing."""
+"""Record of a job: each change of state is kept together with its message and result, or not at all."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Keeper:
         self._ended = threading.Condition()
 
     def watch(self, job: Job, task: TaskKind) -> JobWatcher:
-        """Return what is told of a job by its worker."""
+        """Return the watcher of a job, which keeps its worker's reports."""
         return JobWatcher(self, job, task)
 
     def progress(self, job: Job) -> float:

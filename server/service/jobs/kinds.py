@@ -54,7 +54,7 @@ class Job:
 
     @property
     def finished(self) -> bool:
-        """Whether nothing will change any more."""
+        """True if nothing will change any more."""
         return self.state not in (QUEUED, RUNNING)
 
     def as_dict(self) -> dict[str, Any]:
@@ -62,7 +62,7 @@ class Job:
         return {"schema": SCHEMA} | dict(vars(self))
 
     def as_message(self) -> dict[str, Any]:
-        """What is told of it: without request and result, which may be large."""
+        """Return the job as a message, without request and result, which may be large."""
         names = ("id", "kind", "session", "state", "progress", "stage", "created_utc", "started_utc", "finished_utc")
         return {name: getattr(self, name) for name in (*names, "problem")}
 

@@ -1,4 +1,4 @@
-"""What worker processes are given to do, and how that ends."""
+"""Orders for worker processes, and their outcomes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Ending = Literal["done", "refused", "failed", "died", "timed_out", "cancelled", 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How an order ended.
+    """Outcome of an order.
 
     Attributes:
         ending: done; refused (bad input), failed (an exception), died (the worker), timed_out, cancelled, or stopped
@@ -37,7 +37,7 @@ class Outcome:
 
     @classmethod
     def of_error(cls, error: Exception) -> Outcome:
-        """What an exception that is being handled makes of an order."""
+        """Return the outcome for an exception that is being handled."""
         if isinstance(error, InputError):
             return cls("refused", found=error.found, expected=error.expected, remedy=error.remedy)
         return cls("failed", found=said_of(error), trace=traceback.format_exc())
@@ -61,7 +61,7 @@ class Watcher(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """What a worker shall do.
+    """Task for a worker.
 
     Attributes:
         id: under which it can be cancelled.

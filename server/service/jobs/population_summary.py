@@ -1,4 +1,4 @@
-"""What the fits of a population run come to: per session and set of effects, and over the specimens."""
+"""Summary of the fits of a population run: per session and set of effects, and over the specimens."""
 
 from __future__ import annotations
 

@@ -221,5 +221,5 @@ class JobService:
 
 
 def _askable(text: str) -> bool:
-    """Whether a client's text can be held against what is kept at all: PostgreSQL knows no zero byte."""
+    """Return whether a client's text can be held against what is kept at all: PostgreSQL knows no zero byte."""
     return "\0" not in text

@@ -60,7 +60,7 @@ class Slot:
 
     @property
     def alive(self) -> bool:
-        """Whether its process runs."""
+        """True if its process runs."""
         with self._lock:
             return self._worker is not None and self._worker.process.is_alive()
 

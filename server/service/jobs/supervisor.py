@@ -14,7 +14,7 @@ from server.service.jobs.slots import Slot
 
 @dataclass(frozen=True)
 class Workers:
-    """How many worker processes there may be, are and are busy, and how many orders wait."""
+    """Numbers of worker processes allowed, alive and busy, and of waiting orders."""
 
     most: int
     alive: int

@@ -1,4 +1,4 @@
-"""What each kind of job is given, and what is kept of its result."""
+"""Kinds of jobs: the input of each, and the part of its result that is kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What workers compute for one session: the answers of the command line, and the revision where one arises.
+"""Computations of workers for one session: the answers of the command line, with a revision where one arises.
 
 Each function takes a payload and `Tell`, and returns plain data: `{"body": …}`, with `revision` or `frozen` beside it
 as the document that the command line would have written to a file.

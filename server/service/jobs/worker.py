@@ -1,4 +1,4 @@
-"""What runs in a worker process: one order after another, with news of how far it is.
+"""Main loop of a worker process: one order after another, with reports of progress.
 
 A worker ends with its parent, however that ends and whatever the worker computes at that moment. It leaves Ctrl-C and
 the end of the service to its parent.
@@ -30,7 +30,7 @@ Said = tuple[Any, ...]
 
 
 class Tell:
-    """What a function in a worker is given to tell how far it is.
+    """Reporter of progress, handed to a function in a worker.
 
     Args:
         send: takes what is told.
@@ -58,7 +58,7 @@ class Tell:
                 self._send(("part", key, result))
 
     def close(self) -> None:
-        """From now on nothing is told: what comes late is not taken for news of the next job."""
+        """Stop reporting: late reports are not taken for progress of the next job."""
         with self._lock:
             self._open = False
 

@@ -1,1 +1,1 @@
-"""What is told live: traces that hide no peak, what was kept, and what the hanging weight reads, over one WebSocket."""
+"""Live messages over one WebSocket: traces that hide no peak, kept messages, and the estimate of the hanging weight."""

@@ -55,7 +55,7 @@ class Benches:
         return bench
 
     def holds(self, bench: Bench) -> bool:
-        """Whether a connection is the latest of its session."""
+        """Return whether a connection is the latest of its session."""
         return self._connected.get(bench.session) is bench
 
     def leave(self, bench: Bench) -> None:
@@ -81,7 +81,7 @@ class Benches:
             future.set_result(answer.refused)
 
     def shown(self, sessions: frozenset[str] | None) -> list[dict[str, Any]]:
-        """Return what the benches of some sessions, or of all, wait for, as they are told."""
+        """Return the present requests of some sessions' benches, or of all."""
         return [
             {"kind": "bench", "session": b.session, "body": _body(b.shown)}
             for b in self._connected.values()

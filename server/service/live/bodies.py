@@ -1,4 +1,4 @@
-"""What a bench posts to a session's live path: envelopes of its readings, as `daq.uplink.live_tail` makes them."""
+"""Bodies that a bench posts to a session's live path: envelopes of readings, as `daq.uplink.live_tail` makes them."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class BenchKey(BaseModel):
 
 
 class BenchShown(BaseModel):
-    """What a running bench waits for."""
+    """Request of a running bench to its user."""
 
     model_config = ConfigDict(strict=True, frozen=True)
 
@@ -97,7 +97,7 @@ class Answer(BaseModel):
 
 
 class BenchMessage(LiveMessage):
-    """What a bench sends through its WebSocket: envelopes, what it waits for where that has changed, its answers."""
+    """Message of a bench through its WebSocket: envelopes, a changed request to the user, answers to commands."""
 
     bench: BenchShown | None = None
     answers: list[Answer] = Field(default_factory=list, max_length=100)

@@ -30,7 +30,7 @@ _REASON_BYTES = 120
 
 @dataclass(frozen=True)
 class Subscription:
-    """What a client wants to hear.
+    """Subscription of a client.
 
     Attributes:
         sessions: ids, None for all.
@@ -43,7 +43,7 @@ class Subscription:
     rate_hz: float = 30.0
 
     def wants(self, session: str | None) -> bool:
-        """Whether messages of a session, or of none, are wanted."""
+        """Return whether messages of a session, or of none, are wanted."""
         return self.sessions is None or session in self.sessions
 
 
@@ -63,7 +63,7 @@ class Kept:
 
 @dataclass(frozen=True)
 class Frame:
-    """What is due at one moment to all who want the same.
+    """Frame due at one moment for all clients with the same subscription.
 
     Attributes:
         kept: messages that must not be lost, in order.
@@ -92,7 +92,7 @@ def array(messages: list[bytes]) -> str:
 
 
 class Client:
-    """What waits for one client; of the event loop's thread only.
+    """Queue of one client; used by the event loop's thread only.
 
     Args:
         subscription: what it wants to hear.

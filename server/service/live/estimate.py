@@ -1,4 +1,4 @@
-"""What a hanging weight reads now, against what may be expected: one bench, from its events and its live traces.
+"""Live estimate of a hanging weight's force against its prediction, from a bench's events and live traces.
 
 It is what the bench itself shows (`daq.bench`), made again where everybody looks: the same search for a plateau, on
 envelopes instead of readings, the same reduction, and the same silence about validation cases until the end.
@@ -102,7 +102,7 @@ class SessionEstimate:
 
     @property
     def hanging(self) -> bool:
-        """Whether a case hangs."""
+        """True if a case hangs."""
         return self._bench is not None and self._bench.hanging
 
     def estimate(self) -> dict[str, Any] | None:
@@ -185,7 +185,7 @@ class BenchEstimate:
 
     @property
     def hanging(self) -> bool:
-        """Whether a case hangs."""
+        """True if a case hangs."""
         return self._case is not None
 
     def estimate(self) -> dict[str, Any] | None:
@@ -215,7 +215,7 @@ class BenchEstimate:
         return None if self._told is None or not self._told.done() else self._told.result()(case)
 
     def _state(self, case: LoadCase) -> Literal["hidden", "none", "pending", "failed", "given"]:
-        """How it stands with the prediction: hidden of a validation case, which is told when the session is closed."""
+        """Return the agreement with the prediction; hidden for a validation case until the session is closed."""
         if case.role == "validation":
             return "hidden"
         if self._told is None:

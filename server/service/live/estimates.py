@@ -156,7 +156,7 @@ class _Followed:
 
 @contextmanager
 def _of(session: str) -> Iterator[None]:
-    """What is wrong with one session is logged, and the others go on."""
+    """Run a block for one session; a fault is logged, and the other sessions go on."""
     try:
         yield
     except Exception as error:

@@ -20,7 +20,7 @@ SLACK_S = 0.01
 
 @dataclass
 class Counters:
-    """What was done since the service started.
+    """Counts since the service started.
 
     Attributes:
         envelopes: of traces that came in and were new.
@@ -68,7 +68,7 @@ class Group:
 
     @property
     def pending(self) -> bool:
-        """Whether anything is due."""
+        """True if anything is due."""
         return bool(self.kept or self.rows or self.passing or self.beat)
 
     def frame(self) -> Frame:
@@ -97,7 +97,7 @@ class Groups:
 
     @property
     def clients(self) -> int:
-        """Clients that hear what is told."""
+        """Clients that receive messages."""
         return sum(len(group.clients) for group in self._groups.values())
 
     def due_s(self) -> float:
@@ -133,7 +133,7 @@ class Groups:
             group.beat = dumps(heartbeat(group.subscription))
 
     def flush(self, now_s: float, all_of_them: bool = False) -> float:
-        """Hand out what is due; return when what is left will be."""
+        """Hand out the frames that are due; return the time of the next one."""
         left_s = np.inf
         for group in self._groups.values():
             if group.pending and (all_of_them or group.due_s <= now_s + SLACK_S):

@@ -35,7 +35,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class LiveHub:
-    """Hands on what is told.
+    """Hub of live messages.
 
     Args:
         messages: those that are kept; all of them are handed on.
@@ -91,7 +91,7 @@ class LiveHub:
         self._tick()
 
     async def close(self) -> None:
-        """Tell what is left, and hang up."""
+        """Send the remaining messages, and close the connection."""
         self._tick()
         with self._lock:
             self.closed = True
@@ -112,7 +112,7 @@ class LiveHub:
     # ----- from any thread
 
     def publish(self, message: Message) -> None:
-        """Hand on a message; one that has no number is told to those who listen now, and to no one else."""
+        """Hand on a message; one without a number reaches present listeners only."""
         self._put(message)
 
     def trace(self, session: str, message: LiveMessage | Mapping[str, Any]) -> None:
@@ -134,7 +134,7 @@ class LiveHub:
                 self._call_soon()
 
     def is_shown(self, session: str) -> bool:
-        """Whether envelopes of a session were taken seconds ago, so that it need not be looked for again."""
+        """Return whether envelopes of a session were taken seconds ago, so that it need not be looked for again."""
         return self._shown_until_s.get(session, 0.0) > time.monotonic()
 
     def offer_chunk(self, session: str, stream: str, chunk: Chunk) -> None:

@@ -28,7 +28,7 @@ class InOrder:
 
     @property
     def gap(self) -> bool:
-        """Whether a message waits for one before it."""
+        """True if a message waits for one before it."""
         return bool(self._waiting)
 
     def offer(self, message: Message) -> None:

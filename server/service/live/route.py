@@ -1,4 +1,4 @@
-"""The WebSocket `/live`: who may connect, what can be asked for, and what is told.
+"""WebSocket `/live`: access, subscriptions, and messages.
 
 Every text frame is a JSON array of messages; each message is an object with `kind`.
 

@@ -110,7 +110,7 @@ def as_columns(rows: Rows) -> dict[str, Any]:
 
 
 def _starts(t: NDArray[np.float64], bin_s: float) -> NDArray[np.intp]:
-    """Where another interval of time begins."""
+    """Return the indices at which a new interval of time begins."""
     return _changes(np.floor(t / bin_s))
 
 

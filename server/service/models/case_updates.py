@@ -1,4 +1,4 @@
-"""Load cases computed by themselves: as soon as the readings of a case's windows are there, its force is told."""
+"""Automatic computation of load cases: a force is published once the readings of its windows are there."""
 
 from __future__ import annotations
 

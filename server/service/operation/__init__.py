@@ -1,4 +1,4 @@
-"""How the service is kept: its data folder, schema versions, backups, checks of what is stored, and its health.
+"""Operation of the service: data folder, schema versions, backups, checks of stored data, and health.
 
 It imports `storage` and settings; `serve`, `services` and the command line call it.
 """

@@ -1,4 +1,4 @@
-"""Whether the service runs, may be asked, and how its database, disk and workers are."""
+"""Health of the service, its database, disk and workers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LITTLE_BYTES = 2 << 30
 
 
 class DatabaseHealth(BaseModel):
-    """How the database is."""
+    """State of the database."""
 
     dialect: Literal["sqlite", "postgresql"]
     revision: str = Field(description="Version of its schema.", examples=["0001"])
@@ -44,7 +44,7 @@ class DatabaseHealth(BaseModel):
 
 
 class WorkersHealth(BaseModel):
-    """How the processes are that refit and diagnose; each starts when it is first needed."""
+    """State of the processes that refit and diagnose; each starts when it is first needed."""
 
     most: int = Field(description="How many there may be.")
     alive: int = Field(description="How many there are.")
@@ -53,7 +53,7 @@ class WorkersHealth(BaseModel):
 
 
 class HealthAnswer(BaseModel):
-    """How the service is."""
+    """State of the service."""
 
     schema_: Literal["fingertwin/health/1"] = Field(default="fingertwin/health/1", serialization_alias="schema")
     status: Literal["ok", "degraded"]
@@ -94,7 +94,7 @@ class Health:
 
     @property
     def ready(self) -> bool:
-        """Whether it may be asked."""
+        """True if it may be asked."""
         return self._ready()
 
     def answer(self) -> HealthAnswer:
@@ -165,7 +165,7 @@ class Health:
             return None
 
     def jobs_by_state(self) -> dict[str, float]:
-        """How many jobs there are in each state; nothing where the database does not answer."""
+        """Return the number of jobs in each state; empty where the database does not answer."""
         query = select(jobs.c.state, func.count()).group_by(jobs.c.state)
         try:
             with self._database.reading() as connection:

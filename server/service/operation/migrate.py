@@ -111,7 +111,7 @@ def version_of(connection: Connection) -> str:
 
 
 def _is_absent(file: Path | None) -> bool:
-    """Whether there is no file of SQLite's where there is to be one.
+    """Return whether there is no file of SQLite's where there is to be one.
 
     Raises:
         InputError: only the log of one is there.
@@ -183,7 +183,7 @@ def explained(database: Database) -> Iterator[None]:
 
 
 def unusable(database: Database, error: DBAPIError) -> InputError:
-    """What is wrong with a database that cannot be used."""
+    """Return the fault of a database that cannot be used."""
     said = " ".join(str(error.orig).split())
     file = database.file
     if file is None:

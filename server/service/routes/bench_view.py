@@ -1,4 +1,4 @@
-"""How a bench stands, and the finger as it is held there: what a page needs beside the live stream."""
+"""State of a bench, and the finger as it is held there: data for a page beside the live stream."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the service knows beforehand: effects and protocols; and users' own effects."""
+"""Catalogue of the service: effects and protocols, and users' own effects."""
 
 from __future__ import annotations
 

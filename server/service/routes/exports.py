@@ -66,7 +66,7 @@ class ReportSheet(Shown):
 
 
 class Checked(Shown):
-    """What was found in a session."""
+    """Findings in a session."""
 
     schema_: str = Field(alias="schema", examples=["fingertwin/check/1"])
     session: str

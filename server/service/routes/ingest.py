@@ -27,7 +27,7 @@ SentCount = Annotated[int, Header(alias=COUNT, ge=0, le=1 << 20, description="Sa
 
 
 class StreamCursor(Shown):
-    """How far a stream is."""
+    """Progress of a stream."""
 
     next_seq: int = Field(description="Number of the sample after the last that is stored; 0 where none is.")
     missing: list[list[int]] = Field(description="[from, to) of samples below it that are not stored, in order.")
@@ -36,7 +36,7 @@ class StreamCursor(Shown):
 
 
 class EventCursor(Shown):
-    """Which events of an epoch are stored."""
+    """Stored events of an epoch."""
 
     next_seq: int = Field(description="Number of the event after the last that is stored.")
     missing: list[list[int]] = Field(description="[from, to) of events below it that are not stored.")

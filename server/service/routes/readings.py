@@ -49,7 +49,7 @@ _LOCK = threading.Lock()
 
 
 class Readers:
-    """What reads stored readings; it remembers what it has reduced."""
+    """Reader of stored readings, with a cache of reductions."""
 
     def __init__(self, request: Request) -> None:
         self.parts = of(request)
@@ -58,7 +58,7 @@ class Readers:
 
 
 def readers(request: Request) -> Readers:
-    """What reads the service's stored readings, made with the first request for them."""
+    """Return the reader of the service's stored readings; it is made with the first request."""
     state = request.app.state
     with _LOCK:
         found: Readers | None = getattr(state, "readers", None)

@@ -133,7 +133,7 @@ class TareShown(Shown):
 
 
 class DriftShown(Shown):
-    """How far the zero has moved between the last two tares of one setting."""
+    """Drift of the zero between the last two tares of one setting."""
 
     over_s: float = Field(description="Time between the two [s].")
     change: Six = Field(description="Fx Fy Fz [N], Tx Ty Tz [N mm] in the cell's axes.")
@@ -142,7 +142,7 @@ class DriftShown(Shown):
 
 
 class StreamShown(Shown):
-    """What the load cell's stream has gone through."""
+    """History of the load cell's stream: gaps, losses, overloads."""
 
     id: str | None
     state: Literal["waiting", "streaming", "silent", "lost", "ended"] = Field(description="lost: the cable is out.")
@@ -167,7 +167,7 @@ class WarningShown(Shown):
 
 
 class BenchShown(Shown):
-    """How a bench stands."""
+    """State of a bench."""
 
     session: str
     version: int = Field(description="Of the session: raised by every change.")
@@ -208,7 +208,7 @@ class TendonDrawn(Shown):
 
 
 class StringDrawn(Shown):
-    """Where a tendon that carries a weight leaves the drawing."""
+    """Course of a loaded tendon to the edge of the drawing."""
 
     tendon: str
     mass_g: float
@@ -226,7 +226,7 @@ class ViewDrawn(Shown):
 
 
 class PlaceDrawn(Shown):
-    """Where the load cell can sit, and how its forces lie in the drawing."""
+    """Possible position of the load cell, and the matrices of its forces in the drawing."""
 
     at_mm: Vector = Field(description="Where the force acts [mm].")
     from_mount: Matrix = Field(description="Takes a force in mount axes to the drawing's; no unit.")

@@ -17,7 +17,7 @@ class BenchCommand(Form):
 
 
 class Done(Shown):
-    """A command that the bench has carried out; what came of it is told as its events."""
+    """Command that the bench has carried out; its results follow as events."""
 
     session: str
     command: str

@@ -45,7 +45,7 @@ class AskedAddition(Form):
 
 
 class AskedDiagnosis(Form):
-    """Where a model fails, and which effect is missing."""
+    """Request to find where a model fails and which effect is missing."""
 
     model: Model = None
     thorough: Annotated[

@@ -22,7 +22,7 @@ class Force(Shown):
 
 
 class InvertedCase(Shown):
-    """What a closure assigns to one load case."""
+    """Forces that a closure assigns to one load case."""
 
     id: str
     role: str
@@ -37,7 +37,7 @@ class InvertedCase(Shown):
 
 
 class InvertedMuscle(Shown):
-    """How the closure did on one muscle over the cases."""
+    """Performance of the closure on one muscle over the cases."""
 
     name: str
     merged: list[str] = Field(description="The finger's muscles that it stands for.")
@@ -102,7 +102,7 @@ MOVED: dict[str, Any] = {"motions": ["wu2008_tap"], "muscles": ["wu2008"], "fing
 
 
 class MovementChoices(Shown):
-    """What a movement can be asked with."""
+    """Choices for a movement."""
 
     model_config = ConfigDict(json_schema_extra={"example": MOVED})
 
@@ -146,7 +146,7 @@ class AskedActivation(Form):
 
 
 class Deficit(Shown):
-    """What the tip force becomes while one muscle loses its activation."""
+    """Tip force while one muscle loses its activation."""
 
     muscle: str
     levels_pct: list[float] = Field(description="Of its activation [%].")

@@ -71,7 +71,7 @@ class TensionEstimated(Form):
 
 
 class MountGiven(Form):
-    """How the cell sits at one location."""
+    """Mount of the cell at one location."""
 
     frame: Name | None = Field(None, description="The bone whose axes the readings end in.")
     rotation_deg: Annotated[
@@ -89,7 +89,7 @@ class CellGiven(Form):
 
 
 class HeaderGiven(Form):
-    """What no recording tells: specimen, finger, friction, cell."""
+    """Data that no recording holds: specimen, finger, friction, cell."""
 
     specimen: SpecimenGiven
     finger: Annotated[str, Field(max_length=100)] = "an1979_middle"
@@ -99,7 +99,7 @@ class HeaderGiven(Form):
 
 
 class ChoiceGiven(Form):
-    """What a plateau is taken for."""
+    """Meaning of a plateau."""
 
     kind: Literal["load", "tare", "skip"]
     masses_g: Annotated[dict[Name, Mass], Field(max_length=20)] = Field(default_factory=dict)
@@ -128,7 +128,7 @@ class ChannelShown(Shown):
 
 
 class RecordingShown(Shown):
-    """What is in a recording."""
+    """Contents of a recording."""
 
     name: str
     readings: int
@@ -151,7 +151,7 @@ class LineProposed(Shown):
 
 
 class ProposalShown(Shown):
-    """Which channel is proposed for what; nothing of it is used before somebody has confirmed it."""
+    """Proposed mapping of channels; nothing of it is used before a person has confirmed it."""
 
     mapping: dict[str, Any] | None = Field(description="As lab-file-map/1; null where the file tells nothing.")
     lines: list[LineProposed]
@@ -160,7 +160,7 @@ class ProposalShown(Shown):
 
 
 class LookedAt(Shown):
-    """What is in recordings."""
+    """Contents of recordings."""
 
     schema_: str = Field(alias="schema", examples=["fingertwin/recordings/1"])
     recordings: list[RecordingShown]
@@ -208,7 +208,7 @@ class Laid(Shown):
 
 
 class DraftFinding(Shown):
-    """What a check says."""
+    """Finding of a check."""
 
     level: str
     where: str
@@ -225,7 +225,7 @@ class SuspectShown(Shown):
 
 
 class Drafted(Shown):
-    """What a session would be."""
+    """Draft of a session."""
 
     schema_: str = Field(alias="schema", examples=["fingertwin/recordings/1"])
     cases: int

@@ -203,7 +203,7 @@ class Exclusion(Form):
 
 
 class Amended(Form):
-    """What a load case really was, where it was entered wrongly; the entry is kept."""
+    """Amendment of a load case that was entered wrongly; the entry is kept."""
 
     masses_g: dict[Annotated[str, Field(max_length=40)], Annotated[float, Field(ge=0.0, le=1e6)]] | None = Field(
         None, max_length=40, description="Everything that hung [g].", examples=[{"FDS": 950.0}]
@@ -241,7 +241,7 @@ class EditList(Shown):
 
 
 class Edited(Shown):
-    """What an edit made."""
+    """Result of an edit."""
 
     session: str
     version: int

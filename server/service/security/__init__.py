@@ -1,1 +1,1 @@
-"""Who may ask: the address, origin, token, rate and size of a request. It imports `web` and `storage`."""
+"""Access to the service: address, origin, token, rate and size of a request. It imports `web` and `storage`."""

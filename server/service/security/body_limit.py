@@ -1,4 +1,4 @@
-"""How much of a request's body is taken, and how one that is refused ends so that its sender reads why."""
+"""Limit on a request's body, and an orderly end of one that is refused, so that its sender reads the reason."""
 
 from __future__ import annotations
 

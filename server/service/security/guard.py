@@ -1,4 +1,4 @@
-"""What no request gets past: the address it was sent to, the page it comes from, its token, its rate and its size."""
+"""Checks that every request passes: its address, page of origin, token, rate and size."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ class Guard:
 
 
 class _Socket:
-    """What is sent through a WebSocket, for as long as its token is valid."""
+    """WebSocket that sends only while its token is valid."""
 
     def __init__(self, scope: Scope, send: Send, tokens: TokenBook, token: Token | None) -> None:
         self._send, self._tokens, self._token = send, tokens, token
@@ -218,7 +218,7 @@ def _headers(scope: Scope) -> Headers:
 
 
 def _actor(scope: Scope, token: Token | None) -> tuple[str, str]:
-    """Who asks, and from where, as the audit trail keeps it: a token's name, never what a request says of itself."""
+    """Return the actor for the audit trail: a token's name and address, never a statement of the request itself."""
     address = (scope.get("client") or ("",))[0]
     return (token.name, f"{address}, token {token.id}") if token else ("local", address)
 

@@ -1,4 +1,4 @@
-"""Which web pages may speak to the service: its own, and none else.
+"""Web pages that may use the service: its own, and no others.
 
 A browser on this machine reaches a service that listens on loopback only, and so does every page that is open in it.
 Such a page cannot hide its origin, and a name of its maker's that is pointed at 127.0.0.1 stays in the Host header.
@@ -23,7 +23,7 @@ def authority(text: str) -> tuple[str, int | None] | None:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a name or an address is this machine's own, reached from this machine only."""
+    """Return whether a name or an address is this machine's own, reached from this machine only."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -32,7 +32,7 @@ def is_loopback(host: str) -> bool:
 
 @lru_cache(256)
 def is_ours(host: str, configured: str) -> bool:
-    """Whether a Host header names a service that listens on loopback.
+    """Return whether a Host header names a service that listens on loopback.
 
     Args:
         host: the header.
@@ -57,7 +57,7 @@ def scheme_of(own: str, proto: str | None, *, forwarded: bool) -> str:
 
 
 def is_same(origin: str, host: str, spoken: str) -> bool:
-    """Whether a page's origin is the service itself, as the request's Host names it, by the scheme that is spoken."""
+    """Return whether a page's origin is the service itself, by the request's Host and scheme."""
     scheme, _, rest = origin.partition("://")
     page, here = authority(rest), authority(host)
     default = _PORTS.get(scheme.lower())
@@ -67,7 +67,7 @@ def is_same(origin: str, host: str, spoken: str) -> bool:
 
 
 def is_foreign(site: str, mode: str, method: str) -> bool:
-    """Whether a browser says that another site's page has made a request; a link that is followed is none.
+    """Return whether a browser says that another site's page has made a request; a link that is followed is none.
 
     Args:
         site: of the header Sec-Fetch-Site; empty where it is absent.

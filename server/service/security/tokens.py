@@ -58,7 +58,7 @@ class Token:
     revoked_utc: str | None
 
     def state(self, at: dt.datetime | None = None) -> Literal["valid", "expired", "revoked"]:
-        """Whether it can be used."""
+        """Return whether it can be used."""
         if self.revoked_utc is not None:
             return "revoked"
         ends = self.expires_utc and dt.datetime.fromisoformat(self.expires_utc)
@@ -144,7 +144,7 @@ class TokenBook:
         self._tokens: dict[str, tuple[Token, str]] = {}
 
     def stale(self, *, known: bool) -> bool:
-        """Whether they are to be read again: soon where a token is not known, in case it is new."""
+        """Return whether they are to be read again: soon where a token is not known, in case it is new."""
         return self._clock() - self._read_s >= (FRESH_S if known else NEW_S)
 
     def refresh(self, *, known: bool = False) -> None:
@@ -163,6 +163,6 @@ class TokenBook:
         return token if same and token is not None and token.state() == "valid" else None
 
     def holds(self, token: Token) -> bool:
-        """Whether a token that was found is still valid."""
+        """Return whether a token that was found is still valid."""
         now, _ = self._tokens.get(token.id, (None, _NONE))
         return now is not None and now.state() == "valid"

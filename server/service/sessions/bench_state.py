@@ -1,4 +1,4 @@
-"""How a bench stands, folded from its events: what is done, what comes next, the tare in force, and what is wrong now.
+"""State of a bench, folded from its events: steps done, the next step, the tare in force, and present faults.
 
 A warning stands as long as its cause does; what is done again, or put right, takes it away.
 """
@@ -60,7 +60,7 @@ _UNKNOWN: tuple[str, str, frozenset[str]] = ("The bench warns", "Look before the
 
 @dataclass
 class StreamHealth:
-    """What the load cell's stream has gone through.
+    """History of the load cell's stream: gaps, losses, overloads.
 
     Attributes:
         state: waiting for readings, streaming, silent, lost (the cable), or ended; why: of a lost one.

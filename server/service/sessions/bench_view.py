@@ -1,4 +1,4 @@
-"""What a page shows of a bench: its steps with what hangs in each, what to do now, its tare, its stream, its cell."""
+"""View of a bench for a page: steps with their weights, the next action, tare, stream, cell."""
 
 from __future__ import annotations
 

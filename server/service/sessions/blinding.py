@@ -1,4 +1,4 @@
-"""What may be seen while a bench is running: nothing that a model says of validation cases."""
+"""Blinding while a bench is running: no prediction of a validation case is shown."""
 
 from __future__ import annotations
 

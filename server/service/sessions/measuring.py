@@ -31,7 +31,7 @@ _MOST_CACHED = 64
 
 @dataclass(frozen=True)
 class CaseState:
-    """How far a load case is.
+    """Progress of a load case.
 
     Attributes:
         state: measured, waiting for readings, failed, or excluded.
@@ -70,12 +70,12 @@ class Measured:
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """What a check warns of, as far as the session is measured."""
+        """Warnings of the check, as far as the session is measured."""
         return () if self.measured is None else warnings_of(self.measured, self.plateaus)
 
     @property
     def waits(self) -> bool:
-        """Whether readings are still to come."""
+        """True if readings are still to come."""
         return any(s.state == "waiting" or (s.state == "measured" and s.why) for s in self.states.values())
 
     def require(self) -> MeasuredSession:
@@ -202,7 +202,7 @@ def _state(case: LoadCase, reduced: Reduced) -> CaseState:
 
 
 def _tare_to_come(case: LoadCase, reduced: Reduced) -> bool:
-    """Whether a case lacks nothing but its second tare, without which it has a force all the same."""
+    """Return whether a case lacks nothing but its second tare, without which it has a force all the same."""
     after = case.unloaded_after_s
     return after in reduced.waiting and {case.unloaded_s, case.loaded_s} <= set(reduced.plateaus)
 
@@ -212,7 +212,7 @@ def _bracketed(case: LoadCase, reduced: Reduced) -> LoadCase:
 
 
 def _assembled(session: Session, plateaus: Mapping[Span, Plateau]) -> MeasuredSession:
-    """Where the tension factor is to be estimated and cannot be yet, take the published one and say so."""
+    """Assemble the forces; take the published tension factor, and say so, where it cannot be estimated yet."""
     try:
         return assemble(session, plateaus)
     except SessionError as error:

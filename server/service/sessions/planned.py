@@ -80,7 +80,7 @@ def _proposals(record: Record) -> Sequence[Edit]:
 
 
 def _alike(record: Record, wanted: Mapping[str, Any]) -> int:
-    """How many cases of the session hang the same at the same place."""
+    """Count the session's cases with the same load at the same place."""
 
     def hung(masses: Any) -> dict[str, float]:
         return {str(m): float(g) for m, g in (masses or {}).items() if g}

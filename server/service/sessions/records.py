@@ -1,4 +1,4 @@
-"""What the service knows of a session, put together from what was posted or sent by a bench, and from edits."""
+"""Record of a session, from the posted document or a bench's events, and from edits."""
 
 from __future__ import annotations
 

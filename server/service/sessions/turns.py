@@ -31,7 +31,7 @@ class Turns:
 
 
 class Made(Generic[T]):
-    """What was made last, by what it was made of; whoever asks for what is being made waits for it.
+    """Cache of results by their inputs; callers of a result that is being made wait for it.
 
     Args:
         most: so many are kept.
@@ -42,7 +42,7 @@ class Made(Generic[T]):
         self._known: OrderedDict[Hashable, T] = OrderedDict()
 
     def of(self, key: Hashable, make: Callable[[], T]) -> T:
-        """What is kept by a key, or is made now; nothing is kept where that fails."""
+        """Return the cached result of a key, or make it; nothing is kept where that fails."""
         with self._turns.of(key):
             with self._lock:
                 if key in self._known:

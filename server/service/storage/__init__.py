@@ -1,4 +1,4 @@
-"""What the service keeps: its database and tables, checksums, messages, the audit trail, and what is removed for good.
+"""Storage of the service: database and tables, checksums, messages, audit trail, permanent removal.
 
 It imports settings and answers only; it knows no request and no model.
 """

@@ -20,7 +20,7 @@ _ROWS = 1000
 
 @dataclass(frozen=True)
 class Actor:
-    """Who asks.
+    """Author of a request.
 
     Attributes:
         who: the token's name; `local` for whoever needs none; the user of the machine on the command line.
@@ -47,7 +47,7 @@ def acting(who: str, origin: str) -> Iterator[None]:
 
 
 def actor() -> Actor:
-    """Who asks for what is being done."""
+    """Return the author of the present request."""
     return _ACTOR.get() or _ITSELF
 
 

@@ -14,7 +14,7 @@ _DIGITS = 64
 
 
 class DamagedError(Exception):
-    """What is stored is not what was written.
+    """Stored data that differ from the data that were written.
 
     Args:
         what: that is damaged, with its place as far as it is known.

@@ -75,7 +75,7 @@ class Database:
             yield connection
 
     def alive(self) -> bool:
-        """Whether it answers."""
+        """Return whether it answers."""
         try:
             with self.reading() as connection:
                 return connection.execute(text("SELECT 1")).scalar() == 1

@@ -14,7 +14,7 @@ BESIDE = ("-wal", "-shm", "-journal")
 
 @contextmanager
 def beside(target: Path) -> Iterator[Path]:
-    """Yield a temporary name in the folder of a file; what is left of it afterwards is removed."""
+    """Yield a temporary name in the folder of a file; a file left under it is removed afterwards."""
     temporary = target.with_name(f".{uuid4().hex[:12]}.{target.name}")
     try:
         yield temporary

@@ -1,4 +1,4 @@
-"""What the service tells: messages that are kept with their cause, and told to whoever listens once they are kept."""
+"""Messages of the service: each is kept with its cause, and sent to listeners once it is kept."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from server.service.storage.schema import messages
 
 @dataclass(frozen=True)
 class Message:
-    """Something that is told.
+    """Message to listeners.
 
     Attributes:
         kind: session, event, case, job, revision, or one that is not kept: trace, estimate, bench.
@@ -43,7 +43,7 @@ Listener = Callable[[Message], None]
 
 @dataclass(eq=False)
 class Telling:
-    """A transaction whose messages are told when it is kept."""
+    """Transaction whose messages are published when it is committed."""
 
     connection: Connection
     told: list[Message] = field(default_factory=list)

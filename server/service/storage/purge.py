@@ -1,4 +1,4 @@
-"""What nobody needs any more, removed for good, and its space given back: deleted sessions, old jobs and messages.
+"""Permanent removal of deleted sessions, old jobs and messages, with their disk space.
 
 Revisions and frozen predictions stay, since models rest on them; so does the id of a session, which is not used twice.
 """
@@ -27,7 +27,7 @@ _CHUNKS, _ROWS, _PAGES = 32, 500, 2048
 
 @dataclass(frozen=True)
 class Purged:
-    """What was removed, or would be.
+    """Rows removed, or to be removed.
 
     Attributes:
         sessions: deleted ones whose content is gone.

@@ -244,7 +244,7 @@ def _limited(source: ReadingSource) -> Iterator[ReadingBlock]:
 
 
 def too_large(found: str, most: int | None = None) -> ProblemError:
-    """What refuses readings that are too many."""
+    """Return the refusal of readings that are too many."""
     return ProblemError(
         413,
         f"readings of {found}",

@@ -135,7 +135,7 @@ def _within(mapping: LabFileMap | None, folder: Path, names: set[str]) -> LabFil
 
 
 def look(files: Sent, mapping: Mapping[str, Any] | None, theme: Theme) -> dict[str, Any]:
-    """What is in recordings, and which channel is proposed for what.
+    """Return the contents of recordings, and the proposed mapping of channels.
 
     Raises:
         InputError: one cannot be read, or the mapping does not fit.
@@ -188,7 +188,7 @@ def _proposed(path: Path, given: Held) -> dict[str, Any]:
 
 
 def _partly(path: Path) -> list[dict[str, Any]]:
-    """What is known of a mapping that cannot be proposed whole."""
+    """Return the known lines of a mapping that cannot be proposed in full."""
     source = open_channels(path)
     channels = propose_channels(source, []) or {}
     nothing = {"channel": None, "unit": None, "increment_s": None, "sure": 0.0}
@@ -288,7 +288,7 @@ def _line(note: Note) -> dict[str, Any]:
 
 
 def draft(body: NewFromRecordings) -> dict[str, Any]:
-    """What a session would be: what is wrong with it, what a diagnosis would lack, and which case looks like another.
+    """Return the faults of a draft session, the gaps for a diagnosis, and cases that resemble another load.
 
     Raises:
         InputError: it cannot be used.

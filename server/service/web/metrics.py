@@ -1,4 +1,4 @@
-"""What Prometheus is told: requests, ingest, jobs, live clients, the database, the process."""
+"""Metrics for Prometheus: requests, ingest, jobs, live clients, the database, the process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the service answers when something is wrong: `application/problem+json` (RFC 9457) with what to do."""
+"""Error answers of the service: `application/problem+json` (RFC 9457) with a remedy."""
 
 from __future__ import annotations
 
