@@ -52,8 +52,17 @@ class Recorded:
     @property
     def postures(self) -> dict[str, dict[str, float]]:
         """Angles [deg] of each posture that an identification case was measured in."""
-        used = {case["posture"] for case in self.document["cases"] if case["role"] == "identification"}
+        return {name: angles for name, angles in self.document["postures_deg"].items() if name in self._identifying}
+
+    @property
+    def unseen_postures(self) -> dict[str, dict[str, float]]:
+        """Angles [deg] of each posture that only validation cases were measured in."""
+        used = {case["posture"] for case in self.document["cases"]} - self._identifying
         return {name: angles for name, angles in self.document["postures_deg"].items() if name in used}
+
+    @property
+    def _identifying(self) -> set[str]:
+        return {case["posture"] for case in self.document["cases"] if case["role"] == "identification"}
 
     def within(self, case: dict[str, Any], window: str) -> NDArray[np.bool_]:
         """Which samples lie in a window of a case."""
@@ -90,7 +99,15 @@ def side(session: Recorded, _: Rng) -> None:
 
 def sign(session: Recorded, rng: Rng) -> None:
     """Enter one angle of one posture with the other sign."""
-    postures = session.postures
+    _turn_one(session.postures, rng)
+
+
+def unseen_sign(session: Recorded, rng: Rng) -> None:
+    """The same in a posture of validation cases alone."""
+    _turn_one(session.unseen_postures, rng)
+
+
+def _turn_one(postures: dict[str, dict[str, float]], rng: Rng) -> None:
     bent = [(p, j) for p, angles in postures.items() for j, a in angles.items() if abs(a) >= 15.0]
     posture, joint = bent[int(rng.integers(len(bent)))]
     postures[posture][joint] *= -1.0
@@ -98,7 +115,15 @@ def sign(session: Recorded, rng: Rng) -> None:
 
 def radians(session: Recorded, rng: Rng) -> None:
     """Enter the angles of one posture in radians."""
-    postures = session.postures
+    _in_radians(session.postures, rng)
+
+
+def unseen_radians(session: Recorded, rng: Rng) -> None:
+    """The same in a posture of validation cases alone."""
+    _in_radians(session.unseen_postures, rng)
+
+
+def _in_radians(postures: dict[str, dict[str, float]], rng: Rng) -> None:
     name = str(rng.choice(sorted(postures)))
     postures[name].update({joint: float(np.deg2rad(angle)) for joint, angle in postures[name].items()})
 
@@ -162,6 +187,8 @@ FAULTS: dict[Fault, str] = {
     side: "side",
     sign: "posture",
     radians: "posture",
+    unseen_sign: "posture",
+    unseen_radians: "posture",
     mass_unit: "mass_unit",
     axes: "axes",
     every_sign: "axes",

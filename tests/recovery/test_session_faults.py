@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 import yaml
 
-from benchmarks.session_faults import Recorded, gain_of, radians, side, sign, zero_before_each_weight
+from benchmarks.session_faults import (
+    Recorded,
+    gain_of,
+    radians,
+    side,
+    sign,
+    unseen_radians,
+    unseen_sign,
+    zero_before_each_weight,
+)
 from tests.recovery.diagnosed import diagnosed
 from tests.simulator import draw_session
 
@@ -21,6 +30,8 @@ from tests.simulator import draw_session
         (side, "side", "the side is the other one"),
         (sign, "posture", "has the other sign"),
         (radians, "posture", "in radians"),
+        (unseen_sign, "posture", "has the other sign"),
+        (unseen_radians, "posture", "in radians"),
     ],
 )
 def test_what_was_entered_wrongly_throughout_is_named(

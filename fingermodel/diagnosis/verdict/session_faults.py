@@ -7,7 +7,7 @@ in which what was entered differs from what was done in every case at once.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal, get_args
@@ -22,9 +22,10 @@ from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
+from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.settings import GAIN_SPREAD, P_FAULT, SURE, SUSPECT
+from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, check
 
 Floats = NDArray[np.float64]
 Kind = Literal["tendon_labels", "side", "posture", "mass_unit", "axes", "unit", "gain", "tare"]
@@ -126,14 +127,56 @@ def session_faults(found: Sequence[PutRight], posterior: Posterior) -> list[Sess
     """
     # As a slip in one case it is weighed by the whole likelihood, not by a power of it.
     as_it_is = [fit.log_posterior for fit in posterior.fits.values()]
-    total = float(logsumexp([*as_it_is, *(f.log_posterior for f in found)]))
-    out = [SessionFault(f.kind, f.words, float(np.exp(f.log_posterior - total))) for f in found]
-    return sorted((f for f in out if f.probability >= SUSPECT), key=lambda f: -f.probability)
+    return _probable(found, [f.log_posterior for f in found], as_it_is)
+
+
+def unseen_postures(
+    candidates: Candidates, posterior: Posterior, checked: Mapping[Explanation, PredictiveCheck]
+) -> list[SessionFault]:
+    """Faults of postures that only validation cases use, by how well these are predicted once one is put right.
+
+    Args:
+        candidates: of the diagnosis.
+        posterior: of the session as entered.
+        checked: validation cases as entered, by explanation, the most probable one among them.
+
+    Returns:
+        As `session_faults`; none where the cases are as the most probable explanation predicts them.
+    """
+    leader = posterior.leader
+    session, as_entered = leader.session, checked[leader.explanation]
+    if not (as_entered.vetoes or as_entered.bad):
+        return []
+    offers = list(_angles(session, _postures(session, ~session.fitted) - _postures(session, session.fitted)))
+    values = []
+    for offer in offers:
+        fitter = Fitter(_with_readings(session, offer.observations).seen_from(leader.theta), candidates, leader.hyper)
+        again = fitter.linearised(
+            leader.explanation, leader.theta, leader.node, leader.bad, leader.log_prior, converged=True
+        )
+        values.append(posterior.weight(leader) + check(again).log_evidence + _log_share(len(offers)))
+    rest = [posterior.weights[e] + c.log_evidence for e, c in checked.items()]
+    return _probable(offers, values, rest)
 
 
 def outdoes(found: Sequence[PutRight], log_posterior: float) -> bool:
     """Whether a fault is sure whatever may act, if nothing that acts has a higher log posterior than this."""
     return any(f.log_posterior - log_posterior > logit(SURE) for f in found)
+
+
+def _probable(
+    found: Sequence[PutRight | _Corrected], log_posterior: Sequence[float], rest: Sequence[float]
+) -> list[SessionFault]:
+    """Faults that are more probable than not, most probable first; `rest` are log posteriors without any fault."""
+    total = float(logsumexp([*rest, *log_posterior]))
+    out = [SessionFault(f.kind, f.words, float(np.exp(v - total))) for f, v in zip(found, log_posterior, strict=True)]
+    return sorted((f for f in out if f.probability >= SUSPECT), key=lambda f: -f.probability)
+
+
+def _with_readings(session: Session, observations: Observations) -> Session:
+    """The session with other observations of the same cases."""
+    other = session_of(session.model, observations, session.plane)
+    return replace(other, problem=replace(other.problem, free=session.problem.free))
 
 
 def _log_share(alike: int) -> float:
@@ -145,8 +188,7 @@ def _fitted(
     session: Session, candidates: Candidates, nothing: Optimum, offer: _Corrected, log_share: float
 ) -> PutRight:
     """Fit the base model with a fault put right, and one effect beside it."""
-    other = session_of(session.model, offer.observations, session.plane)
-    other = replace(other, problem=replace(other.problem, free=session.problem.free))
+    other = _with_readings(session, offer.observations)
     fitter = Fitter(other, candidates, nothing.hyper)
     first = fitter.fit(NOTHING, session.problem.centre, nothing.hyper.start(0))
     again = replace(fitter, session=other.seen_from(first.theta))
@@ -231,7 +273,7 @@ def _corrected(session: Session) -> Iterator[_Corrected]:
         words = f"{muscles[a]} and {muscles[b]} were exchanged throughout"
         yield _Corrected("tendon_labels", words, _with(o, tension=tension[:, order]))
     yield _Corrected("side", "the side is the other one (readings are mirrored)", _mirrored(o))
-    yield from _angles(session)
+    yield from _angles(session, _postures(session, session.fitted))
     yield from _tares(session)
     for unit, grams in _UNITS_G.items():
         yield _Corrected("mass_unit", f"masses are in {unit}", _with(o, tension=tension * grams))
@@ -268,13 +310,17 @@ def _turned(observations: Observations) -> _Corrected:
     return _Corrected("axes", words, replace(observations, wrench=-observations.wrench))
 
 
-def _angles(session: Session) -> Iterator[_Corrected]:
-    """One angle of one fitted posture with the other sign; all its angles in radians."""
+def _postures(session: Session, chosen: NDArray[np.bool_]) -> set[str]:
+    """Names of the postures of some readings (n,)."""
+    return {session.observations.postures[case] for case in session.rows[chosen] // 6}
+
+
+def _angles(session: Session, names: Collection[str]) -> Iterator[_Corrected]:
+    """One angle of one of some postures with the other sign; all its angles in radians."""
     o = session.observations
     angles, rotations = np.asarray(o.inputs.posture), session.model.finger.topology.rotations
-    fitted = {o.postures[case] for case in session.rows[session.fitted] // 6}
     for name, posture in o.posture_angles.items():
-        if name not in fitted:
+        if name not in names:
             continue
         here = np.array([p == name for p in o.postures])
         for k, rotation in enumerate(rotations):
