@@ -82,11 +82,38 @@ class Recorded:
 
 def tendons(session: Recorded, rng: Rng) -> None:
     """Exchange two tendons throughout."""
-    hung = sorted({m for c in session.document["cases"] for m in c["masses_g"]})
+    _exchange_tendons(session.document["cases"], rng)
+
+
+def tendons_in_a_posture(session: Recorded, rng: Rng) -> None:
+    """The same in all cases of one posture."""
+    name = str(rng.choice(sorted(session.postures)))
+    _exchange_tendons([c for c in session.document["cases"] if c["posture"] == name], rng)
+
+
+def tendons_from_a_change_on(session: Recorded, rng: Rng) -> None:
+    """The same from a change of posture or mount on: the cables were led anew."""
+    cases = session.document["cases"]
+    settings = [(c["posture"], c["location"]) for c in cases]
+    changes = [k for k in range(1, len(cases)) if settings[k] != settings[k - 1]]
+    # Enough cases that the rest is not a posture by itself.
+    _exchange_tendons(cases[int(rng.choice([k for k in changes if k < 0.8 * len(cases)])) :], rng)
+
+
+def _exchange_tendons(cases: list[dict[str, Any]], rng: Rng) -> None:
+    hung = sorted({m for c in cases for m in c["masses_g"]})
     a, b = rng.choice(hung, 2, replace=False).tolist()
     other = {a: b, b: a}
-    for case in session.document["cases"]:
+    for case in cases:
         case["masses_g"] = {other.get(m, m): g for m, g in case["masses_g"].items()}
+
+
+def postures(session: Recorded, rng: Rng) -> None:
+    """Exchange two postures throughout."""
+    a, b = rng.choice(sorted(session.postures), 2, replace=False).tolist()
+    other = {a: b, b: a}
+    for case in session.document["cases"]:
+        case["posture"] = other.get(case["posture"], case["posture"])
 
 
 def side(session: Recorded, _: Rng) -> None:
@@ -184,6 +211,9 @@ Fault = Callable[[Recorded, Rng], None]
 # With the kind that is to be said. A gain of both mounts is friction of the rig, and none of these.
 FAULTS: dict[Fault, str] = {
     tendons: "tendon_labels",
+    tendons_in_a_posture: "tendon_labels",
+    tendons_from_a_change_on: "tendon_labels",
+    postures: "posture",
     side: "side",
     sign: "posture",
     radians: "posture",

@@ -27,7 +27,7 @@ from fingermodel.diagnosis.verdict.hints import Hint, hints
 from fingermodel.diagnosis.verdict.own_curve import own_curves
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, checks, holding, together
 from fingermodel.diagnosis.verdict.sensitivity import Sensitivity, sensitivity
-from fingermodel.diagnosis.verdict.session_faults import SessionFault, outdoes, put_right, session_faults, unseen_postures
+from fingermodel.diagnosis.verdict.session_faults import SessionFault, outdoes, put_right, session_faults, unseen_faults
 from fingermodel.diagnosis.verdict.verdict import Verdict, judge, likeliest, stated_node, sure_names
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
@@ -157,7 +157,7 @@ def diagnose(
     asked = sensitivity(posterior, verdict)
     found: tuple[Hint, ...] = ()
     curves: tuple[SmoothCurve, ...] = ()
-    faults = tuple(session_faults(put, posterior) or unseen_postures(candidates, posterior, checked))
+    faults = tuple(session_faults(put, posterior) or unseen_faults(candidates, posterior, checked))
     if faults:
         # To be put right in the session: what would make up for it is no finding.
         verdict = in_doubt(verdict, said(faults[0]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -142,32 +142,47 @@ def check(fit: Optimum, slips: Slips | None = None) -> PredictiveCheck:
         return PredictiveCheck(None, None, {}, {})
     predictions = _predictions(fit)
     p = predictions[0][1]
-    size = p.bad_size
-    component, slips = session.rows[~session.fitted] % 6, slips or Slips(session)
-    bad: dict[int, float] = {}
-    explained: dict[int, Explained] = {}
+    slips, scatter = slips or Slips(session), fit.hyper.values(fit.best).scatter
+    bad: set[int] = set()
     for _ in range(1 + len(np.unique(p.cases)) // 4):
-        factor = root_of(p.covariance + np.diag(np.isin(p.cases, list(bad)) * size**2))
-        inverse = np.asarray(np.linalg.inv(factor), dtype=np.float64)
-        precision = inverse.T @ inverse
-        a = precision @ p.away
-        apart = {}
-        for case in np.unique(p.cases).tolist():
-            at = np.flatnonzero(p.cases == case)
-            if case not in bad:
-                apart[case] = Apart.of(case, component[at], size[at], precision[np.ix_(at, at)], a[at], bad=False)
-        could = {case: one for case, one in apart.items() if one.misfit > -LOG_PRIOR_ODDS}
-        found = slips.explain(could, fit.theta, fit.hyper.values(fit.best).scatter)
+        sound = {case: one for case, one in _apart(session, p, bad).items() if case not in bad}
+        could = {case: one for case, one in sound.items() if one.misfit > -LOG_PRIOR_ODDS}
+        found = slips.explain(could, fit.theta, scatter)
         odds = {case: LOG_PRIOR_ODDS + could[case].anything + found[case].gain for case in could}
         worst = max(odds, key=lambda c: odds[c], default=None)
         if worst is None or odds[worst] < SUSPECT_LOG_ODDS:
             break
-        for case in {worst, found[worst].partner} - {None}:
-            bad[case], explained[case] = max(odds[case], SUSPECT_LOG_ODDS), found[case]
-    spoilt = np.diag(np.isin(p.cases, list(bad)) * size**2)
-    each = [np.log(w) + _log_normal(q.away, q.covariance + spoilt)[0] for w, q in predictions]
+        partner = found[worst].partner
+        bad |= {worst} if partner is None else {worst, partner}
+    # Held against one another while all seemed sound, bad cases make each other look worse, or better.
+    while True:
+        apart = {case: one for case, one in _apart(session, p, bad).items() if case in bad} if bad else {}
+        explained = slips.explain(apart, fit.theta, scatter)
+        odds = {case: LOG_PRIOR_ODDS + apart[case].anything + explained[case].gain for case in apart}
+        least = min(odds, key=lambda c: odds[c], default=None)
+        if least is None or odds[least] >= SUSPECT_LOG_ODDS:
+            break
+        bad.remove(least)
+    each = [np.log(w) + _log_normal(q.away, q.covariance + _spoilt(q, bad))[0] for w, q in predictions]
     log_evidence = float(logsumexp(each)) + sum(LOG_PRIOR_ODDS + one.gain for one in explained.values())
-    return PredictiveCheck(None, None, {}, {}, log_evidence, predictions).setting_apart(bad, explained)
+    return PredictiveCheck(None, None, {}, {}, log_evidence, predictions).setting_apart(odds, explained)
+
+
+def _spoilt(prediction: Prediction, bad: Collection[int]) -> Floats:
+    """Covariance (n, n) by which the readings of bad cases may be off."""
+    return np.diag(np.isin(prediction.cases, list(bad)) * prediction.bad_size**2)
+
+
+def _apart(session: Session, prediction: Prediction, bad: Collection[int]) -> dict[int, Apart]:
+    """Each case against all others, of which some are bad."""
+    p, component = prediction, session.rows[~session.fitted] % 6
+    inverse = np.linalg.inv(root_of(p.covariance + _spoilt(p, bad)))
+    precision = inverse.T @ inverse
+    score, out = precision @ p.away, {}
+    for case in np.unique(p.cases).tolist():
+        at = np.flatnonzero(p.cases == case)
+        out[case] = Apart.of(case, component[at], p.bad_size[at], precision[np.ix_(at, at)], score[at], bad=case in bad)
+    return out
 
 
 def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation, PredictiveCheck]:

@@ -1,0 +1,211 @@
+"""What may have been entered wrongly in many cases alike, and the session with it put right.
+
+Tendons or postures exchanged, the side mirrored, an angle's sign, a unit, the axes, the tare.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations, permutations
+from typing import Literal
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.comparison.observations import Observations
+from fingermodel.diagnosis.model_free.frames import rig_mistake
+from fingermodel.diagnosis.session_model.session import Session
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Kind = Literal["tendon_labels", "side", "posture", "mass_unit", "axes", "unit", "gain", "tare"]
+
+# Masses in another unit: what one that was entered as a gram is in grams.
+_UNITS_G = {
+    "kilograms": 1000.0,
+    "pounds": 453.592,
+    "ounces": 28.3495,
+    "newtons": 101.972,
+    "milligrams": 1e-3,
+    "grams, ten times too many": 0.1,
+    "grams, ten times too few": 10.0,
+}
+# A wrench of the other hand.
+_MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """The session with one fault put right.
+
+    Attributes:
+        kind: of fault.
+        words: what was done instead of what was entered.
+        observations: with it put right.
+        away: (n,) readings less the model then [N, N mm], in units of the readings as they were entered.
+        log_density: log of how many times less a unit of the readings is than one of those stated, summed over those
+            fitted.
+        gain: the mount whose readings were divided by a gain, and that gain.
+    """
+
+    kind: Kind
+    words: str
+    observations: Observations
+    away: Floats
+    log_density: float = 0.0
+    gain: tuple[str, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Entries:
+    """A session's entries, held against the model at some parameters.
+
+    Attributes:
+        session: as it was entered.
+        theta: (parameters,).
+    """
+
+    session: Session
+    theta: Floats
+
+    @cached_property
+    def away(self) -> Floats:
+        """(n,) readings less the model, as they were entered [N, N mm]."""
+        return self._residual(self.session.observations)
+
+    def corrected(self) -> Iterator[Corrected]:
+        """Every fault of labels and units that changes how well the readings are explained."""
+        o = self.session.observations
+        yield from self._tendons()
+        yield from self._postures()
+        yield from self._angles()
+        yield self._one("side", "the side is the other one (readings are mirrored)", _mirrored(o))
+        yield from self._tares()
+        for unit, grams in _UNITS_G.items():
+            tension = np.asarray(o.inputs.tension) * grams
+            yield self._one("mass_unit", f"masses are in {unit}", _with(o, tension=tension))
+
+    def frames(self) -> Iterator[Corrected]:
+        """Axes exchanged or turned round, or another unit of the readings, where balance shows it."""
+        o = self.session.observations
+        mistake = rig_mistake(self.session.model, o)
+        if mistake is not None:
+            words = f"{mistake.words[0].upper()}{mistake.words[1:]}"
+            density = float(self.session.fitted.sum() * np.log(mistake.factor))
+            kind: Kind = "unit" if mistake.unit else "axes"
+            yield replace(self._one(kind, words, mistake.put_right(o)), log_density=density)
+
+    def turned(self) -> Corrected:
+        """Forces on the finger, entered as those that it exerts; balance shows that where both mounts were read."""
+        o = self.session.observations
+        words = "the readings are what the cell exerts on the finger: every sign is turned"
+        return self._one("axes", words, replace(o, wrench=-o.wrench))
+
+    def with_gain(self, place: str, gain: float) -> Corrected:
+        """The readings of one mount divided by a gain."""
+        o = self.session.observations
+        factor = np.where(of_label(o.locations, place), 1.0 / gain, 1.0)
+        noise = o.noise.turned(factor[:, None, None] * np.eye(6))
+        here = of_label(o.locations, place)[self.session.rows // 6]
+        density = -float((here & self.session.fitted).sum() * np.log(gain))
+        found = self._one("gain", "", replace(o, wrench=o.wrench * factor[:, None], noise=noise))
+        return replace(found, away=np.where(here, gain, 1.0) * found.away, log_density=density, gain=(place, gain))
+
+    def _one(self, kind: Kind, words: str, observations: Observations) -> Corrected:
+        return Corrected(kind, words, observations, self._residual(observations))
+
+    def _residual(self, observations: Observations) -> Floats:
+        predicted = np.asarray(self.session.model.predict(observations.inputs, self.theta).reading)
+        out: Floats = (np.nan_to_num(observations.wrench) - predicted).reshape(-1)[self.session.rows]
+        return out
+
+    def _tendons(self) -> Iterator[Corrected]:
+        """Two tendons exchanged in all cases, in those of a mount or a posture, or from a change of either on."""
+        o, muscles = self.session.observations, self.session.model.finger.topology.muscles
+        tension, settings = np.asarray(o.inputs.tension), list(zip(o.postures, o.locations, strict=True))
+        blocks = {"throughout": np.ones(len(settings), dtype=bool)}
+        blocks |= {f"in {name}": of_label(o.postures, name) for name in o.posture_angles}
+        blocks |= {f"at the {place}": of_label(o.locations, place) for place in dict.fromkeys(o.locations)}
+        changes = [k for k in range(1, len(settings)) if settings[k] != settings[k - 1]]
+        blocks |= {f"from {o.ids[k]} on": np.arange(len(settings)) >= k for k in changes}
+        loaded = set(np.flatnonzero(tension.any(axis=0)).tolist())
+        for a, b in combinations(range(len(muscles)), 2):
+            if loaded & {a, b}:
+                order = np.arange(len(muscles))
+                order[[a, b]] = b, a
+                words = f"{muscles[a]} and {muscles[b]} were exchanged"
+                yield from self._in_blocks("tendon_labels", words, blocks, tension=tension[:, order])
+
+    def _postures(self) -> Iterator[Corrected]:
+        """Two postures exchanged throughout; one that was another, in all its cases or those of a mount."""
+        o = self.session.observations
+        entered = np.asarray(o.inputs.posture)
+        angles, cases = o.posture_angles, {name: of_label(o.postures, name) for name in o.posture_angles}
+        for a, b in combinations(cases, 2):
+            other = np.where(cases[a][:, None], angles[b], np.where(cases[b][:, None], angles[a], entered))
+            both = {"throughout": np.logical_or(cases[a], cases[b])}
+            yield from self._in_blocks("posture", f"{a} and {b} were exchanged", both, posture=other)
+        for name, done in permutations(cases, 2):
+            blocks = {"": cases[name]}
+            blocks |= {f"at the {p}": cases[name] & of_label(o.locations, p) for p in dict.fromkeys(o.locations)}
+            other = np.where(cases[name][:, None], angles[done], entered)
+            yield from self._in_blocks("posture", f"the posture was {done}, not {name}", blocks, posture=other)
+
+    def _in_blocks(self, kind: Kind, words: str, blocks: Mapping[str, Mask], **changed: Floats) -> Iterator[Corrected]:
+        """Change `tension` or `posture` (cases, k) in each block of cases, as far as that changes any reading."""
+        o, cases = self.session.observations, self.session.rows // 6
+        everywhere, known = self._residual(_with(o, **changed)), {self.away.tobytes()}
+        for where, block in blocks.items():
+            away = np.where(block[cases], everywhere, self.away)
+            if away.tobytes() not in known:
+                known.add(away.tobytes())
+                entered = {name: np.asarray(getattr(o.inputs, name)) for name in changed}
+                columns = {name: np.where(block[:, None], column, entered[name]) for name, column in changed.items()}
+                yield Corrected(kind, f"{words} {where}".strip(), _with(o, **columns), away)
+
+    def _angles(self) -> Iterator[Corrected]:
+        """One angle of one posture with the other sign; all its angles in radians."""
+        o, rotations = self.session.observations, self.session.model.finger.topology.rotations
+        angles = np.asarray(o.inputs.posture)
+        for name, posture in o.posture_angles.items():
+            here = of_label(o.postures, name)
+            for k in np.flatnonzero(posture):
+                turned = angles.copy()
+                turned[here, k] *= -1.0
+                words = f"{rotations[k]} in {name} has the other sign ({-np.rad2deg(posture[k]):g}°)"
+                yield self._one("posture", words, _with(o, posture=turned))
+            if 0.0 < np.rad2deg(np.abs(posture).max()) < np.pi:
+                turned = np.where(here[:, None], np.rad2deg(angles), angles)
+                yield self._one("posture", f"the angles of {name} are in radians", _with(o, posture=turned))
+
+    def _tares(self) -> Iterator[Corrected]:
+        """Readings that were tared already when the tare was taken away; one tare of each mount for all its cases."""
+        o = self.session.observations
+        if not o.tared.any():
+            return
+        words = "the readings were tared already, and the tare was taken away twice"
+        yield self._one("tare", words, replace(o, wrench=o.wrench + o.tared))
+        first = np.array([o.tared[o.locations.index(place)] for place in o.locations])
+        if not np.allclose(first, o.tared):
+            again = replace(o, wrench=o.wrench + o.tared - first)
+            yield self._one("tare", "one tare of each mount serves all its cases", again)
+
+
+def of_label(labels: Sequence[str], label: str) -> Mask:
+    """(cases,) which of them have a label."""
+    return np.array([one == label for one in labels])
+
+
+def _with(observations: Observations, **columns: Floats) -> Observations:
+    """The same readings of other loads or postures."""
+    inputs = observations.inputs._replace(**{name: jnp.asarray(column) for name, column in columns.items()})
+    return replace(observations, inputs=inputs)
+
+
+def _mirrored(observations: Observations) -> Observations:
+    """The readings of the other hand."""
+    turn = np.tile(np.diag(_MIRROR), (len(observations.ids), 1, 1))
+    return replace(observations, wrench=observations.wrench * _MIRROR, noise=observations.noise.turned(turn))
