@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fingermodel.diagnosis.case_odds import CaseOdds
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
+from fingermodel.diagnosis.posterior.marginals import Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, SUSPECT_LOG_ODDS, chance_of
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidate, Candidates, Explanation, Member
@@ -44,14 +45,14 @@ class Searched:
     Attributes:
         hyper: axes of the hyperparameters.
         fits: the best optimum of each explanation.
-        promised: log posterior and log prior of explanations that were not fitted.
+        promised: to explanations that were not fitted.
         bad: log odds of each case that is taken for a bad one, by index of the case.
         slips: what may have been done in these instead of what was entered.
     """
 
     hyper: Hyperparameters
     fits: dict[Explanation, Optimum]
-    promised: dict[Explanation, tuple[float, float]]
+    promised: dict[Explanation, Promise]
     bad: dict[int, float] = field(default_factory=dict)
     slips: dict[int, Explained] = field(default_factory=dict)
 
@@ -356,8 +357,8 @@ class Searcher:
             start = leader.expected(fit.explanation, leader.best)
             self._keep(self._fitter.fit(fit.explanation, start, fit.best, self._bad))
 
-    def _rest(self) -> dict[Explanation, tuple[float, float]]:
-        """What the leader promises explanations that were not fitted, and their log prior.
+    def _rest(self) -> dict[Explanation, Promise]:
+        """What the leader promises explanations that were not fitted.
 
         No more than would have had them fitted: a straight line from far off may promise anything.
         """
@@ -365,7 +366,7 @@ class Searcher:
         most = leader.log_posterior - WITHIN
         offers = dict.fromkeys([*self._candidates.neighbours(leader.explanation), *self._singles])
         promised = self._promised(leader, [e for e in offers if e not in self._fits], [leader.best])
-        return {e: (min(value, most), self._log_prior(e)) for e, value in promised.items()}
+        return {e: Promise.of(e, leader, min(value, most), self._log_prior(e)) for e, value in promised.items()}
 
 
 def _best_forms(promised: dict[Explanation, float]) -> list[Explanation]:

@@ -51,6 +51,33 @@ class Entry:
         return any(m.candidate.outside for m in self.explanation.members)
 
 
+@dataclass(frozen=True)
+class Promise:
+    """What the session linearised about another explanation's optimum promises an explanation that was not fitted.
+
+    Attributes:
+        log_posterior: of it.
+        log_prior: of it.
+        named: candidates that act by their name, as of an `Entry`.
+        beyond_newton: what acts besides where the promise was made, as of an `Entry`.
+    """
+
+    log_posterior: float
+    log_prior: float
+    named: frozenset[str]
+    beyond_newton: float
+
+    @classmethod
+    def of(cls, explanation: Explanation, host: Optimum, log_posterior: float, log_prior: float) -> Promise:
+        """At a host's most probable node: something smooth acts there, and the host's errors of form as it has them."""
+        has = set(host.explanation.members)
+        known, beyond = _named(host, host.best, host.sizes_newton)
+        if not has <= set(explanation.members):
+            has, known, beyond = set(), frozenset(), float(host.hyper.values(host.best).smooth_N.max())
+        new = frozenset(m.candidate.name for m in explanation.members if m not in has and not m.candidate.outside)
+        return cls(log_posterior, log_prior, known | new, beyond)
+
+
 @dataclass(frozen=True, eq=False)
 class Posterior:
     """The posterior of one session.
@@ -71,19 +98,19 @@ class Posterior:
     def of(
         cls,
         fits: dict[Explanation, Optimum],
-        promised: Mapping[Explanation, tuple[float, float]] = MappingProxyType({}),
+        promised: Mapping[Explanation, Promise] = MappingProxyType({}),
         nodes: Mapping[Explanation, Mapping[Node, float]] | None = None,
     ) -> Posterior:
         """Normalise what was fitted and what the rest promises.
 
         Args:
             fits: by explanation.
-            promised: log posterior and log prior of explanations that were not fitted.
+            promised: to explanations that were not fitted.
             nodes: log joint of each fit's nodes, where it is asked under other assumptions than it was fitted under.
         """
         values_of = {e: fit.nodes for e, fit in fits.items()} if nodes is None else nodes
         known = {e: (float(logsumexp(list(values_of[e].values()))), fit.log_prior) for e, fit in fits.items()}
-        known |= promised
+        known |= {e: (p.log_posterior, p.log_prior) for e, p in promised.items()}
         weights = {e: weighed(value, prior) for e, (value, prior) in known.items()}
         total, entries = float(logsumexp(list(weights.values()))), []
         for explanation, fit in fits.items():
@@ -91,9 +118,8 @@ class Posterior:
             for node, value in values_of[explanation].items():
                 named, beyond = _named(fit, node, sizes)
                 entries.append(Entry(explanation, fit, node, named, beyond, float(np.exp(value - less))))
-        for explanation in promised:
-            named = frozenset(m.candidate.name for m in explanation.members if not m.candidate.outside)
-            entries.append(Entry(explanation, None, None, named, 0.0, float(np.exp(weights[explanation] - total))))
+        for e, p in promised.items():
+            entries.append(Entry(e, None, None, p.named, p.beyond_newton, float(np.exp(weights[e] - total))))
         return cls(fits, tuple(entries), weights, total)
 
     def probability(self, holds: Callable[[Entry], bool]) -> float:
