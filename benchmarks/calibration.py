@@ -165,7 +165,9 @@ def ranks(fit: Optimum, node: Node, theta: Floats, rng: Rng) -> dict[str, float]
         out["form"] = float(weight[at < node[FORMS]].sum() + rng.random() * weight[at == node[FORMS]].sum())
     table, scale = fit.session.model.parameters, fit.session.problem.scale
     kept = [k for k in np.argsort(-weight)[:12] if weight[k] >= 0.01]
-    chosen: dict[str, int] = {kind: int(rng.choice(np.flatnonzero(fit.session.problem.free & table.of_kind(kind)))) for kind in KINDS}
+    chosen: dict[str, int] = {
+        kind: int(rng.choice(np.flatnonzero(fit.session.problem.free & table.of_kind(kind)))) for kind in KINDS
+    }
     if fit.explanation.size:
         chosen["effect"] = fit.explanation.parameters[0]
     place: dict[str, list[float]] = {name: [] for name in chosen}

@@ -93,11 +93,6 @@ class PlateauFinder:
         self.reason = ""
 
     @property
-    def searching(self) -> bool:
-        """True if there is a mark."""
-        return self._from_s is not None
-
-    @property
     def interval_s(self) -> float:
         """Time between readings, 0 before there are any."""
         return self._interval_s

@@ -46,7 +46,6 @@ class Readings:
         jacobian: (n, 6, rotations) of the load point, distal phalanx's axes.
         to_base: (n, 3, 3) takes the distal phalanx's axes to the metacarpal's.
         loaded: indices of the cases in which a weight hangs, in order.
-        budget_factor: times the stated budget that the rig is allowed.
     """
 
     model: Model
@@ -57,7 +56,6 @@ class Readings:
     jacobian: Floats
     to_base: Floats
     loaded: list[int]
-    budget_factor: float = 1.0
 
     @cached_property
     def masses(self) -> tuple[tuple[tuple[str, float], ...], ...]:
@@ -154,7 +152,7 @@ class Readings:
         spread = [w @ self.spread[used], *self._by_angles(weights, w, used)]
         if extra is not None:
             spread.append(extra)
-        by_budget = self.budget_factor * np.hstack(spread)
+        by_budget = np.hstack(spread)
         value = w @ self.wrench.reshape(-1)[used]
         if constant is not None:
             value = value - constant
@@ -197,7 +195,7 @@ class Readings:
         b, n = self.model.budget, len(self.wrench)
         out = np.zeros((n, 6, n, 6))
         free = [c for c in range(3) if c + 3 not in self.model.finger.topology.reactions]
-        widths = self.budget_factor * np.repeat([np.deg2rad(b.cell_rotation_sd_deg), b.mount_offset_sd_mm], 3)
+        widths = np.repeat([np.deg2rad(b.cell_rotation_sd_deg), b.mount_offset_sd_mm], 3)
         tips = [i for i in self.at("tip") if self.read[i, 3:].all()]
         for cases in self.groups(tips, lambda i: self.mounting[i]).values():
             covariance = self.observations.case_covariance[cases]

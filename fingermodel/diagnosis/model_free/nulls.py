@@ -4,12 +4,10 @@ Each compares measured forces with measured forces. Their differences are held a
 share and the errors that the rig's budget allows, in one chi-square with all correlations; what is tried within one
 test is paid for by Bonferroni. Identification and validation cases count alike, since nothing is fitted.
 
-Here are the tests by statics; `nulls_loads` compares loads with loads.
+Here are the tests by statics; `loads` compares loads with loads.
 """
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,12 +36,6 @@ def nulls(model: Model, observations: Observations) -> tuple[Null, ...]:
     readings = readings_of(model, observations)
     tests = (balance, fds_no_dip_torque, superposition, load_levels, repeats, moments_closure)
     return tuple(test(readings) for test in tests)
-
-
-def moments_violated(model: Model, observations: Observations, budget_factor: float) -> bool:
-    """Whether the tip's clamp carries moments that a rig with so many times its budget would not show."""
-    readings = replace(readings_of(model, observations), budget_factor=budget_factor)
-    return moments_closure(readings).verdict == "violated"
 
 
 def balance(r: Readings) -> Null:

@@ -17,7 +17,7 @@ from daq.standins.simulated import SimulatedCell
 from fingermodel.comparison.observations import Observations
 from fingermodel.comparison.reading_noise import Noise, SharedTare
 from fingermodel.diagnosis.model_free.budget import readings_of
-from fingermodel.diagnosis.model_free.nulls import Null, moments_violated, nulls
+from fingermodel.diagnosis.model_free.nulls import Null, nulls
 from fingermodel.fingers.files import read_finger
 from fingermodel.model import Model, jax_values, tip_kinematics_batch
 from fingermodel.rig import simulate_session
@@ -337,21 +337,6 @@ def test_good_sessions_of_another_simulator_violate_next_to_nothing(tmp_path: Pa
             bench = Session.open(folder, catalogue=False)
             wrong += [(protocol, seed, name) for name in violated(nulls(bench.model, bench.observations))]
     assert len(wrong) < 2, wrong
-
-
-@pytest.mark.parametrize("seed", [11032, 11083])
-def test_an_offset_turns_the_noise_of_forces_into_moments_that_are_none_of_the_clamps(
-    seed: int, tmp_path: Path
-) -> None:
-    """Its origin lies 6 to 8 mm off, so that a few mN of noise are more than its moments' own."""
-    draw_session(tmp_path, seed)
-    bench = Session.open(tmp_path, catalogue=False)
-    assert not moments_violated(bench.model, bench.observations, 2.0)
-    # What a clamp that jams carries, now one way and now the other, shows all the same.
-    wrench = bench.observations.wrench.copy()
-    wrench[::2, 3] += 0.5
-    wrench[1::2, 3] -= 0.5
-    assert moments_violated(bench.model, replace(bench.observations, wrench=wrench), 2.0)
 
 
 @pytest.mark.parametrize(
