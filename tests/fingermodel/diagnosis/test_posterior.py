@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.gaussian import log_mass_apart, marginal_evidence
 from fingermodel.diagnosis.posterior.hyper import Hyperparameters
-from fingermodel.diagnosis.posterior.marginals import Posterior
+from fingermodel.diagnosis.posterior.marginals import Posterior, Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import session_of
@@ -142,6 +142,24 @@ def test_a_promise_comes_near_what_a_fit_finds(fitter: Fitter, nothing: Optimum,
     own = hanger.promises([hanger.explanation], [hanger.best])[0] + hanger.log_prior
     assert own <= hanger.log_posterior + 1e-6
     assert own > hanger.log_posterior - 3.0
+
+
+def test_a_promise_counts_with_what_acts_unnamed_where_it_was_made(
+    fitter: Fitter, nothing: Optimum, hanger: Optimum
+) -> None:
+    host = replace(nothing)
+    host.__dict__["best"] = nothing.hyper.with_smooth(nothing.best)
+    unnamed = float(host.hyper.values(host.best).smooth_N.max())
+    of_hanger = Promise.of(hanger.explanation, host, nothing.log_posterior, hanger.log_prior)
+    assert (of_hanger.named, of_hanger.beyond_newton) == (frozenset({"hanger_mass"}), unnamed)
+    assert unnamed > 0.0
+    nodes = {NOTHING: {host.best: nothing.log_posterior}}
+    assert Posterior.of({NOTHING: host}, {hanger.explanation: of_hanger}, nodes).p_beyond == pytest.approx(1.0)
+    # Beside a hanger nothing is left to explain, so what is promised there acts by its name.
+    both = fitter.candidates.joined((*hanger.explanation.members, *single(fitter, "sheath_friction").members))
+    assert both is not None
+    beside = Promise.of(both, hanger, hanger.log_posterior - 1.0, hanger.log_prior)
+    assert (beside.named, beside.beyond_newton) == (frozenset({"hanger_mass", "sheath_friction"}), 0.0)
 
 
 def test_a_sound_case_is_not_suspected_and_a_spoilt_one_is(fitter: Fitter, hanger: Optimum) -> None:
