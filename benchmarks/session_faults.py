@@ -246,7 +246,8 @@ def one_session(seed: int, fault: Fault, acts: bool) -> dict[str, Any]:
             refused = str(error)
         seconds = time.perf_counter() - began
     faults = body["session_faults"]
-    named = refused is not None or (bool(faults) and faults[0]["kind"] == FAULTS[fault])
+    # Masses below a gram are refused by name; any other refusal is a fault of ours.
+    named = fault is mass_unit if refused else bool(faults) and faults[0]["kind"] == FAULTS[fault]
     return {
         "seed": seed,
         "fault": fault.__name__,
