@@ -28,7 +28,7 @@ from server.figures.style import (
     rgba,
 )
 from server.figures.tendon_lines import leaving, tendon_paths
-from server.figures.vectors import MEASURED_PX, predicted_line
+from server.figures.vectors import vector_line
 
 Floats = NDArray[np.float64]
 GRAVITY_M_S2 = 9.81
@@ -142,11 +142,11 @@ def _arrows(
             keys.append(
                 key(area.meaning, fill="toself", fillcolor=rgba(color, 0.22), line={"color": rgba(color, 0.35)})
             )
-        line: dict[str, Any] = {"color": color, "width": MEASURED_PX}
+        line = vector_line("measured", color)
         panel.traces += arrow_traces(force, origin, scale, axes, kind="measured", case=case, line=line, head_mm=head)
         keys.insert(0, key("measured", line=line))
     if hung.predicted_N is not None:
-        line = predicted_line(color)
+        line = vector_line("predicted", color)
         force = (rotation @ hung.predicted_N)[:2]
         panel.traces += arrow_traces(
             force, origin, scale, axes, kind="predicted", case=case, line=line, head_mm=head, hollow=True

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.comparison.comparison import CaseComparison, Comparison
 from server.figures import graph_objects as go
-from server.figures.arrows import Spread, area_of, arrow_traces, sector_trace
+from server.figures.arrows import area_of, arrow_traces, sector_trace
 from server.figures.compared import Compared
 from server.figures.panels import (
-    Panel,
     force_scale,
     head_mm,
     heading,
@@ -22,7 +22,7 @@ from server.figures.panels import (
     panels_of,
     thinned,
 )
-from server.figures.poses import reach_mm
+from server.figures.poses import FingerPose, reach_mm
 from server.figures.sheet import panel_axes
 from server.figures.style import INK, NothingToDrawError, load_text, mix, plain, rgba
 
@@ -47,51 +47,21 @@ def chosen_cases(comparison: Comparison, location: str, ids: Iterable[str] | Non
     return cases
 
 
-def measured_and_predicted(
-    panel: Panel,
-    axes: Mapping[str, str],
-    origin: Floats,
-    rotation: Floats,
-    mm_per_N: float,
-    colors: Mapping[str, str],
-    head: float,
-    comparison: Comparison,
-    spread: Mapping[str, Spread] | None,
-) -> set[str]:
-    """Add areas, measured and predicted vectors of a panel's cases; return what the areas stand for."""
-    meanings = set()
-    # The longest first, so that shorter ones along the same line show upon it.
-    ordered = sorted(panel.cases, key=lambda c: -float(np.linalg.norm(c.measured_N)))
-    rotated = [((rotation @ c.measured_N)[:2], (rotation @ c.predicted_N)[:2], c) for c in ordered]
-    for measured, _, case in rotated:
-        area = area_of(case, comparison.noise_assumed, spread)
-        meanings.add(area.meaning)
-        color = colors[load_text(case.masses_g)]
-        panel.traces.append(sector_trace(case, measured, area, origin, mm_per_N, color, axes))
-    for measured, _, case in rotated:
-        line = {"color": colors[load_text(case.masses_g)], "width": MEASURED_PX}
-        panel.traces += arrow_traces(
-            measured, origin, mm_per_N, axes, kind="measured", case=case, line=line, head_mm=head
-        )
-    for _, predicted, case in rotated:
-        line = predicted_line(colors[load_text(case.masses_g)])
-        panel.traces += arrow_traces(
-            predicted, origin, mm_per_N, axes, kind="predicted", case=case, line=line, head_mm=head, hollow=True
-        )
-    return meanings
-
-
-def predicted_line(color: str) -> dict[str, object]:
-    """Line of a predicted vector: thin, dashed and darker than the measured one, so that it shows upon it."""
-    return {"color": mix(color, "#000000", 0.45), "width": PREDICTED_PX, "dash": "6px,3px"}
+def vector_line(kind: str, color: str) -> dict[str, Any]:
+    """Line of a vector of a kind: what is predicted is thinner and darker, so that it shows upon what is measured."""
+    if kind == "measured":
+        return {"color": color, "width": MEASURED_PX}
+    if kind == "predicted":
+        return {"color": mix(color, "#000000", 0.45), "width": PREDICTED_PX, "dash": "6px,3px"}
+    return {"color": mix(color, INK, 0.7), "width": 1.4, "dash": "1.5px,2.5px"}
 
 
 def load_keys(colors: Mapping[str, str], meanings: Iterable[str]) -> list[go.Scatter]:
     """Entries of the legend: the two kinds of vector, the areas, and the colour of each load."""
     grey = "#8a8a8a"
     out = [
-        key("measured", line={"color": grey, "width": MEASURED_PX}),
-        key("predicted", line=predicted_line(grey) | {"color": INK}),
+        key("measured", line=vector_line("measured", grey)),
+        key("predicted", line=vector_line("predicted", grey) | {"color": INK}),
     ]
     fill = {"fill": "toself", "fillcolor": rgba(grey, 0.22), "line": {"color": rgba(grey, 0.35), "width": 0.8}}
     out += [key(meaning, **fill) for meaning in sorted(meanings)]
@@ -110,34 +80,79 @@ def vector_figure(compared: Compared, cases: Iterable[str] | None = None) -> go.
     Raises:
         NothingToDrawError: no tip force.
     """
+    return forces_figure(
+        compared,
+        chosen_cases(compared.comparison, "tip", cases),
+        lambda pose: (pose.load_point, pose.tip_rotation),
+        longest=0.6,
+        title="Tip forces",
+        subtitle="Forces on the load cell",
+    )
+
+
+def forces_figure(
+    compared: Compared,
+    cases: Sequence[CaseComparison],
+    place: Callable[[FingerPose], tuple[Floats, Floats]],
+    *,
+    longest: float,
+    title: str,
+    subtitle: str,
+    further: tuple[str, Mapping[str, Floats]] | None = None,
+) -> go.Figure:
+    """Draw the finger of each posture with measured and predicted forces at one place.
+
+    Args:
+        compared: model, session and comparison.
+        cases: to draw.
+        place: where the forces begin [mm], and the rotation that takes them to the axes of the first bone.
+        longest: length of the longest force over that of the finger.
+        title: kind of force.
+        subtitle: the force in full.
+        further: name of a second predicted force, and its value in each case (3,) [N].
+    """
     finger, comparison, values = compared.model.finger, compared.comparison, compared.values
-    drawn, note = thinned(chosen_cases(comparison, "tip", cases))
+    drawn, note = thinned(cases)
+    name, others = further or ("", {})
     panels = panels_of(finger, values, compared.observations, drawn)
     colors = load_colors(drawn)
     reach = reach_mm(values)
-    scale = force_scale([f for c in drawn for f in (c.measured_N, c.predicted_N)], 0.6 * reach)
+    head = head_mm(len(panels), reach)
+    scale = force_scale(
+        [f for c in drawn for f in (c.measured_N, c.predicted_N, others.get(c.id, np.zeros(3)))], longest * reach
+    )
     meanings: set[str] = set()
     for index, panel in enumerate(panels):
+        axes, (origin, rotation) = panel_axes(index), place(panel.pose)
         panel.heading = heading(panel, finger, comparison)
-        meanings |= measured_and_predicted(
-            panel,
-            panel_axes(index),
-            panel.pose.load_point,
-            panel.pose.tip_rotation,
-            scale,
-            colors,
-            head_mm(len(panels), reach),
-            comparison,
-            compared.spread,
-        )
+        # The longest first, so that shorter ones along the same line show upon it.
+        ordered = sorted(panel.cases, key=lambda c: -float(np.linalg.norm(c.measured_N)))
+        forces = [("measured", c, rotation @ c.measured_N) for c in ordered]
+        for _, case, force in forces:
+            area = area_of(case, comparison.noise_assumed, compared.spread)
+            meanings.add(area.meaning)
+            color = colors[load_text(case.masses_g)]
+            panel.traces.append(sector_trace(case, force[:2], area, origin, scale, color, axes))
+        forces += [("predicted", c, rotation @ c.predicted_N) for c in ordered]
+        own = sorted((c for c in panel.cases if c.id in others), key=lambda c: -float(np.linalg.norm(others[c.id])))
+        forces += [("joint", c, others[c.id]) for c in own]
+        for kind, case, force in forces:
+            line = vector_line(kind, colors[load_text(case.masses_g)])
+            look: dict[str, Any] = {"line": line, "head_mm": head if kind != "joint" else 0.9 * head}
+            panel.traces += arrow_traces(
+                force[:2], origin, scale, axes, kind=kind, case=case, hollow=kind == "predicted", **look
+            )
+    keys = load_keys(colors, meanings)
+    if others:
+        keys.insert(2, key(name, line=vector_line("joint", INK)))
     roles = sorted({c.role for c in drawn})
-    subtitle = f"Forces on the load cell, sagittal plane, seen from the radial side; {' and '.join(roles)} cases."
+    subtitle = f"{subtitle}, sagittal plane, seen from the radial side; {' and '.join(roles)} cases."
     return panels_figure(
         panels,
         finger,
         values,
         scale,
-        load_keys(colors, meanings),
-        title=f"Tip forces: {plain(compared.name)}",
+        keys,
+        title=f"{title}: {plain(compared.name)}",
         subtitle=f"{subtitle}<br>{note}" if note else subtitle,
     )
