@@ -117,24 +117,65 @@ def _iso(day: str) -> str:
     return day
 
 
-def elapsed(now: Moment, start: Moment, file: str) -> float:
-    """Seconds from one time to another.
+# Places of year, month and day in a date that does not tell their order: day first, month first, year first.
+_ORDERS = ((2, 1, 0), (2, 0, 1), (0, 1, 2))
 
-    Raises:
-        ReadingsError: the day changes, and is not written in the order of ISO 8601.
+
+def _date(day: str, order: tuple[int, int, int]) -> dt.date | None:
+    """The date that a day stands for in an order; None where it is none."""
+    try:
+        if re.match(r"\d{4}-", day):
+            return dt.date.fromisoformat(day)
+        parts = re.split(r"[-/]", day)
+        year, month, date = (parts[k] for k in order)
+        return dt.date(int(year) + (2000 if len(year) == 2 else 0), int(month), int(date)) if len(year) > 1 else None
+    except (ValueError, IndexError):
+        return None
+
+
+class Clock:
+    """Seconds since the first of the times that a column holds.
+
+    Where a date does not tell whether its day or its month comes first, a later one does: in the wrong order one would
+    be no date, time would go back, or the day would not go on by one.
     """
-    if now.day == start.day:
-        since = now.second - start.second
+
+    def __init__(self, file: str) -> None:
+        self._file = file
+        self._start: Moment | None = None
+        self._day, self._days = "", 0
+        self._orders: tuple[tuple[int, int, int], ...] = _ORDERS
+
+    def elapsed(self, now: Moment) -> float:
+        """Seconds [s] from the first time to this one.
+
+        Raises:
+            ReadingsError: the day changes, and nothing tells the order of its day and month.
+        """
+        if self._start is None:
+            self._start, self._day = now, now.day
+        if now.day != self._day:
+            self._days += self._passed(self._day, now.day)
+            self._day = now.day
+        since = self._days * _DAY_S + now.second - self._start.second
         # A time of day without its date begins anew at midnight.
         return since + _DAY_S if not now.day and since < -_HALF_DAY_S else since
-    try:
-        days = dt.date.fromisoformat(now.day) - dt.date.fromisoformat(start.day)
-    except ValueError:
-        raise ReadingsError(
-            f"{file}: the day changes from {start.day!r} to {now.day!r}, whose day and month may be exchanged",
-            "dates such as 2024-05-31",
-        ) from None
-    return days.total_seconds() + now.second - start.second
+
+    def _passed(self, before: str, after: str) -> int:
+        """Days from one day to the next that is told."""
+        dates = {order: (_date(before, order), _date(after, order)) for order in self._orders}
+        days = {order: (b - a).days for order, (a, b) in dates.items() if a is not None and b is not None}
+        if len(set(days.values())) > 1:
+            days = {order: passed for order, passed in days.items() if passed >= 0}
+        if len(set(days.values())) > 1:
+            days = {order: passed for order, passed in days.items() if passed == 1}
+        if len(set(days.values())) != 1:
+            raise ReadingsError(
+                f"{self._file}: the day changes from {before!r} to {after!r}, whose day and month may be exchanged",
+                "dates such as 2024-05-31",
+            )
+        self._orders = tuple(days)
+        return next(iter(days.values()))
 
 
 def find_table(rows: Sequence[Sequence[Any]], number: Callable[[Any], float | None]) -> Table | None:

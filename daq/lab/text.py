@@ -7,7 +7,7 @@ import gzip
 import io
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from daq.errors import ReadingsError
 from daq.lab.channels import BLOCK_ROWS, TIMESTAMP, Channel, LabChannels
-from daq.lab.table import SAMPLE_ROWS, Moment, Table, elapsed, find_table, is_told_again, moment_of, number_of
+from daq.lab.table import SAMPLE_ROWS, Clock, Table, find_table, is_told_again, moment_of, number_of
 
 Floats = NDArray[np.float64]
 
@@ -67,13 +67,13 @@ class TableChannels(LabChannels):
         """Yield the numbers (n, k) of some columns; times as seconds since the first."""
         places = [self._names.index(self.readable(name).name) for name in names]
         number = partial(number_of, decimal=self._decimal)
-        begun: dict[int, Moment] = {}
+        clocks = {place: Clock(self.path.name) for place in places}
         block: list[list[float]] = []
         for line, cells in rows:
             if not any(str(c).strip() for c in cells if c is not None):
                 continue
             try:
-                block.append(self._row(line, cells, places, number, begun))
+                block.append(self._row(line, cells, places, number, clocks))
             except ReadingsError:
                 if not is_told_again(cells, self._table.names, self._table.units):
                     raise
@@ -89,9 +89,9 @@ class TableChannels(LabChannels):
         cells: Sequence[Any],
         places: Sequence[int],
         number: Callable[[Any], float | None],
-        begun: dict[int, Moment],
+        clocks: Mapping[int, Clock],
     ) -> list[float]:
-        """The numbers of one row at some places; times as seconds since the first, which `begun` keeps."""
+        """The numbers of one row at some places; times as seconds since the first."""
         width = len(self._names)
         if len(cells) < width and max(places) >= len(cells):
             raise self._fault(line, f"it has {len(cells)} cells", f"{width}, as the first row has", _REMOVE)
@@ -102,7 +102,7 @@ class TableChannels(LabChannels):
         for place in places:
             value = number(cells[place])
             if value is None and (moment := moment_of(cells[place])) is not None:
-                value = elapsed(moment, begun.setdefault(place, moment), self.path.name)
+                value = clocks[place].elapsed(moment)
             if value is None or not np.isfinite(value):
                 found = f"{self._names[place]} is {cells[place]!r}"
                 raise self._fault(line, found, "a finite number", self._remedy(str(cells[place])))

@@ -76,6 +76,11 @@ def twelve(ms: int) -> str:
     return f"5/31/2024 {(hour - 1) % 12 + 1}:{minute:02d}:{second:02d}.{rest:03d} PM"
 
 
+def over_midnight(before: str, after: str) -> str:
+    """Times that go over midnight with the readings, with the day before and after it."""
+    return clocked(lambda ms: f"{before if ms < 20 else after} {o_clock(ms, 86_400 - 0.02)}")
+
+
 def new_day(ms: int) -> str:
     hour, minute, second, rest = at(ms, 86_400 - 0.02)
     return f"2024/{'05/31' if hour else '06/01'} {hour:02d}:{minute:02d}:{second:02d}.{rest:03d}"
@@ -134,6 +139,14 @@ STRANGE: dict[str, str | bytes] = {
     "the day first, with points, over midnight": clocked(
         lambda ms: ("31.05.24 " if ms < 20 else "01.06.24 ") + o_clock(ms, 86_400 - 0.02)
     ),
+    "the day first, told by itself": over_midnight("25/11/2026", "26/11/2026"),
+    "the month first, told by itself": over_midnight("11/25/2026", "11/26/2026"),
+    "the day first, told by midnight": over_midnight("11/12/2026", "12/12/2026"),
+    "the month first, told by midnight": over_midnight("11/12/2026", "11/13/2026"),
+    "the month first, told by a new day alone": over_midnight("02-03-2026", "02-04-2026"),
+    "the day first, at the end of a month": over_midnight("31/05/24", "01/06/24"),
+    "the day first, at the end of a short month": over_midnight("30/06/2026", "01/07/2026"),
+    "the year first, in two digits": over_midnight("26/11/25", "26/11/26"),
     "an index before all": columned(a=lambda cells: [[str(i - 1) if i else "", *row] for i, row in enumerate(cells)]),
     "two plates": columned(
         a=lambda cells: [[*row, *(f"{c}2" if not i else "7" for c in cells[0][1:])] for i, row in enumerate(cells)]
@@ -242,12 +255,9 @@ REFUSED: dict[str, tuple[str, str]] = {
     "a short row": (plain().replace("0.03,", "", 1), "it has 6 cells; expected 7"),
     "a hole": (plain().replace("\n0.02,-0.125,", "\n0.02,,"), "Fx (N) is ''; expected a finite number"),
     "time goes back": (plain().replace("\n0.03,", "\n0.01,"), "time goes back"),
-    "dates turned": (
-        plain().replace("\n0.00,", "\n31/05/24 23:59:59.9,").replace("\n0.01,", "\n01/06/24 00:00:00.1,")
-        .replace("\n0.02,", "\n01/06/24 00:00:00.2,").replace("\n0.03,", "\n01/06/24 00:00:00.3,")
-        .replace("\n0.04,", "\n01/06/24 00:00:00.4,").replace("\n0.05,", "\n01/06/24 00:00:00.5,"),
-        "dates such as 2024-05-31",
-    ),
+    "days apart, or months": (over_midnight("05/06/2026", "07/06/2026"), "dates such as 2024-05-31"),
+    "years apart, or days": (over_midnight("05/06/07", "05/07/08"), "whose day and month may be exchanged"),
+    "no date": (over_midnight("31/31/2026", "32/31/2026"), "dates such as 2024-05-31"),
     "two cells": (plain().replace("Fy (N)", "Fx (N)"), "do not tell which is which"),
     "whole seconds": (
         "time,Fx (N),Fy (N),Fz (N),Tx (Nmm),Ty (Nmm),Tz (Nmm)\n"
