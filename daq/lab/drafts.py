@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import InputError, ReadingsError
-from daq.lab.files import LabFileMap, open_recording
+from daq.lab.files import LabFileMap, LabRecording, open_recording
 from daq.lab.layout import Layout
 from daq.lab.levels import Level
 from daq.lab.notebook import Note
-from daq.recordings.readings import ReadingBlock, open_readings
+from daq.recordings.readings import ReadingBlock, ReadingSource, open_readings, write_readings
 from daq.sessions.protocols import TAPPED
 
 Floats = NDArray[np.float64]
@@ -43,9 +45,26 @@ def is_readings_file(path: Path) -> bool:
     return True
 
 
+@dataclass(frozen=True)
+class Joined:
+    """Recordings, one after the other, as a file of readings: gone through as often as needed, and never held whole.
+
+    Attributes:
+        path: of the file.
+        notes: for the reader.
+    """
+
+    path: Path
+    notes: tuple[str, ...]
+
+    def __iter__(self) -> Iterator[ReadingBlock]:
+        return open_readings(self.path).blocks()
+
+
+@contextmanager
 def joined(
     recordings: Sequence[Path], mapping: LabFileMap | None, seen: Callable[[int], None] | None = None
-) -> tuple[list[ReadingBlock], list[str]]:
+) -> Iterator[Joined]:
     """Read recordings one after the other, each beginning some seconds after the end of the one before.
 
     Args:
@@ -53,40 +72,44 @@ def joined(
         mapping: of those that are no readings files.
         seen: called with how many readings were read so far; what it raises ends the reading.
 
-    Returns:
-        Blocks, and notes for the reader.
+    Yields:
+        Their readings, whose file is gone afterwards.
 
     Raises:
         InputError: one cannot be read.
     """
-    out: list[ReadingBlock] = []
-    notes: list[str] = []
+    sources: list[ReadingSource | LabRecording] = [
+        open_readings(path) if mapping is None or is_readings_file(path) else open_recording(path, mapping)
+        for path in recordings
+    ]
+    with TemporaryDirectory(prefix="fingertwin-", ignore_cleanup_errors=True) as folder:
+        file = write_readings(Path(folder) / "joined.parquet", _one_after_the_other(sources, seen))
+        notes: list[str] = []
+        for source in sources:  # some of them are known once all was read
+            notes += () if isinstance(source, ReadingSource) else [*source.conversions, *source.notes]
+        if len(recordings) > 1:
+            notes.append(f"{len(recordings)} recordings stand one after the other, {APART_S:g} s apart")
+        yield Joined(file, tuple(dict.fromkeys(notes)))
+
+
+def _one_after_the_other(
+    sources: Sequence[ReadingSource | LabRecording], seen: Callable[[int], None] | None
+) -> Iterator[ReadingBlock]:
+    """Their readings; with a status where all have one."""
+    with_status = all(source.has_status for source in sources)
     end_s, rows = -APART_S, 0
-    for path in recordings:
+    for source in sources:
         shift_s: float | None = None
-        source: Iterator[ReadingBlock]
-        if mapping is None or is_readings_file(path):
-            source = open_readings(path).blocks()
-        else:
-            recording = open_recording(path, mapping)
-            source = recording.blocks()
-            notes += recording.conversions
-        for block in source:
+        for block in source.blocks():
             if shift_s is None:
                 shift_s = end_s + APART_S - float(block.t_s[0])
-            status = block.status
             rows += len(block)
             if seen is not None:
                 seen(rows)
-            out.append(ReadingBlock(block.t_s + shift_s, block.wrench, status))
-        if mapping is not None and not is_readings_file(path):
-            notes += recording.notes
-        end_s = float(out[-1].t_s[-1])
-    if any(b.status is None for b in out):
-        out = [ReadingBlock(b.t_s, b.wrench) for b in out]
-    if len(recordings) > 1:
-        notes.append(f"{len(recordings)} recordings stand one after the other, {APART_S:g} s apart")
-    return out, list(dict.fromkeys(notes))
+            t_s = block.t_s + shift_s
+            yield ReadingBlock(t_s, block.wrench, block.status if with_status else None)
+            last_s = float(t_s[-1])
+        end_s = last_s
 
 
 def chosen(layout: Layout, notes: Sequence[Note]) -> list[Choice]:

@@ -120,6 +120,16 @@ class LabRecording:
         cut = f"{self.source.path.name} is cut off: the readings that all its channels have were read"
         return ((cut,) if self.source.cut_off else ()) + self.told + tuple(self.source.notes)
 
+    @property
+    def limit(self) -> float | None:
+        """The voltage [V] from which on a gauge is saturated; None where it is not known, or there are no gauges."""
+        return None if self.calibration is None else self.mapping.limit_V or self.calibration.limit_V
+
+    @property
+    def has_status(self) -> bool:
+        """Whether its readings have a status."""
+        return self.limit is not None
+
     def blocks(self) -> Iterator[ReadingBlock]:
         """Yield the readings in order; of gauges with a status, bit 0 where the first is saturated, and so on.
 
@@ -161,8 +171,7 @@ class LabRecording:
     def _reading(self, t_s: Floats, values: Floats) -> ReadingBlock:
         if self.calibration is None:
             return ReadingBlock(t_s, values)
-        limit_V = self.mapping.limit_V or self.calibration.limit_V
-        status = None if limit_V is None else saturated(values, limit_V)
+        status = None if self.limit is None else saturated(values, self.limit)
         zero = None if self.mapping.zero_V is None else np.array(self.mapping.zero_V)
         return ReadingBlock(t_s, self.calibration.wrench(values, zero), status)
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.recordings.plateaus import LEAST_READINGS, TOLERANCE, Plateau, reduce_window
+from daq.recordings.readings import ReadingBlock
 from daq.recordings.windows import Span
 
 Floats = NDArray[np.float64]
@@ -18,6 +20,8 @@ BLOCK_S, GUARD_S, SHORTEST_S = 0.1, 0.3, 1.0
 _DEVIATIONS, _SHARE = 6.0, 0.25
 # A change inside it counts from so many deviations on, if the blocks beside it show this share of it.
 _STEP_DEVIATIONS, _SUDDEN, _BESIDE = 6.0, 0.6, 5
+# Intervals of which the median is taken.
+_MOST_INTERVALS = 1 << 17
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,14 +32,25 @@ class Level:
     plateau: Plateau
 
 
-def find_levels(t_s: Floats, wrench: Floats) -> tuple[Level, ...]:
-    """Find plateaus in readings: times (n,) [s], not decreasing, and wrench (n, 6) [N, N mm]; in order of time."""
-    out = []
-    for begin, end in still_spans(t_s, wrench, TOLERANCE):
-        first, last = np.searchsorted(t_s, (begin, end))
-        if last - first >= LEAST_READINGS:
-            out.append(Level((begin, end), reduce_window(t_s[first:last], wrench[first:last])))
-    return tuple(out)
+def find_levels(readings: Iterable[ReadingBlock]) -> tuple[Level, ...]:
+    """Find the plateaus of readings, in order of time.
+
+    Args:
+        readings: blocks whose times do not decrease. They are gone through three times, and held no longer than a
+            plateau lasts.
+    """
+    width, length = _width(_median_interval(block.t_s for block in readings))
+    if not width:
+        return ()
+    begins, means = [], []
+    t_s, wrench = np.empty(0), np.empty((0, 6))
+    for block in readings:
+        t_s, wrench = np.concatenate([t_s, block.t_s]), np.concatenate([wrench, block.wrench])
+        whole = len(t_s) // width * width
+        begins.append(t_s[:whole:width])
+        means.append(wrench[:whole].reshape(-1, width, 6).mean(axis=1))
+        t_s, wrench = t_s[whole:], wrench[whole:]
+    return tuple(_reduced(readings, _still(np.concatenate(begins), np.concatenate(means), length, TOLERANCE)))
 
 
 def still_spans(t_s: Floats, values: Floats, tolerance: Floats) -> list[Span]:
@@ -46,14 +61,63 @@ def still_spans(t_s: Floats, values: Floats, tolerance: Floats) -> list[Span]:
         values: (n, k) channels.
         tolerance: (k,) of each channel; a quarter of it is no change of level, however small the noise.
     """
-    interval = float(np.median(np.diff(t_s))) if len(t_s) > 2 * LEAST_READINGS else 0.0
-    width = max(round(BLOCK_S / interval), 1) if interval > 0.0 else 0
-    count = len(t_s) // width if width else 0
+    width, length = _width(_median_interval([t_s]))
+    if not width:
+        return []
+    whole = len(t_s) // width * width
+    means = values[:whole].reshape(-1, width, values.shape[1]).mean(axis=1)
+    return _still(t_s[:whole:width], means, length, tolerance)
+
+
+def _width(interval_s: float) -> tuple[int, float]:
+    """How many readings a mean is of, 0 where there are too few, and how long that is [s]."""
+    width = max(round(BLOCK_S / interval_s), 1) if interval_s > 0.0 else 0
+    return width, width * interval_s
+
+
+def _median_interval(times: Iterable[Floats]) -> float:
+    """Median time between readings [s], 0 of few; of many readings, of every second, fourth … of them."""
+    kept: list[Floats] = []
+    count, held, every, last = 0, 0, 1, np.nan
+    for t_s in times:
+        intervals = np.diff(t_s, prepend=last) if count else np.diff(t_s)
+        count, last = count + len(t_s), t_s[-1] if len(t_s) else last
+        kept.append(intervals[::every])
+        held += len(kept[-1])
+        if held > _MOST_INTERVALS:
+            kept, every = [np.concatenate(kept)[::2]], 2 * every
+            held = len(kept[0])
+    return float(np.median(np.concatenate(kept))) if count > 2 * LEAST_READINGS else 0.0
+
+
+def _reduced(readings: Iterable[ReadingBlock], spans: Sequence[Span]) -> Iterator[Level]:
+    """Reduce spans, which are in order of time and apart, each as soon as its end has passed."""
+    held: list[tuple[Floats, Floats]] = []
+    waiting = list(reversed(spans))
+    for block in readings:
+        while waiting:
+            first, last = np.searchsorted(block.t_s, waiting[-1])
+            # Copies, so that a plateau does not keep whole blocks.
+            held.append((block.t_s[first:last].copy(), block.wrench[first:last].copy()))
+            if last == len(block):
+                break
+            yield from _level(waiting.pop(), held)
+            held = []
+    if waiting:
+        yield from _level(waiting.pop(), held)
+
+
+def _level(span: Span, held: Sequence[tuple[Floats, Floats]]) -> Iterator[Level]:
+    t_s = np.concatenate([t for t, _ in held])
+    if len(t_s) >= LEAST_READINGS:
+        yield Level(span, reduce_window(t_s, np.concatenate([w for _, w in held])))
+
+
+def _still(begins: Floats, blocks: Floats, length: float, tolerance: Floats) -> list[Span]:
+    """The spans, from means (m, k) of so long [s] that begin at times (m,) [s]."""
+    count = len(begins)
     if count < 4:
         return []
-    blocks = values[: count * width].reshape(count, width, -1).mean(axis=1)
-    begins = t_s[: count * width : width]
-    length = width * interval
     scatter = np.median(np.abs(np.diff(blocks, axis=0)), axis=0) / 0.954
     limit = np.maximum(_DEVIATIONS * scatter, _SHARE * tolerance)
     spans: list[Span] = []

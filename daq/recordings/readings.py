@@ -52,6 +52,11 @@ class ReadingSource(ColumnFile):
         """Further notes for the reader, such as columns that are not used."""
         return self.columns.notes
 
+    @property
+    def has_status(self) -> bool:
+        """Whether the readings have a status."""
+        return self.columns.status is not None
+
     def blocks(self) -> Iterator[ReadingBlock]:
         """Yield the readings in order.
 

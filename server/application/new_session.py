@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,13 +83,13 @@ def notes_of(text: str, tendons: Sequence[str], whole: bool = True) -> tuple[Not
     return notes
 
 
-def levels_of(blocks: Sequence[ReadingBlock]) -> tuple[Level, ...]:
+def levels_of(readings: Iterable[ReadingBlock]) -> tuple[Level, ...]:
     """Find the plateaus of readings.
 
     Raises:
         InputError: there is none.
     """
-    levels = find_levels(np.concatenate([b.t_s for b in blocks]), np.concatenate([b.wrench for b in blocks]))
+    levels = find_levels(readings)
     if not levels:
         raise InputError(
             "the recording holds still nowhere for a second", "plateaus", "Look: fingertwin plot RECORDING"
@@ -165,7 +165,7 @@ def session_of(document: Mapping[str, Any]) -> BenchSession:
 def write_new(
     out: Path,
     session: BenchSession,
-    blocks: Sequence[ReadingBlock],
+    readings: Iterable[ReadingBlock],
     mapping: LabFileMap | None,
     finger: Path | None = None,
 ) -> None:
@@ -174,12 +174,12 @@ def write_new(
     Args:
         out: the folder.
         session: by that name.
-        blocks: readings.
+        readings: of it, block by block.
         mapping: that the next run of the rig can have.
         finger: file of a finger of the user's own, which goes along.
     """
     out.mkdir(parents=True, exist_ok=True)
-    write_readings(out / READINGS, blocks)
+    write_readings(out / READINGS, readings)
     if finger is not None:
         with replacing(out / finger.name) as temporary:
             shutil.copyfile(finger, temporary)

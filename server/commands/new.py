@@ -94,35 +94,38 @@ def new_session(options: NewOptions, json: str | None) -> None:
         recordings = [held.enter_context(as_recording(path)) for path in options.recordings]
         mapping = _mapping(options, recordings, rate_hz, asking)
         with progress("Reading"):
-            blocks, told = joined(recordings, mapping)
-    doubts = mapping.doubts if mapping and options.yes else ()
-    told += [f"taken as proposed: {d}" for d in doubts if not d.startswith(OF_THE_FILE)]  # those are told already
-    told.append(MASSES_IN_GRAMS)
-    levels = levels_of(blocks)
-    if asking:
-        header |= _ask_header([*lacks, *([] if "load_cell" in header else ["load_cell"])])
-        own_finger = own_finger or _file_of(header["finger"], None)
-    finger = read_finger(own_finger or header["finger"])
-    notes = _notes(options, finger.topology.muscles, asking)
-    if not asking:  # what will be missing is said before the work is done
-        _postures(options, [n.posture for n in notes if n.kind == "load"], finger, asking)
-    with progress("Laying the notebook onto the plateaus"):
-        laid = lay_notes(levels, notes)
-    if json != "-":
-        _show(laid.levels, laid.choices)
-    if asking:
-        for line in laid.lost:
-            say(f"  {line}")
-        laid = LaidNotes(laid.levels, _asked(laid, finger.topology.muscles), laid.lost)
-    postures = _postures(options, [c.note.posture for c in laid.choices if c.kind == "load" and c.note], finger, asking)
-    told += laid.lost
-    provenance = {"made_by": "fingertwin new", "recordings": [path.name for path in options.recordings]}
-    if own_finger is not None:  # it goes along, so that the session is whole wherever it is taken
-        header["finger"] = own_finger.name
-    document = document_of(options.out.resolve().name, header, postures, laid, provenance)
-    session = session_of(document)
-    with writing(options.out):
-        write_new(options.out, session, blocks, mapping, own_finger)
+            readings = held.enter_context(joined(recordings, mapping))
+            levels = levels_of(readings)
+        told = list(readings.notes)
+        doubts = mapping.doubts if mapping and options.yes else ()
+        told += [f"taken as proposed: {d}" for d in doubts if not d.startswith(OF_THE_FILE)]  # those are told already
+        told.append(MASSES_IN_GRAMS)
+        if asking:
+            header |= _ask_header([*lacks, *([] if "load_cell" in header else ["load_cell"])])
+            own_finger = own_finger or _file_of(header["finger"], None)
+        finger = read_finger(own_finger or header["finger"])
+        notes = _notes(options, finger.topology.muscles, asking)
+        if not asking:  # what will be missing is said before the work is done
+            _postures(options, [n.posture for n in notes if n.kind == "load"], finger, asking)
+        with progress("Laying the notebook onto the plateaus"):
+            laid = lay_notes(levels, notes)
+        if json != "-":
+            _show(laid.levels, laid.choices)
+        if asking:
+            for line in laid.lost:
+                say(f"  {line}")
+            laid = LaidNotes(laid.levels, _asked(laid, finger.topology.muscles), laid.lost)
+        postures = _postures(
+            options, [c.note.posture for c in laid.choices if c.kind == "load" and c.note], finger, asking
+        )
+        told += laid.lost
+        provenance = {"made_by": "fingertwin new", "recordings": [path.name for path in options.recordings]}
+        if own_finger is not None:  # it goes along, so that the session is whole wherever it is taken
+            header["finger"] = own_finger.name
+        document = document_of(options.out.resolve().name, header, postures, laid, provenance)
+        session = session_of(document)
+        with writing(options.out):
+            write_new(options.out, session, readings, mapping, own_finger)
     _report(options, document, laid.choices, told, still_missing(document), json)
 
 

@@ -6,7 +6,7 @@ Every step is sent the files again. So the service holds nothing for somebody wh
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,14 +17,14 @@ import numpy as np
 from daq.checks import measure_and_check
 from daq.documents import validated
 from daq.errors import InputError, ReadingsError
-from daq.lab.drafts import Choice, is_readings_file, joined, still_missing
+from daq.lab.drafts import Choice, Joined, is_readings_file, joined, still_missing
 from daq.lab.files import AXES, WANTED, Increment, LabFileMap, Taken
 from daq.lab.notebook import Note
 from daq.lab.opened import NOT_FOR_A_SERVICE, OLD_EXCEL, open_channels
 from daq.lab.proposals import ground_of, grounds, propose_channels, propose_mapping, stated_unit
 from daq.lab.traces import Traces, read_traces
 from daq.recordings.columns import QUANTITIES
-from daq.recordings.readings import ReadingBlock, first_bytes
+from daq.recordings.readings import first_bytes
 from daq.sessions import read_session, read_yaml
 from daq.sessions.models import Session as BenchSession
 from daq.units import COMMON
@@ -227,9 +227,9 @@ def lay(files: Sent, mapping: Mapping[str, Any] | None, notes: str, finger: str,
     """
     tendons = read_finger(known_finger(finger)).topology.muscles
     lines = notes_of(notes, tendons) if notes.strip() else ()
-    with held(files, mapping) as given:
-        blocks, told = _joined(given)
-        laid = lay_notes(levels_of(blocks), lines)
+    with held(files, mapping) as given, _joined(given) as readings:
+        laid = lay_notes(levels_of(readings), lines)
+        blocks = list(readings)
         t, wrench = np.concatenate([b.t_s for b in blocks]), np.concatenate([b.wrench for b in blocks])
         traces = Traces(t, "s", QUANTITIES[1:], ("N",) * 3 + ("N mm",) * 3, wrench, ())
         spans = [level.window_s for level in laid.levels]
@@ -242,10 +242,10 @@ def lay(files: Sent, mapping: Mapping[str, Any] | None, notes: str, finger: str,
         rows = _rows(laid, lines)
         body: dict[str, Any] = {"schema": SCHEMA, "tendons": list(tendons), "plateaus": rows}
         body |= {"lines": [_line(note) for note in lines], "lost": laid.lost}
-        return body | {"laid_notes": [*told, MASSES_IN_GRAMS], "figure": on_page(drawn, theme)}
+        return body | {"laid_notes": [*readings.notes, MASSES_IN_GRAMS], "figure": on_page(drawn, theme)}
 
 
-def _joined(given: Held) -> tuple[list[ReadingBlock], list[str]]:
+def _joined(given: Held) -> AbstractContextManager[Joined]:
     if given.mapping is None and given.foreign is not None:
         raise InputError(f"which channel of {given.foreign.name} is which is not known", "a mapping")
 
@@ -323,10 +323,11 @@ def keep(parts: Services, body: NewFromRecordings) -> tuple[str, bool]:
 
 
 def _made(body: NewFromRecordings, use: Callable[[BenchSession, Mapping[str, Any]], Any]) -> Any:
-    with held(body.sent, body.mapping) as given:
+    with ExitStack() as open_files:
+        given = open_files.enter_context(held(body.sent, body.mapping))
         finger = known_finger(body.header.finger)
-        blocks, _ = _joined(given)
-        laid = LaidNotes(levels_of(blocks), _choices(body), [])
+        readings = open_files.enter_context(_joined(given))
+        laid = LaidNotes(levels_of(readings), _choices(body), [])
         if len(laid.levels) != len(laid.choices):
             raise ProblemError(
                 422,
@@ -342,7 +343,7 @@ def _made(body: NewFromRecordings, use: Callable[[BenchSession, Mapping[str, Any
         document = document_of(body.id, header, body.postures_deg, laid, provenance)
         folder = given.folder / "made"
         # The mapping is kept with the session's provenance: a folder's would name a file that is gone.
-        write_new(folder, session_of(document), blocks, None)
+        write_new(folder, session_of(document), readings, None)
         return use(read_session(folder), document)
 
 

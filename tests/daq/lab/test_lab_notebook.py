@@ -11,6 +11,7 @@ from daq.lab.drafts import cases_of, chosen, posture_of
 from daq.lab.layout import Layout, lay
 from daq.lab.levels import Level, find_levels
 from daq.lab.notebook import Note, read_notes
+from daq.recordings.readings import ReadingBlock
 
 Floats = NDArray[np.float64]
 TENDONS = ("FDP", "FDS", "EDC", "RI")
@@ -109,7 +110,8 @@ def recording(notes: list[Note], between: bool, also: tuple[int, ...] = (), seed
                 hung = hung + 250.0
     t_s = np.arange(0.0, 4.0 * len(values), 0.05)
     wrench = np.array(values)[np.minimum((t_s // 4.0).astype(int), len(values) - 1)]
-    levels = find_levels(t_s, wrench + rng.normal(0.0, [0.01, 0.01, 0.01, 0.2, 0.2, 0.2], wrench.shape))
+    noise = rng.normal(0.0, [0.01, 0.01, 0.01, 0.2, 0.2, 0.2], wrench.shape)
+    levels = find_levels([ReadingBlock(t_s, wrench + noise)])
     assert len(levels) == len(values)
     return list(levels)
 
@@ -199,7 +201,8 @@ def test_weights_that_are_moved_are_told_from_others_that_are_hung(
         right.append(i)
     t_s = np.arange(0.0, 4.0 * len(values), 0.05)
     wrench = np.array(values)[np.minimum((t_s // 4.0).astype(int), len(values) - 1)]
-    levels = find_levels(t_s, wrench + rng.normal(0.0, [0.01, 0.01, 0.01, 0.2, 0.2, 0.2], wrench.shape))
+    noise = rng.normal(0.0, [0.01, 0.01, 0.01, 0.2, 0.2, 0.2], wrench.shape)
+    levels = find_levels([ReadingBlock(t_s, wrench + noise)])
     layout = lay(levels, notes)
     assert [laid.note for laid in layout.plateaus] == right
     # Where a plateau may be either motion, it is not called sure.

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
 from daq.lab.levels import find_levels
-from daq.recordings.readings import open_readings
+from daq.recordings.readings import ReadingBlock, open_readings
 from daq.sessions import read_session
 
 
@@ -14,8 +17,7 @@ from daq.sessions import read_session
 def test_every_load_of_a_recorded_session_is_one_plateau(name: str) -> None:
     session = read_session(name)
     assert session.readings_path is not None
-    blocks = list(open_readings(session.readings_path).blocks())
-    levels = find_levels(np.concatenate([b.t_s for b in blocks]), np.concatenate([b.wrench for b in blocks]))
+    levels = find_levels(list(open_readings(session.readings_path).blocks()))
     tares = {case.unloaded_s for case in session.cases}
     assert len(levels) == len(session.cases) + len(tares)
     for window in [*tares, *(case.loaded_s for case in session.cases)]:
@@ -24,22 +26,56 @@ def test_every_load_of_a_recorded_session_is_one_plateau(name: str) -> None:
         assert len(held) == 1
 
 
+@pytest.mark.parametrize("size", [7, 100, 1150])
+def test_readings_in_small_blocks_have_the_same_plateaus(size: int) -> None:
+    rng = np.random.default_rng(1)
+    t_s = np.arange(0.0, 23.0, 0.01)
+    wrench = rng.normal(0.0, 0.02, (len(t_s), 6)) + np.where((t_s // 3.0) % 2, 2.0, 0.0)[:, None]
+    whole = find_levels([ReadingBlock(t_s, wrench)])
+    parted = find_levels([ReadingBlock(t_s[i : i + size], wrench[i : i + size]) for i in range(0, len(t_s), size)])
+    assert len(whole) == 8
+    assert [level.window_s for level in parted] == [level.window_s for level in whole]
+    for one, other in zip(parted, whole, strict=True):
+        np.testing.assert_array_equal(one.plateau.covariance, other.plateau.covariance)
+
+
+def test_a_long_recording_in_blocks_is_never_held_whole() -> None:
+    class Long:
+        """Readings for 40 minutes at 500 Hz, made as they are asked for."""
+
+        def __iter__(self) -> Iterator[ReadingBlock]:
+            rng = np.random.default_rng(2)
+            for first in range(0, 1_200_000, 10_000):
+                t_s = np.arange(first, first + 10_000) / 500.0
+                level = np.where((t_s // 20.0) % 2, 2.0, 0.0)[:, None]
+                yield ReadingBlock(t_s, level + rng.normal(0.0, 0.02, (10_000, 6)))
+
+    tracemalloc.start()
+    try:
+        levels = find_levels(Long())
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert len(levels) == 120
+    assert most < 20e6  # the readings are 67 MB
+
+
 def test_small_steps_are_parted_and_creep_is_not() -> None:
     rng = np.random.default_rng(4)
     t_s = np.arange(0.0, 12.0, 0.01)
     wrench = rng.normal(0.0, 0.02, (len(t_s), 6)) * [1, 1, 1, 20, 20, 20]
     wrench[t_s >= 6.0, 1] += 0.05  # two and a half deviations of one reading
-    ends = [level.window_s for level in find_levels(t_s, wrench)]
+    ends = [level.window_s for level in find_levels([ReadingBlock(t_s, wrench)])]
     assert len(ends) == 2
     assert ends[0][1] == pytest.approx(5.7, abs=0.2)
     assert ends[1][0] == pytest.approx(6.3, abs=0.2)
     wrench[:, 1] += 0.1 * (1.0 - np.exp(-t_s / 6.0)) - 0.05 * (t_s >= 6.0)
-    assert len(find_levels(t_s, wrench)) == 1
+    assert len(find_levels([ReadingBlock(t_s, wrench)])) == 1
 
 
 def test_what_never_holds_still_or_is_too_short_has_no_plateau() -> None:
     t_s = np.arange(0.0, 5.0, 0.01)
     moving = np.outer(np.sin(3.0 * t_s), [4.0] * 6)
-    assert find_levels(t_s, moving) == ()
-    assert find_levels(t_s[:3], moving[:3]) == ()
-    assert find_levels(np.zeros(50), np.zeros((50, 6))) == ()
+    assert find_levels([ReadingBlock(t_s, moving)]) == ()
+    assert find_levels([ReadingBlock(t_s[:3], moving[:3])]) == ()
+    assert find_levels([ReadingBlock(np.zeros(50), np.zeros((50, 6)))]) == ()
