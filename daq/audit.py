@@ -58,7 +58,7 @@ class Entry:
     sha256: str = ""
 
     def digest(self) -> str:
-        """The SHA-256 of everything but itself."""
+        """Return the SHA-256 of everything but itself."""
         body = asdict(self) | {"sha256": None}
         return hashlib.sha256(json.dumps(body, sort_keys=True, ensure_ascii=True).encode()).hexdigest()
 

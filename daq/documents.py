@@ -89,7 +89,7 @@ def read_document(path: Path, wanted: str, error: type[InputError] = InputError)
 
 
 def _path(place: Sequence[int | str], raw: Any) -> Iterator[str]:
-    """Names of a place in the file, without what tells which of several forms was meant."""
+    """Yield names of a place in the file, without what tells which of several forms was meant."""
     here = raw
     for i, part in enumerate(place):
         if isinstance(here, Mapping):

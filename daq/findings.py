@@ -29,7 +29,7 @@ class Finding:
     text: str
 
     def as_warning(self) -> dict[str, str]:
-        """Plain data, as every answer that judges a session carries it."""
+        """Return plain data, as every answer that judges a session carries it."""
         return {"code": self.code, "place": self.where, "words": self.text}
 
 

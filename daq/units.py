@@ -80,7 +80,7 @@ def is_unit(text: str) -> bool:
 
 
 def _names(text: str) -> list[str]:
-    """A unit's factors as Pint calls them; none where it is no product of names."""
+    """Return a unit's factors as Pint calls them; none where it is no product of names."""
     if "/" in text or not text or len(text) > 40:
         return []
     glued = _GLUED.match(text)
@@ -100,7 +100,7 @@ def _names(text: str) -> list[str]:
 
 
 def _known(word: str) -> list[str]:
-    """A word as it is, glued, in lower case, or as the words that capitals begin."""
+    """Return a word as it is, glued, in lower case, or as the words that capitals begin."""
     if word in _NAMES or not word.isalpha() or (word in _registry() and not _GLUED.match(word)):
         return [word]
     glued = _GLUED.match(word)

@@ -35,14 +35,14 @@ class Grouped(TyperGroup):
 
 
 def sessions_like(incomplete: str) -> list[str]:
-    """Names of shipped sessions, for the shell to complete; folders it knows itself."""
+    """Return names of shipped sessions, for the shell to complete; folders it knows itself."""
     from daq.sessions import session_names
 
     return [name for name in session_names() if name.startswith(incomplete)]
 
 
 def effects_like(incomplete: str) -> list[str]:
-    """Names of effects of the catalogue, and of sessions, for the shell to complete."""
+    """Return names of effects of the catalogue, and of sessions, for the shell to complete."""
     from fingermodel.effects.catalogue import EFFECTS
 
     return [name for name in EFFECTS if name.startswith(incomplete)] + sessions_like(incomplete)

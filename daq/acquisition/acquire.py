@@ -218,7 +218,7 @@ class Acquisition:
 
     @staticmethod
     def _with_rest(transport: Transport, data: bytes) -> bytes:
-        """Bytes that came after a silence, with those that waited behind them: a network brings them in pieces."""
+        """Return bytes that came after a silence with those behind them: a network brings them in pieces."""
         with contextlib.suppress(LinkLostError, EOFError):  # which the next read finds again
             for _ in range(REST_READS):
                 data += transport.read(REST_S)

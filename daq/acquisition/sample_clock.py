@@ -104,7 +104,7 @@ class SampleClock:
         return samples.sequence is None or self._sequence is None or bool(samples.sequence[0] > self._sequence)
 
     def _alone(self, samples: Samples, device_s: float, arrival_s: float) -> Floats:
-        """As `_part`, for one that follows: with plain numbers, as NumPy's take longer than the datagram."""
+        """Do as `_part` for a single sample, in plain numbers: NumPy's take longer than the datagram."""
         now_s = float(samples.device_s[0]) if samples.device_s is not None else device_s
         told_s = self._last_s + max((now_s - device_s) * self.pace, 1e-6)
         self._last_s = told_s + self._learn(arrival_s, told_s)
@@ -113,7 +113,7 @@ class SampleClock:
         return np.array([self._last_s])
 
     def _part(self, samples: Samples, at: int, arrival_s: float, alone: bool) -> Floats:
-        """Times from one sample on, as far as the device's account goes on unbroken: none where it breaks at once."""
+        """Return times from one sample on, as far as the device's account is unbroken; none where it breaks at once."""
         waited_s = 0.0 if self._arrival_s is None else arrival_s - self._arrival_s
         steps, upto = self._steps(samples, at, waited_s, alone)
         if self._known:
@@ -146,7 +146,7 @@ class SampleClock:
         return out
 
     def _steps(self, samples: Samples, at: int, waited_s: float, alone: bool) -> tuple[Floats, int]:
-        """Time of each sample since the one before [s], by the device's own account, and how many are unbroken."""
+        """Return each sample's time since the one before [s], by the device's account, and how many are unbroken."""
         upto = len(samples) - at
         units = np.ones(upto)
         counted = samples.device_s if samples.sequence is None else samples.sequence

@@ -134,7 +134,7 @@ class UdpTransport:
         return data or b""
 
     def _waiting(self) -> bytes | None:
-        """A datagram that has come; None where there is none."""
+        """Return a datagram that has come; None where there is none."""
         try:
             # Into one place: a buffer of this size for each datagram would be asked of the system, and given back.
             count = self._socket.recv_into(self._datagram)

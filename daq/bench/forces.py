@@ -27,11 +27,11 @@ class Likens(Protocol):
     """Predictor that also names the other case that a force resembles."""
 
     def __call__(self, case: LoadCase) -> tuple[Floats, Floats] | None:
-        """Force (3,) and half width (3,) of its band [N]."""
+        """Return the force (3,) and the half width (3,) of its band [N]."""
         ...
 
     def like(self, case: LoadCase, force_N: Floats) -> str:
-        """A question about what hangs, where a force (3,) is more like another case's than like its own; else nothing.
+        """Ask what hangs, where a force (3,) resembles another case's more than its own; else return nothing.
 
         It tells no prediction, so it may be asked about validation cases.
         """
@@ -68,7 +68,7 @@ class Result:
         return bool((np.abs(self.force_N - self.predicted_N) > self.band_N + COVERAGE * self.sd_N).any())
 
     def as_value(self) -> dict[str, Any]:
-        """Plain data for an event."""
+        """Return plain data for an event."""
         out: dict[str, Any] = {"case": self.case, "force_N": _plain(self.force_N), "sd_N": _plain(self.sd_N)}
         if self.predicted_N is not None and self.band_N is not None:
             out |= {"predicted_N": _plain(self.predicted_N), "band_N": _plain(self.band_N), "outside": self.outside}
@@ -114,7 +114,7 @@ class Forces:
         return out
 
     def doubts(self, case: LoadCase, result: Result) -> list[str]:
-        """Why a force can hardly be right; of a validation case no number that a prediction gives."""
+        """List why a force can hardly be right; of a validation case without numbers of a prediction."""
         out = []
         weight_N = sum(case.masses_g.values()) * 1e-3 * self._gravity
         force_N = float(np.linalg.norm(result.force_N))

@@ -50,7 +50,7 @@ class PlateauRules:
 
     @classmethod
     def of(cls, timing: Timing, time_constant_s: float = 0.0) -> Self:
-        """Windows as long as a protocol plans them, after its settling time or five time constants of the rig."""
+        """Plan windows as long as the protocol's, after its settling time or five time constants of the rig."""
         window = min(timing.load_s, timing.tare_s) - timing.settle_s - timing.guard_s
         return cls(window, max(4.0 * window, 8.0), max(timing.settle_s, TIME_CONSTANTS * time_constant_s))
 

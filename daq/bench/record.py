@@ -49,11 +49,11 @@ class BenchSetup:
     budget: Any = None
 
     def cases(self) -> tuple[PlannedCase, ...]:
-        """The protocol's cases in order."""
+        """Return the protocol's cases in order."""
         return plan(self.protocol)[0]
 
     def header(self) -> dict[str, Any]:
-        """A session's plain data but for its cases, checks, events and readings."""
+        """Return a session's plain data but for its cases, checks, events and readings."""
         out: dict[str, Any] = {
             "format": FORMAT,
             "id": self.id,
@@ -92,18 +92,18 @@ class BenchSetup:
         return session
 
     def check(self, weight: Mapping[str, Any]) -> dict[str, Any]:
-        """A known weight as a session's check, its windows made up."""
+        """Return a known weight as a session's check, its windows made up."""
         made_up = {"when": "during", "unloaded_s": [0.0, 1.0], "loaded_s": [2.0, 3.0]}
         return made_up | {"mount": self.cases()[0].location} | dict(weight)
 
     def as_value(self) -> dict[str, Any]:
-        """Plain data for an event."""
+        """Return plain data for an event."""
         same = {k: v for k, v in vars(self).items() if k != "protocol"}
         return same | {"protocol": self.protocol.model_dump(mode="json")}
 
     @classmethod
     def of_value(cls, value: Mapping[str, Any]) -> BenchSetup:
-        """Of an event."""
+        """Make a setup of an event's value."""
         return cls(**{**value, "protocol": Protocol.model_validate(value["protocol"])})
 
 

@@ -46,7 +46,7 @@ class BrokenOff:
     utc_s: float | None
 
     def from_s(self, wall: Callable[[], float] = time.time) -> float:
-        """Time at which the session goes on, if it does so now."""
+        """Return the time at which the session goes on, if it does so now."""
         return self.last_s + max(0.0 if self.utc_s is None else wall() - self.utc_s, LEAST_AWAY_S)
 
     def require_same(self, setup: BenchSetup, stream: Mapping[str, Any]) -> None:
@@ -108,12 +108,12 @@ def broken_off(journal: JournalReader) -> BrokenOff | None:
 
 
 def _plain(value: Any) -> Any:
-    """As it comes out of a journal."""
+    """Return a value as it comes out of a journal."""
     return json.loads(json.dumps(value))
 
 
 def _difference(name: str, old: Any, new: Any) -> tuple[str, str, str]:
-    """The innermost key at which two values differ, and both values."""
+    """Return the innermost key at which two values differ, and both values."""
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         key = next(k for k in sorted(set(old) | set(new)) if old.get(k) != new.get(k))
         return _difference(f"{name}.{key}", old.get(key), new.get(key))

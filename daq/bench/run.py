@@ -32,12 +32,12 @@ class BenchRun(BenchEngine):
         return self._flush()
 
     def unloaded(self) -> Events:
-        """The weights are off: look for an unloaded plateau, to be confirmed as a tare."""
+        """Look for an unloaded plateau, to be confirmed as a tare: the weights are off."""
         self._mark("unloaded")
         return self._flush()
 
     def tare(self) -> Events:
-        """The weights are off: take the first plateau as a tare without asking again."""
+        """Take the first plateau as a tare without asking again: the weights are off."""
         if self._phase == "unloaded" and self._finder.offer is not None:
             return self.confirm()
         self._mark("unloaded")
@@ -45,7 +45,7 @@ class BenchRun(BenchEngine):
         return self._flush()
 
     def loaded(self) -> Events:
-        """The weights of the present step hang: look for a plateau."""
+        """Look for a plateau: the weights of the present step hang."""
         step = self._open_step()
         if step.id in self._at.steps.done:
             raise SessionError(f"{step.id} is taken already", "next, or repeat", "A repeat is added, none is replaced")
@@ -121,35 +121,35 @@ class BenchRun(BenchEngine):
         return self._flush()
 
     def posture_set(self) -> Events:
-        """The posture of the present step was set, or set anew: the tare's life ends."""
+        """Record that the present step's posture was set, or set anew; the tare's life ends."""
         self._require_open()
         posture = self._at.wanted()["posture"]
         return self._end_tare("set_posture", posture=posture, setting=self._at.settings(posture))
 
     def cell_moved(self) -> Events:
-        """The cell or its clamp was moved to where the present step needs it: the tare's life ends."""
+        """Record that cell or clamp was moved to the present step's place; the tare's life ends."""
         self._require_open()
         location = self._at.wanted()["location"]
         return self._end_tare("move_cell", location=location, mounting=self._at.mountings(location))
 
     def retied(self, text: str = "") -> Events:
-        """A suture was tied anew: the tare's life ends."""
+        """Record that a suture was tied anew; the tare's life ends."""
         self._require_open()
         return self._end_tare("retie", **_text(text))
 
     def slipped(self, text: str = "") -> Events:
-        """Something slipped: the tare's life ends."""
+        """Record that something slipped; the tare's life ends."""
         self._require_open()
         return self._end_tare("slip", **_text(text))
 
     def moistened(self) -> Events:
-        """The specimen was moistened."""
+        """Record that the specimen was moistened."""
         self._require_open()
         self._emit("moisten")
         return self._flush()
 
     def note(self, text: str) -> Events:
-        """Whatever else is to be said."""
+        """Record a note in free words."""
         self._require_open()
         if not text.strip():
             raise SessionError("an empty note", "a text")
@@ -169,7 +169,7 @@ class BenchRun(BenchEngine):
         return self._flush()
 
     def results(self) -> list[Result]:
-        """Measured forces of all cases that are not excluded; with predictions of validation cases once closed."""
+        """Return the forces of all cases that are not excluded; with predictions of validation cases once closed."""
         return self._results(blind=not self.record.closed)
 
     def status(self) -> BenchStatus:

@@ -31,7 +31,7 @@ class Standing:
 
     @classmethod
     def of(cls, setup: BenchSetup) -> Standing:
-        """Before the first event: where the first case needs it; going elsewhere is marked."""
+        """Return the standing before the first event: at the place of the first case, since moves are recorded."""
         cases = setup.cases()
         place = {"posture": cases[0].posture, "location": cases[0].location, "setting": 0, "mounting": 0}
         weight = None if setup.known_weight is None else dict(setup.known_weight)
@@ -48,7 +48,7 @@ class Standing:
         return self._times_moved[location]
 
     def wanted(self) -> dict[str, Any]:
-        """Posture and location that the present step needs; a known weight's direction is in one mount's axes."""
+        """Return the present step's posture and location; a known weight's direction is in one mount's axes."""
         step = self.steps.now
         if step is not None and step.case is not None:
             return {"posture": step.case.posture, "location": step.case.location}

@@ -34,7 +34,7 @@ class Step:
 
 
 def worded(masses_g: Mapping[str, float], times: float = 1.0) -> str:
-    """Weights, or so many times them, as they are hung."""
+    """Return weights, or so many times them, as they are hung."""
     return " ".join(f"{tendon} {times * mass:g} g" for tendon, mass in masses_g.items()) or "no weight"
 
 
@@ -82,7 +82,7 @@ class Steps:
         return [s for s in self.all if s.id not in self.done]
 
     def repeat(self, name: str) -> Step:
-        """A new step that repeats a case, or what that one repeats."""
+        """Return a new step that repeats a case, or what that one repeats."""
         first = next(s for s in self.all if s.id == name)
         first = first if first.repeat_of is None else next(s for s in self.all if s.id == first.repeat_of)
         # Repeats of the protocol's own are cases with a number.
@@ -90,11 +90,11 @@ class Steps:
         return Step(f"{first.id}r{count + 1}", first.case, repeat_of=first.id)
 
     def during(self) -> Step:
-        """A new known weight between cases."""
+        """Return a new known weight between cases."""
         return Step(f"weight_during_{sum(s.when == 'during' for s in self.all) + 1}", when="during")
 
     def checklist(self) -> list[tuple[str, str, str]]:
-        """(id, text, state) of each step: done, skipped, now or open."""
+        """Return (id, text, state) of each step: done, skipped, now or open."""
         states = []
         for i, step in enumerate(self.all):
             state = "done" if step.id in self.done else "skipped" if step.id in self.skipped else "open"

@@ -187,7 +187,7 @@ def _length(plateau: Plateau) -> float:
 
 
 def _noise_per_reading(plateaus: Sequence[Plateau]) -> Floats:
-    """(6,) variance of a mean times the readings in it, as in the quieter windows, which hold no load change."""
+    """Return (6,) variance of a mean times the readings in it, as in the quieter windows, which hold no load change."""
     return np.quantile([np.diag(p.covariance) * p.readings for p in plateaus], 0.3, axis=0)
 
 

@@ -92,7 +92,7 @@ def measure_and_check(
 
 
 def warnings_of(measured: MeasuredSession, plateaus: Mapping[Span, Plateau]) -> tuple[Finding, ...]:
-    """Errors and warnings of a session whose recording as a whole is not at hand, only its reduced windows."""
+    """Return errors and warnings of a session whose recording as a whole is not at hand, only its reduced windows."""
     session = measured.session.amended
     findings = [*_of_description(session), *plateau_findings(session, plateaus), *_of_measured(measured, {})]
     return _to_look_at(session, findings)
@@ -144,7 +144,7 @@ def _of_recording(
 
 
 def _of_measured(measured: MeasuredSession, facts: dict[str, Any]) -> list[Finding]:
-    """Findings in tares, signs, forces and known weights; numbers go to `facts`."""
+    """Return findings in tares, signs, forces and known weights; numbers go to `facts`."""
     tares, facts["tares"] = tare_findings(measured)
     weights, facts["known_weights"] = weight_findings(measured.checks)
     return [*tares, *sign_findings(measured), *force_findings(measured), *weights]

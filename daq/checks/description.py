@@ -114,7 +114,7 @@ def _frames(session: Session) -> Iterator[Finding]:
 
 
 def _mass_units(session: Session) -> Iterator[Finding]:
-    """Masses in g below 15 are in kg or in newtons, save those of a lumbrical."""
+    """Yield a finding where masses in g below 15 must be kg or newtons, save those of a lumbrical."""
     small = [
         (case_name(case), tendon, mass)
         for case in session.cases
@@ -153,7 +153,7 @@ def _loads(session: Session) -> Iterator[Finding]:
 
 
 def _limits_g(session: Session) -> tuple[dict[str, float], str]:
-    """The most that may hang on each tendon: of the protocol that the session names, or of the published one."""
+    """Return the most that may hang on each tendon: of the protocol that the session names, or of the published one."""
     # A session without a folder may come from anywhere: a name of it is no path then.
     if session.protocol is not None and (session.folder is not None or session.protocol in protocol_names()):
         protocol = read_protocol(session.protocol, session.folder)

@@ -36,5 +36,5 @@ def driver(name: str) -> type[LoadCell]:
 
 
 def drivers() -> tuple[type[LoadCell], ...]:
-    """All drivers, in the registry's order."""
+    """Return all drivers, in the registry's order."""
     return tuple(driver(name) for name in REGISTRY)

@@ -211,5 +211,5 @@ class AtiAxia(LoadCell):
         )
 
     def stop(self, transport: Transport) -> None:
-        """A carriage return ends the stream."""
+        """End the stream with a carriage return."""
         transport.write(BREAK)

@@ -20,7 +20,7 @@ MOST_REST = 2000
 
 
 def request(command: int, count: int = 0) -> bytes:
-    """A request: header, command, number of records (0: without end)."""
+    """Return a request: header, command, number of records (0: without end)."""
     return struct.pack(">HHI", 0x1234, command, count)
 
 

@@ -100,7 +100,7 @@ class AsciiDecoder:
 
 
 def _row(line: bytes) -> tuple[list[int], int]:
-    """Error digit and six counts of a line, and in which of the forms it is, 0 where in none."""
+    """Return error digit and six counts of a line, and in which of the forms it is, 0 where in none."""
     match = _RECORD.fullmatch(line)
     if match is None:
         return [], 0
@@ -268,7 +268,7 @@ class AtiSerial(LoadCell):
         )
 
     def stop(self, transport: Transport) -> None:
-        """A carriage return ends the stream."""
+        """End the stream with a carriage return."""
         transport.write(BREAK)
 
 

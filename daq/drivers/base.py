@@ -192,11 +192,11 @@ class LoadCell(ABC):
         raise DriverError(f"{self.name} hangs on {self.link}", "a transport of that kind")
 
     def number(self, name: str) -> float:
-        """A setting that is a number."""
+        """Return a setting that is a number."""
         return float(self.values[name])
 
     def text(self, name: str) -> str:
-        """A setting that is a text or a choice."""
+        """Return a setting that is a text or a choice."""
         return str(self.values[name])
 
 
@@ -241,7 +241,7 @@ def heard_without_samples(transport: Transport, decoder: Decoder, wait_s: float,
 
 
 def steps_from(before: float, values: NDArray[Any]) -> NDArray[Any]:
-    """Differences (n,) of values (n,), the first from one before them; NumPy's own takes longer than a datagram."""
+    """Return differences (n,) of values (n,), the first from one before them; NumPy's take longer than a datagram."""
     out = values.copy()
     out[1:] -= values[:-1]
     out[:1] -= before

@@ -101,7 +101,7 @@ class Bota(LoadCell):
         self._ask(transport, RUN, RUNNING)
 
     def stop(self, transport: Transport) -> None:
-        """It does not stream while it is being configured."""
+        """Stop the stream by starting its configuration."""
         transport.write(CONFIGURE)
 
     def _wait_for_start_up(self, transport: Transport) -> None:

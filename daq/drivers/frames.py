@@ -104,7 +104,7 @@ class FrameStream:
 
 
 def crc_table(polynomial: int) -> NDArray[np.uint16]:
-    """Table of a reflected 16-bit CRC."""
+    """Return the table of a reflected 16-bit CRC."""
     out = np.zeros(256, dtype=np.uint16)
     for byte in range(256):
         value = byte
@@ -118,12 +118,12 @@ _MODBUS, _X25 = crc_table(0xA001), crc_table(0x8408)
 
 
 def crc16_modbus(octets: Octets) -> NDArray[np.uint16]:
-    """CRC-16/MODBUS of each row (n, length)."""
+    """Return CRC-16/MODBUS of each row (n, length)."""
     return _crc(octets, _MODBUS)
 
 
 def crc16_x25(octets: Octets) -> NDArray[np.uint16]:
-    """CRC-16/X-25 of each row (n, length)."""
+    """Return CRC-16/X-25 of each row (n, length)."""
     return _crc(octets, _X25) ^ np.uint16(0xFFFF)
 
 

@@ -41,7 +41,7 @@ def rows_of(block: ReadingBlock) -> bytes:
 
 
 def _check(words: NDArray[np.uint64]) -> NDArray[np.uint32]:
-    """The check of rows as words (n, 9), the first of which holds it."""
+    """Return the check of rows as words (n, 9), the first of which holds it."""
     mixed = (words[:, 1:] * _WEIGHTS).sum(axis=1, dtype=np.uint64)
     return (mixed >> np.uint64(32)).astype(np.uint32)
 
@@ -107,7 +107,7 @@ class Feed:
                 yield float(block.t_s[b - 1]), rows_of(ReadingBlock(block.t_s[a:b], block.wrench[a:b], status))
 
     def write(self, data: bytes) -> None:
-        """A recording hears nothing."""
+        """Ignore what is written: a recording hears nothing."""
 
     def read(self, timeout_s: float) -> bytes:
         """Return the next portion when its time has come.
@@ -133,7 +133,7 @@ class Feed:
         return data
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Close nothing: nothing is held open."""
 
 
 class Replay(LoadCell):
@@ -158,7 +158,7 @@ class Replay(LoadCell):
         return RowDecoder()
 
     def start(self, transport: Transport) -> None:
-        """A recording plays when it is read."""
+        """Start nothing: a recording plays when it is read."""
 
     def own_transport(self, port: str) -> Transport:
         """Open a readings file, or a session's folder."""

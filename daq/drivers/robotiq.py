@@ -23,7 +23,7 @@ TRIES = int(BOOT_S / ANSWER_S)
 
 
 def with_crc(message: bytes) -> bytes:
-    """A Modbus message with its checksum, the low byte first."""
+    """Return a Modbus message with its checksum, the low byte first."""
     crc = int(crc16_modbus(np.frombuffer(message, np.uint8)[None, :])[0])
     return message + crc.to_bytes(2, "little")
 
@@ -92,5 +92,5 @@ class Robotiq(LoadCell):
         )
 
     def stop(self, transport: Transport) -> None:
-        """Fifty FF bytes end the stream."""
+        """End the stream with fifty FF bytes."""
         transport.write(STOP)

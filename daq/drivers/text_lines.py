@@ -80,7 +80,7 @@ def split(line: str, delimiter: str) -> list[str]:
 
 
 def labelled(line: str) -> tuple[list[str], list[float]] | None:
-    """Labels and numbers of a line such as `Fx:1.00 Fy:-2.00` or `Fx=1,00; Fy=-2,00`; None where it is none."""
+    """Return labels and numbers of a line such as `Fx:1.00 Fy:-2.00` or `Fx=1,00; Fy=-2,00`; None where it is none."""
     labels, values, at = list[str](), list[float](), 0
     while at < len(line):
         field = _LABELLED.match(line, at)

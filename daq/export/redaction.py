@@ -200,7 +200,7 @@ def _since_1970(number: float) -> bool:
 
 
 def _reserved() -> frozenset[str]:
-    """Words that a session's description is made of, and their parts."""
+    """Return words that a session's description is made of, and their parts."""
     records = [r for r in vars(session_models).values() if isinstance(r, type) and hasattr(r, "model_fields")]
     names = {name for record in records for name in record.model_fields}
     names |= {*vocabulary.TENDONS, *vocabulary.JOINT_ANGLES, *vocabulary.ROLES, *vocabulary.LOCATIONS}

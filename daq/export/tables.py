@@ -108,7 +108,7 @@ DEFUSED = "a text that begins with = + - @ has an apostrophe before it, so that 
 
 
 def defused(value: Any) -> Any:
-    """A value as it may stand in a CSV: a text that would be a formula gets an apostrophe before it."""
+    """Return a value as it may stand in a CSV: a text that would be a formula gets an apostrophe before it."""
     return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
 
 

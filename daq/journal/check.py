@@ -81,7 +81,7 @@ def recover(path: str | Path, out: str | Path) -> Report:
 
 
 def _identity(connection: sqlite3.Connection, path: Path) -> int:
-    """Version of a journal, of whatever version."""
+    """Return the version of a journal, of whatever version."""
     application = connection.execute("PRAGMA application_id").fetchone()[0]
     if application != APPLICATION_ID:
         raise JournalError(f"{path.name} is no journal", "a journal that fingertwin wrote", "Give another file")

@@ -72,7 +72,7 @@ def _seen(file: Path) -> _Seen | None:
 
 
 def _renamed(file: Path, before: _Seen) -> Path | None:
-    """The file of another name in the same folder."""
+    """Return the file of another name in the same folder."""
     try:
         return next((f for f in file.parent.iterdir() if (s := _seen(f)) is not None and s[:2] == before[:2]), None)
     except OSError:

@@ -62,7 +62,7 @@ class JournalReader:
         return str(rows[0][0]) if rows else None
 
     def streams(self) -> list[Stream]:
-        """All streams in the order in which they began.
+        """Return all streams in the order in which they began.
 
         Raises:
             JournalError: a description is damaged.
@@ -102,7 +102,7 @@ class JournalReader:
             row = self._rows(query, stream, row[0][0])
 
     def events(self, stream: str | None = None) -> list[Event]:
-        """Events of a stream, or of all and of the bench, in the order in which they were written.
+        """Return events of a stream, or of all streams and the bench, in the order of writing.
 
         Raises:
             JournalError: one is damaged.
@@ -111,7 +111,7 @@ class JournalReader:
         return [Event.of_row(row) for row in self._rows(query, stream, stream)]
 
     def events_from(self, number: int) -> list[Event]:
-        """Events of all streams and of the bench, from this number on, 0 for the first that was written.
+        """Return events of all streams and the bench, from this number on; 0 is the first that was written.
 
         Raises:
             JournalError: one is damaged.
@@ -120,11 +120,11 @@ class JournalReader:
         return [Event.of_row(row) for row in self._rows(query, number)]
 
     def set_aside(self) -> set[tuple[str, int]]:
-        """Chunks (stream, first_seq) that the service refused."""
+        """Return chunks (stream, first_seq) that the service refused."""
         return set(self._rows("SELECT stream, first_seq FROM outbox WHERE state = 'quarantined'"))
 
     def counts(self) -> tuple[int, int, int]:
-        """Chunks, samples in them, and events."""
+        """Return chunks, samples in them, and events."""
         rows = self._rows("SELECT count(*), ifnull(sum(n), 0), (SELECT count(*) FROM events) FROM chunks")
         return (int(rows[0][0]), int(rows[0][1]), int(rows[0][2]))
 

@@ -63,7 +63,7 @@ class JournalFeed:
         self._began: tuple[float, float] | None = None
 
     def write(self, data: bytes) -> None:
-        """A journal hears nothing."""
+        """Ignore what is written: a journal hears nothing."""
 
     def read(self, timeout_s: float) -> bytes:
         """Return the next read when its time has come.
@@ -93,11 +93,11 @@ class JournalFeed:
         return data
 
     def close(self) -> None:
-        """The journal stays where it is: the stream goes on after a reconnection."""
+        """Close nothing: the stream goes on after a reconnection."""
 
 
 def _reads(path: Path, stream: str) -> Iterator[tuple[float, bytes]]:
-    """(arrival [s], bytes) of every read."""
+    """Yield (arrival [s], bytes) of every read."""
     with JournalReader.open(path) as journal:
         kinds = (journal.read(stream), journal.undecoded(stream))
         yield from heapq.merge(*(_reads_of(chunks) for chunks in kinds), key=lambda read: read[0])
@@ -160,7 +160,7 @@ class JournalReplay(LoadCell):
         return self._original.decoder()
 
     def start(self, transport: Transport) -> None:
-        """A journal plays when it is read."""
+        """Start nothing: a journal plays when it is read."""
 
     def own_transport(self, port: str) -> Transport:
         """Open the stream; after a connection that was lost, go on with it."""
@@ -170,7 +170,7 @@ class JournalReplay(LoadCell):
 
 
 def _recorded_by(stream: Stream, folder: Path) -> LoadCell:
-    """The driver that read a stream, with its settings; a calibration file is written into a folder."""
+    """Return the driver that read a stream, with its settings; a calibration file is written into a folder."""
     settings: dict[str, Any] = dict(stream.settings)
     name = str(settings.pop("driver")) if stream.driver == "replay" and "driver" in settings else stream.driver
     text = stream.cell.get("calibration_text")

@@ -56,27 +56,27 @@ INSERT_OUTBOX = "INSERT INTO outbox (id, stream, first_seq, sha256, state, tries
 
 
 def as_utc(utc_s: float) -> str:
-    """Seconds since 1970, for people."""
+    """Write seconds since 1970 as a date and time in UTC."""
     return dt.datetime.fromtimestamp(utc_s, tz=dt.UTC).isoformat(timespec="milliseconds")
 
 
 def now_utc() -> str:
-    """Wall clock, for people."""
+    """Return the wall clock's date and time in UTC."""
     return as_utc(time.time())
 
 
 def checksum(*values: object) -> int:
-    """CRC-32 of a row's values."""
+    """Return CRC-32 of a row's values."""
     return zlib.crc32(json.dumps(values, ensure_ascii=True).encode("ascii"))
 
 
 def chunk_checksum(stream: str, first_seq: int, count: int, payload: bytes) -> int:
-    """CRC-32 of a chunk's key and of the checksum that its payload ends in: a payload under another key is found."""
+    """Return the CRC-32 of a chunk's key and its payload's checksum, so that a payload under another key is found."""
     return zlib.crc32(f"{stream} {first_seq} {count} ".encode() + payload[-4:])
 
 
 def as_json(value: Mapping[str, Any], what: str) -> str:
-    """Plain JSON.
+    """Return a value as JSON.
 
     Raises:
         JournalError: it cannot be written as such.
@@ -108,7 +108,7 @@ class Stream:
     clock: str
 
     def row(self) -> tuple[Any, ...]:
-        """As it is kept."""
+        """Return the row as it is kept."""
         values = (
             self.id, self.driver, as_json(self.settings, "a setting"), as_json(self.cell, "the load cell"),
             self.started_utc, self.clock,
@@ -117,7 +117,7 @@ class Stream:
 
     @classmethod
     def of_row(cls, row: tuple[Any, ...]) -> Stream:
-        """Of what was kept.
+        """Make a stream of its row.
 
         Raises:
             JournalError: its checksum does not hold.
@@ -147,7 +147,7 @@ class Event:
 
     @classmethod
     def of_row(cls, row: tuple[Any, ...]) -> Event:
-        """Of what was kept.
+        """Make an event of its row.
 
         Raises:
             JournalError: its checksum does not hold.
@@ -171,7 +171,7 @@ class Happening(Protocol):
 
 
 def event_row(event: Happening, stream: str | None = None) -> tuple[Any, ...]:
-    """An event as it is kept; one that names no stream gets this one.
+    """Return an event as it is kept; one that names no stream gets this one.
 
     Raises:
         JournalError: its kind, time or value cannot be kept.
@@ -239,7 +239,7 @@ def said(error: sqlite3.Error, path: Path) -> JournalError:
 
 
 def disk_full(path: Path) -> JournalError:
-    """Nothing more can be kept."""
+    """Return the error that nothing more can be kept."""
     return JournalError(
         f"disk full: {path.name} cannot grow",
         "free space",

@@ -165,7 +165,7 @@ class Salvage:
                 yield row
 
     def _chunks(self) -> Iterator[tuple[Any, ...]]:
-        """Sound chunks (id, stream, first_seq, n, crc, payload)."""
+        """Yield sound chunks (id, stream, first_seq, n, crc, payload)."""
         seen: set[tuple[str, int]] = set()
         for row in self._rows("chunks", CHUNK_COLUMNS):
             at, stream, first_seq, count = row[:4]
@@ -196,7 +196,7 @@ class Salvage:
             yield row
 
     def _undecoded(self) -> Iterator[tuple[Any, ...]]:
-        """Sound chunks without samples (id, stream, first_seq, n, crc, payload)."""
+        """Yield sound chunks without samples (id, stream, first_seq, n, crc, payload)."""
         for row in self._rows("undecoded", CHUNK_COLUMNS):
             try:
                 self._undecoded_bytes += len(sound_chunk(row).raw)
@@ -216,7 +216,7 @@ class Salvage:
                 yield tuple(row)
 
     def _gaps(self) -> list[Fault]:
-        """Samples that are missing: before, between and, as far as the outbox tells, after those that are there."""
+        """Return the samples that are missing: before, between and, as far as the outbox tells, after those present."""
         out = []
         known: dict[str, set[int]] = {}
         for stream, first_seq, *_ in self._outbox.values():
@@ -240,7 +240,7 @@ class Salvage:
         return {str(row[1]): str(row[2]) for row in self._rows("meta", "rowid, key, value", "rowid")}
 
     def _rows(self, table: str, columns: str, key: str = "id") -> Iterator[tuple[Any, ...]]:
-        """Rows in order, past those that cannot be read."""
+        """Yield rows in order, past those that cannot be read."""
         query = f"SELECT {columns} FROM {table} WHERE {key} > ? ORDER BY {key}"  # noqa: S608 - our own names
         at, misses, highest = 0, 0, None
         while (highest is None or at <= highest) and misses < _MOST_MISSES:
@@ -258,7 +258,7 @@ class Salvage:
                 return
 
     def _highest(self, table: str, key: str) -> int:
-        """A number that no row lies beyond."""
+        """Return a number that no row lies beyond."""
         # A chunk and its place in the outbox have one number.
         for name in ("chunks", "outbox") if table in ("chunks", "outbox") else (table,):
             with suppress(sqlite3.DatabaseError):

@@ -22,7 +22,7 @@ _NEXT = "SELECT ifnull(max(first_seq + n), 0) FROM chunks WHERE stream = ?"
 
 
 def free_beside(path: Path) -> Path:
-    """A name like a journal's that no journal has, or had."""
+    """Return a free name like a journal's, which no journal has or had."""
     names = (path.with_name(f"{path.stem}-{number}{path.suffix}") for number in itertools.count(2))
     return next(n for n in names if not any(f.exists() for f in (n, log_file(n), lock_file(n))))
 

@@ -57,7 +57,7 @@ class Log:
         return self.hidden > 1
 
     def mended(self, first_page: bytes) -> bytes:
-        """The log with every frame that still tells its page, and new checksums; a damaged page is kept as it is.
+        """Return the log with every frame that still tells its page, and new checksums; a damaged page stays as it is.
 
         Args:
             first_page: of the journal, without which SQLite reads nothing: it stands where the log's is damaged.

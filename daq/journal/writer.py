@@ -195,7 +195,7 @@ class Journal(Writer):
             connection.executemany(INSERT_EVENT, rows)
 
     def space_left(self) -> int:
-        """Bytes that chunks may still take; watch it, and stop before it is nothing."""
+        """Return bytes that chunks may still take; watch it, and stop before it is nothing."""
         self.stay()  # the folder may have gone too
         return shutil.disk_usage(self.path.parent).free - self._reserve_bytes
 

@@ -83,12 +83,12 @@ class Writer(JournalReader):
         self._counted += samples
 
     def rows(self) -> int:
-        """Rows that were ever written: they are never deleted."""
+        """Return rows that were ever written: they are never deleted."""
         return int(self._rows(ROWS)[0][0])
 
     @contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
-        """All of it or nothing, on the disk at the end; one within another of the same thread is a part of it."""
+        """Write all changes or none, on the disk at the end; a nested one in the same thread joins it."""
         with self._lock:
             if self._within:
                 yield self._connection

@@ -83,7 +83,7 @@ class C3dChannels(LabChannels):
 
 
 def _texts(analog: Any, key: str) -> list[str]:
-    """A list of texts, which goes on under numbered names where it is long."""
+    """Return a list of texts, which goes on under numbered names where it is long."""
     found = []
     for name in (key, *(f"{key}{k}" for k in range(2, 20))):
         if name in analog:
@@ -92,7 +92,7 @@ def _texts(analog: Any, key: str) -> list[str]:
 
 
 def _ends_at(file: Any) -> int:
-    """At which byte the last value should end: what lies beyond a file's end would be made up."""
+    """Return the byte at which the last value should end: values beyond a file's end would be made up."""
     point = file["parameters"]["POINT"]
     start = int(np.ravel(point["DATA_START"]["value"])[0])
     size = 4 if float(np.ravel(point["SCALE"]["value"])[0]) < 0.0 else 2

@@ -170,7 +170,7 @@ def cases_of(levels: Sequence[Level], choices: Sequence[Choice]) -> list[dict[st
 
 
 def _tare_after(i: int, levels: Sequence[Level], choices: Sequence[Choice]) -> Level | None:
-    """The tare right behind a load, where the same block goes on after it: then nothing else was changed before."""
+    """Return the tare right behind a load, where the same block goes on after it: nothing else was changed before."""
     own = choices[i].note
     following = next((c for c in choices[i + 1 :] if c.kind == "load"), None)
     if own is None or i + 1 >= len(levels) or choices[i + 1].kind != "tare":

@@ -293,7 +293,7 @@ def _factor(taken: Taken, channel: Channel, kind: Kind, file: str) -> float:
 def _time(
     source: LabChannels, mapping: LabFileMap, used: Mapping[str, Channel]
 ) -> tuple[float, tuple[float, float] | None]:
-    """Factor of the time's channel, or (start, step) [s]."""
+    """Return the time channel's factor, or (start, step) [s]."""
     name = source.path.name
     if isinstance(mapping.time, Taken):
         channel = source.readable(mapping.time.channel)

@@ -123,7 +123,7 @@ class Hdf5Channels(LabChannels):
             )
 
     def _describe(self, name: str, item: Any, file: Any) -> list[Channel]:
-        """The channels of a dataset; none of what holds no values in a row."""
+        """Return the channels of a dataset; none where it holds no values in a row."""
         if item.shape is None or not 1 <= item.ndim <= 2 or 0 in item.shape:
             return []
         group = name.rpartition("/")[0]
@@ -162,13 +162,13 @@ def _kind(dtype: Any) -> str:
 
 
 def _texts(value: Any) -> list[str]:
-    """An attribute or dataset as texts."""
+    """Return an attribute or dataset as texts."""
     values = np.atleast_1d(value) if not isinstance(value, str | bytes) else [value]
     return [v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v) for v in values]
 
 
 def _unit(item: Any, column: int) -> str:
-    """The unit that a dataset's attribute states, of a table for each column."""
+    """Return the unit that a dataset's attribute states, of a table for each column."""
     texts = next((_texts(item.attrs[key]) for key in item.attrs if key.lower() in _UNITS), [])
     if item.ndim == 1 or 1 in item.shape:
         return texts[0].strip() if len(texts) == 1 else ""
@@ -176,7 +176,7 @@ def _unit(item: Any, column: int) -> str:
 
 
 def _labels(name: str, item: Any, file: Any) -> list[str]:
-    """Names of a table's columns: of an attribute, of what pandas writes beside it, or by number."""
+    """Return names of a table's columns: of an attribute, of what pandas writes beside it, or by number."""
     count = int(item.shape[1])
     candidates = [_texts(item.attrs[key]) for key in item.attrs if key.lower() in _NAMES]
     beside = f"{name.removesuffix('_values')}_items"

@@ -160,7 +160,7 @@ def _same_but_moved(notes: Sequence[Note], line: int, near: int) -> bool:
 
 
 def _settled(means: Floats, notes: Sequence[Note], between: bool) -> list[tuple[float, list[_Choice]]]:
-    """The cheapest ways, when loads are known by those that were laid before."""
+    """Return the cheapest ways, when loads are known by those that were laid before."""
     known: dict[object, _Known] = {}
     ways: list[tuple[float, list[_Choice]]] = []
     for _ in range(3):
@@ -172,7 +172,7 @@ def _settled(means: Floats, notes: Sequence[Note], between: bool) -> list[tuple[
 def _ways(
     means: Floats, notes: Sequence[Note], known: Mapping[object, _Known], between: bool
 ) -> list[tuple[float, list[_Choice]]]:
-    """The cheapest ways, best first; `between` says whether tares stand between the loads of a block."""
+    """Return the cheapest ways, best first; `between` says whether tares stand between the loads of a block."""
     distance = (np.abs(means[:, None] - means[None]) / TOLERANCE).max(axis=2)
 
     @cache
@@ -270,7 +270,7 @@ def _choices(
 
 
 def _hung_before(level: int, state: _State, notes: Sequence[Note]) -> int | None:
-    """The plateau at which the very weights hung that a line moves; None where it moves none, or not these."""
+    """Return the plateau at which the very weights hung that a line moves; None where it moves none, or not these."""
     past, note = state.past, notes[state.line]
     while past is not None and _only_moved(note):
         level -= 1
@@ -302,7 +302,7 @@ def _key(note: Note) -> object:
 
 
 def _learned(means: Floats, notes: Sequence[Note], way: Sequence[_Choice]) -> dict[object, _Known]:
-    """Force per mass of every load that was found twice, and of each location on the whole."""
+    """Return the force per mass of every load that was found twice, and of each location on the whole."""
     per_g: dict[object, list[Floats]] = {}
     for level, choice in enumerate(way):
         if choice.kind == "load":

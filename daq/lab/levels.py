@@ -54,7 +54,7 @@ def find_levels(readings: Iterable[ReadingBlock]) -> tuple[Level, ...]:
 
 
 def still_spans(t_s: Floats, values: Floats, tolerance: Floats) -> list[Span]:
-    """Spans of time [s] in which no channel leaves its level.
+    """Return spans of time [s] in which no channel leaves its level.
 
     Args:
         t_s: (n,) not decreasing [s].

@@ -99,7 +99,7 @@ def _cells(line: str, like: str = "") -> list[str]:
 
 
 def _as_typed(line: str, heading_line: str, heading: list[str]) -> str:
-    """A row of a CSV as somebody would have typed it."""
+    """Return a row of a CSV as somebody would have typed it."""
     cells: Mapping[str, str] = {k: c.strip() for k, c in zip(heading, _cells(line, heading_line), strict=False)}
     masses = [f"{k} {c}" for k, c in cells.items() if k not in _HEADINGS.values() and c and float_or(c)]
     if cells.get("tendon"):
@@ -108,7 +108,7 @@ def _as_typed(line: str, heading_line: str, heading: list[str]) -> str:
 
 
 def float_or(text: str) -> float:
-    """A number with point or comma, 0 where it is none."""
+    """Return a number with point or comma, 0 where it is none."""
     try:
         return float(text.replace(",", "."))
     except ValueError:
@@ -162,7 +162,7 @@ def _repeats(text: str, number: int) -> int:
 
 
 def _masses(field: str, known: Mapping[str, str]) -> dict[str, float]:
-    """Masses of a field such as `FDP 300 + FDS 0.2 kg`; none where it is not one."""
+    """Return masses of a field such as `FDP 300 + FDS 0.2 kg`; none where it is not one."""
     out: dict[str, float] = {}
     for part in re.split(r"\s*\+\s*", field):
         match = re.fullmatch(r"([A-Za-z]\w*?)\s*[:= ]\s*(\d+(?:[.,]\d+)?)\s*(kg|g)?", part)

@@ -168,7 +168,7 @@ class _Sheet:
         self._last = (max(self._last[0], row), max(self._last[1], column))
 
     def _text(self, at: int) -> None:
-        """A shared text ends here, and another may begin."""
+        """End a shared text, and begin another."""
         if self._text_at >= 0:
             self._all.longest = max(self._all.longest, at - self._text_at)
         self._text_at = at
@@ -210,7 +210,7 @@ class _Repeats:
         return fault
 
     def _add(self, row: bytes) -> None:
-        """A row's text; empty rows count where one with something in it follows, and so do empty cells."""
+        """Count a row from its text; empty rows and cells count where a filled one follows."""
         head, _, told = row.partition(b">")
         often = max((int(n) for kind, n in _REPEATED.findall(head) if kind == b"rows"), default=1)
         width = last = 0

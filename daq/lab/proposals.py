@@ -103,7 +103,7 @@ def mapping_of(
 
 
 def kind_of(key: str) -> Kind:
-    """The kind of unit of an axis or a gauge, or of time as `t`."""
+    """Return the kind of unit of an axis or a gauge, or of time as `t`."""
     return "time" if key == "t" else "voltage" if key in GAUGES else KINDS[key[0]]
 
 
@@ -178,7 +178,7 @@ def _axis_of(channel: Channel) -> str:
 
 
 def _resolved(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
-    """The first group with all six axes."""
+    """Return the first group with all six axes."""
     sets: dict[str, dict[str, list[Channel]]] = {}
     for channel in _sound(source):
         if axis := _axis_of(channel):
@@ -200,25 +200,25 @@ def _resolved(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None
 
 
 def _letter_of(channel: Channel) -> str:
-    """The x, y or z in a channel's name; nothing where there is none."""
+    """Return the x, y or z in a channel's name; nothing where there is none."""
     match = _LETTER.match(_leaf(channel))
     return match[0][-1].lower() if match else ""
 
 
 def _unnamed(source: LabChannels) -> list[Channel]:
-    """Channels that could be axes, where no name says which."""
+    """Return channels that could be axes, where no name says which."""
     return [c for c in _sound(source) if not _TIME.match(_leaf(c)) and c.unit != TIMESTAMP]
 
 
 def _letters(channels: Sequence[Channel]) -> str:
-    """F or T for each channel with a unit of that kind, ? for others."""
+    """Return f or T for each channel with a unit of that kind, ? for others."""
     return "".join(
         next((x for x in "FT" if factor_of(_unit(c, KINDS[x]) or "", KINDS[x]) is not None), "?") for c in channels
     )
 
 
 def _by_letters(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
-    """Channels whose names say x, y and z behind words of another language; their units or order tell the kinds."""
+    """Find channels whose names say x, y and z behind words of another language; units or order tell the kinds."""
     found = [c for c in _unnamed(source) if _letter_of(c)]
     threes = [found[i : i + 3] for i in range(0, len(found), 3)]
     if any(sorted(_letter_of(c) for c in three) != ["x", "y", "z"] for three in threes):
@@ -242,7 +242,7 @@ def _by_letters(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | No
 
 
 def _by_position(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
-    """Six channels whose names tell nothing: those whose units are three of each kind, or the only ones there are."""
+    """Find six channels whose names tell nothing: by three units of each kind, or as the only ones there are."""
     rest = _unnamed(source)
     if any(_axis_of(c) or _is_gauge(c) for c in rest):
         return None
@@ -268,12 +268,12 @@ def _is_gauge(channel: Channel) -> bool:
 
 
 def _sound(source: LabChannels) -> list[Channel]:
-    """Channels whose numbers can be read; of an unknown scale too, so that it is refused by its name."""
+    """Return channels whose numbers can be read; of an unknown scale too, so that it is refused by its name."""
     return [c for c in source.channels if not c.fault.startswith("holds")]
 
 
 def _gauges(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
-    """Six channels of one stem that are counted; else the only six in volts."""
+    """Return six channels of one stem that are counted; else the only six in volts."""
     sets: dict[tuple[str, str], dict[int, Channel]] = {}
     for channel in _sound(source):
         match = _COUNTED.match(_leaf(channel))
@@ -351,7 +351,7 @@ def _leaf(channel: Channel) -> str:
 
 
 def _epoch(source: LabChannels, channel: Channel) -> str:
-    """The unit in which a channel's first number is a time of this century since 1970; nothing where there is none."""
+    """Return the unit in which a channel's first number is a time of this century; nothing where there is none."""
     if channel.unit == TIMESTAMP:
         return ""
     block = next(iter(source.blocks([channel.name])), None)
@@ -360,7 +360,7 @@ def _epoch(source: LabChannels, channel: Channel) -> str:
 
 
 def stated_unit(channel: Channel) -> str:
-    """The unit of any kind that a channel or its name states; nothing where there is none."""
+    """Return the unit of any kind that a channel or its name states; nothing where there is none."""
     if channel.unit:
         return channel.unit
     kinds: tuple[Kind, ...] = ("force", "torque", "voltage", "time")
@@ -368,7 +368,7 @@ def stated_unit(channel: Channel) -> str:
 
 
 def _unit(channel: Channel, kind: Kind) -> str | None:
-    """The unit that the file states, or else the one in the channel's name."""
+    """Return the unit that the file states, or else the one in the channel's name."""
     if channel.unit:
         return channel.unit
     divided = _BEHIND_SLASH.search(_leaf(channel))  # as DIN writes it: F_x/N

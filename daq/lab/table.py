@@ -58,7 +58,7 @@ class Table:
 
 
 def number_of(cell: Any, decimal: str = ".") -> float | None:
-    """A cell's number; None where it is none.
+    """Return a cell's number; None where it is none.
 
     Args:
         cell: text, or a number of a spreadsheet.
@@ -79,7 +79,7 @@ def number_of(cell: Any, decimal: str = ".") -> float | None:
 
 
 def moment_of(cell: Any) -> Moment | None:
-    """A cell's time; None where it is none."""
+    """Return a cell's time; None where it is none."""
     if isinstance(cell, dt.datetime):
         whole = cell.replace(hour=0, minute=0, second=0, microsecond=0)
         return Moment((cell - whole).total_seconds(), cell.date().isoformat())
@@ -104,7 +104,7 @@ def moment_of(cell: Any) -> Moment | None:
 
 
 def _iso(day: str) -> str:
-    """A day as ISO 8601 has it, where its order is plain; else as it stands."""
+    """Return a day as ISO 8601 has it, where its order is plain; else as it stands."""
     parts = re.split(r"[-/. ]", day)
     if len(parts) == 3 and parts[1].isalpha():
         month = parts[1].lower()
@@ -122,7 +122,7 @@ _ORDERS = ((2, 1, 0), (2, 0, 1), (0, 1, 2))
 
 
 def _date(day: str, order: tuple[int, int, int]) -> dt.date | None:
-    """The date that a day stands for in an order; None where it is none."""
+    """Return the date that a day stands for in an order; None where it is none."""
     try:
         if re.match(r"\d{4}-", day):
             return dt.date.fromisoformat(day)
@@ -147,7 +147,7 @@ class Clock:
         self._orders: tuple[tuple[int, int, int], ...] = _ORDERS
 
     def elapsed(self, now: Moment) -> float:
-        """Seconds [s] from the first time to this one.
+        """Return the seconds [s] from the first time to this one.
 
         Raises:
             ReadingsError: the day changes, and nothing tells the order of its day and month.
@@ -230,7 +230,7 @@ def is_told_again(row: Sequence[Any], names: Sequence[str], units: Sequence[str]
 def _header(
     cells: Sequence[Sequence[Any]], counts: Sequence[int], first: int
 ) -> tuple[tuple[str, ...], tuple[str, ...], int]:
-    """Names and units above a row of numbers, nothing where there are none, and how many rows stand above them."""
+    """Return names and units above a row of numbers, empty where there are none, and the count of rows above them."""
     above = [i for i in range(first) if cells[i]]
 
     def words(i: int) -> bool:
@@ -249,7 +249,7 @@ def _header(
 
 
 def _below(groups: Sequence[Any], names: Sequence[str]) -> list[str]:
-    """Names of a second line of headings, each behind the heading of the first line that stands over it."""
+    """Return names of a second line of headings, each behind the heading of the first line that stands over it."""
     out, over = [], ""
     for i, name in enumerate(names):
         over = (str(groups[i]).strip() if i < len(groups) else "") or over

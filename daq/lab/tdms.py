@@ -112,7 +112,7 @@ class TdmsChannels(LabChannels):
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
-        """The file up to the last segment whose description is whole."""
+        """Yield the file up to the last segment whose description is whole."""
         with self.path.open("rb") as stream, self._nptdms.TdmsFile.open(_Bounded(stream, self._end)) as file:
             yield file
 
@@ -147,13 +147,13 @@ def _datetime(value: Any) -> np.datetime64 | None:
 
 
 def _origin(file: Any) -> np.datetime64 | None:
-    """The earliest start of a channel."""
+    """Return the earliest start of a channel."""
     starts = (_datetime(c.properties.get("wf_start_time")) for g in file.groups() for c in g.channels())
     return min((s for s in starts if s is not None), default=None)
 
 
 def _unknown_scale(properties: Any) -> str:
-    """The first type of scale that npTDMS would leave away, saying nothing; nothing where it knows them all."""
+    """Return the first type of scale that npTDMS would leave away, saying nothing; nothing where it knows them all."""
     if properties.get("NI_Scaling_Status") == "scaled":
         return ""
     count = properties.get("NI_Number_Of_Scales")
@@ -162,7 +162,7 @@ def _unknown_scale(properties: Any) -> str:
 
 
 def _last_segment(stream: BinaryIO) -> int:
-    """Bytes up to the last segment whose description is whole; what lies behind was cut off while it was written."""
+    """Return the bytes up to the last segment with a whole description; later ones were cut off in writing."""
     size = stream.seek(0, 2)
     at = 0
     while size - at >= _LEAD_IN:

@@ -186,7 +186,7 @@ class TextChannels(TableChannels):
             ) from error
 
     def _lines(self) -> Iterator[tuple[int, str]]:
-        """Whole lines with their number; a heading in quotation marks may go over several."""
+        """Yield whole lines with their number; a heading in quotation marks may go over several."""
         held: list[tuple[int, str]] = []
         for number, line in self._single_lines():
             if not held and (number > _HEAD_LINES or not _OPEN_QUOTE.search(line)):
@@ -203,7 +203,7 @@ class TextChannels(TableChannels):
         yield from held
 
     def _single_lines(self) -> Iterator[tuple[int, str]]:
-        """Whole lines with their number: half a number looks like a whole one."""
+        """Yield whole lines with their number: half a number looks like a whole one."""
         number = 0
         with self._opened() as raw, io.TextIOWrapper(raw, encoding=self._encoding, newline=None) as stream:
             while True:

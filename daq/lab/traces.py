@@ -48,13 +48,13 @@ class Traces:
     notes: tuple[str, ...]
 
     def plateaus(self) -> list[Span]:
-        """Spans in which nothing leaves its level by more than noise, or a thousandth of its range."""
+        """Return spans in which nothing leaves its level by more than noise, or a thousandth of its range."""
         return still_spans(self.t, self.values, 4e-3 * np.ptp(self.values, axis=0))
 
 
 @contextmanager
 def as_recording(path: Path) -> Iterator[Path]:
-    """A recording's file; a journal is exported for as long.
+    """Yield a recording's file; a journal is exported for as long.
 
     Raises:
         InputError: the journal cannot be read.
@@ -111,7 +111,7 @@ def read_traces(path: Path) -> Traces:
 
 
 def _together(source: LabChannels, channels: list[Channel], clock: Channel | None) -> tuple[list[Channel], list[str]]:
-    """Channels that share the first one's start, increment and count, and why others are left out."""
+    """Return channels that share the first one's start, increment and count, and why others are left out."""
     first = clock or channels[0]
 
     def shared(c: Channel) -> bool:

@@ -57,7 +57,7 @@ def _begin(chunk: pyarrow.parquet.ColumnChunkMetaData) -> int:
 
 
 def _pages(stream: BinaryIO, at: int, end: int, name: str) -> int:
-    """Sum of the pages from one place of a file to another."""
+    """Return the sum of the pages from one place of a file to another."""
     out = 0
     while at < end:
         stream.seek(at)
@@ -130,7 +130,7 @@ class _Head:
             raise ValueError("no type of the protocol")
 
     def _item(self, kind: int, depth: int) -> None:
-        """A truth within a list has a byte, which a field's has not."""
+        """Skip an item of a list; a truth value has a byte there, which a field's has not."""
         self._skip(_BYTE if kind in (1, 2) else kind, depth)
 
     def _byte(self) -> int:

@@ -182,7 +182,7 @@ def variance_of_mean(centred: Floats) -> tuple[Floats, Floats]:
 
 
 def _autocovariance(centred: Floats) -> Floats:
-    """(channels, n) biased autocovariance, which carries the factor 1 − k/n of the formula of N_eff."""
+    """Return (channels, n) biased autocovariance, which carries the factor 1 − k/n of the formula of N_eff."""
     # SciPy's transforms several channels at once, NumPy's one by one.
     from scipy.fft import irfft, next_fast_len, rfft
 
@@ -194,7 +194,7 @@ def _autocovariance(centred: Floats) -> Floats:
 
 
 def _positive_sequence(rho: Floats, n: int) -> Floats:
-    """(channels,) 1 + 2 Σ (1 − k/n) ρ_k over the initial monotone positive sequence, the mean's removal put right."""
+    """Return (channels,) 1 + 2 Σ (1 − k/n) ρ_k over the initial monotone positive sequence, corrected for the mean."""
     pairs = n // 4
     sums = rho[:, 0 : 2 * pairs : 2] + rho[:, 1 : 2 * pairs : 2]
     tau = np.ones(len(rho))
@@ -212,7 +212,7 @@ def _positive_sequence(rho: Floats, n: int) -> Floats:
 
 
 def _batch_means(centred: Floats) -> Floats:
-    """(channels,) variance of the mean from about √n batches."""
+    """Return (channels,) variance of the mean from about √n batches."""
     channels, n = centred.shape
     batches = max(int(np.sqrt(n)), 2)
     width = n // batches

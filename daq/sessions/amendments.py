@@ -91,7 +91,7 @@ def exchanged(session: Session, case: str, other: str, why: str, by: str | None 
 
 
 def case_of(session: Session, name: str) -> LoadCase:
-    """A load case by its id.
+    """Return a load case by its id.
 
     Raises:
         SessionError: there is none.
@@ -158,7 +158,7 @@ def words(amended: Amendment) -> str:
 
 
 def _moved(masses: Mapping[str, float], entered: str, true: str, case: str) -> dict[str, float]:
-    """Masses with one tendon's weight on another; where both bore one, exchanged."""
+    """Return masses with one tendon's weight on another; where both bore one, exchanged."""
     if entered not in masses:
         found = " and ".join(masses) or "no tendon"
         raise SessionError(f"case {case} loads {found}, not {entered}", "the tendon that was entered")

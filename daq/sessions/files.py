@@ -84,7 +84,7 @@ def read_session(path: str | Path) -> Session:
 
 
 def session_data(file: Path) -> Any:
-    """Plain data of a `session.yaml` and of the amendments beside it."""
+    """Return plain data of a `session.yaml` and of the amendments beside it."""
     data = read_yaml(file)
     beside = read_amendments(file.parent)
     if beside and isinstance(data, Mapping):
@@ -94,7 +94,7 @@ def session_data(file: Path) -> Any:
 
 
 def read_amendments(folder: Path) -> list[dict[str, Any]]:
-    """Plain data of the amendments in a session's folder; none where there is no such file.
+    """Return plain data of the amendments in a session's folder; none where there is no such file.
 
     Raises:
         SessionError: the file cannot be used.

@@ -98,7 +98,7 @@ class Protocol(Document):
     blocks: list[Block] = Field(min_length=1)
 
     def heaviest_g(self) -> dict[str, float]:
-        """The most that is hung on each tendon in any case [g]."""
+        """Return the most that is hung on each tendon in any case [g]."""
         out: dict[str, float] = {}
         for block in self.blocks:
             for masses in block.masses_g:

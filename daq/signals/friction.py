@@ -175,7 +175,7 @@ def _direction(case: LoadCase) -> str:
 
 
 def _balances(measured: MeasuredSession) -> tuple[list[FrictionCase], list[dict[int, Floats]], list[str]]:
-    """Balances, the slopes of each one's c by the forces (3,) of its cases, and what lacks a partner."""
+    """Return balances, the slopes of each one's c by the forces (3,) of its cases, and what lacks a partner."""
     session = measured.session
     groups: dict[tuple[Any, ...], dict[str, list[int]]] = {}
     for i, m in enumerate(measured.cases):

@@ -150,7 +150,7 @@ def band_mean(found: Sequence[FrictionBand]) -> BandMean | None:
 
 
 def _sd(measured: MeasuredSession, slopes: Mapping[int, Floats]) -> float:
-    """Standard uncertainty of what changes so with the forces, with all that the cases share."""
+    """Return the standard uncertainty of a value with these slopes by the forces, shared errors included."""
     indices = list(slopes)
     n = len(indices)
     covariance = measured.covariance(indices).reshape(n, 6, n, 6)[:, :3, :, :3].reshape(3 * n, 3 * n)

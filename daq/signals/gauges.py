@@ -163,7 +163,7 @@ def _unit(file: Path, stated: Mapping[str, str], name: str, kind: Kind, known: S
 
 
 def _rows(file: Path, found: ET.Element, tag: str) -> dict[str, ET.Element]:
-    """Rows by axis: all six, or none at all."""
+    """Return rows by axis: all six, or none at all."""
     rows = found.findall(tag)
     names = [row.get("Name", "") for row in rows]
     if rows and sorted(names) != sorted(AXES):
@@ -180,7 +180,7 @@ def _transformed(
     stated: Mapping[str, str],
     factors: Floats,
 ) -> tuple[Floats | None, str]:
-    """Axis / scale, then torque −= d × force; or None and why not."""
+    """Return axis / scale, then torque −= d × force; or None and why not."""
     if not axis:
         return None, "no Axis rows"
     values = np.array([_numbers(file, f"values of {a}", axis[a].get("values"), 6) for a in AXES])
@@ -214,7 +214,7 @@ def _agree(file: Path, user: Floats, from_axis: Floats) -> None:
 
 
 def _range(file: Path, stated: Mapping[str, str]) -> tuple[float | None, tuple[str, ...]]:
-    """Half the output range, and what is missing for it."""
+    """Return half the output range, and what is missing for it."""
     notes = []
     if stated.get("HWTempComp", "true").lower() != "true":
         notes.append("HWTempComp is false: what temperature does to the gauges is not taken out")

@@ -28,7 +28,7 @@ class AtiAxiaStandIn(StandIn):
         return out
 
     def encode(self, wrench: Floats, sequence: Integers, time_s: Floats, status: Integers | None = None) -> list[bytes]:
-        """Lines with the counter, the status and six values: to 0.001 N and to 0.0001 N m."""
+        """Return lines with the counter, the status and six values: to 0.001 N and to 0.0001 N m."""
         states = np.zeros(len(wrench), dtype=np.int64) if status is None else status
         lines = []
         for row, count, state in zip(wrench, sequence, states, strict=True):

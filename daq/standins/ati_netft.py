@@ -36,7 +36,7 @@ class AtiNetftStandIn(StandIn):
         return b""
 
     def encode(self, wrench: Floats, sequence: Integers, time_s: Floats, status: Integers | None = None) -> list[bytes]:
-        """Records with both counters and the status."""
+        """Return records with both counters and the status."""
         scale = np.array([COUNTS_PER_N] * 3 + [COUNTS_PER_NMM] * 3)
         limit = 2.0**31
         words = np.zeros((len(wrench), 9), dtype=np.int64)

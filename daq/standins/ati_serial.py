@@ -40,7 +40,7 @@ class AtiSerialStandIn(StandIn):
         return out
 
     def encode(self, wrench: Floats, sequence: Integers, time_s: Floats, status: Integers | None = None) -> list[bytes]:
-        """ASCII or binary records, as was asked for; the device has no count or clock, and one digit of status."""
+        """Return ASCII or binary records, as asked for; the device has no count or clock, and one digit of status."""
         scale = np.array([COUNTS_PER_N] * 3 + [COUNTS_PER_NMM] * 3)
         counts = np.clip(np.rint(wrench * scale), -32768, 32767).astype(np.int64)
         errors = np.clip(np.zeros(len(counts), dtype=np.int64) if status is None else status, 0, 9)

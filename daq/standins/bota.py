@@ -43,7 +43,7 @@ class BotaStandIn(StandIn):
         return out
 
     def encode(self, wrench: Floats, sequence: Integers, time_s: Floats, status: Integers | None = None) -> list[bytes]:
-        """Frames with a checksum and the time in microseconds; the device has no count."""
+        """Return frames with a checksum and the time in microseconds; the device has no count."""
         table = np.zeros(len(wrench), dtype=FRAME)
         table["header"] = HEADER[0]
         table["status"] = 0 if status is None else status

@@ -70,6 +70,6 @@ class FaultyWire:
 
 
 def _garbled(record: bytearray) -> bytes:
-    """Bits sampled at half their rate: half as many bytes, of every other bit."""
+    """Sample bits at half their rate: half as many bytes, of every other bit."""
     bits = np.unpackbits(np.frombuffer(bytes(record), np.uint8), bitorder="little")[::2]
     return np.packbits(bits, bitorder="little").tobytes()

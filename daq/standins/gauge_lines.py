@@ -48,7 +48,7 @@ class GaugeLinesStandIn(StandIn):
         return b""
 
     def encode(self, wrench: Floats, sequence: Integers, time_s: Floats, status: Integers | None = None) -> list[bytes]:
-        """Lines of voltages to a millionth of a volt; the device has no count, clock or status."""
+        """Return lines of voltages to a millionth of a volt; the device has no count, clock or status."""
         driver, gauges = self._driver, self._driver.gauges
         most_V = gauges.calibration.range_V or gauges.limit_V
         volts = np.clip(wrench @ self._inverse.T + gauges.zero_V, -most_V, most_V)
@@ -64,5 +64,5 @@ class GaugeLinesStandIn(StandIn):
 
 
 def _decimals(volts_per_unit: float) -> int:
-    """Of a number that is to tell a millionth of a volt."""
+    """Return the decimals of a number that tells a millionth of a volt."""
     return max(int(np.ceil(6.0 + np.log10(volts_per_unit) - 1e-9)), 0)

@@ -58,7 +58,7 @@ class Disturber:
         return drift + self._sd * self._noise(len(t_s))
 
     def _noise(self, count: int) -> Floats:
-        """Noise of unit variance (count, 6), autoregressive of first order."""
+        """Return noise of unit variance (count, 6), autoregressive of first order."""
         white = self._rng.normal(size=(count, 6))
         phi = self._correlation
         if phi == 0.0 or not count:

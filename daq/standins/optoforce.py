@@ -31,7 +31,7 @@ class OptoForceStandIn(StandIn):
         return b""
 
     def encode(self, wrench: Floats, sequence: Integers, time_s: Floats, status: Integers | None = None) -> list[bytes]:
-        """Frames with a count and a byte sum."""
+        """Return frames with a count and a byte sum."""
         scale = np.repeat([COUNTS_PER_N, COUNTS_PER_NMM], 3)
         table = np.zeros(len(wrench), dtype=FRAME)
         table["header"] = int.from_bytes(HEADER, "big")

@@ -30,7 +30,7 @@ class RobotiqStandIn(StandIn):
         return b""
 
     def encode(self, wrench: Floats, sequence: Integers, time_s: Floats, status: Integers | None = None) -> list[bytes]:
-        """Frames with a checksum; the device has no count, clock or status."""
+        """Return frames with a checksum; the device has no count, clock or status."""
         counts = np.clip(np.rint(wrench * np.array([100.0, 100.0, 100.0, 1.0, 1.0, 1.0])), -32768, 32767)
         body = np.frombuffer(counts.astype("<i2").tobytes(), np.uint8).reshape(-1, 12)
         start = np.tile(np.frombuffer(HEADER, np.uint8), (len(body), 1))

@@ -114,7 +114,7 @@ class Player:
 
 
 def _joined(records: list[bytes], count: int) -> list[bytes]:
-    """Records as datagrams of so many."""
+    """Return records as datagrams of so many."""
     if count == 1:
         return records
     return [b"".join(records[a : a + count]) for a in range(0, len(records), count)]
@@ -127,7 +127,7 @@ def _portions(
     rate_hz: float | None,
     disturber: Disturber | None,
 ) -> Iterator[tuple[Floats, Floats, Integers]]:
-    """Times since the start (n,), wrenches (n, 6) and counts (n,) of readings."""
+    """Yield times since the start (n,), wrenches (n, 6) and counts (n,) of readings."""
     count, first_s = faults.first_count, None
     for block in blocks if rate_hz is None else resampled(blocks, rate_hz):
         first_s = float(block.t_s[0]) if first_s is None else first_s

@@ -89,7 +89,7 @@ def readings(
 
 
 def _autoregressive(white: Floats, phi: float, before: Floats) -> Floats:
-    """First-order autoregressive noise with the variance of the white noise it is made of."""
+    """Return first-order autoregressive noise with the variance of the white noise it is made of."""
     if phi == 0.0:
         return white
     from scipy.signal import lfilter

@@ -24,7 +24,7 @@ class TextLinesStandIn(StandIn):
         return b""
 
     def encode(self, wrench: Floats, sequence: Integers, time_s: Floats, status: Integers | None = None) -> list[bytes]:
-        """Lines with six decimals of the time, four of the rest, and the status."""
+        """Return lines with six decimals of the time, four of the rest, and the status."""
         states = [0] * len(wrench) if status is None else status.tolist()
         return [
             f"{t:.6f},{','.join(f'{v:.4f}' for v in row)},{state}\r\n".encode("ascii")

@@ -31,7 +31,7 @@ class Wire(Protocol):
         """Pull the cable."""
 
     def plug_in(self) -> None:
-        """Plug it in again."""
+        """Plug the cable in again."""
 
     def close(self) -> None:
         """Take everything away."""
@@ -119,18 +119,18 @@ class UdpWire:
         return data
 
     def send(self, records: list[bytes]) -> None:
-        """One datagram a record."""
+        """Send one datagram a record."""
         if self._host is not None and not self._out:
             for record in records:
                 with contextlib.suppress(OSError):
                     self._socket.sendto(record, self._host)
 
     def pull(self) -> None:
-        """Nothing goes or comes."""
+        """Unplug the cable: nothing goes or comes."""
         self._out = True
 
     def plug_in(self) -> None:
-        """It does again."""
+        """Plug the cable in: data goes and comes again."""
         self._out = False
 
     def close(self) -> None:

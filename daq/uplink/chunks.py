@@ -285,7 +285,7 @@ class ChunkFeed:
             self._acknowledged(sending)
 
     def _tell_refusal(self, sending: Sending) -> None:
-        """A service that refuses a chunk but answers otherwise means the chunk; else it means the sender.
+        """Blame the chunk where a service refuses it but answers otherwise; else blame the sender.
 
         The first time it may also mean what became of the chunk on the way, so it is sent once more.
         """

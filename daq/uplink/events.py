@@ -154,7 +154,7 @@ class EventFeed:
 
 
 def encoded(event: Event) -> bytes:
-    """An event as it is sent."""
+    """Return an event as it is sent."""
     value = {
         "stream": event.stream, "at_s": event.at_s, "utc_s": event.utc_s, "kind": event.kind,
         "value": dict(event.value),

@@ -121,7 +121,7 @@ class Link:
 
 
 def answered(response: httpx.Response) -> Any:
-    """The JSON of an answer; None where it is none."""
+    """Return the JSON of an answer; None where it is none."""
     with suppress(ValueError):
         return response.json()
     return None

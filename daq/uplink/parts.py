@@ -40,7 +40,7 @@ class Sending:
     refused: int = 0
 
     def message(self, begin: int, end: int) -> tuple[bytes, str]:
-        """A part as it is sent, and its SHA-256."""
+        """Return a part as it is sent, and its SHA-256."""
         if (begin, end) == (0, self.count):
             return self.payload, self.sha256
         payload = part(Chunk.from_bytes(self.payload), begin, end).to_bytes()
@@ -53,7 +53,7 @@ class Sending:
         self.parts[:1] = [(begin, middle), (middle, end)]
 
     def held(self, stored: Any) -> list[Range]:
-        """Parts of it that the service already holds; none where it holds anything else in their place.
+        """Return the parts of a chunk that the service already holds; none where it holds anything else in their place.
 
         Args:
             stored: chunks in its place, by the service's answer: `first_seq`, `count` and `sha256` of each.
@@ -74,7 +74,7 @@ class Sending:
 
 
 def part(chunk: Chunk, begin: int, end: int) -> Chunk:
-    """Samples `begin` to `end` of a chunk, with their share of its bytes.
+    """Return samples `begin` to `end` of a chunk, with their share of its bytes.
 
     Parts that follow each other hold every sample, every byte and every read once and in order, so that they decode as
     the whole does: no read is torn, since one may be a datagram. Only the whole and the bounds count, so that the same

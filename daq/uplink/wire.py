@@ -18,17 +18,17 @@ Range = tuple[int, int]
 
 
 def session_path(session: str) -> str:
-    """Address of a session, below the service's."""
+    """Return the address of a session, below the service's."""
     return f"{API}/sessions/{quote(session, safe='')}"
 
 
 def stream_path(session: str, stream: str) -> str:
-    """Address of a stream: PUT describes it; `/cursor` and `/chunks/{first_seq}` lie below."""
+    """Return the address of a stream: PUT describes it; `/cursor` and `/chunks/{first_seq}` lie below."""
     return f"{session_path(session)}/streams/{quote(stream, safe='')}"
 
 
 def events_path(session: str, epoch: str) -> str:
-    """Address of a journal's events: `/cursor` and `/{number}` lie below.
+    """Return the address of a journal's events: `/cursor` and `/{number}` lie below.
 
     An epoch is one history, within which the number of an event never comes to mean another.
     """
@@ -53,7 +53,7 @@ class Cursor:
 
     @classmethod
     def of_answer(cls, value: object) -> Cursor:
-        """Of the service's JSON.
+        """Make a cursor of the service's JSON.
 
         Raises:
             ValueError: it is none of this kind.

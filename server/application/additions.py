@@ -55,7 +55,7 @@ def addition_body(
     after: Comparison,
     without: Sequence[str],
 ) -> dict[str, Any]:
-    """The contract's answer, without the model's path and history."""
+    """Return the contract's answer, without the model's path and history."""
     return (
         provenance(bench)
         | fit_body(addition.fit, before, after)
@@ -69,7 +69,7 @@ def addition_body(
 
 
 def resolved_effects(given: Sequence[str], *, files: bool = True) -> tuple[list[str], list[Effect]]:
-    """Names of effects, and the user's own among them: from files, shipped ones by name, or a formula in quotes.
+    """Return names of effects, and the user's own among them: from files, shipped ones by name, or a formula in quotes.
 
     Args:
         given: as on the command line.

@@ -96,7 +96,7 @@ def require_fits(protocol: Protocol, finger: Finger) -> None:
 
 
 def notes_of_plan(cases: Sequence[PlannedCase]) -> str:
-    """The planned cases as the notebook that `fingertwin new` reads, one line each."""
+    """Return the planned cases as the notebook that `fingertwin new` reads, one line each."""
     lines = []
     for case in cases:
         masses = " + ".join(f"{tendon} {mass:g}" for tendon, mass in case.masses_g.items())

@@ -53,12 +53,12 @@ class Planned:
     table: Mapping[Key, Floats]
 
     def __call__(self, case: LoadCase) -> tuple[Floats, Floats] | None:
-        """Force (3,) and half width (3,) of its band [N]."""
+        """Return the force (3,) and the half width (3,) of its band [N]."""
         force = self.table.get(_key(case))
         return None if force is None else (force, np.full(3, _band(force)))
 
     def like(self, case: LoadCase, force_N: Floats) -> str:
-        """A question about what hangs, where a force (3,) is more like another planned case's, or like none at all."""
+        """Ask what hangs, where a force (3,) resembles another planned case's, or none at all."""
         own = self.table.get(_key(case))
         if own is None:
             return ""

@@ -47,5 +47,5 @@ def effect_row(effect: Effect, topology: Topology | None = None) -> dict[str, An
 
 @cache
 def _standard() -> Topology:
-    """Of An et al. 1979, read once: a list of effects asks for it with every row."""
+    """Return the topology of An et al. 1979, read once: a list of effects asks for it with every row."""
     return read_finger("an1979_middle").topology

@@ -27,12 +27,12 @@ def run_diagnosis(bench: Session, thorough: bool = False, tell: Any = None) -> D
 
 
 def diagnosis_body(bench: Session, diagnosis: Diagnosis, frozen: list[Path] | None = None) -> dict[str, Any]:
-    """The contract's answer, with what files of frozen predictions say; by default those in `models`."""
+    """Return the contract's answer, with what files of frozen predictions say; by default those in `models`."""
     return diagnosis_answer(bench, diagnosis, frozen_documents(bench, frozen))
 
 
 def diagnosis_answer(bench: Session, diagnosis: Diagnosis, frozen: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
-    """The contract's answer.
+    """Return the contract's answer.
 
     Args:
         bench: that was diagnosed.
@@ -54,7 +54,7 @@ def diagnosis_answer(bench: Session, diagnosis: Diagnosis, frozen: Sequence[Mapp
 
 
 def bare_verdict(diagnosis: Diagnosis) -> dict[str, Any]:
-    """A verdict alone, as it stands beside another one."""
+    """Return a verdict alone, as it stands beside another one."""
     verdict = diagnosis.verdict
     return {
         "verdict": verdict.kind,

@@ -23,7 +23,7 @@ UNSOURCED = "The sources and certainty of its numbers are not in that file: fill
 
 
 def named_finger(source: str) -> tuple[Finger, str, tuple[str, ...]]:
-    """The finger, the name of what holds it, and what of that is not the finger's."""
+    """Return the finger, the name of what holds it, and what of that is not the finger's."""
     from fingermodel.model_files import read_revision
 
     path = Path(source)

@@ -120,7 +120,7 @@ def _export_supplement(source: str, out: Path | None, model: str | None, tell: P
 
 
 def _revisions(model: str, bench: Session) -> list[dict[str, Any]]:
-    """The document of the model, and of the revisions before it that lie beside it."""
+    """Return the document of the model, and of the revisions before it that lie beside it."""
     path = Path(model)
     if path.suffix != ".json":
         return [bench.model.finger.document]

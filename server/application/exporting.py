@@ -63,7 +63,7 @@ def write_table_file(
 
 
 def parameter_columns(revision: Revision) -> dict[str, list[Any]]:
-    """A revision's parameters as columns, one row each."""
+    """Return a revision's parameters as columns, one row each."""
     rows = revision.document["parameters"]
     return {key: [row[key] for row in rows] for key in rows[0]} if rows else {}
 
@@ -79,7 +79,7 @@ def about_revision(revision: Revision, sources: Mapping[str, str]) -> dict[str, 
 
 
 def bench_columns(bench: Session, hidden: Collection[str] = ()) -> dict[str, list[Any]]:
-    """Measured and predicted cases as columns, one row a case.
+    """Return measured and predicted cases as columns, one row a case.
 
     Args:
         bench: session and model.
@@ -169,14 +169,14 @@ def write_paper(
 
 
 def own_finger(session: BenchSession) -> dict[str, Any] | None:
-    """The document of the session's finger, where it does not come with the software."""
+    """Return the document of the session's finger, where it does not come with the software."""
     if session.finger in finger_names() and not (session.folder and (session.folder / session.finger).is_file()):
         return None
     return read_finger(session.finger, session.folder).document
 
 
 def _commands(models: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Seeds, and what makes every figure and revision again, run beside the supplement's session.yaml."""
+    """Return seeds, and what makes every figure and revision again, run beside the supplement's session.yaml."""
     from fingermodel.fitting.identification import SEED
 
     members = model_members(models)
@@ -202,7 +202,7 @@ def _commands(models: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _predicted_columns(comparison: Comparison, hidden: Collection[str]) -> dict[str, list[Any]]:
-    """Predicted force and tip moment, force residual and z of every case, in the measured cases' order."""
+    """Return predicted force and tip moment, force residual and z of every case, in the measured cases' order."""
     columns: dict[str, list[Any]] = {}
     shown = [None if c.id in hidden else c for c in comparison.cases]
     for i, axis in enumerate("xyz"):

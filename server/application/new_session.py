@@ -106,7 +106,7 @@ def lay_notes(levels: tuple[Level, ...], notes: Sequence[Note]) -> LaidNotes:
 
 
 def said(note: Note | None) -> str:
-    """A line of the notebook in words; nothing of none."""
+    """Return a line of the notebook in words; nothing of none."""
     if note is None or note.kind != "load":
         return "" if note is None else note.kind
     masses = " + ".join(f"{name} {mass:g} g" for name, mass in note.masses_g)
@@ -146,7 +146,7 @@ def document_of(
 
 
 def lacking(wanted: Sequence[str], postures: Mapping[str, Any]) -> list[str]:
-    """Postures whose angles are not known, each once."""
+    """Return postures whose angles are not known, each once."""
     return [name for name in dict.fromkeys(wanted) if name not in postures]
 
 
@@ -213,6 +213,6 @@ def suspects(bench: Session) -> list[Suspect]:
 
 
 def _unexplained(read: Any, predicted: Any) -> Any:
-    """(n,) share of readings (n, 3) [N] that predictions leave, against the larger of the two."""
+    """Return (n,) share of readings (n, 3) [N] that predictions leave, against the larger of the two."""
     size = np.maximum(np.linalg.norm(read, axis=1), np.linalg.norm(predicted, axis=1))
     return np.linalg.norm(read - predicted, axis=1) / np.maximum(size, 0.1)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def plan_body(bench: Session, diagnosis: Diagnosis, plan: Plan) -> dict[str, Any]:
-    """The answer, without the place of what was frozen."""
+    """Return the answer, without the place of what was frozen."""
     return provenance(bench) | {
         "verdict": diagnosis.verdict.kind,
         "explanations": plan.explanations,

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def pooled_body(pooled: Pooled) -> dict[str, Any]:
-    """The contract's answer for the sessions together."""
+    """Return the contract's answer for the sessions together."""
     verdict = pooled.verdict
     effect_of = {c.name: c.effect for c in pooled.diagnoses[0].candidates.all}
     named = verdict.names if verdict.kind in ("found", "one_of") else ()

@@ -52,14 +52,14 @@ def bar(share: float, width: int = 10) -> str:
 
 
 def line_of(event: Event) -> str:
-    """One line for an event, for logs and pipes."""
+    """Return one line for an event, for logs and pipes."""
     value = {} if event.kind == STARTED else dict(event.value)
     words = [event.kind.replace("_", " "), *(f"{k} {_brief(v)}" for k, v in value.items())]
     return f"{event.at_s:9.2f} s  {'; '.join(words)}"
 
 
 def result_line(result: Result) -> str:
-    """A measured force with its standard uncertainty, and the prediction where it may be seen."""
+    """Return a measured force with its standard uncertainty, and the prediction where it may be seen."""
     force = " ".join(f"{v:+.3f}" for v in result.force_N)
     text = f"{result.case}: ({force}) N ± {' '.join(f'{v:.3f}' for v in result.sd_N)}"
     if result.predicted_N is not None:
@@ -133,7 +133,7 @@ class LiveView:
         self.said = ""
 
     def tell(self, events: Sequence[Event]) -> None:
-        """Events are seen in what is drawn; what was refused before them is over."""
+        """Clear the last refusal; the events themselves are seen in the next drawing."""
         self.said = "" if events else self.said
 
     def refuse(self, error: Exception) -> None:
@@ -182,7 +182,7 @@ class LineView:
         self._out.flush()
 
     def draw(self, space_left: int | None = None) -> None:
-        """Nothing to redraw."""
+        """Draw nothing: there is nothing to redraw."""
 
     def __enter__(self) -> Self:
         return self
@@ -237,7 +237,7 @@ def _health(meter: StreamMeter, status: BenchStatus, space_left: int | None) -> 
 
 
 def _checklist(status: BenchStatus, around: int = 3) -> list[str]:
-    """The steps near the present one, and how many there are."""
+    """Return the steps near the present one, and how many there are."""
     at = next((i for i, (_, _, state) in enumerate(status.checklist) if state == "now"), len(status.checklist) - 1)
     first = max(min(at - around, len(status.checklist) - 2 * around - 1), 0)
     shown = status.checklist[first : first + 2 * around + 1]

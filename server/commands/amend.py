@@ -81,7 +81,7 @@ def _tell(session: str, read: Session, new: Sequence[Amendment], json: str | Non
 
 
 def amended_line(row: dict[str, Any]) -> str:
-    """One amendment on one line."""
+    """Return one amendment on one line."""
     entered = []
     for name, value in row["entered"].items():
         if isinstance(value, dict):

@@ -66,12 +66,12 @@ def say(text: str = "") -> None:
 
 
 def columns_wide() -> int:
-    """Width that tables may take: the terminal's, or 200 in a pipe, where there is nothing to fit."""
+    """Return the width that tables may take: the terminal's, or 200 in a pipe, where there is nothing to fit."""
     return _known_width() or 200
 
 
 def _known_width() -> int:
-    """Width of the terminal, or the one that COLUMNS states; 0 in a pipe."""
+    """Return the width of the terminal, or the one that COLUMNS states; 0 in a pipe."""
     known = sys.stdout.isatty() or "COLUMNS" in os.environ
     return shutil.get_terminal_size((0, 0)).columns if known else 0
 
@@ -105,7 +105,7 @@ def table_lines(columns: Sequence[str], rows: Sequence[Sequence[Any]], wide: int
 def _widths(
     columns: Sequence[str], cells: Sequence[Sequence[str]], numeric: Sequence[bool], room: int
 ) -> list[int] | None:
-    """Widths of the columns, wrapped between words where they have to be; None where not even that fits."""
+    """Return widths of the columns, wrapped between words where they have to be; None where not even that fits."""
     own = [[name, *(row[i] for row in cells)] for i, name in enumerate(columns)]
     widths = [max(map(len, texts)) for texts in own]
     least = [max((len(word) for text in texts for word in text.split()), default=0) for texts in own]
@@ -138,7 +138,7 @@ def _row(cells: Sequence[str], widths: Sequence[int], numeric: Sequence[bool]) -
 def _paragraphs(
     columns: Sequence[str], cells: Sequence[Sequence[str]], numeric: Sequence[bool], wide: int
 ) -> list[str]:
-    """Rows as paragraphs: the first cell, and below it name and value of the others, at the same places in each."""
+    """Lay rows out as paragraphs: the first cell, then name and value of each other, aligned across rows."""
     widths = [max((len(row[i]) for row in cells), default=0) for i in range(len(columns))]
     lines = []
     for row in cells:
@@ -155,7 +155,7 @@ def _paragraphs(
 
 
 def shown(value: Any) -> str:
-    """One cell of a table."""
+    """Return one cell of a table."""
     if value is None:
         return "–"
     if isinstance(value, bool):

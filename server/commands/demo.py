@@ -180,7 +180,7 @@ def _errors(title: str, plane: str, steps: list[tuple[str, Summary]]) -> None:
 
 
 def _bar(errors: list[float | None]) -> str:
-    """The last error as a share of the first, drawn."""
+    """Return the last error as a share of the first, drawn."""
     first, last = errors[0], errors[-1]
     if not first or last is None:
         return ""

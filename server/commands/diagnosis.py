@@ -133,7 +133,7 @@ def _print_explanations(body: dict[str, Any]) -> None:
 
 
 def _suspect(row: dict[str, Any]) -> str:
-    """A suspect load case with its probability and what its reading would be expected of."""
+    """Return a suspect load case with its probability and what its reading would be expected of."""
     like = [r["words"] for r in row["reads_like"][:2]]
     said = f"; reads like {' or '.join(like)}" if like else ""
     return f"{row['case']} ({row['probability']:.2f}{said})"

@@ -52,7 +52,7 @@ def invert_session(session: str, closure: str, model: str | None, figures: Path 
 
 
 def _cases(inversion: Inversion) -> tuple[list[str], list[list[str]]]:
-    """Columns and rows of the cases."""
+    """Return columns and rows of the cases."""
     muscles, joints = [m.name for m in inversion.muscles], list(inversion.cases[0].contacts)
     columns = ["case", "posture", "hung", *muscles, *(f"{joint} contact" for joint in joints)]
     rows = []

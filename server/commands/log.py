@@ -117,7 +117,7 @@ def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, closed:
 
 
 def _cell(options: LogOptions) -> LoadCell:
-    """The driver with its settings; a replay of a journal is by the driver that read it."""
+    """Return the driver with its settings; a replay of a journal is by the driver that read it."""
     settings = given_settings(options.settings)
     if options.driver != "replay" or options.port is None or not is_journal(options.port):
         return driver(options.driver)(settings)
@@ -232,13 +232,13 @@ class Logging:
 
 
 def worded(event: StreamEvent) -> str:
-    """An event in one line."""
+    """Return an event in one line."""
     value = ", ".join(f"{k} {v}" for k, v in event.value.items())
     return f"{event.at_s:10.2f} s  {event.kind.replace('_', ' ')}" + (f": {value}" if value else "")
 
 
 def given_settings(given: tuple[str, ...]) -> dict[str, str]:
-    """Settings of `name=value`.
+    """Return settings of `name=value`.
 
     Raises:
         InputError: one is not of that form, or is given twice.
@@ -298,7 +298,7 @@ def _kept(folder: Path, name: str) -> Path:
 
 
 def _free_folder(name: str) -> Path:
-    """A folder for a replay that is not there yet, where the command was run."""
+    """Return a folder for a replay that is not there yet, where the command was run."""
     number = 1
     while (free := Path(f"{name}-replay" + (f"-{number}" if number > 1 else ""))).exists():
         number += 1

@@ -78,7 +78,7 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, clo
 
 
 def _broken_off(out: Path, resume: bool) -> BrokenOff | None:
-    """The session that the folder's journal holds and that goes on, None for a new one.
+    """Return the session that the folder's journal holds and that goes on, None for a new one.
 
     Raises:
         SessionError: there is one and nobody asked for it, or the other way round.

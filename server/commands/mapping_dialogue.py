@@ -118,7 +118,7 @@ def _with_units(source: LabChannels, proposal: LabFileMap) -> LabFileMap:
 
 
 def _changed(source: LabChannels, proposal: LabFileMap, line: str) -> LabFileMap:
-    """A mapping with one line changed, as `Fx 3` or `Fx 3 lbf` says.
+    """Return a mapping with one line changed, as `Fx 3` or `Fx 3 lbf` says.
 
     Raises:
         InputError: the line is not understood.
@@ -141,7 +141,7 @@ def _changed(source: LabChannels, proposal: LabFileMap, line: str) -> LabFileMap
 
 
 def _channel(source: LabChannels, text: str, taken: dict[str, Taken]) -> Taken:
-    """The channel of a number, with its unit as the file states it.
+    """Return the channel of a number, with its unit as the file states it.
 
     Raises:
         InputError: there is none, its numbers cannot be read, or it is taken.

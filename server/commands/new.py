@@ -160,7 +160,7 @@ def _report(
 
 
 def _suspects(folder: Path) -> tuple[list[Suspect], str]:
-    """Cases that look like something else, or why the model could not be held against the session."""
+    """Return cases that look like something else, or why the model could not be held against the session."""
     try:
         with progress("Holding each case against the model"):
             return suspects(Session.open(folder, catalogue=False)), ""
@@ -169,7 +169,7 @@ def _suspects(folder: Path) -> tuple[list[Suspect], str]:
 
 
 def _known_header(options: NewOptions) -> tuple[dict[str, Any], Path | None]:
-    """Specimen, finger, cell and friction of an earlier session or of a setup; and the finger's file, if it is one."""
+    """Return specimen, finger, cell and friction of an earlier session or setup, and the finger's file if it is one."""
     out: dict[str, Any] = {}
     folder: Path | None = None
     if options.like is not None:
@@ -186,7 +186,7 @@ def _known_header(options: NewOptions) -> tuple[dict[str, Any], Path | None]:
 
 
 def _file_of(finger: str, folder: Path | None) -> Path | None:
-    """The file of a finger; None of a shipped one."""
+    """Return the file of a finger; None of a shipped one."""
     candidates = [Path(finger)] if folder is None else [folder / finger, Path(finger)]
     return next((path for path in candidates if path.is_file()), None)
 
@@ -304,7 +304,7 @@ def _asked(laid: LaidNotes, tendons: Sequence[str]) -> list[Choice]:
 
 
 def _change(line: str, choices: Sequence[Choice], tendons: Sequence[str]) -> tuple[int, Choice]:
-    """The plateau that a line names, and what it is to be.
+    """Return the plateau that a line names, and what it is to be.
 
     Raises:
         InputError: the line is not understood.
@@ -322,7 +322,7 @@ def _change(line: str, choices: Sequence[Choice], tendons: Sequence[str]) -> tup
 
 
 def _postures(options: NewOptions, wanted: Sequence[str], finger: Finger, asking: bool) -> dict[str, dict[str, float]]:
-    """Angles of postures [deg]."""
+    """Return angles of postures [deg]."""
     known: dict[str, dict[str, float]] = {}
     if options.like is not None:
         known |= plain_document(read_session(options.like)).get("postures_deg", {})

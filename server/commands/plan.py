@@ -95,7 +95,7 @@ def plan_bench(options: PlanOptions, json: str | None) -> None:
 
 
 def _finger(options: PlanOptions, asking: bool) -> tuple[Finger, Mapping[str, float], Any]:
-    """The finger, lengths of bones that were given [mm], and how it was scaled; None where it was not."""
+    """Return the finger, lengths of bones that were given [mm], and how it was scaled; None where it was not."""
     name, bones, arms = options.finger, list(options.bones), list(options.moment_arms)
     if name is None and asking:
         name = ask_finger()
@@ -183,7 +183,7 @@ def _protocol(options: PlanOptions, finger: Finger, asking: bool) -> Protocol:
 
 
 def _fitting(text: str, finger: Finger) -> str:
-    """The name of a protocol that a finger can be loaded by, or `own`."""
+    """Return the name of a protocol that a finger can be loaded by, or `own`."""
     if text != "own":
         require_fits(read_protocol(text), finger)
     return text

@@ -139,7 +139,7 @@ def say_shared(shared: dict[str, Any] | None) -> None:
 
 
 def _unseen(law: dict[str, Any], place: str) -> str:
-    """RMS over the sessions, before and after, and in how many it falls."""
+    """Return RMS over the sessions, before and after, and in how many it falls."""
     errors = [e[place] for e in law["unseen_rmse_N"].values() if place in e]
     if not errors:
         return ""

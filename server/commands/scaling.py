@@ -72,7 +72,7 @@ def _show(scaled: Scaled) -> None:
 
 
 def measures(entries: Sequence[str], option: str, example: str) -> dict[str, float]:
-    """Lengths in mm by name, from entries such as `PP=40.1`.
+    """Return lengths in mm by name, from entries such as `PP=40.1`.
 
     Raises:
         InputError: an entry of another form, or a name that comes twice.

@@ -105,7 +105,7 @@ def simulate_cell(
 
 
 def _log_with(device: str, address: str, settings: dict[str, Any]) -> str:
-    """The command line that logs a stand-in."""
+    """Return the command line that logs a stand-in."""
     words = ["fingertwin", "log", "--driver", device, "--port", address]
     for name, value in settings.items():
         words += ["--set", f'"{name}={value}"' if " " in str(value) else f"{name}={value}"]

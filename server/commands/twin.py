@@ -128,7 +128,7 @@ _OF_ERRORS = "magnitude: of the force; direction: over the cases (of) that stand
 
 
 def _errors(groups: Mapping[str, Any]) -> tuple[list[str], list[list[Any]]]:
-    """Columns and rows of error summaries, in the sagittal plane and in space."""
+    """Return columns and rows of error summaries, in the sagittal plane and in space."""
     columns = ["cases", "plane", "n", "RMSE [N]", "RMSE [%]", "magnitude [N]", "[%]", "direction [deg]", "of"]
     keys = ("cases", "rmse_N", "rmse_rel_pct", "magnitude_error_N", "magnitude_error_pct", "direction_error_deg")
     return columns, [
@@ -185,7 +185,7 @@ def _remark(p: FittedParameter) -> str:
 
 
 def _words(group: str) -> str:
-    """A group of cases as it is read: `validation/tip` in two words."""
+    """Return a group of cases as it is read: `validation/tip` in two words."""
     return group.replace("/", " ")
 
 

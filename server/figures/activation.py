@@ -27,7 +27,7 @@ _ENDS = {"sagittal": ("proximal", "dorsal", "palmar"), "coronal": ("proximal", "
 
 
 def activation_plots(result: ActivationResult) -> list[Plot]:
-    """The figures of a result: each muscle alone, and the deficits of each."""
+    """Return the figures of a result: each muscle alone, and the deficits of each."""
     baseline = ", ".join(
         f"{m} {100.0 * a:.0f} %" for m, a in zip(result.muscles, result.activation, strict=True) if a > 0.0
     )
@@ -163,7 +163,7 @@ def _arrow(name: str, force: Floats, head: float, color: str, axes: dict[str, st
 def _labels(
     names: Sequence[str], forces: Floats, colors: Sequence[str], low: Floats, high: Floats, axes: dict[str, str]
 ) -> list[dict[str, Any]]:
-    """Names beyond the arrows' heads, moved apart upwards and downwards where they would cover each other."""
+    """Return names beyond the arrows' heads, moved apart upwards and downwards where they would cover each other."""
     span = float(high[0] - low[0])
     right = forces[:, 0] > 0.0
     middle = forces[:, 0] + np.where(right, 1.0, -1.0) * 0.07 * span
@@ -185,7 +185,7 @@ def _labels(
 
 
 def _apart(across: Floats, up: Floats, wide: float, tall: float) -> Floats:
-    """Heights moved until no two labels of that size cover each other."""
+    """Return heights moved until no two labels of that size cover each other."""
     out = np.array(up, dtype=float)
     order = np.argsort(out, kind="stable")
     for _ in range(100):

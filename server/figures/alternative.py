@@ -47,7 +47,7 @@ def plain_text(marked: str) -> str:
 
 
 def _words(found: Iterable[str | None]) -> list[str]:
-    """Texts, each once, in their order."""
+    """Return texts, each once, in their order."""
     return list(dict.fromkeys(text for text in (plain_text(f) for f in found if f) if text))
 
 

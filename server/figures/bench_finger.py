@@ -158,7 +158,7 @@ def _arrows(
 def _loaded(
     finger: Finger, values: FingerValues, pose: FingerPose, masses_g: Mapping[str, float], axes: dict[str, str]
 ) -> list[go.Scatter]:
-    """Paths of the tendons that carry a weight, upon all others."""
+    """Return paths of the tendons that carry a weight, upon all others."""
     styles = load_styles(masses_g)
     traces = []
     for segment, path in zip(finger.topology.segments, tendon_paths(finger, values, pose), strict=True):
@@ -172,7 +172,7 @@ def _loaded(
 def _weights(
     finger: Finger, values: FingerValues, pose: FingerPose, masses_g: Mapping[str, float], axes: dict[str, str]
 ) -> list[go.Scatter]:
-    """The string of each loaded tendon, over a pulley beyond the clamp, and the weight on its end; schematic."""
+    """Return the string of each loaded tendon, over a pulley beyond the clamp, and the weight on its end; schematic."""
     hung = {m: leaving(finger, values, pose, m)[:, :2] for m in finger.topology.muscles if masses_g.get(m)}
     styles = load_styles(hung)
     stub = stub_mm(values)

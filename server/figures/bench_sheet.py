@@ -146,7 +146,7 @@ def _head(pages: _Pages, protocol: Protocol, finger: str, bones: Sequence[tuple[
 
 
 def _block(pages: _Pages, case: PlannedCase, protocol: Protocol, *, again: bool) -> None:
-    """Heading of a posture at one place of the cell, with its tare; `again` on a new page."""
+    """Write the heading of a posture at one place of the cell, with its tare; `again` on a new page."""
     pages.down(4.0)
     angles = ", ".join(f"{joint} {angle:g}°" for joint, angle in protocol.postures_deg[case.posture].items())
     more = ", continued" if again else ""

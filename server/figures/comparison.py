@@ -66,7 +66,7 @@ def comparison_report(
 
 
 def report_title(session: str) -> str:
-    """Title of a comparison's page."""
+    """Return the title of a comparison's page."""
     return f"Predicted and measured forces: {session}"
 
 

@@ -72,7 +72,7 @@ def turned(text: str) -> str:
 
 
 def _within(light: float, ab: Floats) -> list[float]:
-    """Red, green and blue (0 to 1) of a lightness, with as much of the chroma as a screen can show."""
+    """Return red, green and blue (0 to 1) of a lightness, with as much of the chroma as a screen can show."""
     low, high = 0.0, 1.0
     if _shown(_rgb(np.array([light, *ab]))):
         low = 1.0

@@ -119,7 +119,7 @@ def _label(name: str, detectability: dict[str, float | None]) -> str:
 
 
 def _number(v: float | None, own: bool, cell: int) -> str:
-    """Correlation for a cell; small ones are left to the colour where cells are small."""
+    """Return the correlation for a cell; small ones are left to the colour where cells are small."""
     if v is None or own or (cell < 40 and v < 0.5):
         return ""
     return fixed(v, 2).removeprefix("0") if v < 0.995 else "1"

@@ -99,7 +99,7 @@ def residual_map(answer: Answer) -> go.Figure:
 
 
 def _cells(answer: Answer) -> dict[tuple[str, str, str], Cell]:
-    """Cells by mount, tendons and posture; those that come twice are pooled."""
+    """Return cells by mount, tendons and posture; those that come twice are pooled."""
     out: dict[tuple[str, str, str], Cell] = {}
     for row in rows(answer, "where", "cells"):
         key = (str(row.get("location", "")), muscles_of(row), str(row.get("posture", "")))
@@ -186,6 +186,6 @@ def _name(posture: str) -> str:
 
 
 def _lines(posture: str) -> str:
-    """A posture's name, a long one on two lines."""
+    """Return a posture's name, a long one on two lines."""
     name = _name(posture)
     return name.replace(" ", "<br>", 1) if len(name) > 9 else name

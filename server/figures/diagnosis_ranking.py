@@ -93,7 +93,7 @@ def ranking_figure(answer: Answer) -> go.Figure:
 
 
 def _bars(shown: Sequence[Answer], named: Sequence[Answer], which: str) -> list[go.Bar | go.Scatter]:
-    """Bars of one kind of explanation, each with the sign of its kind before it."""
+    """Return bars of one kind of explanation, each with the sign of its kind before it."""
     color, name = _KINDS[which]
     own = [(i, r) for i, r in enumerate(shown) if kind(r) == which]
     if not own:
@@ -128,7 +128,7 @@ def _bars(shown: Sequence[Answer], named: Sequence[Answer], which: str) -> list[
 
 
 def _labels(shown: Sequence[Answer], names: Sequence[Sequence[str]], named: Sequence[Answer]) -> list[dict[str, Any]]:
-    """Names of the rows, bold what the verdict names, and what the bars are."""
+    """Return names of the rows, bold what the verdict names, and what the bars are."""
     start = -_BEGIN / (_END - _BEGIN)
     out = [_word("probability", start, 1.0, "paper", MUTED, 4) | {"xanchor": "left", "align": "left"}]
     for i, (row, lines) in enumerate(zip(shown, names, strict=True)):
@@ -157,7 +157,7 @@ def _held_out(row: Answer) -> str:
 
 
 def _label(row: Answer) -> list[str]:
-    """Lines of an explanation's name: two effects on two where they are long."""
+    """Return lines of an explanation's name: two effects on two where they are long."""
     name = explanation_name(row) + (" *" if row.get("in_range") is False else "")
     first, plus, second = name.partition(" + ")
     lines = [f"{first} +", second] if plus and len(name) > 34 else [name]

@@ -127,7 +127,7 @@ def _roles(keys: Sequence[str]) -> list[str]:
 
 
 def _bars(values: Sequence[float | None], role: str, axes: dict[str, str], *, named: bool) -> list[go.Bar]:
-    """Solid bars of the error, pale ones above for what it fell by, and orange ones for what it rose by."""
+    """Return solid bars of the error, pale ones above for its fall, and orange ones for its rise."""
     color, pale = _ROLES.get(role, ("#555555", "#dddddd"))
     earlier = [None, *values[:-1]]
     pairs = list(zip(values, earlier, strict=True))

@@ -97,7 +97,7 @@ def sensitivity_figure(answer: Answer) -> go.Figure:
 
 
 def _shown(found: Sequence[Assumed]) -> list[Assumed]:
-    """All, or of the parts that are left out those that matter most."""
+    """Return all assumptions, or of the parts that are left out those that matter most."""
     parts = sorted((a for a in found if a.group == "without"), key=lambda a: a.probability)
     kept = parts[: max(MOST_ROWS - (len(found) - len(parts)), 0)]
     return [a for a in found if a.group != "without" or a in kept][:MOST_ROWS]

@@ -122,7 +122,7 @@ def size_figure(answer: Answer) -> go.Figure:
 
 
 def _spots(keys: Sequence[tuple[str, str]], across: int) -> list[tuple[int, int]]:
-    """Row and column of each panel; each mount begins a row of its own."""
+    """Return the row and column of each panel; each mount begins a row of its own."""
     out: list[tuple[int, int]] = []
     row, column = 0, -1
     for k, key in enumerate(keys):

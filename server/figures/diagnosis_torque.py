@@ -123,7 +123,7 @@ def torque_figure(answer: Answer) -> go.Figure:
 
 
 def _by_case(answer: Answer) -> list[Group]:
-    """Groups of cases alike in posture and load, with their mean torques."""
+    """Return groups of cases alike in posture and load, with their mean torques."""
     own: dict[tuple[str, str], list[Answer]] = {}
     for row in rows(answer, "where", "joint_torque_cases"):
         own.setdefault((str(row.get("posture", "")), muscles_of(row)), []).append(row)
@@ -150,7 +150,7 @@ def _mean(cases: Sequence[Answer], joint: str) -> Torque | None:
 
 
 def _by_joint(answer: Answer) -> list[Group]:
-    """One group of all cases, where only their root mean square is known."""
+    """Return one group of all cases, where only their root mean square is known."""
     found = {str(j): part(v) for j, v in part(answer, "where", "joint_torque_Nmm").items()}
     torques = {j: Torque(r, value(v.get("sd"))) for j, v in found.items() if (r := value(v.get("rms"))) is not None}
     return [Group("", "all cases, root mean square", 0, torques)] if torques else []
@@ -164,7 +164,7 @@ def _largest(groups: list[Group], most: int) -> list[Group]:
 
 
 def _places(groups: Sequence[Group]) -> tuple[list[float], list[tuple[str, float]], float]:
-    """Row of each group, rows of the postures' names, and their number."""
+    """Return the row of each group, rows of the postures' names, and their number."""
     places: list[float] = []
     headings: list[tuple[str, float]] = []
     row, posture = 0.0, ""
@@ -182,7 +182,7 @@ def _places(groups: Sequence[Group]) -> tuple[list[float], list[tuple[str, float
 def _bars(
     groups: Sequence[Group], places: Sequence[float], joint: str, axes: dict[str, str], named: set[str]
 ) -> list[go.Bar]:
-    """Bars of one joint, those clear of nothing in their own colour; `named` are the legend's words so far."""
+    """Return the bars of one joint, coloured where clear of zero; `named` are the legend's words so far."""
     out = []
     for clear, color, name in ((True, CLEAR, "beyond two standard deviations"), (False, WITHIN, "within them")):
         chosen = [(g, p) for g, p in zip(groups, places, strict=True) if joint in g.torques]

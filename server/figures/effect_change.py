@@ -99,7 +99,7 @@ def effect_figure(
 
 
 def _sorted(cases: Sequence[CaseComparison]) -> list[CaseComparison]:
-    """Cases by mount, tendons, posture and weight, as they stand on the axis."""
+    """Return cases by mount, tendons, posture and weight, as they stand on the axis."""
     muscles, postures = in_order(c.muscles for c in cases), list(dict.fromkeys(c.posture for c in cases))
     places = {"tip": 0, "bone": 1}
     return sorted(
@@ -172,7 +172,7 @@ def _panel(sheet: Sheet, pairs: Sequence[tuple[CaseComparison, Floats]], index: 
 
 
 def _groups(cases: Sequence[CaseComparison]) -> list[tuple[str, int, int]]:
-    """(Name, first, end) of neighbouring cases of one mount and one set of tendons."""
+    """Return (name, first, end) of neighbouring cases of one mount and one set of tendons."""
     out: list[tuple[str, int, int]] = []
     for index, case in enumerate(cases):
         name = f"{case.location} {plain(case.muscles)}"

@@ -153,7 +153,7 @@ def _side_view(
 
 
 def _square(panel: NetworkPanel, shape: float) -> tuple[list[float], list[float]]:
-    """Ranges of the side view with one scale on both axes, `shape` times as wide as it is tall."""
+    """Return ranges of the side view with one scale on both axes, `shape` times as wide as it is tall."""
     every = np.concatenate([panel.bones_mm, panel.side_mm])
     low, high = every.min(axis=0) - 3.0, every.max(axis=0) + 3.0
     middle, half = (low + high) / 2.0, (high - low) / 2.0
@@ -189,7 +189,7 @@ def _width(force: float, most: float) -> float:
 def _labels(
     panel: NetworkPanel, moved: Floats, nodes: Sequence[str], ends: Sequence[tuple[int, int]], on: On
 ) -> list[dict[str, Any]]:
-    """Names of the nodes and forces of the springs."""
+    """Return names of the nodes and forces of the springs."""
     out = []
     for name, (x, y) in zip(nodes, moved.tolist(), strict=True):
         at, shift = ("top", -6) if y < -1.0 else ("bottom", 6)

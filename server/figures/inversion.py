@@ -177,7 +177,7 @@ def _ordered(cases: Sequence[InvertedCase]) -> _Order:
 
 
 def _strips(panels: Sequence[_Panel], order: _Order, names: tuple[str, str], *, title: str, subtitle: str) -> go.Figure:
-    """One panel below the other, cases from left to right, with common bands for the loads."""
+    """Draw one panel below the other, cases from left to right, with common bands for the loads."""
     crowded = _crowded(order)
     margins = (_LEFT, _RIGHT, _TOP, _BOTTOM if crowded else _BOTTOM_LEVEL)
     sheet = Sheet(len(panels) * _PANEL + (len(panels) - 1) * _GAP, margins, showlegend=True)
@@ -213,7 +213,7 @@ def _crowded(order: _Order) -> bool:
 
 
 def _span(panel: _Panel) -> list[float]:
-    """Vertical range: every force, what hung and the bars, but no bar beyond half as far again as the forces."""
+    """Return the vertical range: forces, hung weights and bars, but no bar beyond 1.5 times the forces."""
     force = np.array([a.force_N for a in panel.forces])
     hung = np.array([a.hung_N or 0.0 for a in panel.forces])
     below, above = (np.array(bar) for bar in _bars(panel))

@@ -103,7 +103,7 @@ def muscles_figure(result: MovementResult, reference: Reference | None = None) -
 
 
 def movement_plots(result: MovementResult, reference: Reference | None = None) -> list[Plot]:
-    """The figures of a movement, for reports, pages and studies.
+    """Return the figures of a movement, for reports, pages and studies.
 
     Args:
         result: of the movement.
@@ -149,7 +149,7 @@ def movement_report(result: MovementResult, folder: Path, *, static: bool = True
 
 
 def _grid(result: MovementResult, panels: Sequence[Panel], *, title: str, subtitle: str) -> go.Figure:
-    """Panels in two columns, one scale of time below them."""
+    """Draw panels in two columns, one scale of time below them."""
     rows = -(-len(panels) // _COLUMNS)
     sheet = Sheet(rows * _HEIGHT + (rows - 1) * _GAP_Y, _MARGINS, showlegend=True)
     wide = (sheet.wide - (_COLUMNS - 1) * _GAP_X) / _COLUMNS
@@ -190,7 +190,7 @@ def _grid(result: MovementResult, panels: Sequence[Panel], *, title: str, subtit
 
 
 def _span(lines: Sequence[Line]) -> list[float]:
-    """Range of the vertical axis: all curves and zero, with a margin."""
+    """Return the range of the vertical axis: all curves and zero, with a margin."""
     low = min(0.0, *(float(line.values.min()) for line in lines))
     high = max(0.0, *(float(line.values.max()) for line in lines))
     room = 0.06 * (high - low) or 1.0

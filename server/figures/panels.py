@@ -48,7 +48,7 @@ class Panel:
     heading: str = ""
 
     def extent(self) -> Floats:
-        """(2, 2) lowest and highest x and y of everything drawn [mm]."""
+        """Return (2, 2) lowest and highest x and y of everything drawn [mm]."""
         points = [
             [(float(x), float(y)) for x, y in zip(t.x, t.y, strict=True) if x is not None] for t in self.traces if t.x
         ]
@@ -88,7 +88,7 @@ def thinned(cases: Sequence[CaseComparison]) -> tuple[list[CaseComparison], str]
 
 
 def load_colors(cases: Iterable[CaseComparison]) -> dict[str, str]:
-    """Colour of every load by its text: the tendon's own, paler for lighter loads of the same tendons."""
+    """Return the colour of every load by its text: the tendon's own, paler for lighter loads of the same tendons."""
     rows = list(cases)
     out: dict[str, str] = {}
     styles = load_styles(in_order(c.muscles for c in rows))
@@ -108,7 +108,7 @@ def force_scale(forces: Iterable[Floats], length_mm: float) -> float:
 
 
 def head_mm(panels: int, length_mm: float) -> float:
-    """Length of an arrow's head in a figure of so many panels: about as large on the page in all of them."""
+    """Return the length of an arrow's head in a figure of so many panels: about as large on the page in all of them."""
     return length_mm * (0.028 if panels == 1 else 0.042 if panels <= 4 else 0.055)
 
 

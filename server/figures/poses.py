@@ -61,24 +61,24 @@ def finger_pose(finger: Finger, values: FingerValues, posture: Floats) -> Finger
 
 
 def _rotation(axis: Floats, angle: float) -> Floats:
-    """Rotation by an angle [rad] about a unit axis (Rodrigues)."""
+    """Return the rotation by an angle [rad] about a unit axis (Rodrigues)."""
     x, y, z = axis
     across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.asarray(np.eye(3) + np.sin(angle) * across + (1.0 - np.cos(angle)) * across @ across)
 
 
 def reach_mm(values: FingerValues) -> float:
-    """Length of the stretched finger from the first joint to the load point [mm]."""
+    """Return the length of the stretched finger from the first joint to the load point [mm]."""
     lengths = np.linalg.norm(np.asarray(values.centre)[1:], axis=1)
     return float(lengths.sum() + np.linalg.norm(values.load_point))
 
 
 def stub_mm(values: FingerValues) -> float:
-    """Length of metacarpal that is drawn [mm]."""
+    """Return the length of metacarpal that is drawn [mm]."""
     return _STUB * bone_lengths(values)[0]
 
 
 def bone_lengths(values: FingerValues) -> list[float]:
-    """Length of every bone beyond the first, the last one to its tip [mm]."""
+    """Return the length of every bone beyond the first, the last one to its tip [mm]."""
     lengths = [float(np.linalg.norm(c)) for c in np.asarray(values.centre)[1:]]
     return [*lengths, _TIP * float(np.linalg.norm(values.load_point))]

@@ -24,7 +24,7 @@ def round_length(value: float) -> float:
 def scale_bars(
     low: Floats, size: Floats, mm_per_N: float, names: Mapping[str, str], *, first: bool
 ) -> tuple[list[go.Scatter], list[dict[str, Any]]]:
-    """Force bar of each panel; the first one has a length bar and the directions too."""
+    """Return the force bar of each panel; the first one has a length bar and the directions too."""
     on = (names["xaxis"], names["yaxis"])
     look: dict[str, Any] = {"size": SMALL_PX, "color": MUTED}
     y = float(low[1] + 0.035 * size[1])

@@ -104,7 +104,7 @@ def scatter_figure(
 
 
 def _limits(cases: Sequence[CaseComparison], component: int) -> tuple[float, float]:
-    """Common limits of both axes with some room, never of no width."""
+    """Return common limits of both axes with some room, never of no width."""
     values = np.array([v[component] for c in cases for v in (c.measured_N, c.predicted_N)] + [0.0])
     values = values[np.isfinite(values)]
     low, high = float(values.min()), float(values.max())
@@ -115,7 +115,7 @@ def _limits(cases: Sequence[CaseComparison], component: int) -> tuple[float, flo
 def _identity(
     comparison: Comparison, component: int, limits: tuple[float, float], axes: dict[str, str], *, first: bool
 ) -> list[go.Scatter]:
-    """Line of identity, and about it twice the median standard uncertainty of the measurement."""
+    """Return the line of identity, and about it twice the median standard uncertainty of the measurement."""
     low, high = limits
     sd = np.array([c.measured_sd_N[component] for c in comparison.cases], dtype=float)
     sd = sd[np.isfinite(sd)]
@@ -182,7 +182,7 @@ def _points(comparison: Comparison, component: int, muscles: Sequence[str], axes
 
 
 def _keys(chosen: Sequence[tuple[str, Comparison]], muscles: Sequence[str], plane: Plane) -> list[go.Scatter]:
-    """Entries of the legend: every tendon with its RMSE under each model."""
+    """Return entries of the legend: every tendon with its RMSE under each model."""
     styles = load_styles(muscles)
     out = []
     for muscle in muscles:

@@ -33,7 +33,7 @@ _WHAT = {"arms": "error of a moment arm [mm]", "tension": "error of a tension [1
 
 
 def leading(answer: Answer) -> Answer:
-    """The most evident curve."""
+    """Return the most evident curve."""
     found = rows(answer, "shared", "curves")
     if not found:
         raise NothingToDrawError("The sessions' fingers have other tendons or joints.")
@@ -267,7 +267,7 @@ def _fall(errors: Answer) -> str:
 
 
 def shared_sections(answer: Answer, figures: dict[str, go.Figure]) -> list[Section]:
-    """The parts of the page of several sessions; puts its figures into `figures`."""
+    """Return the parts of the page of several sessions; puts its figures into `figures`."""
     picture = partial(add_picture, figures)
     shared = part(answer, "shared")
     sentences = [str(answer.get("sentence") or ""), *(f"Short of more: {s}." for s in words(answer.get("short")))]

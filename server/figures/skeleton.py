@@ -83,7 +83,7 @@ def finger_traces(finger: Finger, values: FingerValues, pose: FingerPose, axes: 
 
 
 def _joined(lines: list[Floats]) -> dict[str, list[float | None]]:
-    """Coordinates of several lines (n, 2) in one trace, with a gap between them."""
+    """Return coordinates of several lines (n, 2) in one trace, with a gap between them."""
     x: list[float | None] = []
     y: list[float | None] = []
     for line in lines:
@@ -96,7 +96,7 @@ def _joined(lines: list[Floats]) -> dict[str, list[float | None]]:
 
 
 def _outlines(finger: Finger, values: FingerValues, pose: FingerPose) -> list[Floats]:
-    """Closed outlines of all bones, heads round and bases hollow."""
+    """Return closed outlines of all bones, heads round and bases hollow."""
     lengths = bone_lengths(values)
     radii = [_ROUND * length for length in lengths]
     shapes = []
@@ -116,7 +116,7 @@ def _outlines(finger: Finger, values: FingerValues, pose: FingerPose) -> list[Fl
 
 
 def _bone(begin: Floats, end: Floats, base: float, head: float) -> Floats:
-    """Outline (n, 2) of a bone from the joint at its base to the centre of its head; base 0: cut off straight."""
+    """Return the outline (n, 2) of a bone from its base joint to the centre of its head; base 0: cut off straight."""
     axis = (end - begin) / max(float(np.linalg.norm(end - begin)), 1e-9)
     side = np.array([-axis[1], axis[0]])
     length = float(np.linalg.norm(end - begin))

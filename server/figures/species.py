@@ -51,7 +51,7 @@ class Bars:
 
 
 def species_plots(result: SpeciesResult) -> list[Plot]:
-    """The comparison's figure, for whoever shows it."""
+    """Return the comparison's figure with its caption."""
     caption = (
         "Arrows: tip force of one newton of tension, shared among the tendons as the weights were; seen from the "
         "radial side. The ratios below are of norms in space, their whiskers from least to most over postures and "
@@ -113,7 +113,7 @@ def _capital(text: str) -> str:
 
 
 def _posture(result: SpeciesResult) -> tuple[str, bool]:
-    """Posture to draw: one that both have with the same angles, else one that both have, else the first's."""
+    """Return the posture to draw: one that both have with the same angles, else of the same name, else the first's."""
     a, b = result.of, result.other
     loaded = [load.posture for load in a.of_tendons(result.main)]
     common = [p for p in dict.fromkeys(loaded) if any(load.posture == p for load in b.of_tendons(result.main))]
@@ -124,7 +124,7 @@ def _posture(result: SpeciesResult) -> tuple[str, bool]:
 
 
 def _fingers(result: SpeciesResult, posture: str) -> tuple[list[Panel], float]:
-    """A panel for each side: finger and its heaviest main load's tip force per unit tension; and mm per N per N."""
+    """Return a panel a side, the finger with its heaviest main load's tip force per tension, and mm per N per N."""
     sides = (result.of, result.other)
     chosen = [_heaviest(side, result.main, posture) for side in sides]
     largest = max(
@@ -169,7 +169,7 @@ def _heaviest(side: Side, tendons: str, posture: str) -> Load:
 
 
 def _case(load: Load) -> CaseComparison:
-    """The load as the arrows' words want it."""
+    """Return the load as a case of a comparison, for the arrows' hover texts."""
     nothing = np.full(3, np.nan)
     measured = nothing if load.measured_tip_N is None else load.measured_tip_N
     return CaseComparison(
@@ -311,7 +311,7 @@ def _panel_traces(panel: Bars, axes: dict[str, str]) -> list[go.Bar | go.Scatter
 
 
 def _whiskers(spreads: Sequence[Spread], color: str) -> dict[str, Any]:
-    """From least to most about the mean."""
+    """Return error bars from the least to the greatest value about the mean."""
     up, down = [s.most - s.mean for s in spreads], [s.mean - s.least for s in spreads]
     return whiskers(up, color, down, thickness=1.2)
 

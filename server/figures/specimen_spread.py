@@ -12,7 +12,7 @@ from server.figures.arrows import Spread, spread_between
 
 
 def spread_of(session: Session, comparison: Comparison) -> Mapping[str, Spread] | None:
-    """Standard deviation between the specimens that a session is the mean of, where it says which."""
+    """Return the standard deviation between the specimens that a session is the mean of, where it says which."""
     provenance = session.measured.session.provenance
     members = provenance.get("mean_of") if isinstance(provenance, Mapping) else None
     if not members:

@@ -117,7 +117,7 @@ def errors_figure(
 
 
 def _groups(comparison: Comparison) -> list[tuple[str, Rows]]:
-    """Rows of (label, role, location, muscles, posture) under their headings."""
+    """Return rows of (label, role, location, muscles, posture) under their headings."""
     groups: list[tuple[str, Rows]] = []
     for location in ("tip", "bone"):
         cases = comparison.select(location=location).cases

@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 
 def tendon_paths(finger: Finger, values: FingerValues, pose: FingerPose) -> list[Floats]:
-    """Every tendon segment: straight, or bent about the joint where Landsmeer's first model lays it on the bone."""
+    """Return every tendon segment: straight, or bent about the joint by Landsmeer's first model."""
     lines = []
     for index, segment in enumerate(finger.topology.segments):
         near = pose.place(segment.proximal_bone, values.proximal_point[index])[:2]
@@ -29,7 +29,7 @@ def tendon_paths(finger: Finger, values: FingerValues, pose: FingerPose) -> list
 
 
 def _bend(finger: Finger, segment: Segment, pose: FingerPose) -> float:
-    """Angle [rad] by which a segment bends about its joint, 0 where it runs straight."""
+    """Return the angle [rad] by which a segment bends about its joint, 0 where it runs straight."""
     if segment.wrap == "straight":
         return 0.0
     topology = finger.topology
@@ -41,7 +41,7 @@ def _bend(finger: Finger, segment: Segment, pose: FingerPose) -> float:
 
 
 def tendon_connections(finger: Finger, values: FingerValues, pose: FingerPose) -> list[Floats]:
-    """Along the bones: from a tendon's segment to its next, through the hood, and proximally out of the drawing."""
+    """Return lines along the bones between a tendon's segments, through the hood, and proximally out of the drawing."""
     topology = finger.topology
     feeds = hood_feeds(topology)
     lines = []

@@ -54,7 +54,7 @@ def traces_figure(
 
 
 def thinned(t: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """The same line (n,) with at most some thousands of points: the least and the greatest of each stretch of time."""
+    """Reduce a line (n,) to some thousands of points: the least and the greatest of each stretch of time."""
     width = len(t) // _STRETCHES
     if width < 3:
         return t, values

@@ -48,7 +48,7 @@ def chosen_cases(comparison: Comparison, location: str, ids: Iterable[str] | Non
 
 
 def vector_line(kind: str, color: str) -> dict[str, Any]:
-    """Line of a vector of a kind: what is predicted is thinner and darker, so that it shows upon what is measured."""
+    """Return the line of a kind of vector: predicted ones are thinner and darker, to show upon measured ones."""
     if kind == "measured":
         return {"color": color, "width": MEASURED_PX}
     if kind == "predicted":
@@ -57,7 +57,7 @@ def vector_line(kind: str, color: str) -> dict[str, Any]:
 
 
 def load_keys(colors: Mapping[str, str], meanings: Iterable[str]) -> list[go.Scatter]:
-    """Entries of the legend: the two kinds of vector, the areas, and the colour of each load."""
+    """Return entries of the legend: the two kinds of vector, the areas, and the colour of each load."""
     grey = "#8a8a8a"
     out = [
         key("measured", line=vector_line("measured", grey)),

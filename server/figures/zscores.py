@@ -129,7 +129,7 @@ def _points(
     name: str,
     shift: str,
 ) -> go.Scatter:
-    """Points of some cases; those before lie a little lower than those after."""
+    """Return points of some cases; those before lie a little lower than those after."""
     placed = [c for c in cases if (c.location, c.muscles) in rows]
     where = [rows.index((c.location, c.muscles)) for c in placed]
     offset = 0.22 if shift == "before" else 0.0

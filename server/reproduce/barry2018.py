@@ -67,7 +67,7 @@ def reproduce(progress: Progress) -> Reproduction:
 
 
 def baselines(progress: Progress = lambda fraction: None) -> list[Case]:
-    """Palmar and dorsal forces of the index finger, then of the thumb."""
+    """Return palmar and dorsal forces of the index finger, then of the thumb."""
     out: list[Case] = []
     for name, sizes in ((INDEX, (7.7, INDEX_DORSAL_N)), (THUMB, (THUMB_PALMAR_N, 12.7))):
         finger = read_finger(name)
@@ -179,7 +179,7 @@ def _most_rows(cases: Sequence[Case]) -> list[Row]:
 
 
 def _plots(cases: Sequence[Case]) -> list[Plot]:
-    """Tip forces of all muscles of both fingers, then the deficits of every baseline."""
+    """Return the tip forces of all muscles of both fingers, then the deficits of every baseline."""
     plots = [
         Plot(
             c.finger.replace("barry2018_", "alone-"),

@@ -37,7 +37,7 @@ class Case:
 
 
 def alone(result: ActivationResult) -> Sheet:
-    """Tension and tip force of every muscle, fully active."""
+    """Return the tension and tip force of every muscle, fully active."""
     lines = []
     for m in result.alone:
         data = m.as_dict()
@@ -77,7 +77,7 @@ def levels(cases: Sequence[Case]) -> Sheet:
 
 
 def deficits(case: Case) -> Sheet:
-    """Size and turn of one baseline's force while each muscle loses activation."""
+    """Return the size and turn of one baseline's force while each muscle loses activation."""
     lines: list[tuple[str | float | None, ...]] = []
     for d in case.result.deficits:
         sizes, turned, percent = d.magnitudes, d.change_deg(), d.change_pct
@@ -125,7 +125,7 @@ def reach(cases: Sequence[Case]) -> Sheet:
 
 
 def _lost(case: Case, muscle: str, sign: float) -> tuple[float, Floats]:
-    """Least (sign 1) or greatest (-1) tension that a muscle loses [N], and the force that is left (3,)."""
+    """Return least (sign 1) or greatest (-1) tension that a muscle loses [N], and the force that is left (3,)."""
     from scipy.optimize import linprog
 
     held = case.held
@@ -143,7 +143,7 @@ def _lost(case: Case, muscle: str, sign: float) -> tuple[float, Floats]:
 
 
 def postures(cases: Sequence[Case]) -> Sheet:
-    """Tip force per newton of tension where the finger is held otherwise."""
+    """Return the tip force per newton of tension where the finger is held otherwise."""
     lines: list[tuple[str | float | None, ...]] = []
     choices: tuple[tuple[Case, dict[str, float], tuple[str, ...]], ...] = (
         (cases[0], {}, ("FDP", "FDS", "FDI")),
@@ -185,7 +185,7 @@ def passive(cases: Sequence[Case]) -> Sheet:
 
 
 def arms(cases: Sequence[Case]) -> Sheet:
-    """Moment arms at 0 beside quoted ones."""
+    """Return moment arms at 0 beside quoted ones."""
     quoted = reference("barry2018")
     lines: list[tuple[str | float | None, ...]] = []
     for case, name in ((cases[0], "index"), (cases[2], "thumb")):

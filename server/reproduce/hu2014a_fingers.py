@@ -52,12 +52,12 @@ class Pressed:
 
 
 def index_finger(published: dict[str, Any]) -> Finger:
-    """An's index finger, pressed at the end of the distal phalanx."""
+    """Return An's index finger, pressed at the end of the distal phalanx."""
     return read_finger("an1979_index").replace_values(load_point=[-published["distal_phalanx_mm"], 0.0, 0.0])
 
 
 def pressed(finger: Finger, published: dict[str, Any]) -> list[Pressed]:
-    """Both models at the three loads."""
+    """Return both models at the three loads."""
     out = []
     for load in published["loads"]:
         forces, push = {}, {}
@@ -78,7 +78,7 @@ def pressed(finger: Finger, published: dict[str, Any]) -> list[Pressed]:
 
 
 def with_fitted_flexor(finger: Finger, published: dict[str, Any]) -> Finger:
-    """The finger with its flexor moved so that the minimal model has the printed PE and PF in posture 1.
+    """Return the finger with its flexor moved so that the minimal model has the printed PE and PF in posture 1.
 
     Two numbers (FDP's moment arms at DIP and PIP) are fitted to two; all else is then a prediction.
     """
@@ -89,7 +89,7 @@ def with_fitted_flexor(finger: Finger, published: dict[str, Any]) -> Finger:
 
 
 def with_fitted_terminal_slip(finger: Finger, published: dict[str, Any]) -> Finger:
-    """The finger with its terminal slip moved so that the minimal model has the printed PF in posture 1.
+    """Return the finger with its terminal slip moved so that the minimal model has the printed PF in posture 1.
 
     One number (TE's moment arm at the DIP) is fitted to one; all else, in all postures, is then a prediction.
     """
@@ -102,7 +102,7 @@ def with_fitted_terminal_slip(finger: Finger, published: dict[str, Any]) -> Fing
 
 
 def needed_arms(finger: Finger, load: dict[str, Any], mean: dict[str, float]) -> dict[str, float]:
-    """Moment arms of PF at DIP and PIP [mm] with which printed PF and PE balance a load; PE's arms are the finger's."""
+    """Return the arms of PF at DIP and PIP [mm] with which printed PF and PE balance a load; PE's are the finger's."""
     arms, demand, size = moments(finger, load)
     out = {}
     for joint, slip in (("DIP", "TE"), ("PIP", "ES")):
@@ -126,6 +126,6 @@ def moments(finger: Finger, load: dict[str, Any]) -> tuple[dict[tuple[str, str],
 
 
 def means(published: dict[str, Any], model: str, postures: tuple[int, ...]) -> dict[str, float]:
-    """Printed mean of each column, over postures."""
+    """Return printed mean of each column, over postures."""
     table = published[PUBLISHED.get(model, model)]
     return {c: float(np.mean([float(table[p - 1][i][0]) for p in postures])) for i, c in enumerate(COLUMNS)}

@@ -20,7 +20,7 @@ TERMINAL_MM = (1.84, 2.5, 3.5, 4.0, 4.5, 5.0, 6.0)
 
 
 def forces_sheet(title: str, answers: Sequence[Pressed], published: dict[str, Any], notes: Sequence[str]) -> Sheet:
-    """Forces of both models at each load, and what the hood changes, beside the printed means."""
+    """Return forces of both models at each load, and what the hood changes, beside the printed means."""
     lines: list[Line] = []
     for p in answers:
         printed = {model: means(published, model, p.postures) for model in MODELS}
@@ -38,7 +38,7 @@ def _pushed(answer: Pressed, model: str) -> str:
 
 
 def needed_sheet(finger: Finger, published: dict[str, Any]) -> Sheet:
-    """Flexor moment arms that the printed forces need, beside the normative ones."""
+    """Return flexor moment arms that the printed forces need, beside the normative ones."""
     lines: list[Line] = []
     for load in published["loads"]:
         postures = tuple(load["postures"])
@@ -91,7 +91,7 @@ def terminal_sheet(finger: Finger, published: dict[str, Any]) -> Sheet:
 
 
 def sister_sheet(fingers: Mapping[str, Sequence[Pressed]], published: dict[str, Any]) -> Sheet:
-    """The full model at the loads of Hu et al. 2014b beside its own Table 1."""
+    """Return the full model at the loads of Hu et al. 2014b beside its own Table 1."""
     lines: list[Line] = []
     columns = ("radial", "ulnar", "DIP", "PIP", "MCP")
     for k, load in enumerate(published["loads"]):
@@ -113,7 +113,7 @@ def sister_sheet(fingers: Mapping[str, Sequence[Pressed]], published: dict[str, 
 
 
 def least_sheet(finger: Finger, published: dict[str, Any]) -> Sheet:
-    """Our own answer: the same loads without sharing laws, muscles that pull."""
+    """Tabulate our own answer: the same loads without sharing laws, muscles that pull."""
     muscles = finger.topology.muscles
     joints = [joint.name for joint in finger.topology.joints]
     lines: list[Line] = []

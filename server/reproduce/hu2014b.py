@@ -78,7 +78,7 @@ def reproduce(progress: Progress) -> Reproduction:
 
 
 def _sum_rows(loads: Sequence[dict[str, Any]]) -> list[Row]:
-    """Table 1 against Tables 2 and 3: whether the paper's own forces meet at its nodes."""
+    """Set Table 1 against Tables 2 and 3: whether the paper's own forces meet at its nodes."""
     rows = []
     for k, load in enumerate(loads):
         size = sum(x * x for x in load["force_N"]) ** 0.5
@@ -97,7 +97,7 @@ def _sum_rows(loads: Sequence[dict[str, Any]]) -> list[Row]:
 
 
 def _muscle_rows(loads: Sequence[dict[str, Any]]) -> list[Row]:
-    """Table 1's muscle forces from Eqs 7 and 8 with An's index finger."""
+    """Return Table 1's muscle forces from Eqs 7 and 8 with An's index finger."""
     finger = index_finger(reference("hu2014a"))
     rows = []
     for k, load in enumerate(loads):
@@ -124,7 +124,7 @@ def _contact_rows(loads: Sequence[dict[str, Any]], contact: Sequence[dict[str, f
 
 
 def _component_rows(number: int, held: Held, springs: Sequence[str]) -> list[Row]:
-    """Length change and force of every spring, as printed and, where that is a misprint, as mended."""
+    """Return the length change and force of every spring, as printed and, where that is a misprint, as mended."""
     tables = reference("hu2014b")
     rows = []
     for i, spring in enumerate(springs):

@@ -83,7 +83,7 @@ class Stretched(NamedTuple):
 
 
 def mended(load: str, spring: str) -> tuple[float, float]:
-    """Length change [mm] and force [N] of a spring under a load, as printed, misprints mended."""
+    """Return the length change [mm] and force [N] of a spring under a load, as printed, misprints mended."""
     tables = reference("hu2014b")
     length, force = tables["components"][load][spring]
     mend = tables["misprints"].get(load, {}).get(spring, {})
@@ -91,13 +91,13 @@ def mended(load: str, spring: str) -> tuple[float, float]:
 
 
 def printed_loads() -> list[dict[str, Any]]:
-    """Table 1: angles, loads, muscle and contact forces, as printed."""
+    """Return Table 1: angles, loads, muscle and contact forces, as printed."""
     loads: list[dict[str, Any]] = reference("hu2014a")["loads"]
     return loads
 
 
 def index_with_network(change: Change | None = None) -> Finger:
-    """An's index finger with the hood of the paper's 18 springs, pressed at the end of the distal phalanx.
+    """Return An's index finger with the hood of the paper's 18 springs, pressed at the end of the distal phalanx.
 
     Args:
         change: to the hood's file before it is used, to see what an assumption does.
@@ -118,21 +118,21 @@ def index_with_network(change: Change | None = None) -> Finger:
 
 
 def hood_of(finger: Finger) -> ElasticHood:
-    """The finger's elastic hood."""
+    """Return the finger's elastic hood."""
     hood = finger.topology.hood
     assert isinstance(hood, ElasticHood)  # noqa: S101 - built above
     return hood
 
 
 def pulls_by_table_1(load: Mapping[str, Any]) -> dict[str, float]:
-    """Muscle forces [N] as Table 1 has them, LE by the paper's own Eq 8."""
+    """Return muscle forces [N] as Table 1 has them, LE by the paper's own Eq 8."""
     size = float(np.linalg.norm(load["force_N"]))
     pulls = {m: size * float(load["printed"][m]) for m in ("RI", "LU", "UI")}
     return pulls | {"EDC": BY_LAW * sum(pulls.values())}
 
 
 def pulls_by_components(load: Mapping[str, Any]) -> dict[str, float]:
-    """Muscle forces [N] that the printed forces of the springs at each muscle's node add up to."""
+    """Return muscle forces [N] that the printed forces of the springs at each muscle's node add up to."""
     force = {name: float(f) for name, (_, f) in reference("hu2014b")["components"][load["name"]].items()}
     return {
         "RI": force["GH"] + force["HA"],
@@ -209,7 +209,7 @@ def held_by(finger: Finger, loads: Sequence[Mapping[str, Any]], pulls_N: Sequenc
 
 
 def _rounded_otherwise(pulls_N: Mapping[str, float], by_N: float) -> list[dict[str, float]]:
-    """The muscle forces with one of the printed three half a digit more or less; the fourth follows by Eq 8."""
+    """Return the muscle forces with one of the printed three half a digit more or less; the fourth follows by Eq 8."""
     return [
         {**pulls_N, m: pulls_N[m] + d, "EDC": pulls_N["EDC"] + BY_LAW * d}
         for m in ("RI", "LU", "UI")
@@ -218,12 +218,12 @@ def _rounded_otherwise(pulls_N: Mapping[str, float], by_N: float) -> list[dict[s
 
 
 def _within(moved: Floats) -> Floats:
-    """The larger of up and down for each muscle, added up over the muscles."""
+    """Return the larger of up and down for each muscle, summed over the muscles."""
     return np.asarray(np.abs(moved).reshape(-1, 2, moved.shape[1]).max(axis=1).sum(axis=0))
 
 
 def contact_of(finger: Finger, loads: Sequence[Mapping[str, Any]], held: Sequence[Held]) -> list[dict[str, float]]:
-    """Forces between the bones by joint, per newton of load, with FDP as it balances the load about the DIP."""
+    """Return forces between the bones by joint, per newton of load, with FDP as it balances the load about the DIP."""
     import jax
     import jax.numpy as jnp
 

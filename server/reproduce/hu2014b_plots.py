@@ -61,7 +61,7 @@ def plots(held: Sequence[Held]) -> list[Plot]:
 def _from_the_side(
     bone_of: Sequence[int], held: Held, load: Mapping[str, Any], lengths: Sequence[float]
 ) -> tuple[Floats, Floats]:
-    """The bones' axes from the tip on and the nodes under load, in the room's X and Y [mm]."""
+    """Return the bones' axes from the tip on and the nodes under load, in the room's X and Y [mm]."""
     angle = np.deg2rad(np.array(load["theta_deg"], dtype=float))
     proximal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     dorsal = np.stack([-proximal[:, 1], proximal[:, 0]], axis=1)

@@ -29,7 +29,7 @@ BESIDE = 0.0075
 
 
 def pulls_sheet(loads: Sequence[dict[str, Any]]) -> Sheet:
-    """Muscle forces as printed, and as the printed springs add up to."""
+    """Return muscle forces as printed, and as the printed springs add up to."""
     lines: list[Line] = []
     for k, load in enumerate(loads):
         table, sums = pulls_by_table_1(load), pulls_by_components(load)
@@ -65,7 +65,7 @@ def nodes_sheet(held: Sequence[Held], hood: ElasticHood) -> Sheet:
 
 
 def springs_sheet(held: Sequence[Held], springs: Sequence[str]) -> Sheet:
-    """Length where nothing pulls, length under load and force of every spring."""
+    """Return the length where nothing pulls, length under load and force of every spring."""
     lines: list[Line] = []
     for i, spring in enumerate(springs):
         numbers = ((h.length_mm[i], h.length_mm[i] + h.change_mm[i], h.force_N[i]) for h in held)
@@ -79,7 +79,7 @@ def springs_sheet(held: Sequence[Held], springs: Sequence[str]) -> Sheet:
 
 
 def stiffness_sheet(hood: ElasticHood) -> Sheet:
-    """Printed force over printed length change, beside the stiffness in use."""
+    """Return printed force over printed length change, beside the stiffness in use."""
     tables = reference("hu2014b")["components"]
     lines: list[Line] = []
     for spring, stiffness in zip(hood.network.springs, hood.stiffness, strict=True):

@@ -35,7 +35,7 @@ def write_study(folder: Path, study: Study, done: Reproduction) -> Path:
 
 
 def _pictures(plots: Sequence[Plot]) -> list[Section]:
-    """One section a heading, in order."""
+    """Return one section a heading, in order."""
     found: dict[str, list[Picture]] = {}
     for plot in plots:
         found.setdefault(plot.heading, []).append(Picture(plot.figure, plot.caption))

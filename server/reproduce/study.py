@@ -92,7 +92,7 @@ STUDIES = (
 
 
 def study_of(name: str) -> Study:
-    """The study of that name.
+    """Return the study of that name.
 
     Raises:
         InputError: there is none.

@@ -102,7 +102,7 @@ def reproduce(progress: Progress) -> Reproduction:
 
 
 def published_rows() -> list[Row]:
-    """Every published figure beside ours."""
+    """Set every published figure beside ours."""
     mean = Session.open("synek2019_HMEAN", catalogue=False)
     optimised = Session.open("synek2019_HMEAN", "synek2019_optimised", catalogue=False)
     bonobo = Session.open("synek2019_B01", catalogue=False)
@@ -115,7 +115,7 @@ def published_rows() -> list[Row]:
 
 
 def _human(mean: Session, optimised: Session) -> Numbers:
-    """Our numbers of the mean human finger, by their names in the list of printed ones."""
+    """Return our numbers of the mean human finger, by their names in the list of printed ones."""
     balance = friction([measure(read_session(f"synek2019_{s}")) for s in ("H01", "H02", "H03", "B01")])
     best = comparing.compare(optimised)
     fits = {"initial": comparing.compare(mean), "optimised": best, "refitted": _after(mean, "slsqp")}
@@ -130,7 +130,7 @@ def _human(mean: Session, optimised: Session) -> Numbers:
 
 
 def _bonobo(bench: Session) -> Numbers:
-    """Our numbers of the bonobo."""
+    """Return our numbers of the bonobo."""
     before, after = comparing.compare(bench), _after(bench, "map")
     out = _errors("initial", before.select("identification")) | _errors("optimised", after.select("identification"))
     for location in ("tip", "bone"):
@@ -145,7 +145,7 @@ def _errors(name: str, comparison: Comparison) -> Numbers:
 
 
 def _shifts(mean: Session, optimised: Session) -> Numbers:
-    """Mean distances that the published optimisation moved the via points by, along x and y [mm]."""
+    """Return the mean distances that the published optimisation moved the via points by, along x and y [mm]."""
     shift: dict[tuple[str, ...], float] = {}
     ends = zip(mean.model.parameters.names, mean.model.initial, optimised.model.initial, strict=True)
     for name, before, after in ends:
@@ -162,7 +162,7 @@ def _shifts(mean: Session, optimised: Session) -> Numbers:
 
 
 def _sizes(bench: Session) -> Numbers:
-    """Mean flexion moment arms over the session's postures and lengths of the phalanges [mm]."""
+    """Return the mean flexion moment arms over the session's postures and lengths of the phalanges [mm]."""
     topology, observations = bench.model.finger.topology, bench.observations
     postures = [
         np.asarray(observations.inputs.posture[observations.postures.index(name)])
@@ -174,7 +174,7 @@ def _sizes(bench: Session) -> Numbers:
 
 
 def _ratios(bench: Session) -> Numbers:
-    """Tension to tip force and bone force to tip force of the combined loads, 3-D norms of predicted forces."""
+    """Return tension and bone force over tip force of the combined loads, by 3-D norms of predicted forces."""
     observations = bench.observations
     used = zip(observations.roles, observations.locations, strict=True)
     chosen = [i for i, place in enumerate(used) if place == ("validation", "tip")]
@@ -190,7 +190,7 @@ def _ratios(bench: Session) -> Numbers:
 
 
 def _plots() -> list[Plot]:
-    """The mean human finger under the published model, beside the model before its optimisation."""
+    """Return the mean human finger under the published model, beside the model before its optimisation."""
     bench = Session.open("synek2019_HMEAN", "synek2019_optimised", catalogue=False)
     before, comparison = comparing.compare(Session.open("synek2019_HMEAN", catalogue=False)), comparing.compare(bench)
     held, spread = ("initial model", before), spread_of(bench, comparison)
@@ -199,7 +199,7 @@ def _plots() -> list[Plot]:
 
 
 def _unseen(fits: list[SpecimenFit]) -> Sheet:
-    """Errors on the unseen combined loads, predictor by predictor."""
+    """Return errors on the unseen combined loads, predictor by predictor."""
     lines: list[tuple[str | float | None, ...]] = []
     for fit in fits:
         for key, comparison in fit.comparisons.items():

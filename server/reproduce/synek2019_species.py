@@ -36,7 +36,7 @@ OF_TABLE = "computed from the printed numbers of Table 3, whatever finger is our
 
 
 def species_rows(result: SpeciesResult) -> list[Row]:
-    """Every printed number of the comparison beside ours; none where the two are not the paper's specimens."""
+    """Set every printed number of the comparison beside ours; none where the two are not the paper's specimens."""
     if (result.of.session, result.other.session) != (HUMAN, BONOBO) or FLEXORS not in result.tendons:
         return []
     note = GIVEN if result.other.name == "synek2019_bonobo" else OTHER

@@ -76,7 +76,7 @@ def tap(
     curve: tuple[str, int] | None = None,
     turned_deg: float = 0.0,
 ) -> MovementResult:
-    """The tap, from a time on, with a set of muscles; see `fingermodel.studies.movement.work_out`.
+    """Return the tap, from a time on, with a set of muscles; see `fingermodel.studies.movement.work_out`.
 
     `turned_deg` turns tip force and gravity from dorsal and palmar to distal and proximal, as if the metacarpal rose
     towards the finger.
@@ -102,7 +102,7 @@ def _turned(motion: Motion, angle_rad: float) -> Motion:
 
 @cache
 def ammr_output() -> dict[str, Floats]:
-    """AMMR's output over time, by column [s, m, N]."""
+    """Return AMMR's output over time, by column [s, m, N]."""
     with (data_dir() / "reference" / "wu2008_ammr" / "tap.csv").open(encoding="utf-8", newline="") as file:
         lines = list(csv.DictReader(file))
     return {name: np.array([float(line[name]) for line in lines]) for name in lines[0]}
@@ -134,7 +134,7 @@ def _inertia_rows() -> list[Row]:
 
 
 def _mass_range_g(shape: SegmentShape) -> tuple[float, float]:
-    """Least and greatest mass that dimensions rounded to 0.01 mm allow [g]."""
+    """Return least and greatest mass that dimensions rounded to 0.01 mm allow [g]."""
     masses = []
     for signs in product((-0.005, 0.005), repeat=3):
         parts = [
@@ -160,7 +160,7 @@ def _peak_rows(result: MovementResult) -> list[Row]:
 
 
 def _order_rows(result: MovementResult) -> list[Row]:
-    """The order in time; a row's figure is a time, or a share where the paper speaks of size."""
+    """Return rows on the order in time; a row's figure is a time, or a share where the paper speaks of size."""
     times, contact = result.times_s, result.contact_s()
     assert contact is not None  # noqa: S101 - the tap has a force
     first, last = contact
@@ -292,7 +292,7 @@ def _settings(result: MovementResult) -> Sheet:
 
 
 def _directions() -> Sheet:
-    """The one input of the tip force that the paper does not print: its direction."""
+    """Tabulate the influence of the tip force's direction, which the paper does not print."""
     lines: list[tuple[str | float | None, ...]] = []
     for angle in (-15.0, 0.0, 15.0, 30.0, 45.0):
         run = tap("wu2008", turned_deg=angle)
@@ -323,7 +323,7 @@ def _directions() -> Sheet:
 
 
 def _beside_ammr(later: MovementResult) -> Sheet:
-    """Lengths and forces beside AMMR's output, with AMMR's muscles and at its times."""
+    """Tabulate lengths and forces beside AMMR's output, with AMMR's muscles and at its times."""
     output = ammr_output()
     lines: list[tuple[str | float | None, ...]] = []
     for i, (ours, theirs) in enumerate(AMMR.items()):
@@ -366,7 +366,7 @@ def _beside_ammr(later: MovementResult) -> Sheet:
 
 
 def _their_length(output: dict[str, Floats], name: str) -> Floats:
-    """Length of a muscle in AMMR's output [m]: the mean of its heads, weighted as in our hood."""
+    """Return the length of a muscle in AMMR's output [m]: the mean of its heads, weighted as in our hood."""
     mean = output[f"{name}_lmt_m"]
     weight: dict[str, Any] = {"LU": 1.0 / 6.0, "RI": 0.5}
     return mean + weight[name] * output[f"{name}_err_m"] if name in weight else mean

@@ -17,7 +17,7 @@ def dumps(value: Any) -> bytes:
 
 
 def _listed(value: Any) -> Any:
-    """A column of a table, which is not in one piece of memory."""
+    """Return a column of a table, which is not in one piece of memory."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} is not plain data")
@@ -56,7 +56,7 @@ class Tagged:
         return cls(body, hashlib.sha256(body).hexdigest()[:32])
 
     def answer(self, matched: str | None) -> Response:
-        """The answer to a request that has the body of a tag (`If-None-Match`): nothing, where that is this one."""
+        """Answer with a body and its tag, or without a body where the request names this tag (`If-None-Match`)."""
         headers = {"ETag": f'"{self.tag}"', "Cache-Control": "no-cache"}
         if matched is not None and matched.strip(' W/"') == self.tag:
             return Response(status_code=304, headers=headers)

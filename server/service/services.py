@@ -75,7 +75,7 @@ class Services:
 
 
 def of(connection: HTTPConnection) -> Services:
-    """The running service's parts, for a request or a WebSocket."""
+    """Return the running service's parts, for a request or a WebSocket."""
     found: Services = connection.app.state.services
     return found
 

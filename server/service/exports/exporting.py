@@ -147,7 +147,7 @@ def _table(columns: Mapping[str, list[Any]], about: Mapping[str, Any], file_form
 def _readings(
     parts: Services, measured: Measured, file_format: str, model: str | None, into: Path, *, with_model: bool
 ) -> Path:
-    """Formats that hold the readings: they are written to a folder of the session first."""
+    """Write a format that holds the readings, which go to a folder of the session first."""
     name, hidden = measured.record.id, blinded(measured)
     suffix = "-supplement" if file_format == "supplement" else ""
     file = into / f"{name}{suffix}{ENDINGS[file_format][0]}"
@@ -168,14 +168,14 @@ def _readings(
 
 
 def _as_measured(session: Session, measured: Measured) -> Session:
-    """A session in its folder with the cases that are measured or excluded: one that can be measured again."""
+    """Return a session in its folder with the cases that are measured or excluded: one that can be measured again."""
     kept = tuple(c for c in session.cases if measured.states[c.id].state in ("measured", "excluded"))
     stated = measured.require().session
     return session.model_copy(update={"cases": kept, "checks": stated.checks, "tension_factor": stated.tension_factor})
 
 
 def _documents(parts: Services, measured: Measured, model: str | None) -> list[dict[str, Any]]:
-    """The document of a model, and of the revisions before it that the service has."""
+    """Return the document of a model, and of the revisions before it that the service has."""
     found = parts.models.model(model, measured)
     if not isinstance(found, Revision):
         return [parts.models.bench(measured, model).model.finger.document]

@@ -170,7 +170,7 @@ def report_sheet(parts: Services, session: str, model: str | None, job: str | No
 
 
 def _report(parts: Services, session: str, model: str | None, job: str | None, form: str, make: Callable[[], T]) -> T:
-    """A report in a form, by all that it is made of: other sessions of the specimen lend it their spread."""
+    """Return a report in a form, from the session and the spread of the specimen's other sessions."""
     measured = parts.measuring.of(session)
     named = resolved(parts, measured, model)
     others = tuple(other.key for other in spread_members(parts, measured))
@@ -178,7 +178,7 @@ def _report(parts: Services, session: str, model: str | None, job: str | None, f
 
 
 def _finger(parts: Services, measured: Measured, job: str, answer: Mapping[str, Any]) -> go.Figure | None:
-    """The finger with what the verdict would add; None where that is nothing, or the answer has no fit of it."""
+    """Return the finger with what the verdict would add; None where that is nothing, or the answer has no fit of it."""
     added = (answer.get("where_after") or {}).get("added")
     if not added:
         return None
@@ -190,7 +190,7 @@ def _finger(parts: Services, measured: Measured, job: str, answer: Mapping[str, 
 def _beside(
     parts: Services, measured: Measured, bench: Session, comparison: Comparison, spread: Mapping[str, Spread] | None
 ) -> list[Section]:
-    """The predictions of a revision on the finger beside those of what it was made from."""
+    """Return the predictions of a revision on the finger beside those of what it was made from."""
     if not bench.loaded.history:
         return []
     with suppress(NothingToDrawError, ProblemError):

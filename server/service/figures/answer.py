@@ -24,7 +24,7 @@ SCHEMA = "fingertwin/figure/1"
 def shown(
     name: str, figure: go.Figure | None, caption: str, about: dict[str, Any], known: Sequence[Told] = ()
 ) -> dict[str, Any]:
-    """The answer's plain data, in the colours of paper."""
+    """Return the answer's plain data, in the colours of paper."""
     head: dict[str, Any] = {"schema": SCHEMA, "name": name}
     if figure is None:
         return head | {"title": None, "caption": None, "text": caption, "figure": None, "cases": None} | about
@@ -35,7 +35,7 @@ def shown(
 def shown_data(
     name: str, data: dict[str, Any], caption: str, about: dict[str, Any], known: Sequence[Told] = ()
 ) -> dict[str, Any]:
-    """The same of a figure's plain data."""
+    """Return a figure's plain data, in the colours of paper."""
     head: dict[str, Any] = {"schema": SCHEMA, "name": name}
     title = plain_text(str(((data["layout"].get("title")) or {}).get("text") or name))
     cases = cases_of(data, known) if known else None
@@ -55,7 +55,7 @@ def on_page(shown: dict[str, Any], theme: Theme) -> dict[str, Any]:
 
 
 def drawn_plots(plots: Sequence[Plot], theme: Theme) -> list[dict[str, Any]]:
-    """Figures that go along with the answer whose numbers they show."""
+    """Return figures that go along with the answer whose numbers they show."""
     return [
         on_page(shown(p.name, p.figure, p.caption, {"heading": p.heading}), theme) | {"theme": theme} for p in plots
     ]

@@ -130,7 +130,7 @@ def _tendon(name: str, loaded: bool, line: Floats) -> dict[str, Any]:
 
 
 def _pulled(feeds: Mapping[str, set[str]], masses_g: Mapping[str, float]) -> set[str]:
-    """All that the weights pull, through the hood too."""
+    """Return the names of all tendons that the weights pull, through the hood too."""
     out, new = set(masses_g), list(masses_g)
     while new:
         more = feeds.get(new.pop(), set()) - out
@@ -140,7 +140,7 @@ def _pulled(feeds: Mapping[str, set[str]], masses_g: Mapping[str, float]) -> set
 
 
 def _outlines(finger: Finger, values: FingerValues, pose: FingerPose, paper: Floats) -> list[Floats]:
-    """Closed outlines of all bones on the paper, that of the clamped one first."""
+    """Return closed outlines of all bones on the paper, that of the clamped one first."""
     lengths = bone_lengths(values)
     radii = [_ROUND * length for length in lengths]
     centres = [pose.origins[j.child] for j in finger.topology.joints]
@@ -156,7 +156,7 @@ def _outlines(finger: Finger, values: FingerValues, pose: FingerPose, paper: Flo
 
 
 def _outline(begin: Floats, end: Floats, base: float, head: float) -> Floats:
-    """Outline (n, 2) of a bone between two round ends, narrower between them where it is long enough on the paper."""
+    """Return the outline (n, 2) of a bone between two round ends, narrower between them where it is long enough."""
     length = float(np.linalg.norm(end - begin))
     if length <= abs(base - head) + 1e-6:
         centre, radius = (begin, base) if base >= head else (end, head)

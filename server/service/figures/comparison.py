@@ -94,7 +94,7 @@ def drawn_comparison(
 def _beside(
     name: str, figure: go.Figure, before: tuple[str, Session, Comparison], only: Only, shown: Comparison
 ) -> go.Figure:
-    """The same vectors as an earlier model predicted them, beside those of this one."""
+    """Return the same vectors as an earlier model predicted them, beside those of this one."""
     from server.figures.comparison import comparison_plans
 
     called, bench, comparison = before

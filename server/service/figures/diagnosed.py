@@ -62,7 +62,7 @@ def diagnosed(
 
 
 def diagnosis_drawings(answer: dict[str, Any], history: Any) -> dict[str, Drawing]:
-    """Every figure of a diagnosis with its caption; None with a sentence where there is nothing to draw."""
+    """Return every figure of a diagnosis with its caption; None with a sentence where there is nothing to draw."""
     sections = diagnosis_sections(answer, history, {})
     places = [p for s in sections for p in s.parts if isinstance(p, Picture) or str(p).startswith("No figure: ")]
     return {

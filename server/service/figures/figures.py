@@ -283,7 +283,7 @@ class Figures:
         return self._kept(("study", name, done.id), theme, draw)
 
     def _kept(self, key: Hashable, theme: Theme, draw: Callable[[], dict[str, Any]]) -> Tagged:
-        """A figure that is kept already, or is drawn now and kept."""
+        """Return a figure that is kept already, or is drawn now and kept."""
         return self._drawn.of((key, theme), lambda: Tagged.of(on_page(draw(), theme) | {"theme": theme}))
 
 
@@ -306,6 +306,6 @@ def _about(measured: Measured, bench: Session) -> dict[str, Any]:
 
 
 def _told(measured: Measured) -> list[Told]:
-    """The cases that a figure may lead to: while a bench is running, none of validation."""
+    """Return the cases that a figure may lead to: while a bench is running, none of validation."""
     hidden = blinded(measured)
     return [c for c in told_of(measured.record.amended_cases) if c.id not in hidden]

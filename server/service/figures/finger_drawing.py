@@ -113,7 +113,7 @@ def held_finger(
 
 
 def _model(parts: Services, measured: Measured, model: str | None) -> Finger | Revision:
-    """The model that a drawing is asked for with; by default the session's own finger."""
+    """Return the model that a drawing is asked for with; by default the session's own finger."""
     found = parts.models.model(model, measured)
     if found is None:
         # Only a name that comes with the software is left here.
@@ -122,14 +122,14 @@ def _model(parts: Services, measured: Measured, model: str | None) -> Finger | R
 
 
 def _postures(measured: Measured) -> dict[str, Mapping[str, Any]]:
-    """Postures of a session and of the protocol that it follows, by name [deg]."""
+    """Return postures of a session and of the protocol that it follows, by name [deg]."""
     record = measured.record
     planned = {} if record.bench is None else record.bench.setup.protocol.postures_deg
     return {**planned, **(record.document or {}).get("postures_deg", {})}
 
 
 def _case(measured: Measured, case: str) -> DrawnCase:
-    """A load case that was taken, or is planned.
+    """Return a load case that was taken, or is planned.
 
     Raises:
         ProblemError: 404 there is none.

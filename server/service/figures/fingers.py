@@ -21,7 +21,7 @@ from server.service.web.problems import not_found
 
 
 def known_finger(name: str) -> str:
-    """The name of a finger that comes with the software.
+    """Return the name of a finger that comes with the software.
 
     Raises:
         ProblemError: 404 there is none of that name.
@@ -33,7 +33,7 @@ def known_finger(name: str) -> str:
 
 @lru_cache(maxsize=64)
 def finger_shown(name: str) -> dict[str, Any]:
-    """A shipped finger without its numbers."""
+    """Return a shipped finger without its numbers."""
     finger = read_finger(name)
     topology = finger.topology
     return {
@@ -51,7 +51,7 @@ def finger_shown(name: str) -> dict[str, Any]:
 
 @lru_cache(maxsize=16)
 def exported(name: str, file_format: str) -> tuple[str, str, tuple[str, ...]]:
-    """A shipped finger in a format: the file's name, its text, and what the format cannot say.
+    """Return a shipped finger in a format: the file's name, its text, and what the format cannot say.
 
     Raises:
         ModelError: a finger that the format cannot hold.
@@ -63,7 +63,7 @@ def exported(name: str, file_format: str) -> tuple[str, str, tuple[str, ...]]:
 
 
 def formats(name: str) -> list[dict[str, Any]]:
-    """The formats that a finger can be exported to, with what each cannot say of it."""
+    """Return the formats that a finger can be exported to, with what each cannot say of it."""
     out = []
     for file_format in ("finger", "osim", "mjcf"):
         try:
@@ -75,7 +75,7 @@ def formats(name: str) -> list[dict[str, Any]]:
 
 
 def imported(name: str, text: str, load_point_mm: Sequence[float] | None) -> dict[str, Any]:
-    """A finger/1 document of another software's file.
+    """Return a finger/1 document of another software's file.
 
     Args:
         name: of the file.
@@ -103,7 +103,7 @@ def scaled(
     reference_mm: Mapping[str, float],
     name: str,
 ) -> dict[str, Any]:
-    """A finger/1 document scaled to a specimen, with lengths and moment arms before and after.
+    """Return a finger/1 document scaled to a specimen, with lengths and moment arms before and after.
 
     Raises:
         InputError: an unknown bone or tendon, or a length beyond reason.
@@ -116,7 +116,7 @@ def scaled(
 
 
 def compared(finger: str, other: str, theme: Theme | None) -> dict[str, Any]:
-    """Two shipped fingers side by side, drawn where a theme is named.
+    """Return two shipped fingers side by side, drawn where a theme is named.
 
     Raises:
         InputError: they do not fit together.

@@ -153,7 +153,7 @@ class Envelopes:
     def _groups(
         self, connection: Connection, mine: ColumnElement[bool], of: tuple[str, str, float], ends: tuple[int, int]
     ) -> list[_Group]:
-        """Groups of chunks between two of them, read where they are not remembered as they are now."""
+        """Return groups of chunks between two of them, read where they are not remembered as they are now."""
         # The key's index alone answers this, as no other column is asked for.
         group = (chunks.c.first_seq // GROUP).label("place")
         low, high = ends[0] // GROUP * GROUP, ends[1] // GROUP * GROUP + GROUP
@@ -186,13 +186,13 @@ class Envelopes:
 
 
 def _row_s(samples: int, span_s: float) -> float:
-    """Length of a remembered row [s]: FINE_S, or a power of two of it that holds about FINE_SAMPLES."""
+    """Return the length of a remembered row [s]: FINE_S, or a power of two of it that holds about FINE_SAMPLES."""
     needed_s = FINE_SAMPLES * span_s / max(samples, 1)
     return FINE_S * 2.0 ** max(round(math.log2(max(needed_s, FINE_S) / FINE_S)), 0)
 
 
 def _ends(connection: Connection, mine: ColumnElement[bool], window: Span) -> tuple[int, int]:
-    """Numbers of the chunks in which the beginning and the end of a window lie."""
+    """Return numbers of the chunks in which the beginning and the end of a window lie."""
     before = select(chunks.c.first_seq).where(mine & (chunks.c.first_s <= window[0]))
     after = select(chunks.c.first_seq).where(mine & (chunks.c.last_s >= window[1]))
     low = connection.execute(before.order_by(chunks.c.first_s.desc()).limit(1)).scalar()
@@ -224,7 +224,7 @@ def _read(connection: Connection, mine: ColumnElement[bool], wanted: Sequence[in
 
 
 def _exact(read: Iterable[Chunk], window: Span, points: int) -> Samples | Rows:
-    """The samples of a window, or where they are too many envelopes of equal stretches; a chunk is held at a time."""
+    """Return a window's samples, or envelopes of equal stretches where they are too many; holds one chunk at a time."""
     few: list[Samples] = []
     rows: list[Rows] = []
     count = 0
@@ -240,7 +240,7 @@ def _exact(read: Iterable[Chunk], window: Span, points: int) -> Samples | Rows:
 
 
 def _missing(places: Sequence[_Place], window: Span) -> list[Span]:
-    """Stretches of a window between chunks that do not follow each other."""
+    """Return stretches of a window between chunks that do not follow each other."""
     out = []
     for before, place in pairwise(p for p in places if p.n):
         if place.first_seq != before.first_seq + before.n:
@@ -268,7 +268,7 @@ def _within(found: Samples, window: Span) -> Samples:
 
 
 def _enveloped(samples: Samples, starts: NDArray[np.intp]) -> Rows:
-    """One envelope of the samples from each start to the next."""
+    """Return one envelope of the samples from each start to the next."""
     out = np.empty(len(starts), ENVELOPE)
     if not len(starts):
         return out
@@ -281,7 +281,7 @@ def _enveloped(samples: Samples, starts: NDArray[np.intp]) -> Rows:
 
 
 def _merged(rows: Rows, starts: NDArray[np.intp]) -> Rows:
-    """One envelope of the rows from each start to the next."""
+    """Return one envelope of the rows from each start to the next."""
     out = np.empty(len(starts), ENVELOPE)
     if not len(starts):
         return out

@@ -161,7 +161,7 @@ def _lacking(connection: Connection, session: str, stream: str, window: Span, wh
 
 
 def _ends(connection: Connection, mine: ColumnElement[bool], window: Span) -> tuple[int, int]:
-    """Numbers of the chunks in which the last reading before a window and the first one after it lie."""
+    """Return numbers of the chunks in which the last reading before a window and the first one after it lie."""
     before = select(chunks.c.first_seq).where(mine & (chunks.c.first_s <= window[0]))
     after = select(chunks.c.first_seq).where(mine & (chunks.c.last_s > window[1]))
     low = connection.execute(before.order_by(chunks.c.first_s.desc()).limit(1)).scalar()

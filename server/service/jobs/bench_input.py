@@ -116,7 +116,7 @@ class BenchInput:
         return replace(bench, findings=warnings_of(measured, self.plateaus))
 
     def _model(self) -> Finger | Revision:
-        """The model itself: no name in a document is ever taken for a path."""
+        """Return the model itself: no name in a document is ever taken for a path."""
         if isinstance(self.model, Mapping):
             return revision_of(dict(self.model), "the revision")
         if self.model is None and FINGER_DOCUMENT in self.session:

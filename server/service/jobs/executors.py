@@ -105,7 +105,7 @@ class SerialExecutor(Executor):
             yield key, function(item)
 
     def close(self) -> None:
-        """There is nothing to stop."""
+        """Stop nothing: there is nothing to stop."""
 
 
 class ProcessExecutor(Executor):

@@ -44,7 +44,7 @@ class Keeper:
         return JobWatcher(self, job, task)
 
     def progress(self, job: Job) -> float:
-        """The share that was told last."""
+        """Return the share that was told last."""
         return self._live.get(job.id, (0.0, ""))[0]
 
     def live(self, job: Job) -> Job:
@@ -64,7 +64,7 @@ class Keeper:
         self._messages.publish(Message("job", job.session, self.live(job).as_message(), created_utc=now_utc()))
 
     def forget_progress(self, job: Job) -> None:
-        """It is not running any more."""
+        """Forget the progress of a job that has ended."""
         self._live.pop(job.id, None)
         with self._ended:
             self._ended.notify_all()
@@ -92,7 +92,7 @@ class JobWatcher:
         self._keeper, self._job, self._task = keeper, job, task
 
     def started(self) -> tuple[Any, Mapping[str, Any]]:
-        """It runs from now on."""
+        """Mark a job as running."""
         parts: dict[str, Any] = {}
 
         def begin(telling: Telling) -> None:

@@ -58,7 +58,7 @@ class Job:
         return self.state not in (QUEUED, RUNNING)
 
     def as_dict(self) -> dict[str, Any]:
-        """The answer."""
+        """Return the job as the answer's plain data."""
         return {"schema": SCHEMA} | dict(vars(self))
 
     def as_message(self) -> dict[str, Any]:

@@ -47,16 +47,16 @@ class Watcher(Protocol):
     """Is told what becomes of an order, in a thread of the supervisor's."""
 
     def started(self) -> tuple[Any, Mapping[str, Any]]:
-        """It is taken up: return its payload, and the parts that are finished already."""
+        """Mark an order as taken up; return its payload, and the parts that are finished already."""
 
     def progressed(self, fraction: float, stage: str) -> None:
-        """So much is done."""
+        """Note the share that is done."""
 
     def part(self, key: str, result: Any) -> None:
-        """A part is finished."""
+        """Keep a finished part."""
 
     def ended(self, outcome: Outcome) -> None:
-        """It has ended; told once of every order."""
+        """Note the end of an order; called once for each."""
 
 
 @dataclass(frozen=True, eq=False)

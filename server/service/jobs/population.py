@@ -84,7 +84,7 @@ def run(payload: PopulationInput, tell: Tell) -> Result:
 
 
 def key_of(session: str, effects: int, replicate: int) -> str:
-    """Key of a fit: session, number of the set of effects, number of the replicate."""
+    """Return the key of a fit: session, number of the set of effects, number of the replicate."""
     return f"{session}/{effects}/{replicate}"
 
 

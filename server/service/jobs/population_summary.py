@@ -64,7 +64,7 @@ def _of_session(fits: Sequence[Result], level: float) -> Result:
 
 
 def _spread(measured: Result, drawn: Sequence[Result], value: Callable[[Result], float], level: float) -> Result:
-    """The measured value, and mean, standard deviation and percentiles of those drawn."""
+    """Return the measured value, and mean, standard deviation and percentiles of those drawn."""
     values = np.array([value(f) for f in drawn], dtype=float)
     few = len(values) < 2
     low, high = (None, None) if few else np.quantile(values, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
@@ -78,7 +78,7 @@ def _spread(measured: Result, drawn: Sequence[Result], value: Callable[[Result],
 
 
 def _over_specimens(sessions: Sequence[Result]) -> Result:
-    """Mean of the specimens' estimates and how they differ; sessions of one specimen count as one."""
+    """Return the mean of the specimens' estimates and how they differ; sessions of one specimen count as one."""
     parameters = dict.fromkeys(name for s in sessions for name in s["parameters"])
     places = dict.fromkeys(
         (place, plane) for s in sessions for place, planes in s["rmse_N"].items() for plane in planes
@@ -97,7 +97,7 @@ def _over_specimens(sessions: Sequence[Result]) -> Result:
 
 
 def _between(found: Sequence[tuple[str, Result]]) -> Result:
-    """Mean and standard deviation between specimens, and the root mean square of the spread within sessions."""
+    """Return mean and standard deviation between specimens, and the RMS spread within sessions."""
     specimens: dict[str, list[float]] = {}
     for specimen, spread in found:
         specimens.setdefault(specimen, []).append(spread["estimate"])

@@ -12,7 +12,7 @@ _LOOKED_AT = 200
 
 
 def study_named(name: str) -> Study:
-    """The study of that name.
+    """Return the study of that name.
 
     Raises:
         ProblemError: 404 there is none.
@@ -24,7 +24,7 @@ def study_named(name: str) -> Study:
 
 
 def last_of(jobs: JobService, study: str, *, done: bool = False) -> Job | None:
-    """The job that computed a study last, or None.
+    """Return the job that computed a study last, or None.
 
     Args:
         jobs: of the service.

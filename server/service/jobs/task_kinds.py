@@ -46,7 +46,7 @@ def task_kinds(
     revisions: Revisions,
     effects: OwnEffects,
 ) -> list[TaskKind]:
-    """Every kind of job that the service does."""
+    """Return every kind of job that the service does."""
     inputs = Inputs(settings, database, measuring, models, effects)
 
     def kept_revision(telling: Telling, job: Job, result: Any) -> dict[str, Any]:
@@ -78,15 +78,15 @@ class Inputs:
     effects: OwnEffects
 
     def refit(self, request: Request) -> RefitInput:
-        """Of `fingertwin refit`."""
+        """Make the input of a refit."""
         return RefitInput(self.bench(request), request["method"], request["plane"])
 
     def add(self, request: Request) -> AddInput:
-        """Of `fingertwin add`."""
+        """Make the input of an addition."""
         return AddInput(self.bench(request, request["add"]), tuple(request["add"]), tuple(request["without"]))
 
     def diagnose(self, request: Request) -> DiagnoseInput:
-        """Of `fingertwin diagnose`, with what was frozen of this specimen before."""
+        """Make the input of a diagnosis, with this specimen's frozen predictions."""
         bench = self.bench(request, request["effects"])
         query = select(frozen.c.document).where(frozen.c.specimen == bench.provenance["specimen"])
         with self.database.reading() as connection:
@@ -94,16 +94,16 @@ class Inputs:
         return DiagnoseInput(bench, request["thorough"], tuple(documents))
 
     def pooled(self, request: Request) -> PooledInput:
-        """Of `fingertwin diagnose` with several sessions."""
+        """Make the input of a diagnosis of several sessions."""
         benches = [self.bench(dict(request) | {"session": s}, request["effects"]) for s in request["sessions"]]
         return PooledInput(tuple(benches), request["thorough"])
 
     def next_cases(self, request: Request) -> NextInput:
-        """Of `fingertwin next`."""
+        """Make the input of a search for the next load cases."""
         return NextInput(self.bench(request, request["effects"]), request["freeze"])
 
     def population(self, request: Request) -> PopulationInput:
-        """Of a population run."""
+        """Make the input of a population run."""
         used = [name for names in request["effects"] for name in names]
         benches = [self.bench(dict(request) | {"session": s}, used) for s in request["sessions"]]
         place = ExecutorSettings(self.settings.executor, self.settings.worker_count, self.settings.dask_scheduler)
@@ -116,7 +116,7 @@ class Inputs:
         )
 
     def bench(self, request: Request, used: list[str] | tuple[str, ...] = ()) -> BenchInput:
-        """A session as it stands, with its model and users' effects.
+        """Return a session as it stands, with its model and users' effects.
 
         Raises:
             InputError: the session cannot be used.
@@ -144,7 +144,7 @@ def _study(request: Request) -> ReproduceInput:
 
 
 def _document(measured: Measured) -> dict[str, Any]:
-    """The session's document with what is measured of it."""
+    """Return the session's document with what is measured of it."""
     document, session = measured.record.document, measured.session
     if document is None or session is None:
         raise InputError(f"session {measured.record.id} has no measured load case", "at least one")

@@ -115,7 +115,7 @@ def _failure(error: BaseException) -> Said:
 
 
 def said_of(error: BaseException) -> str:
-    """Type and message of an exception, in one line."""
+    """Return type and message of an exception, in one line."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 

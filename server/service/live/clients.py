@@ -57,7 +57,7 @@ class Kept:
 
     @classmethod
     def of(cls, message: Message) -> Kept:
-        """Of one with a number."""
+        """Keep a message that has a number."""
         return cls(message.id or 0, message.session, dumps(message.as_dict()))
 
 

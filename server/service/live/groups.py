@@ -101,7 +101,7 @@ class Groups:
         return sum(len(group.clients) for group in self._groups.values())
 
     def due_s(self) -> float:
-        """When the next frame of any group may go."""
+        """Return when the next frame of any group may go."""
         return min((group.due_s for group in self._groups.values()), default=np.inf)
 
     def keep(self, message: Message) -> None:

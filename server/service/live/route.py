@@ -132,7 +132,7 @@ def _number(text: str | None) -> int | None:
 
 
 def _short(text: str) -> str:
-    """As much of a reason as a close frame has room for."""
+    """Cut a reason to the room of a close frame."""
     return text.encode()[:120].decode(errors="ignore")
 
 

@@ -119,7 +119,7 @@ def _changes(place: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def _means(values: NDArray[np.float64], weight: NDArray[np.float64], starts: NDArray[np.intp]) -> NDArray[np.float64]:
-    """(k, 6) weighted means of the components that are numbers, NaN where none is."""
+    """Return (k, 6) weighted means of the components that are numbers, NaN where none is."""
     known = np.isfinite(values)
     weights = np.where(known, weight[:, None], 0.0)
     total = np.add.reduceat(np.where(known, values, 0.0) * weights, starts, axis=0)
@@ -204,7 +204,7 @@ class Traces:
         return trace.add(rows, now_s, live)
 
     def shown_s(self, session: str, stream: str) -> float:
-        """Time of the latest reading that was shown; from any thread."""
+        """Return the time of the latest reading that was shown; from any thread."""
         trace = self._streams.get((session, stream))
         return -np.inf if trace is None else trace.shown_s
 

@@ -128,7 +128,7 @@ class CaseUpdates:
         self._seen[session] = measured.key
 
     def _before(self, session: str) -> dict[str, str]:
-        """Digests of what was told of each case."""
+        """Return digests of what was told of each case."""
         if session not in self._told:
             query = select(kept.c.body).where((kept.c.session == session) & (kept.c.kind == "case"))
             with self._database.reading() as connection:
@@ -138,13 +138,13 @@ class CaseUpdates:
 
 
 def _digest(case: dict[str, Any]) -> str:
-    """Tells whether a case has changed; how far its readings are is no news."""
+    """Return a digest that changes with the case, but not with the progress of its readings."""
     said = {k: v for k, v in case.items() if k != "why" or case["state"] in ("failed", "excluded")}
     return hashlib.sha256(dumps(said)).hexdigest()
 
 
 def case_bodies(measured: Measured, models: SessionModels) -> list[dict[str, Any]]:
-    """Each case of a session: what hangs, its state and force, and the prediction where that may be seen."""
+    """Return each case of a session: what hangs, its state and force, and the prediction where that may be seen."""
     compared, problem = {}, None
     if measured.measured is not None:
         try:

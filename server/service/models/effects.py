@@ -71,7 +71,7 @@ class OwnEffects:
         return self._shown(made(document))
 
     def shown(self) -> list[dict[str, Any]]:
-        """Every effect, the catalogue first."""
+        """Return every effect, the catalogue first."""
         return [effect_row(e) | {"own": False} for e in catalogue.CATALOGUE] + [self._shown(e) for e in self.all()]
 
     def one(self, name: str) -> dict[str, Any]:

@@ -170,7 +170,7 @@ class SessionModels:
         return self._compared.of((measured.key, asked), made)
 
     def compared_body(self, measured: Measured, bench: Session, comparison: Comparison) -> dict[str, Any]:
-        """The contract's comparison, blind where it has to be, with what it came from."""
+        """Return the contract's comparison, blind where it has to be, with what it came from."""
         blinded = []
         if not measured.record.closed:
             blinded = [c.id for c in comparison.cases if c.role == "validation"]
@@ -218,7 +218,7 @@ class SessionModels:
         return out
 
     def _own_finger(self, measured: Measured) -> Finger | None:
-        """The finger that a session brings with it; None where it names one that the service has."""
+        """Return the finger that a session brings with it; None where it names one that the service has."""
         document = measured.record.document or {}
         finger = document.get(FINGER_DOCUMENT)
         if finger is not None:

@@ -41,7 +41,7 @@ class Copy:
     sessions: int
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
+        """Return plain data."""
         return asdict(self) | {"file": str(self.file)}
 
 

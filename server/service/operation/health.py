@@ -133,7 +133,7 @@ class Health:
         )
 
     def size_bytes(self) -> int | None:
-        """Size of the database; None where it does not say."""
+        """Return the size of the database; None where it does not say."""
         file = self._database.file
         try:
             if file is not None:
@@ -144,21 +144,21 @@ class Health:
             return None
 
     def reusable_bytes(self) -> int | None:
-        """Bytes of the database's file that hold nothing; None where it does not say."""
+        """Return bytes of the database's file that hold nothing; None where it does not say."""
         try:
             return reusable_bytes(self._database)
         except SQLAlchemyError:
             return None
 
     def folder_bytes(self) -> int | None:
-        """Size of all files in the data folder; None where there is none."""
+        """Return the size of all files in the data folder; None where there is none."""
         try:
             return None if self._folder is None else sum(f.stat().st_size for f in self._folder.iterdir())
         except OSError:
             return None
 
     def free_bytes(self) -> int | None:
-        """Free space for the database; None where it is another machine's."""
+        """Return free space for the database; None where it is another machine's."""
         try:
             return None if self._folder is None else shutil.disk_usage(self._folder).free
         except OSError:

@@ -27,7 +27,7 @@ _WAIT_MS = 60_000
 
 @cache
 def known() -> tuple[str, ...]:
-    """Versions of the schema that this software knows, oldest first."""
+    """Return versions of the schema that this software knows, oldest first."""
     # From the names of the steps: Alembic would have to be loaded at every start of the service.
     package, _, folder = SCRIPTS.partition(":")
     steps = (file.name for file in (resources.files(package) / folder / "versions").iterdir())
@@ -35,7 +35,7 @@ def known() -> tuple[str, ...]:
 
 
 def expected() -> str:
-    """The version of the schema that this software works with."""
+    """Return the version of the schema that this software works with."""
     return known()[-1]
 
 

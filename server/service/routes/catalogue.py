@@ -73,7 +73,7 @@ class NewEffect(Form):
     ] = None
 
     def given(self) -> dict[str, Any]:
-        """The document, or the formula alone."""
+        """Return the document, or the formula alone."""
         return self.document if self.document is not None else {"formula": self.formula}
 
 

@@ -75,7 +75,7 @@ class Checked(Shown):
 
 
 def files(formats: Mapping[str, str], description: str) -> dict[int | str, dict[str, Any]]:
-    """The documentation of an answer that is a file.
+    """Return the documentation of an answer that is a file.
 
     Args:
         formats: by name, with their media types.

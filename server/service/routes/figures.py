@@ -109,7 +109,7 @@ _TITLES = {
 
 
 def figures_of(request: Request) -> Figures:
-    """The service's figures, made with the first request for one."""
+    """Return the service's figures, made with the first request for one."""
     parts, state = of(request), request.app.state
     with _LOCK:
         found: Figures | None = getattr(state, "figures", None)
@@ -236,7 +236,7 @@ def _names() -> dict[str, tuple[str, ...]]:
 
 
 def _listed(kind: str, name: str) -> dict[str, object]:
-    """A line of the list; its query parameters are those of its route."""
+    """Return a line of the list; its query parameters are those of its route."""
     at = f"{router.prefix}/{kind}"
     routes = (r for r in router.routes if isinstance(r, APIRoute))
     route = next(r for r in routes if f"{r.path}/".startswith(f"{at}/"))

@@ -65,7 +65,7 @@ def _answer(name: str, request: Request, matched: str | None) -> Response:
 
 @cache
 def names() -> frozenset[str]:
-    """Names of all files of the pages, and Plotly's."""
+    """Return names of all files of the pages, and Plotly's."""
     root = files("server.pages")
     found = [f.name for f in root.iterdir() if f.is_file()]
     found += [f"views/{f.name}" for f in (root / "views").iterdir() if f.is_file()]
@@ -74,7 +74,7 @@ def names() -> frozenset[str]:
 
 @cache
 def content(name: str) -> tuple[bytes, bytes, str]:
-    """Bytes of a file as they are, packed, and a tag that changes with them."""
+    """Return bytes of a file as they are, packed, and a tag that changes with them."""
     place = files("plotly") / "package_data" / PLOTLY if name == PLOTLY else files("server.pages").joinpath(name)
     plain = place.read_bytes()
     if name == START:

@@ -267,7 +267,7 @@ def _case(parts: Services, session: str, case: str) -> dict[str, Any]:
 
 
 def shown_session(parts: Services, session: str) -> dict[str, Any]:
-    """A session as it is answered: where it comes from, its streams, and how far its cases are.
+    """Return a session as it is answered: where it comes from, its streams, and how far its cases are.
 
     Raises:
         ProblemError: 404 there is none.

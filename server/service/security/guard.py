@@ -229,7 +229,7 @@ def _is_open(scope: Scope) -> bool:
 
 
 def _given(scope: Scope, headers: Headers) -> str | None:
-    """The token that a request carries; empty where it carries something else."""
+    """Return the token that a request carries; empty where it carries something else."""
     authorization = headers.get(b"authorization")
     if authorization is not None:
         scheme, _, rest = authorization.partition(" ")

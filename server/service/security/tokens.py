@@ -65,7 +65,7 @@ class Token:
         return "expired" if ends and ends <= (at or dt.datetime.now(dt.UTC)) else "valid"
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, with its state."""
+        """Return plain data, with its state."""
         return asdict(self) | {"state": self.state()}
 
 
@@ -119,7 +119,7 @@ def revoke(database: Database, number: str) -> Token:
 
 
 def digest(text: str) -> str:
-    """The SHA-256 that is kept of a token."""
+    """Return the SHA-256 that is kept of a token."""
     return hashlib.sha256(text.encode("ascii", "replace")).hexdigest()
 
 

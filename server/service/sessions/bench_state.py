@@ -122,7 +122,7 @@ class Warned:
     at_s: float
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, with what to do."""
+        """Return plain data, with what to do."""
         title, advice, _ = _WARNINGS.get(self.code, _UNKNOWN)
         return {**vars(self), "title": title, "to_do": advice}
 

@@ -15,7 +15,7 @@ HIDDEN = "The prediction is hidden until the session is closed."
 
 
 def blinded(measured: Measured) -> frozenset[str]:
-    """Ids of the cases of a session whose predictions may not be seen yet."""
+    """Return ids of the cases of a session whose predictions may not be seen yet."""
     if measured.record.closed:
         return frozenset()
     return frozenset(str(c["id"]) for c in measured.record.cases if c.get("role") == "validation")

@@ -94,7 +94,7 @@ class Measured:
         return self.measured
 
     def force(self, name: str) -> dict[str, Any] | None:
-        """Measured force [N] and moment [N mm] of a case with standard uncertainties; None where it has none."""
+        """Return measured force [N] and moment [N mm] of a case with standard uncertainties; None where it has none."""
         index = self._places.get(name)
         if self.measured is None or index is None:
             return None

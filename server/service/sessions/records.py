@@ -58,7 +58,7 @@ class Edit:
     undoes: int | None
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
+        """Return plain data."""
         return dict(vars(self)) | {"body": dict(self.body)}
 
 
@@ -212,7 +212,7 @@ def steps_of(record: Record) -> list[dict[str, str]]:
 
 
 def undone_edits(changes: Sequence[Edit]) -> set[int]:
-    """Numbers of the edits that are taken back; an undo may be undone too."""
+    """Return numbers of the edits that are taken back; an undo may be undone too."""
     undone: set[int] = set()
     for edit in reversed(changes):
         if edit.kind == "undo" and edit.number not in undone and edit.undoes is not None:
@@ -221,7 +221,7 @@ def undone_edits(changes: Sequence[Edit]) -> set[int]:
 
 
 def live_edits(changes: Sequence[Edit]) -> list[Edit]:
-    """Those that are in force."""
+    """Return the edits that are in force."""
     undone = undone_edits(changes)
     return [e for e in changes if e.kind != "undo" and e.number not in undone]
 

@@ -290,7 +290,7 @@ class Sessions:
             )
 
     def _sound(self, name: str, document: Mapping[str, Any]) -> dict[str, Any]:
-        """A document that can be used, with nothing that would reach a file."""
+        """Return a document that can be used, with nothing that would reach a file."""
         given = dict(document)
         if given.get("id") != name:
             raise ProblemError(422, f"the document's id is {shortened(given.get('id'))!r}", repr(name))

@@ -58,7 +58,7 @@ def require_case_id(name: object) -> None:
 
 
 def _leaves(value: Any, where: str) -> Iterator[tuple[str, Any]]:
-    """Every key and every plain value, with where it stands."""
+    """Yield every key and every plain value, with its place."""
     if isinstance(value, Mapping):
         for key, item in value.items():
             inner = f"{where}.{key}" if where else str(key)

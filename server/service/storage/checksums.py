@@ -86,5 +86,5 @@ def digest_of(body: bytes) -> str:
 
 
 def fingerprint(document: Any) -> str:
-    """The SHA-256 of plain data, whatever the order of its keys."""
+    """Return the SHA-256 of plain data, whatever the order of its keys."""
     return digest_of(json.dumps(document, sort_keys=True, separators=(",", ":")).encode())

@@ -23,7 +23,7 @@ _WRITES = "fingertwin_writes"
 
 
 def now_utc() -> str:
-    """The time in UTC, as kept."""
+    """Return the time in UTC, as kept."""
     return dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds")
 
 

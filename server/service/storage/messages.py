@@ -34,7 +34,7 @@ class Message:
     created_utc: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, as sent."""
+        """Return plain data, as sent."""
         return dict(vars(self))
 
 

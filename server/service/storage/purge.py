@@ -44,7 +44,7 @@ class Purged:
     messages: int = 0
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
+        """Return plain data."""
         return asdict(self)
 
 
@@ -112,7 +112,7 @@ def erase(database: Database, session: str) -> None:
 
 
 def reusable_bytes(database: Database) -> int | None:
-    """Bytes of the database's file that hold nothing; None for PostgreSQL, which keeps house itself."""
+    """Return bytes of the database's file that hold nothing; None for PostgreSQL, which keeps house itself."""
     if database.dialect != "sqlite":
         return None
     with database.reading() as connection:
@@ -154,7 +154,7 @@ def give_back(database: Database, *, alone: bool = False) -> bool:
 
 
 def _deleted(database: Database, until: str, session: str | None) -> list[str]:
-    """Sessions that were deleted before a time and still have content."""
+    """Return sessions that were deleted before a time and still have content."""
     held = (exists().where(t.c.session == sessions.c.id) for t in (chunks, streams, events, edits))
     query = select(sessions.c.id).where(
         sessions.c.deleted_utc <= until, sessions.c.arriving.is_(None), or_(sessions.c.document.is_not(None), *held)
@@ -168,7 +168,7 @@ def _old_jobs(until: str) -> ColumnElement[bool]:
 
 
 def _old_messages(until: str) -> ColumnElement[bool]:
-    """Messages but the last, whose number must not be given again, and those that a running bench is followed by."""
+    """Select messages except the last, whose number must stay taken, and those that follow a running bench."""
     running = select(sessions.c.id).where(
         sessions.c.document.is_(None), sessions.c.closed_utc.is_(None), sessions.c.deleted_utc.is_(None)
     )

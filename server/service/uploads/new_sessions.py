@@ -123,7 +123,7 @@ def held(files: Sent, mapping: Mapping[str, Any] | None) -> Iterator[Held]:
 
 
 def _within(mapping: LabFileMap | None, folder: Path, names: set[str]) -> LabFileMap | None:
-    """The mapping with its calibration among the files: nothing outside of the folder is looked at."""
+    """Return the mapping with its calibration among the files: nothing outside of the folder is looked at."""
     if mapping is None or mapping.calibration is None:
         return mapping
     name = mapping.calibration
@@ -159,7 +159,7 @@ def look(files: Sent, mapping: Mapping[str, Any] | None, theme: Theme) -> dict[s
 
 
 def _proposed(path: Path, given: Held) -> dict[str, Any]:
-    """A mapping, line by line with how sure each is; of a saved one what it says."""
+    """Return a mapping, line by line with how sure each is; of a saved one what it says."""
     saved = given.mapping
     if saved is None:
         calibration = next((p for p in sorted(given.folder.iterdir()) if p.suffix.lower() in _CALIBRATIONS), None)
@@ -204,7 +204,7 @@ def _partly(path: Path) -> list[dict[str, Any]]:
 
 
 def _plain(mapping: LabFileMap) -> dict[str, Any]:
-    """A mapping as it is sent and saved: its calibration by name."""
+    """Return a mapping as it is sent and saved: its calibration by name."""
     plain = mapping.model_dump(mode="json", exclude_none=True)
     if mapping.calibration is not None:
         plain["calibration"] = Path(mapping.calibration).name
@@ -212,7 +212,7 @@ def _plain(mapping: LabFileMap) -> dict[str, Any]:
 
 
 def lay(files: Sent, mapping: Mapping[str, Any] | None, notes: str, finger: str, theme: Theme) -> dict[str, Any]:
-    """Plateaus of recordings in newtons, and what each is taken for by a notebook.
+    """Return plateaus of recordings in newtons, and what each is taken for by a notebook.
 
     Args:
         files: that were sent.

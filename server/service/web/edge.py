@@ -117,7 +117,7 @@ class _Answer:
 
 
 def template(scope: Scope) -> str:
-    """The template of a request's address, with the names of its parts; `other` where it has none."""
+    """Return the template of a request's address, with the names of its parts; `other` where it has none."""
     framework: dict[str, Any] = scope.get("fastapi", {})
     # FastAPI keeps the prefixes of included routers beside the route.
     for found in (framework.get("effective_route_context"), scope.get("route")):

@@ -57,7 +57,7 @@ class TextLines(logging.Formatter):
         super().__init__("%(asctime)s %(levelname)-7s %(name)s%(request)s %(message)s")
 
     def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:  # noqa: N802
-        """The time in UTC."""
+        """Return the time in UTC."""
         return _utc(record)
 
     def format(self, record: logging.LogRecord) -> str:

@@ -61,7 +61,7 @@ async def answer_wrong_method(request: Request, error: Exception) -> Response:
 
 
 def methods_of(document: dict[str, Any], path: str) -> list[str]:
-    """Methods that are documented for an address; of several templates that fit, the one with the fewest blanks."""
+    """Return the methods documented for an address, by the fitting template with the fewest blanks."""
     fitting = [t for t in document["paths"] if re.fullmatch(re.sub(r"\{[^}]*\}", "[^/]+", t), path)]
     template = min(fitting, key=lambda t: t.count("{"), default="")
     return [m.upper() for m in _METHODS if m in document["paths"].get(template, {})]

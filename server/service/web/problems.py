@@ -80,7 +80,7 @@ class ProblemError(Exception):
 
 
 def body_of(status: int, detail: str) -> dict[str, Any]:
-    """Plain data of a problem."""
+    """Return the plain data of a problem."""
     try:
         title = HTTPStatus(status).phrase
     except ValueError:
@@ -89,12 +89,12 @@ def body_of(status: int, detail: str) -> dict[str, Any]:
 
 
 def not_found(what: str, name: str, where: str) -> ProblemError:
-    """A problem about something that is not there."""
+    """Return a problem about something that is not there."""
     return ProblemError(404, f"there is no {what} {shortened(name)}", f"one of GET {where}")
 
 
 def shortened(text: object, most: int = _SHOWN) -> str:
-    """A client's text, not too long to be sent back."""
+    """Return a client's text, not too long to be sent back."""
     shown = str(text)
     return shown if len(shown) <= most else f"{shown[:most]}… ({len(shown)} characters)"
 
