@@ -86,7 +86,7 @@ class Bota(LoadCell):
 
     @property
     def rate_hz(self) -> None:
-        """It does not say."""
+        """None: the device does not say."""
         return
 
     def decoder(self) -> BotaDecoder:

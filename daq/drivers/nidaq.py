@@ -197,7 +197,7 @@ class NiDaq(LoadCell):
 
     @property
     def rate_hz(self) -> float:
-        """As it was asked for."""
+        """Sampling rate that was asked for [Hz]."""
         return self.number("sample_rate_hz")
 
     def decoder(self) -> NiDaqDecoder:

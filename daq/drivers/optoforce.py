@@ -168,7 +168,7 @@ class OptoForce(LoadCell):
 
     @property
     def rate_hz(self) -> float | None:
-        """As it was set, where that was said."""
+        """Rate that was set [Hz]; None where the settings do not say."""
         rate = self.text("rate_hz")
         return None if rate == UNKNOWN else float(rate)
 

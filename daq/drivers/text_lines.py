@@ -260,7 +260,7 @@ class TextLines(LoadCell):
 
     @property
     def rate_hz(self) -> None:
-        """It does not say."""
+        """None: the device does not say."""
         return
 
     def decoder(self) -> TextDecoder:

@@ -36,7 +36,7 @@ def diagnosis_answer(bench: Session, diagnosis: Diagnosis, frozen: Sequence[Mapp
 
     Args:
         bench: that was diagnosed.
-        diagnosis: of it.
+        diagnosis: of that bench.
         frozen: documents of predictions that were made before the cases were measured.
     """
     body = body_of(diagnosis)

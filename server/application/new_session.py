@@ -174,7 +174,7 @@ def write_new(
     Args:
         out: the folder.
         session: by that name.
-        readings: of it, block by block.
+        readings: of the session, block by block.
         mapping: that the next run of the rig can have.
         finger: file of a finger of the user's own, which goes along.
     """

@@ -21,7 +21,7 @@ JOURNAL = "journal.sqlite3"
 
 @dataclass(frozen=True)
 class LogOptions:
-    """Of the command.
+    """Options of `fingertwin log`.
 
     Attributes:
         driver: its name, or `list`.
@@ -60,7 +60,7 @@ class LogOptions:
 
     @property
     def session_name(self) -> str:
-        """Of the session at the service."""
+        """Name of the session at the service."""
         return self.session or (self.out or Path()).resolve().name
 
 

@@ -29,7 +29,7 @@ from server.commands.log import given_settings
 
 @dataclass(frozen=True)
 class Options:
-    """Of the command.
+    """Options of `fingertwin simulate-cell`.
 
     Attributes:
         device: a stand-in's name.

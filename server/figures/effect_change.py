@@ -44,7 +44,7 @@ class Setting:
     Attributes:
         name: of the parameter.
         value: that it is given.
-        unit: of it.
+        unit: of that value.
         why: where the value comes from, in a few words.
     """
 

@@ -91,7 +91,7 @@ class Sheet:
         """Return the figure.
 
         Args:
-            title: of it.
+            title: of the figure.
             subtitle: below the title; `<br>` breaks lines.
             legend_px: where its legend stands, see `legend`; None for Plotly's own place, or none.
             at_right: whether that legend stands at the right.

@@ -32,7 +32,7 @@ class Case:
 
     @property
     def name(self) -> str:
-        """For the reader."""
+        """Name of the baseline for readers: finger, force and direction."""
         return f"{self.finger.removeprefix('barry2018_')}, {self.size_N:.3g} N {self.direction}"
 
 

@@ -61,7 +61,7 @@ class Settings(BaseSettings):
 
     @property
     def url(self) -> str:
-        """Of the database."""
+        """Address of the database."""
         return self.database_url or f"sqlite:///{self.data / DATABASE_FILE}"
 
     @property

@@ -17,7 +17,7 @@ class Told:
 
     Attributes:
         id: of the case.
-        role: of it.
+        role: of the case.
         location: of the cell.
         muscles: that are loaded, such as `FDP+FDS`.
         posture: its name.

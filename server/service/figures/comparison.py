@@ -65,7 +65,7 @@ def drawn_comparison(
         name: of the figure.
         bench: that was compared.
         comparison: of all cases that may be seen.
-        only: of them.
+        only: choice of cases that are drawn.
         before: name, bench and comparison of the model that it is held against.
         spread: between specimens by case, where the session is their average.
 

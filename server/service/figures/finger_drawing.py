@@ -48,9 +48,9 @@ class HeldFinger:
     Attributes:
         document: of the session.
         loaded: the model.
-        finger: of it.
+        finger: of that model.
         posture: its name.
-        angles: (rotations,) of it [rad].
+        angles: (rotations,) of the posture [rad].
         case: that is shown; None for the finger alone.
         hung: what hangs in it.
     """

@@ -40,7 +40,7 @@ class Sent:
 
     Attributes:
         body: the bytes.
-        sha256: of them, in hexadecimal.
+        sha256: of the bytes, in hexadecimal.
         epoch: history of the journal that they come from.
     """
 

@@ -71,7 +71,7 @@ class BenchInput:
 
     @property
     def id(self) -> str:
-        """Of the session."""
+        """Id of the session."""
         return str(self.session["id"])
 
     @property

@@ -57,7 +57,7 @@ class ExecutorSettings:
     scheduler: str | None = None
 
     def open(self) -> Executor:
-        """Start it."""
+        """Start the executor."""
         if self.kind == "dask":
             return DaskExecutor(self.scheduler, self.workers)
         return ProcessExecutor(self.workers) if self.workers > 1 else SerialExecutor()

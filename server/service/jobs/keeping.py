@@ -107,7 +107,7 @@ class JobWatcher:
             raise _as_input(error) from error
 
     def progressed(self, fraction: float, stage: str) -> None:
-        """Tell it."""
+        """Tell the share that is done, and the stage."""
         self._keeper.tell_progress(self._job, min(max(fraction, 0.0), 1.0), stage[:200])
 
     def part(self, key: str, result: Any) -> None:
@@ -122,7 +122,7 @@ class JobWatcher:
         self._keeper.write(keep)
 
     def ended(self, outcome: Outcome) -> None:
-        """Keep its end."""
+        """Keep how the job ended."""
         try:
             if outcome.ending == "done":
                 outcome = self._keep_result(outcome)

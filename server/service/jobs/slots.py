@@ -66,7 +66,7 @@ class Slot:
 
     @property
     def pid(self) -> int | None:
-        """Of its process."""
+        """Id of the worker's process; None without one."""
         with self._lock:
             return None if self._worker is None else self._worker.process.pid
 

@@ -77,12 +77,12 @@ class Frame:
 
     @cached_property
     def text(self) -> str:
-        """As it is sent."""
+        """JSON text of the frame."""
         return array([*(k.text for k in self.kept), *self.passing])
 
     @cached_property
     def wire(self) -> bytes:
-        """The same as it goes over the wire, framed by RFC 6455."""
+        """Bytes of the frame on the wire, framed by RFC 6455."""
         return frames.Frame(frames.Opcode.TEXT, self.text.encode()).serialize(mask=False)
 
 

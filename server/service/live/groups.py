@@ -53,7 +53,7 @@ class Group:
     """All clients that want the same, and what is due to them.
 
     Attributes:
-        subscription: of them all.
+        subscription: that the clients share.
         due_s: when the next frame may go, by the loop's clock.
         passing: estimates and benches by session, of which the latest counts, and others that are not kept.
     """
@@ -105,7 +105,7 @@ class Groups:
         return min((group.due_s for group in self._groups.values()), default=np.inf)
 
     def keep(self, message: Message) -> None:
-        """Let a kept message be due to all who want it."""
+        """Put a kept message into every group that wants it."""
         wanting = self._wanting(message.session)
         if wanting:
             kept = Kept.of(message)

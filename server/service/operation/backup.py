@@ -30,7 +30,7 @@ class Copy:
 
     Attributes:
         file: where it is.
-        size_bytes: of it.
+        size_bytes: of the file.
         revision: version of its schema.
         sessions: how many it holds, deleted ones included.
     """

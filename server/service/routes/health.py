@@ -20,13 +20,13 @@ metrics_router = APIRouter(tags=["health"])
 
 
 class Live(BaseModel):
-    """It runs."""
+    """Sign that the service runs."""
 
     live: Literal[True] = True
 
 
 class Ready(BaseModel):
-    """It may be asked."""
+    """Sign that the service takes requests."""
 
     ready: Literal[True] = True
 

@@ -32,7 +32,7 @@ class Purged:
     Attributes:
         sessions: deleted ones whose content is gone.
         chunks: of readings.
-        chunk_bytes: of them.
+        chunk_bytes: size of those chunks.
         jobs: that had ended.
         messages: of the live stream.
     """

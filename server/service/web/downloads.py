@@ -68,7 +68,7 @@ class FileAnswer(StreamingResponse):
         self._open: anyio.AsyncFile[bytes] | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send it."""
+        """Send the file."""
         try:
             self._open = await anyio.open_file(self._file, "rb")
             await super().__call__(scope, receive, send)

@@ -101,7 +101,7 @@ class _Answer:
         self._send, self._number, self.status = send, number.encode(), 0
 
     async def send(self, message: Message) -> None:
-        """Pass it on."""
+        """Pass a message on."""
         kind = message["type"]
         if kind in ("http.response.start", "websocket.http.response.start"):
             self.status = message["status"]

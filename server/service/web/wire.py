@@ -17,12 +17,12 @@ _EXTENSION = "fingertwin.wire"
 
 
 class Wire(WebSocketsSansIOProtocol):
-    """A connection."""
+    """WebSocket connection that can be written to and heard directly."""
 
     _hear: Callable[[str], bool] | None = None
 
     def handle_connect(self, event: Request) -> None:
-        """Begin."""
+        """Begin, and put the connection into the scope."""
         super().handle_connect(event)
         # One that was refused never comes to the application, and has no scope.
         if not self.close_sent:
@@ -37,7 +37,7 @@ class Wire(WebSocketsSansIOProtocol):
         return True
 
     def listen(self, hear: Callable[[str], bool]) -> None:
-        """Let texts be taken as they come; one that is not taken, for which it returns False, waits to be received."""
+        """Hand each text to `hear` as it comes; one for which it returns False waits to be received."""
         self._hear = hear
 
     def send_receive_event_to_app(self) -> None:
@@ -60,5 +60,5 @@ def wire_of(scope: MutableMapping[str, Any]) -> Wire | None:
 
 
 def hide_wire(scope: MutableMapping[str, Any]) -> None:
-    """Let everything pass all layers: one of them is to look at it."""
+    """Hide the connection, so that every frame passes all layers and one of them can look at it."""
     scope.get("extensions", {}).pop(_EXTENSION, None)
