@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from daq.errors import ReadingsError
 from daq.lab.channels import BLOCK_ROWS, Channel, LabChannels
+from daq.lab.packed import require_held
 
 Floats = NDArray[np.float64]
 
@@ -22,8 +23,6 @@ MATLAB_HDF5 = b"MATLAB 7.3 MAT-file"
 _UNITS, _NAMES = ("unit", "units"), ("names", "columns", "labels", "channels")
 # A table has no more columns than that; what has is an image.
 _MOST_COLUMNS = 100
-# Of a file unpacked: so many bytes are no more than so many times what it holds. Noise is not packed that tightly.
-_MODEST, _PACKED = 1 << 30, 100
 # Of a piece that is packed on its own, and unpacked whole for any value in it.
 _MOST_PIECE = 1 << 25
 # What the library says of damaged bytes.
@@ -106,13 +105,7 @@ class Hdf5Channels(LabChannels):
         """
         inside = [item for item in items if item.shape is not None and not item.is_virtual and not item.external]
         told = sum(int(item.size) * item.dtype.itemsize for item in inside)
-        size = self.path.stat().st_size
-        if told > max(_MODEST, _PACKED * size):
-            raise ReadingsError(
-                f"{self.path.name} tells {told} bytes of values and has {size}",
-                f"at most {_PACKED} times as many as it has",
-                "Export the recording again, without room for values that were never written",
-            )
+        require_held(self.path, told)
         pieces = [math.prod(item.chunks) * item.dtype.itemsize for item in inside if item.chunks]
         self._piece = max(pieces, default=0)
         if self._piece > _MOST_PIECE:

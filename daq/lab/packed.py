@@ -20,6 +20,8 @@ from daq.errors import ReadingsError
 
 # Of all parts together, and of the cells from the first to the last row and column of each sheet, all sheets together.
 MOST_BYTES, MOST_CELLS = 1 << 30, 20_000_000
+# Of numbers: more bytes than these are no more than so many times what the file has. Noise is not packed that tightly.
+_MODEST, _PACKED = 1 << 30, 100
 _BLOCK = 1 << 20
 # Rows, cells and shared texts of a sheet, with their attributes; one that is not closed soon is none that is written.
 _TAG = re.compile(rb"""<(?:[^\s<>/:]*:)?(row|c|si)(?=[\s/>])(?: r="([A-Z]{0,3})([0-9]{1,8})")?([^<>]{0,400})(>?)""")
@@ -30,6 +32,21 @@ _SHARED = re.compile(rb"""(?<![\w:.-])t\s*=\s*["']s["']""")
 _REPEATED = re.compile(rb"""(rows|columns)-repeated\s*=\s*["']\s*([0-9]{1,18})""")
 # Of a part's own head: its last two numbers are the lengths of its name and of what else stands before its bytes.
 _HEAD = struct.Struct("<4s5H3L2H")
+
+
+def require_held(path: Path, told: int) -> None:
+    """Refuse a file that tells far more bytes of numbers than it can hold.
+
+    Raises:
+        ReadingsError: it does.
+    """
+    size = path.stat().st_size
+    if told > max(_MODEST, _PACKED * size):
+        raise ReadingsError(
+            f"{path.name} tells {told} bytes of values and has {size}",
+            f"at most {_PACKED} times as many as it has",
+            "Export the recording again, without room for values that were never written",
+        )
 
 
 def require_modest(path: Path) -> None:

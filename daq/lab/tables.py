@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from daq.errors import ReadingsError
 from daq.lab.channels import BLOCK_ROWS, TIMESTAMP, Channel, LabChannels
-from daq.lab.packed import require_modest
+from daq.lab.packed import require_held, require_modest
 from daq.lab.table import SAMPLE_ROWS, find_table, number_of
 from daq.lab.text import TableChannels
 from daq.recordings.parquet_pages import unpacked_bytes
@@ -32,8 +32,10 @@ class ParquetChannels(LabChannels):
             unpacked_bytes(path)
             with pa.parquet.ParquetFile(path) as file:
                 fields = list(file.schema_arrow)
+                rows = file.metadata.num_rows
         except (pa.ArrowException, OSError) as error:
             raise self._torn(error) from error
+        require_held(path, 8 * rows * len(fields))
         self.channels = tuple(self._describe(field) for field in fields)
 
     @staticmethod

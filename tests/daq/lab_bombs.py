@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
 
 from daq.lab.files import AXES
 from tests.daq.lab_files import resolved
@@ -92,6 +94,15 @@ def _labels(path: Path) -> Path:
     return path
 
 
+def _alike(path: Path) -> Path:
+    """A Parquet file of a value that is repeated, as an increment of time would have it."""
+    table = pa.table({axis: np.zeros(1 << 20, np.int8) for axis in AXES})
+    with pa.parquet.ParquetWriter(path, table.schema, compression="zstd") as out:
+        for _ in range(24):
+            out.write_table(table)
+    return path
+
+
 def _index(path: Path) -> Path:
     """A TDMS file whose raw index tells 10¹² values of each channel."""
     content = resolved(path).read_bytes()
@@ -146,6 +157,7 @@ BOMBS: Mapping[str, Callable[[Path], Path]] = {
     "room.h5": _room,
     "piece.h5": _piece,
     "labels.h5": _labels,
+    "alike.parquet": _alike,
     "index.tdms": _index,
     "lead_in.tdms": _lead_in,
     "binary.xlsb": _binary,
