@@ -133,6 +133,7 @@ def arrow_traces(
     line: Mapping[str, Any],
     head_mm: float,
     hollow: bool = False,
+    words: str = "",
 ) -> list[go.Scatter]:
     """Draw a force (2,) [N] from a point: its shaft, and a head that never exceeds 45 % of it.
 
@@ -141,17 +142,17 @@ def arrow_traces(
         origin: (2 or more,) [mm].
         mm_per_N: scale.
         axes: `xaxis` and `yaxis` of the panel.
-        kind: measured, predicted or joint; stands with case and force in the trace's `meta`.
+        kind: measured, predicted, before_predicted or joint; stands with case and force in the trace's `meta`.
         case: whose force it is.
         line: Plotly's color, width and dash.
         head_mm: length of the head.
         hollow: leave the head unfilled.
+        words: before magnitude and direction where it is pointed at; by default the kind.
     """
     norm = float(np.hypot(*force))
     start = np.asarray(origin[:2], dtype=float)
     tip = start + mm_per_N * force
-    words = {"measured": "measured", "predicted": "predicted", "joint": "joint load, predicted"}[kind]
-    hover = f"{case_text(case)}<br>{words} {vector_text(force)}"
+    hover = f"{case_text(case)}<br>{words or kind} {vector_text(force)}"
     meta = {"kind": kind, "case": case.id, "force_N": [float(force[0]), float(force[1])], "mm_per_N": mm_per_N}
     shared: dict[str, Any] = {"showlegend": False, "mode": "lines", **axes}
     length = min(head_mm, 0.45 * mm_per_N * norm)

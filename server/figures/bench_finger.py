@@ -49,6 +49,7 @@ class Hung:
         measured_sd_N: (3,) its standard uncertainty.
         predicted_N: (3,); None where it is not known, or may not be seen.
         note: a sentence, such as why no prediction is shown.
+        beside: a second prediction, with its name in the legend.
     """
 
     masses_g: Mapping[str, float]
@@ -59,6 +60,7 @@ class Hung:
     measured_sd_N: Floats | None = None
     predicted_N: Floats | None = None
     note: str = ""
+    beside: tuple[str, Floats] | None = None
 
 
 def finger_figure(
@@ -152,6 +154,12 @@ def _arrows(
             force, origin, scale, axes, kind="predicted", case=case, line=line, head_mm=head, hollow=True
         )
         keys.append(key("predicted", line=line))
+    if hung.beside is not None:
+        name, line = plain(hung.beside[0]), vector_line("before_predicted", color)
+        look: dict[str, Any] = {"kind": "before_predicted", "case": case, "line": line, "words": f"{name},"}
+        force = (rotation @ hung.beside[1])[:2]
+        panel.traces += arrow_traces(force, origin, scale, axes, head_mm=head, hollow=True, **look)
+        keys.insert(2, key(name, line=line))
     return keys or [key("tendon", line={"color": TENDON, "width": 1.2})]
 
 

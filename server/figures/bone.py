@@ -11,7 +11,7 @@ from fingermodel.comparison.observations import Observations
 from fingermodel.model import Model
 from server.figures import graph_objects as go
 from server.figures.compared import Compared
-from server.figures.vectors import chosen_cases, forces_figure
+from server.figures.vectors import Beside, chosen_cases, forces_figure
 
 Floats = NDArray[np.float64]
 
@@ -22,12 +22,13 @@ def joint_loads(model: Model, observations: Observations, theta: Floats | None =
     return {case_id: joint[i, 0] for i, case_id in enumerate(observations.ids)}
 
 
-def bone_figure(compared: Compared, cases: Iterable[str] | None = None) -> go.Figure:
+def bone_figure(compared: Compared, cases: Iterable[str] | None = None, beside: Beside | None = None) -> go.Figure:
     """Draw measured and predicted net bone forces at the MCP joint, and the load that the joint itself carries.
 
     Args:
         compared: model, session and comparison.
         cases: ids of the cases to draw.
+        beside: forces that another model predicts.
 
     Raises:
         NothingToDrawError: no bone force.
@@ -42,5 +43,6 @@ def bone_figure(compared: Compared, cases: Iterable[str] | None = None) -> go.Fi
         longest=0.75,
         title="Net metacarpal bone forces",
         subtitle="Net force on the metacarpal",
-        further=(f"{first.name} joint load, predicted", loads),
+        joint=Beside(f"{first.name} joint load, predicted", loads),
+        beside=beside,
     )

@@ -10,7 +10,6 @@ import numpy as np
 from fingermodel import comparing
 from fingermodel.fingers import PLANES
 from fingermodel.session import Session
-from server.figures.before import with_before
 from server.figures.bench_finger import Hung, finger_figure
 from server.figures.style import NothingToDrawError
 
@@ -39,13 +38,16 @@ def effect_on_finger(bench: Session, effects: Sequence[str], case: str | None = 
     if chosen is None or chosen not in changes or not max(changes.values()):
         raise NothingToDrawError("The effect changes no force of these load cases.")
     finger = bench.model.finger.replace_values(**bench.model.values_at(bench.theta)._asdict())
-    both = []
-    for cases in (within, without):
-        one = next(c for c in cases if c.id == chosen)
-        angles = bench.observations.posture_angles[one.posture]
-        hung = Hung(
-            one.masses_g, one.location, one.id, one.role, one.measured_N, one.measured_sd_N, one.predicted_N
-        )  # fmt: skip
-        both.append((one, finger_figure(finger, finger.values, one.posture, angles, hung, bench.loaded.name)))
-    (one, figure), (_, earlier) = both
-    return with_before(figure, earlier, {one.id: one}, f"predicted without {' + '.join(effects)}")
+    one, other = (next(c for c in cases if c.id == chosen) for cases in (within, without))
+    hung = Hung(
+        one.masses_g,
+        one.location,
+        one.id,
+        one.role,
+        one.measured_N,
+        one.measured_sd_N,
+        one.predicted_N,
+        beside=(f"predicted without {' + '.join(effects)}", other.predicted_N),
+    )
+    angles = bench.observations.posture_angles[one.posture]
+    return finger_figure(finger, finger.values, one.posture, angles, hung, bench.loaded.name)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,18 @@ Floats = NDArray[np.float64]
 MEASURED_PX, PREDICTED_PX = 3.2, 1.6
 
 
+class Beside(NamedTuple):
+    """Further forces by case, beside the measured and the predicted ones.
+
+    Attributes:
+        name: of the forces in the legend.
+        force_N: (3,) by the case's id.
+    """
+
+    name: str = ""
+    force_N: Mapping[str, Floats] = MappingProxyType({})
+
+
 def chosen_cases(comparison: Comparison, location: str, ids: Iterable[str] | None = None) -> list[CaseComparison]:
     """Return the cases of a location that are asked for; by default those of validation, else of identification.
 
@@ -53,6 +66,8 @@ def vector_line(kind: str, color: str) -> dict[str, Any]:
         return {"color": color, "width": MEASURED_PX}
     if kind == "predicted":
         return {"color": mix(color, "#000000", 0.45), "width": PREDICTED_PX, "dash": "6px,3px"}
+    if kind == "before_predicted":
+        return {"color": "#8a8a8a", "width": 1.6, "dash": "2px,2px"}
     return {"color": mix(color, INK, 0.7), "width": 1.4, "dash": "1.5px,2.5px"}
 
 
@@ -68,7 +83,7 @@ def load_keys(colors: Mapping[str, str], meanings: Iterable[str]) -> list[go.Sca
     return out + [key(plain(text), line={"color": color, "width": 6}) for text, color in colors.items()]
 
 
-def vector_figure(compared: Compared, cases: Iterable[str] | None = None) -> go.Figure:
+def vector_figure(compared: Compared, cases: Iterable[str] | None = None, beside: Beside | None = None) -> go.Figure:
     """Draw the finger of each posture with measured and predicted tip forces at the load point.
 
     Forces are turned from the distal phalanx to the metacarpal by the posture that was set.
@@ -76,6 +91,7 @@ def vector_figure(compared: Compared, cases: Iterable[str] | None = None) -> go.
     Args:
         compared: model, session and comparison.
         cases: ids of the cases to draw.
+        beside: forces that another model predicts.
 
     Raises:
         NothingToDrawError: no tip force.
@@ -87,6 +103,7 @@ def vector_figure(compared: Compared, cases: Iterable[str] | None = None) -> go.
         longest=0.6,
         title="Tip forces",
         subtitle="Forces on the load cell",
+        beside=beside,
     )
 
 
@@ -98,7 +115,8 @@ def forces_figure(
     longest: float,
     title: str,
     subtitle: str,
-    further: tuple[str, Mapping[str, Floats]] | None = None,
+    joint: Beside | None = None,
+    beside: Beside | None = None,
 ) -> go.Figure:
     """Draw the finger of each posture with measured and predicted forces at one place.
 
@@ -109,24 +127,25 @@ def forces_figure(
         longest: length of the longest force over that of the finger.
         title: kind of force.
         subtitle: the force in full.
-        further: name of a second predicted force, and its value in each case (3,) [N].
+        joint: loads of the joint alone, in the axes of the first bone.
+        beside: forces that another model predicts, in the same axes as those of the cases.
     """
     finger, comparison, values = compared.model.finger, compared.comparison, compared.values
     drawn, note = thinned(cases)
-    name, others = further or ("", {})
+    joint, beside = joint or Beside(), beside or Beside()
     panels = panels_of(finger, values, compared.observations, drawn)
     colors = load_colors(drawn)
     reach = reach_mm(values)
     head = head_mm(len(panels), reach)
     scale = force_scale(
-        [f for c in drawn for f in (c.measured_N, c.predicted_N, others.get(c.id, np.zeros(3)))], longest * reach
+        [f for c in drawn for f in (c.measured_N, c.predicted_N, joint.force_N.get(c.id, np.zeros(3)))], longest * reach
     )
     meanings: set[str] = set()
     for index, panel in enumerate(panels):
         axes, (origin, rotation) = panel_axes(index), place(panel.pose)
         panel.heading = heading(panel, finger, comparison)
         # The longest first, so that shorter ones along the same line show upon it.
-        ordered = sorted(panel.cases, key=lambda c: -float(np.linalg.norm(c.measured_N)))
+        ordered = sorted(panel.cases, key=lambda c: -_size(c.measured_N))
         forces = [("measured", c, rotation @ c.measured_N) for c in ordered]
         for _, case, force in forces:
             area = area_of(case, comparison.noise_assumed, compared.spread)
@@ -134,17 +153,19 @@ def forces_figure(
             color = colors[load_text(case.masses_g)]
             panel.traces.append(sector_trace(case, force[:2], area, origin, scale, color, axes))
         forces += [("predicted", c, rotation @ c.predicted_N) for c in ordered]
-        own = sorted((c for c in panel.cases if c.id in others), key=lambda c: -float(np.linalg.norm(others[c.id])))
-        forces += [("joint", c, others[c.id]) for c in own]
+        own = sorted((c for c in ordered if c.id in joint.force_N), key=lambda c: -_size(joint.force_N[c.id]))
+        forces += [("joint", c, joint.force_N[c.id]) for c in own]
+        forces += [("before_predicted", c, rotation @ beside.force_N[c.id]) for c in ordered if c.id in beside.force_N]
+        words = {"joint": "joint load, predicted", "before_predicted": f"{plain(beside.name)},"}
         for kind, case, force in forces:
-            line = vector_line(kind, colors[load_text(case.masses_g)])
-            look: dict[str, Any] = {"line": line, "head_mm": head if kind != "joint" else 0.9 * head}
-            panel.traces += arrow_traces(
-                force[:2], origin, scale, axes, kind=kind, case=case, hollow=kind == "predicted", **look
-            )
+            look: dict[str, Any] = {"case": case, "line": vector_line(kind, colors[load_text(case.masses_g)])}
+            look |= {"head_mm": head if kind != "joint" else 0.9 * head, "hollow": kind.endswith("predicted")}
+            panel.traces += arrow_traces(force[:2], origin, scale, axes, kind=kind, words=words.get(kind, ""), **look)
     keys = load_keys(colors, meanings)
-    if others:
-        keys.insert(2, key(name, line=vector_line("joint", INK)))
+    if joint.force_N:
+        keys.insert(2, key(joint.name, line=vector_line("joint", INK)))
+    if beside.force_N:
+        keys.insert(2, key(plain(beside.name), line=vector_line("before_predicted", INK)))
     roles = sorted({c.role for c in drawn})
     subtitle = f"{subtitle}, sagittal plane, seen from the radial side; {' and '.join(roles)} cases."
     return panels_figure(
@@ -156,3 +177,7 @@ def forces_figure(
         title=f"{title}: {plain(compared.name)}",
         subtitle=f"{subtitle}<br>{note}" if note else subtitle,
     )
+
+
+def _size(force: Floats) -> float:
+    return float(np.linalg.norm(force))

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from fingermodel.session import Session
-from server.figures.before import with_before
+from server.figures.bone import bone_figure
 from server.figures.compared import Compared
 from server.figures.scatter import scatter_figure
 from server.figures.summary import errors_figure
+from server.figures.vectors import Beside, vector_figure
 from server.figures.zscores import z_figure
 
 if TYPE_CHECKING:
@@ -81,32 +82,12 @@ def drawn_comparison(
     plans = comparison_plans(compared, cases)
     plan = next(p for p in plans if p.name == name)
     caption = f"{plan.caption} Model: {bench.loaded.fitted}."
-    if name in ("vectors", "bone"):
-        figure = plan.draw()
-        if before is None or held is None:
-            return figure, caption
-        return _beside(name, figure, before, only, shown), caption
-    if only.everything:
+    if name in ("vectors", "bone") and before is not None and held is not None:
+        other = Beside(f"predicted before: {before[0]}", {c.id: c.predicted_N for c in held.cases})
+        return {"vectors": vector_figure, "bone": bone_figure}[name](compared, cases, other), caption
+    if name in ("vectors", "bone") or only.everything:
         return plan.draw(), caption
     return _of_some(name, bench, shown, only, None if before is None or held is None else (before[0], held)), caption
-
-
-def _beside(
-    name: str, figure: go.Figure, before: tuple[str, Session, Comparison], only: Only, shown: Comparison
-) -> go.Figure:
-    """Return the same vectors as an earlier model predicted them, beside those of this one."""
-    from server.figures.comparison import comparison_plans
-
-    called, bench, comparison = before
-    compared = Compared.of(bench, only.of(comparison), name=called)
-    cases = [c.id for c in shown.cases] if only.role == "all" else None
-    earlier = comparison_plans(compared, cases)
-    return with_before(
-        figure,
-        next(p for p in earlier if p.name == name).draw(),
-        {c.id: c for c in shown.cases},
-        f"predicted before: {called}",
-    )
 
 
 def _of_some(
