@@ -20,6 +20,8 @@ from daq.errors import ReadingsError
 
 # Of all parts together, and of the cells from the first to the last row and column of each sheet, all sheets together.
 MOST_BYTES, MOST_CELLS = 1 << 30, 20_000_000
+# More cells than these are no more than so many times those that are there: room is made for the gaps too.
+_FEW_CELLS, _SPARSE = 2_000_000, 20
 # Of numbers: more bytes than these are no more than so many times what the file has. Noise is not packed that tightly.
 _MODEST, _PACKED = 1 << 30, 100
 _BLOCK = 1 << 20
@@ -79,7 +81,7 @@ def require_modest(path: Path) -> None:
 
 def _require(path: Path, fault: str) -> None:
     if fault:
-        raise _too_large(path, fault, f"at most {MOST_CELLS} cells in {MOST_BYTES} bytes")
+        raise _too_large(path, fault, f"at most {MOST_CELLS} cells, and {_SPARSE} for each that is there")
 
 
 def _too_large(path: Path, found: str, expected: str) -> ReadingsError:
@@ -114,13 +116,20 @@ class _Sheets:
     """Total size of the sheets that were looked at.
 
     Attributes:
-        cells: of the sheets that came before.
+        cells: of the sheets that came before, gaps included.
+        present: cells that are there.
         shared: cells that name a shared text; longest: bytes of the longest shared text.
     """
 
     cells: int = 0
+    present: int = 0
     shared: int = 0
     longest: int = 0
+
+    def too_many(self, cells: int) -> bool:
+        """Whether a sheet of so many cells is too much, after those before."""
+        whole = self.cells + cells
+        return whole > min(MOST_CELLS, max(_FEW_CELLS, _SPARSE * self.present))
 
 
 class _Sheet:
@@ -148,6 +157,7 @@ class _Sheet:
             if name == b"si":
                 self._text(self._passed + tag.start())
             elif self._begun and digits and name == b"c" and attributes == b"" and closed:  # as most are
+                self._all.present += 1
                 self._see(int(digits), _column(letters))
             elif self._begun:
                 if not closed or attributes.count(b'"') % 2 or attributes.count(b"'") % 2:
@@ -157,7 +167,7 @@ class _Sheet:
         return self._too_much()
 
     def _too_much(self) -> str:
-        if self._all.cells + self._last[0] * self._last[1] > MOST_CELLS:
+        if self._all.too_many(self._last[0] * self._last[1]):
             return f"a cell in row {self._last[0]}, column {self._last[1]}"
         if self._all.shared * self._all.longest > MOST_BYTES:
             return f"{self._all.shared} cells that share texts of up to {self._all.longest} bytes"
@@ -178,6 +188,7 @@ class _Sheet:
         else:
             column = max((_column(letters) for letters, _ in told), default=0)
             self._see(max(row, self._row), column or self._column + 1)
+            self._all.present += 1
             self._all.shared += _SHARED.search(attributes) is not None
 
     def _see(self, row: int, column: int) -> None:
@@ -215,7 +226,7 @@ class _Repeats:
         return f"more than {_LONGEST_ROW} bytes in a row" if len(self._rest) > _LONGEST_ROW else self._too_much()
 
     def _too_much(self) -> str:
-        if self._all.cells + self._rows * self._width > MOST_CELLS:
+        if self._all.too_many(self._rows * self._width):
             return f"cells that are repeated to {self._rows} rows of {self._width}"
         return ""
 
@@ -233,7 +244,9 @@ class _Repeats:
         width = last = 0
         for cell in told.split(b"<table:")[1:]:
             width += max((int(n) for kind, n in _REPEATED.findall(cell) if kind == b"columns"), default=1)
-            last = width if any(word in cell for word in (b"value", b"<text:", b"formula")) else last
+            if any(word in cell for word in (b"value", b"<text:", b"formula")):
+                last = width
+                self._all.present += 1
         if last:
             self._rows, self._empty, self._width = self._rows + self._empty + often, 0, max(self._width, last)
         else:

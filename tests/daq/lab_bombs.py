@@ -162,6 +162,7 @@ BOMBS: Mapping[str, Callable[[Path], Path]] = {
     "lead_in.tdms": _lead_in,
     "binary.xlsb": _binary,
     "far.xlsx": lambda path: workbook(path, table(40) + row(1_048_576, ("XFD", "1"))),
+    "sparse.xlsx": lambda path: workbook(path, table(40) + FAR),
     "elsewhere.xlsx": lambda path: workbook(path, table(40) + row(1_048_576, ("XFD", "1")), folder="leaves"),
     "sheets.xlsx": lambda path: workbook(path, *[table(40) + FAR] * 4),
     "odd_tag.xlsx": lambda path: workbook(path, table(40) + FAR.replace("<c r", '<c s=">" r')),
