@@ -41,7 +41,13 @@ def check(session: Session, json: Json = None) -> None:
 @app.command(rich_help_panel=SESSION)
 def amend(
     session: Session,
-    case: Annotated[str | None, typer.Argument(help="The load case that was entered wrongly.")] = None,
+    case: Annotated[
+        str | None,
+        typer.Argument(
+            help="Name the load case that was entered wrongly; or a block of them: a posture, tip, bone, all, c017.. "
+            "(from it on), c017..c032, or several of these that hold together, such as hook,bone."
+        ),
+    ] = None,
     tendon: Annotated[
         list[str] | None,
         typer.Option(metavar="TRUE=ENTERED", help="FDS=FDP says that the weight hung on FDS, where FDP was entered."),

@@ -5,7 +5,7 @@ They lie in `amendments.yaml` in the session's folder, or under `amendments` in 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,14 @@ from daq.sessions.models import Amendment, LoadCase, Session
 from daq.vocabulary import TENDONS, did_you_mean
 
 
-def amendment(
+def amendment(session: Session, case: str, why: str, **really: Any) -> Amendment:
+    """Say what a case really was, by its id; the rest as of `amendments_of`."""
+    return amendments_of(session, [case_of(session, case)], why, **really)[0]
+
+
+def amendments_of(
     session: Session,
-    case: str,
+    cases: Sequence[LoadCase],
     why: str,
     *,
     tendons: Mapping[str, str] | None = None,
@@ -29,49 +34,50 @@ def amendment(
     posture: str | None = None,
     exclude: bool = False,
     by: str | None = None,
-) -> Amendment:
-    """Say what a case really was.
+) -> list[Amendment]:
+    """Say what some cases really were; of many, those in which it is a change.
 
     Args:
-        session: as read; earlier amendments of the case are heeded.
-        case: its id.
+        session: as read; earlier amendments of a case are heeded.
+        cases: of it.
         why: how it is known.
         tendons: the tendon that bore the weight, by the one that was entered; two that both bore one are exchanged.
         masses_g: what really hung [g], by tendon; 0 for nothing. Other tendons keep what was entered.
         posture: that was really set.
-        exclude: whether to leave the case out.
+        exclude: whether to leave the cases out.
         by: who says so.
 
     Raises:
-        SessionError: no such case, tendon or posture, or nothing that changes.
+        SessionError: no such tendon or posture, or nothing that changes.
     """
-    entry = case_of(session.amended, case)
     if not why.strip():
         raise SessionError("an amendment without a reason", "why, in some words")
-    masses = dict(entry.masses_g)
-    for entered, true in (tendons or {}).items():
-        masses = _moved(masses, entered, true, case)
-    for tendon, grams in (masses_g or {}).items():
-        masses[tendon] = float(grams)
-    masses = {tendon: grams for tendon, grams in masses.items() if grams > 0.0}
-    for tendon in masses:
+    for tendon in [*(tendons or {}).values(), *(masses_g or {})]:
         if tendon not in TENDONS:
-            hint = did_you_mean(tendon, TENDONS)
-            raise SessionError(f"tendon {tendon!r}", f"one of {' '.join(TENDONS)}", hint)
+            raise SessionError(f"tendon {tendon!r}", f"one of {' '.join(TENDONS)}", did_you_mean(tendon, TENDONS))
     if posture is not None and posture not in session.postures_deg:
         hint = did_you_mean(posture, session.postures_deg)
         raise SessionError(f"posture {posture!r}", f"one of {' '.join(session.postures_deg)}", hint)
-    changes: dict[str, Any] = {}
-    if masses != entry.masses_g:
-        changes["masses_g"] = masses
-    if posture is not None and posture != entry.posture:
-        changes["posture"] = posture
-    if exclude and entry.excluded is None:
-        changes["excluded"] = why
-    if not changes:
-        raise SessionError(f"case {case} is so already", "something that differs from what is entered")
-    at = datetime.now(UTC).isoformat(timespec="seconds")
-    return Amendment(case=case, why=why, at=at, by=by, **changes)
+    at, out = datetime.now(UTC).isoformat(timespec="seconds"), []
+    for case in cases:
+        entry, moved = case_of(session.amended, case.id), dict(tendons or {})
+        if len(cases) > 1:
+            moved = {entered: true for entered, true in moved.items() if entered in entry.masses_g}
+        masses = _moved(entry.masses_g, moved, case.id) | {t: float(g) for t, g in (masses_g or {}).items()}
+        masses = {tendon: grams for tendon, grams in masses.items() if grams > 0.0}
+        changes: dict[str, Any] = {}
+        if masses != entry.masses_g:
+            changes["masses_g"] = masses
+        if posture is not None and posture != entry.posture:
+            changes["posture"] = posture
+        if exclude and entry.excluded is None:
+            changes["excluded"] = why
+        if changes:
+            out.append(Amendment(case=case.id, why=why, at=at, by=by, **changes))
+    if not out:
+        which = f"case {cases[0].id} is" if len(cases) == 1 else f"these {len(cases)} cases are"
+        raise SessionError(f"{which} so already", "something that differs from what is entered")
+    return out
 
 
 def exchanged(session: Session, case: str, other: str, why: str, by: str | None = None) -> tuple[Amendment, Amendment]:
@@ -88,6 +94,40 @@ def exchanged(session: Session, case: str, other: str, why: str, by: str | None 
         for one, to, of in pair
     )
     return first, second
+
+
+def block_of(session: Session, named: str) -> list[LoadCase]:
+    """Return load cases as they were entered: one by its id, or those that all parts of a name hold for.
+
+    Args:
+        session: as read.
+        named: parts joined by commas: `all`, a posture, `tip` or `bone`, `c017..` (from it on) or `c017..c032`.
+
+    Raises:
+        SessionError: a part that names nothing, or no case for which all hold.
+    """
+    cases, ids = list(session.entered.cases), [c.id for c in session.entered.cases]
+    if named in ids:
+        return [cases[ids.index(named)]]
+    for part in named.split(","):
+        first, dots, last = part.partition("..")
+        if dots:
+            for end in (first, last):
+                if end and end not in ids:
+                    raise SessionError(
+                        f"no case {end} in {session.id}", "the id of a load case", did_you_mean(end, ids)
+                    )
+            span = ids[ids.index(first) if first else 0 : ids.index(last) + 1 if last else None]
+            cases = [c for c in cases if c.id in span]
+        elif part in session.postures_deg or part in ("tip", "bone"):
+            cases = [c for c in cases if part in (c.posture, c.location)]
+        elif part != "all":
+            known = [*ids, *session.postures_deg, "tip", "bone", "all"]
+            expected = "the id of a load case, a posture, tip, bone, all, or a range such as c017.."
+            raise SessionError(f"no case {part} in {session.id}", expected, did_you_mean(part, known))
+    if not cases:
+        raise SessionError(f"no case is {named.replace(',', ' and ')} in {session.id}", "parts that hold together")
+    return cases
 
 
 def case_of(session: Session, name: str) -> LoadCase:
@@ -157,10 +197,14 @@ def words(amended: Amendment) -> str:
     return ", ".join(parts)
 
 
-def _moved(masses: Mapping[str, float], entered: str, true: str, case: str) -> dict[str, float]:
-    """Return masses with one tendon's weight on another; where both bore one, exchanged."""
-    if entered not in masses:
-        found = " and ".join(masses) or "no tendon"
-        raise SessionError(f"case {case} loads {found}, not {entered}", "the tendon that was entered")
-    exchange = {entered: true, true: entered} if true in masses else {entered: true}
+def _moved(masses: Mapping[str, float], tendons: Mapping[str, str], case: str) -> dict[str, float]:
+    """Return masses with tendons' weights on others, all at once; where both bore one, exchanged."""
+    exchange: dict[str, str] = {}
+    for entered, true in tendons.items():
+        if entered not in masses:
+            found = " and ".join(masses) or "no tendon"
+            raise SessionError(f"case {case} loads {found}, not {entered}", "the tendon that was entered")
+        if true in masses:
+            exchange.setdefault(true, entered)
+        exchange[entered] = true
     return {exchange.get(tendon, tendon): grams for tendon, grams in masses.items()}

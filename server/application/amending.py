@@ -9,22 +9,21 @@ from daq.audit import note
 from daq.errors import SessionError
 from daq.locations import data_dir
 from daq.sessions import find_session, parse_session, read_amendments, read_session, session_data
-from daq.sessions.amendments import case_of, write_amendments
+from daq.sessions.amendments import write_amendments
 from daq.sessions.models import Amendment, Session
 
 
-def amendable(session: str, read: Session, case: str) -> Path:
-    """Return the folder of a session whose case can be amended.
+def amendable(session: str) -> Path:
+    """Return the folder of a session whose cases can be amended.
 
     Raises:
-        SessionError: the session comes with the software, or has no such case.
+        SessionError: the session comes with the software.
     """
     folder = find_session(session).parent
     if folder.resolve().is_relative_to((data_dir() / "sessions").resolve()):
         raise SessionError(
             f"{folder.name} comes with the software and stays as it is", "a session of yours", "Copy its folder first"
         )
-    case_of(read, case)
     return folder
 
 
@@ -41,19 +40,22 @@ def keep_amendments(session: str, folder: Path, new: Sequence[Amendment]) -> Ses
     return read
 
 
-def take_back(folder: Path, case: str) -> Amendment:
-    """Remove the last amendment of a case and return it.
+def take_back(folder: Path, cases: Sequence[str]) -> list[Amendment]:
+    """Remove the last amendment of each of some cases that has one, and return them.
 
     Raises:
-        SessionError: the case has none.
+        SessionError: none has one.
     """
     beside = _beside(folder)
-    last = next((i for i in reversed(range(len(beside))) if beside[i].case == case), None)
-    if last is None:
-        raise SessionError(f"case {case} has no amendment here", "one that was made with fingertwin amend")
-    write_amendments(folder, (*beside[:last], *beside[last + 1 :]))
-    note(folder, "amend undone", folder.name, {"taken_back": beside[last].model_dump(mode="json", exclude_none=True)})
-    return beside[last]
+    last = {one.case: k for k, one in enumerate(beside) if one.case in cases}
+    if not last:
+        named = f"case {cases[0]} has" if len(cases) == 1 else "these cases have"
+        raise SessionError(f"{named} no amendment here", "one that was made with fingertwin amend")
+    write_amendments(folder, tuple(one for k, one in enumerate(beside) if k not in last.values()))
+    taken = [beside[k] for k in last.values()]
+    gone = [one.model_dump(mode="json", exclude_none=True) for one in taken]
+    note(folder, "amend undone", folder.name, {"taken_back": gone[0] if len(gone) == 1 else gone})
+    return taken
 
 
 def _beside(folder: Path) -> list[Amendment]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from daq.errors import InputError
 from daq.sessions import read_session
-from daq.sessions.amendments import amendment, exchanged, listed, words
+from daq.sessions.amendments import amendments_of, block_of, exchanged, listed, words
 from daq.sessions.models import Amendment, Session
 from server.application.amending import amendable, keep_amendments, take_back
 from server.commands.console import answer, say
@@ -38,13 +38,14 @@ def amend_case(
             raise InputError("no load case given", "fingertwin amend SESSION CASE …", "Name the case that was wrong")
         _tell(session, read, [], json)
         return
-    folder = amendable(session, read, case)
+    folder, cases = amendable(session), block_of(read, case)
     if undo:
         if changes:
             raise InputError("--undo beside a change", "one of them", "Undo first, then amend")
-        taken = take_back(folder, case)
+        taken = take_back(folder, [c.id for c in cases])
         if not _tell(session, read_session(session), [], json):
-            say(f"Taken back: {case}: {words(taken)}.")
+            for one in taken:
+                say(f"Taken back: {one.case}: {words(one)}.")
         return
     if not changes:
         raise InputError(
@@ -57,11 +58,13 @@ def amend_case(
     if exchange is not None:
         if tendon or mass or posture or exclude:
             raise InputError("--exchange beside another change", "one of them", "Amend in two steps")
+        if len(cases) > 1:
+            raise InputError(f"--exchange with {len(cases)} cases", "two cases", "Name one, and the other one after it")
         new = list(exchanged(read, case, exchange, why, by))
     else:
         tendons = {entered: true for true, entered in (_pair(t, _TENDON) for t in tendon)}
         masses = {name: _grams(value, _MASS) for name, value in (_pair(m, _MASS) for m in mass)}
-        new = [amendment(read, case, why, tendons=tendons, masses_g=masses, posture=posture, exclude=exclude, by=by)]
+        new = amendments_of(read, cases, why, tendons=tendons, masses_g=masses, posture=posture, exclude=exclude, by=by)
     _tell(session, keep_amendments(session, folder, new), new, json)
 
 

@@ -65,6 +65,10 @@ def print_diagnosis(body: dict[str, Any]) -> None:
             say(f"{'ok  ' if null['verdict'] == 'holds' else 'FAIL'} {null['text']}")
     if body["curve"]:
         say(body["curve"]["sentence"])
+    for fault in body["session_faults"]:
+        for change in fault["amend"]:
+            say("To put it right, once it is known:")
+            say(f'    fingertwin amend {body["session"]} {_amending(change)} --why "…"')
     offers = [(known["text"], known["effect"]) for known in body["ready_made"]]
     offers += [(f"Hint: {hint['text']}", f"'{hint['effect']['formula']}'") for hint in body["hints"]]
     for text, effect in offers:
@@ -72,6 +76,12 @@ def print_diagnosis(body: dict[str, Any]) -> None:
         say(f"    fingertwin add {effect} {body['session']}")
     if body["verdict"] != "nothing_missing":
         say(body["next_sentence"])
+
+
+def _amending(change: dict[str, Any]) -> str:
+    tendons = [f"--tendon {true}={entered}" for entered, true in change["tendons"].items()]
+    posture = [f"--posture {change['posture']}"] if change["posture"] else []
+    return " ".join([change["cases"], *tendons, *posture])
 
 
 def _print_verdict(body: dict[str, Any]) -> None:

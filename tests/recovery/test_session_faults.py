@@ -22,6 +22,8 @@ from benchmarks.session_faults import (
     unseen_sign,
     zero_before_each_weight,
 )
+from daq.sessions import read_session
+from daq.sessions.amendments import amendments_of, block_of
 from tests.recovery.diagnosed import diagnosed
 from tests.simulator import draw_session
 
@@ -42,7 +44,7 @@ def test_what_was_entered_wrongly_throughout_is_named(
     tmp_path: Path, fault: Callable[[Recorded, np.random.Generator], None], kind: str, words: str
 ) -> None:
     draw_session(tmp_path, 55, {}, nuisance_scale=0.8)
-    session = Recorded(tmp_path)
+    original, session = read_session(tmp_path), Recorded(tmp_path)
     fault(session, np.random.default_rng(55))
     session.write()
     found = diagnosed(tmp_path)
@@ -50,6 +52,21 @@ def test_what_was_entered_wrongly_throughout_is_named(
     assert (first["kind"], first["probability"] > 0.9) == (kind, True)
     assert words in first["words"]
     assert found["effects"] == []
+    # What is proposed puts the entries right.
+    bench = read_session(tmp_path)
+    made = {
+        a.case: a.changes
+        for change in first["amend"]
+        for a in amendments_of(
+            bench, block_of(bench, change["cases"]), "x", tendons=change["tendons"], posture=change["posture"]
+        )
+    }
+    if first["amend"]:
+        assert {c.id: (c.masses_g, c.posture) for c in original.cases} == {
+            c.id: (made.get(c.id, {}).get("masses_g", c.masses_g), made.get(c.id, {}).get("posture", c.posture))
+            for c in bench.cases
+        }
+    assert bool(first["amend"]) == ("exchanged" in words)
 
 
 def test_the_gain_of_one_mount_is_named_with_its_value(tmp_path: Path) -> None:

@@ -63,11 +63,37 @@ def test_two_cases_are_exchanged_and_one_is_left_out(folder: Path) -> None:
     assert cases[5]["id"] not in {c["id"] for c in run("compare", folder, "--json", "-").body("compare")["cases"]}
 
 
+def test_a_block_of_cases_is_amended_where_that_is_a_change_and_taken_back_as_one(folder: Path) -> None:
+    before = run("compare", folder, "--json", "-").body("compare")["cases"]
+    posture = before[0]["posture"]
+    here = [c for c in before if c["posture"] == posture and c["location"] == "tip"]
+    swapped = ["--tendon", "FDS=FDP", "--tendon", "FDP=FDS", "--why", "the cables were led to the other pulley"]
+    body = amended(folder, f"{posture},tip", *swapped)
+    other = {"FDP": "FDS", "FDS": "FDP"}
+    hung = {c["id"]: {other.get(t, t): g for t, g in c["masses_g"].items()} for c in here}
+    # Of two that bear the same weight, nothing changes.
+    assert body["made"] == [c["id"] for c in here if hung[c["id"]] != c["masses_g"]]
+    after = {c["id"]: c["masses_g"] for c in run("compare", folder, "--json", "-").body("compare")["cases"]}
+    assert {name: after[name] for name in hung} == hung
+    undone = run("amend", folder, f"{posture},tip", "--undo")
+    assert undone.out.count("Taken back") == len(body["made"])
+    assert run("compare", folder, "--json", "-").body("compare")["cases"] == before
+
+
+def test_a_range_of_cases_names_them_in_their_order(folder: Path) -> None:
+    ids = [c["id"] for c in run("compare", folder, "--json", "-").body("compare")["cases"]]
+    body = amended(folder, f"{ids[2]}..{ids[4]}", "--exclude", "--why", "the clamp had slipped")
+    assert body["made"] == ids[2:5]
+
+
 @pytest.mark.parametrize(
     ("arguments", "saying", "instead"),
     [
         (["c999", "--exclude", "--why", "x"], "no case c999", "the id of a load case"),
         (["CASE", "--exclude"], "without a reason", "--why"),
+        (["c999..", "--exclude", "--why", "x"], "no case c999", "the id of a load case"),
+        (["tip,bone", "--exclude", "--why", "x"], "no case is tip and bone", "hold together"),
+        (["all", "--exchange", "CASE", "--why", "x"], "--exchange with", "Name one"),
         (["CASE", "--why", "x"], "nothing to amend", "--tendon"),
         (["CASE", "--mass", "FDP", "--why", "x"], "'FDP'", "TENDON=GRAMS"),
         (["CASE", "--mass", "FDP=heavy", "--why", "x"], "no mass", "FDP=950"),

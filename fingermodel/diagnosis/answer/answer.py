@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "curve": curve_answer(d.curves),
         "ready_made": ready_made(d),
         "suspects": suspects(d),
-        "session_faults": [{"kind": f.kind, "words": f.words, "probability": f.probability} for f in d.faults],
+        "session_faults": [asdict(f) | {"amend": [asdict(a) for a in f.amend]} for f in d.faults],
         "repeatability": {
             "value_pct": 100.0 * scatter[0],
             "sd_pct": 100.0 * scatter[1],

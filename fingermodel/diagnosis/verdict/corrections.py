@@ -5,11 +5,11 @@ Tendons or postures exchanged, the side mirrored, an angle's sign, a unit, the a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations, permutations
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -37,6 +37,21 @@ _UNITS_G = {
 _MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
 
 
+@dataclass(frozen=True)
+class Amend:
+    """One amendment of a block of cases.
+
+    Attributes:
+        cases: the block, as `daq.sessions.amendments.block_of` has it.
+        tendons: the tendon that bore a weight, by the one that was entered.
+        posture: that was really set; None where it was as entered.
+    """
+
+    cases: str
+    tendons: dict[str, str] = field(default_factory=dict)
+    posture: str | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Corrected:
     """The session with one fault put right.
@@ -49,6 +64,7 @@ class Corrected:
         log_density: log of how many times less a unit of the readings is than one of those stated, summed over those
             fitted.
         gain: the mount whose readings were divided by a gain, and that gain.
+        amend: amendments that put it right; none where amendments cannot.
     """
 
     kind: Kind
@@ -57,6 +73,15 @@ class Corrected:
     away: Floats
     log_density: float = 0.0
     gain: tuple[str, float] | None = None
+    amend: tuple[Amend, ...] = ()
+
+
+class Block(NamedTuple):
+    """Cases (cases,) in which one thing may have been done wrongly alike; in words, and what amends them."""
+
+    words: str
+    cases: Mask
+    amend: tuple[Amend, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,45 +151,52 @@ class Entries:
         """Two tendons exchanged in all cases, in those of a mount or a posture, or from a change of either on."""
         o, muscles = self.session.observations, self.session.model.finger.topology.muscles
         tension, settings = np.asarray(o.inputs.tension), list(zip(o.postures, o.locations, strict=True))
-        blocks = {"throughout": np.ones(len(settings), dtype=bool)}
-        blocks |= {f"in {name}": of_label(o.postures, name) for name in o.posture_angles}
-        blocks |= {f"at the {place}": of_label(o.locations, place) for place in dict.fromkeys(o.locations)}
+        places = {"all": ("throughout", np.ones(len(settings), dtype=bool))}
+        places |= {name: (f"in {name}", of_label(o.postures, name)) for name in o.posture_angles}
+        places |= {p: (f"at the {p}", of_label(o.locations, p)) for p in o.locations}
         changes = [k for k in range(1, len(settings)) if settings[k] != settings[k - 1]]
-        blocks |= {f"from {o.ids[k]} on": np.arange(len(settings)) >= k for k in changes}
+        places |= {f"{o.ids[k]}..": (f"from {o.ids[k]} on", np.arange(len(settings)) >= k) for k in changes}
         loaded = set(np.flatnonzero(tension.any(axis=0)).tolist())
         for a, b in combinations(range(len(muscles)), 2):
             if loaded & {a, b}:
-                order = np.arange(len(muscles))
+                order, (one, other) = np.arange(len(muscles)), (muscles[a], muscles[b])
                 order[[a, b]] = b, a
-                words = f"{muscles[a]} and {muscles[b]} were exchanged"
-                yield from self._in_blocks("tendon_labels", words, blocks, tension=tension[:, order])
+                words, swap = f"{one} and {other} were exchanged", {one: other, other: one}
+                blocks = [
+                    Block(f"{words} {where}", here, (Amend(named, swap),)) for named, (where, here) in places.items()
+                ]
+                yield from self._in_blocks("tendon_labels", blocks, tension=tension[:, order])
 
     def _postures(self) -> Iterator[Corrected]:
         """Two postures exchanged throughout; one that was another, in all its cases or those of a mount."""
         o = self.session.observations
-        entered = np.asarray(o.inputs.posture)
-        angles, cases = o.posture_angles, {name: of_label(o.postures, name) for name in o.posture_angles}
+        entered, angles = np.asarray(o.inputs.posture), o.posture_angles
+        cases = {name: of_label(o.postures, name) for name in angles}
         for a, b in combinations(cases, 2):
             other = np.where(cases[a][:, None], angles[b], np.where(cases[b][:, None], angles[a], entered))
-            both = {"throughout": np.logical_or(cases[a], cases[b])}
-            yield from self._in_blocks("posture", f"{a} and {b} were exchanged", both, posture=other)
+            amend = (Amend(a, posture=b), Amend(b, posture=a))
+            both = Block(f"{a} and {b} were exchanged throughout", np.logical_or(cases[a], cases[b]), amend)
+            yield from self._in_blocks("posture", [both], posture=other)
         for name, done in permutations(cases, 2):
-            blocks = {"": cases[name]}
-            blocks |= {f"at the {p}": cases[name] & of_label(o.locations, p) for p in dict.fromkeys(o.locations)}
+            words = f"the posture was {done}, not {name}"
+            blocks = [Block(words, cases[name], (Amend(name, posture=done),))]
+            for p in dict.fromkeys(o.locations):
+                here = np.logical_and(cases[name], of_label(o.locations, p))
+                blocks.append(Block(f"{words} at the {p}", here, (Amend(f"{name},{p}", posture=done),)))
             other = np.where(cases[name][:, None], angles[done], entered)
-            yield from self._in_blocks("posture", f"the posture was {done}, not {name}", blocks, posture=other)
+            yield from self._in_blocks("posture", blocks, posture=other)
 
-    def _in_blocks(self, kind: Kind, words: str, blocks: Mapping[str, Mask], **changed: Floats) -> Iterator[Corrected]:
+    def _in_blocks(self, kind: Kind, blocks: Iterable[Block], **changed: Floats) -> Iterator[Corrected]:
         """Change `tension` or `posture` (cases, k) in each block of cases, as far as that changes any reading."""
         o, cases = self.session.observations, self.session.rows // 6
         everywhere, known = self._residual(_with(o, **changed)), {self.away.tobytes()}
-        for where, block in blocks.items():
+        for words, block, amend in blocks:
             away = np.where(block[cases], everywhere, self.away)
             if away.tobytes() not in known:
                 known.add(away.tobytes())
                 entered = {name: np.asarray(getattr(o.inputs, name)) for name in changed}
                 columns = {name: np.where(block[:, None], column, entered[name]) for name, column in changed.items()}
-                yield Corrected(kind, f"{words} {where}".strip(), _with(o, **columns), away)
+                yield Corrected(kind, words, _with(o, **columns), away, amend=amend)
 
     def _angles(self) -> Iterator[Corrected]:
         """One angle of one posture with the other sign; all its angles in radians."""

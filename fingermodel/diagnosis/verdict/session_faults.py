@@ -22,13 +22,13 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.settings import GAIN_SPREAD, P_FAULT, SURE, SUSPECT
-from fingermodel.diagnosis.verdict.corrections import Corrected, Entries, Kind, of_label
+from fingermodel.diagnosis.verdict.corrections import Amend, Corrected, Entries, Kind, of_label
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, check
 
 Floats = NDArray[np.float64]
 
 # Faults that are fitted, of those that promise most.
-_FITTED = 3
+_FITTED = 2
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,13 @@ class SessionFault:
         kind: of fault.
         words: what was done instead of what was entered.
         probability: that it is so.
+        amend: amendments that put it right; none where amendments cannot.
     """
 
     kind: Kind
     words: str
     probability: float
+    amend: tuple[Amend, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -54,11 +56,13 @@ class PutRight:
         kind: of fault.
         words: what was done instead of what was entered.
         log_posterior: of the base model, and of one effect beside it; the fault's own prior included.
+        amend: as of a `SessionFault`.
     """
 
     kind: Kind
     words: str
     log_posterior: float
+    amend: tuple[Amend, ...]
 
 
 def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
@@ -82,14 +86,16 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     apart.pop(entries.away[fitted].tobytes(), None)
     offers = list(apart.values())
     away = np.array([entries.away[fitted], *(o.away[fitted] for o in offers)])
-    # What readings miss the finger by as it was measured may be taken for noise or something smooth as well.
-    nodes = {hyper.usual, nothing.best, hyper.with_smooth(nothing.best)}
-    as_entered, *values = np.max([as_measured.log_joints_of(away.T, node) for node in nodes], axis=0)
     counts = Counter(o.kind for o in [*offers, *by_balance])
     prior = {kind: _log_share(count) for kind, count in counts.items()}
-    promised = {o: prior[o.kind] + value for o, value in zip(offers, values, strict=True)}
-    best = [o for o in sorted(offers, key=lambda o: -promised[o]) if promised[o] > as_entered]
-    return [_fitted(session, candidates, nothing, o, prior[o.kind]) for o in [*by_balance, *best[:_FITTED]]]
+    # Readings miss the finger as it was measured by more than noise, and by less than most faults. How much of that may
+    # be something smooth is not known before: with some of it, the others' misfit does not decide; or as they read.
+    best: dict[Corrected, None] = {}
+    for node in (hyper.with_smooth(hyper.usual), nothing.best):
+        as_entered, *values = as_measured.log_joints_of(away.T, node)
+        gains = {o: prior[o.kind] + value - as_entered for o, value in zip(offers, values, strict=True)}
+        best |= dict.fromkeys([o for o in sorted(offers, key=lambda o: -gains[o])[:_FITTED] if gains[o] > 0.0])
+    return [_fitted(session, candidates, nothing, o, prior[o.kind]) for o in [*by_balance, *best]]
 
 
 def session_faults(found: Sequence[PutRight], posterior: Posterior) -> list[SessionFault]:
@@ -149,7 +155,8 @@ def _probable(
 ) -> list[SessionFault]:
     """Faults that are more probable than not, most probable first; `rest` are log posteriors without any fault."""
     total = float(logsumexp([*rest, *log_posterior]))
-    out = [SessionFault(f.kind, f.words, float(np.exp(v - total))) for f, v in zip(found, log_posterior, strict=True)]
+    each = zip(found, log_posterior, strict=True)
+    out = [SessionFault(f.kind, f.words, float(np.exp(v - total)), f.amend) for f, v in each]
     return sorted((f for f in out if f.probability >= SUSPECT), key=lambda f: -f.probability)
 
 
@@ -183,7 +190,7 @@ def _fitted(session: Session, candidates: Candidates, nothing: Optimum, offer: C
     words, log_gain = offer.words, 0.0
     if offer.gain:
         words, log_gain = _regained(best, *offer.gain)
-    return PutRight(offer.kind, words, log_share + offer.log_density + log_posterior + log_gain)
+    return PutRight(offer.kind, words, log_share + offer.log_density + log_posterior + log_gain, offer.amend)
 
 
 def _gains(fit: Optimum, entries: Entries) -> Iterator[Corrected]:

@@ -8,7 +8,7 @@ const FIGURES = [["residual_map", "Where the model fails"], ["missing_torque", "
 const COLOURS = { found: "good", nothing_missing: "good", one_of: "warn", none_of_catalogue: "warn", undecided: "warn" };
 const name = (r) => r.candidates.join(" + ") || (r.effects.length ? "something else" : "nothing is missing");
 
-export function answer(job, { session, model, add, amend, keep, planned, signal }) {
+export function answer(job, { session, model, add, amend, amendBlocks, keep, planned, signal }) {
   const body = job.result;
   const plane = body.judged_in === "sagittal" ? "sagittal" : "space";
   const best = (body.ranking.find((r) => r.candidates.length) || { candidates: [] }).candidates;
@@ -29,7 +29,7 @@ export function answer(job, { session, model, add, amend, keep, planned, signal 
   const sure = body.verdict === "found" || body.verdict === "one_of";
   const out = [
     before(body),
-    body.suspects?.length || body.session_faults?.length ? panel("Suspect load cases", suspects(body, base, amend)) : null,
+    body.suspects?.length || body.session_faults?.length ? panel("Suspect load cases", suspects(body, base, amend, amendBlocks)) : null,
     panel("The verdict", el("p", { class: `verdict ${COLOURS[body.verdict] || ""}` }, body.sentence),
       body.without_amendments ? quiet(`Without the amendments: ${[words(body.without_amendments.verdict), ...body.without_amendments.effects].join(", ")}, probability ${percent(body.without_amendments.probability)}.`) : null,
       body.probability_of ? el("p", {}, `Probability ${percent(body.probability)}: ${body.probability_of}.`) : null,
@@ -86,13 +86,14 @@ function ranking(body, link) {
 // What is known of the rig by name is amended; a load that is only estimated, or a wrong window, is left out.
 const LEFT_OUT = new Set(["amount", "window"]);
 
-function suspects(body, base, amend) {
+function suspects(body, base, amend, amendBlocks) {
   const like = (s) => s.reads_like.map((r) => el("div", {}, `${r.words} (${percent(r.probability)}) `,
     el("button", { class: "small no-print", "aria-label": `${s.case}: ${LEFT_OUT.has(r.kind) ? "leave out" : "amend"}, ${r.words}`, onclick: () => amend(s.case, r, LEFT_OUT.has(r.kind)) },
       LEFT_OUT.has(r.kind) ? "Leave it out" : "Amend")));
   const without = (s) => [words(s.verdict_without?.verdict), ...(s.verdict_without?.effects || [])].filter(Boolean).join(", ");
   return [
-    (body.session_faults || []).map((f) => el("p", {}, `The whole session: ${f.words} (probability ${percent(f.probability)}).`)),
+    (body.session_faults || []).map((f) => el("p", {}, `The whole session: ${f.words} (probability ${percent(f.probability)}). `,
+      f.amend?.length ? el("button", { class: "small no-print", "aria-label": `Amend all these cases: ${f.words}`, onclick: () => amendBlocks(f) }, "Amend all these cases") : null)),
     body.suspects?.length ? table([
       { title: "load case", cell: (s) => el("a", { href: `${base}/compare?${new URLSearchParams({ case: s.case })}` }, s.case) },
       { title: "probability that it is bad", n: true, cell: (s) => percent(s.probability) },

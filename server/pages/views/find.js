@@ -48,7 +48,7 @@ export async function view(main, { session, asked }) {
 
   function show(job) {
     shown = job;
-    fill(found, answer(job, { session, model: () => revision(job.result), add, amend, keep, planned, signal: away.signal }));
+    fill(found, answer(job, { session, model: () => revision(job.result), add, amend, amendBlocks, keep, planned, signal: away.signal }));
   }
 
   async function amend(id, like, leftOut) {
@@ -58,6 +58,16 @@ export async function view(main, { session, asked }) {
     try {
       const done = await (leftOut ? post(`${where}/exclude`, { reason: why }) : post(`${where}/amend`, body));
       notice(new Error(`${id} is ${leftOut ? "left out" : "amended"}: ${like.words}. Search again to see what changes.`), "good", ["Undo", async () => {
+        try { await post(`${path}/edits/${done.edit}/undo`); } catch (error) { notice(error); }
+      }]);
+    } catch (error) { notice(error); }
+  }
+
+  // One mistake in many cases is one edit.
+  async function amendBlocks(fault) {
+    try {
+      const done = await post(`${path}/amend`, { amend: fault.amend, why: `All readings look so: ${fault.words}` });
+      notice(new Error(`Amended: ${fault.words}. Search again to see what changes.`), "good", ["Undo", async () => {
         try { await post(`${path}/edits/${done.edit}/undo`); } catch (error) { notice(error); }
       }]);
     } catch (error) { notice(error); }

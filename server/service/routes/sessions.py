@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request, Response
 from sqlalchemy import select
 
 from daq.errors import InputError
-from daq.sessions.amendments import amendment, case_of, exchanged
+from daq.sessions.amendments import amendment, amendments_of, block_of, case_of, exchanged
+from daq.sessions.models import Amendment
 from server.service.answers import JsonAnswer
 from server.service.models.case_updates import case_bodies
 from server.service.schemas.common import CaseId, Limit, SessionId, Shown, documented
 from server.service.schemas.sessions import (
     Amended,
+    AmendedBlocks,
     CaseList,
     CaseShown,
     Checklist,
@@ -212,8 +215,23 @@ def amend(session: SessionId, case: CaseId, body: Amended, request: Request) -> 
         here = case_of(known.amended, case)
         gone = dict.fromkeys(here.masses_g, 0.0) if body.masses_g is not None else {}
         made = [amendment(known, case, body.why, masses_g=gone | (body.masses_g or {}), posture=body.posture)]
-    kept_as = [a.model_dump(mode="json", exclude_none=True, exclude={"at"}) for a in made]
-    return _edited(parts, session, "amend", case, {"amendments": kept_as})
+    return _edited(parts, session, "amend", case, _kept(made))
+
+
+@kept.post("/{session}/amend", responses=documented(Edited))
+def amend_blocks(session: SessionId, body: AmendedBlocks, request: Request) -> JsonAnswer:
+    """Say what load cases of a block, entered wrongly alike, really were; all of it is one edit that can be undone."""
+    parts = of(request)
+    known, made = parts.sessions.read(session).session(), list[Amendment]()
+    for one in body.amend:
+        cases = block_of(known, one.cases)
+        made += amendments_of(known, cases, body.why, tendons=one.tendons, posture=one.posture)
+    return _edited(parts, session, "amend", made[0].case, _kept(made))
+
+
+def _kept(made: Sequence[Amendment]) -> dict[str, Any]:
+    """Amendments as an edit keeps them; when they were made, the edit says itself."""
+    return {"amendments": [a.model_dump(mode="json", exclude_none=True, exclude={"at"}) for a in made]}
 
 
 @kept.get("/{session}/edits", responses=documented(EditList))

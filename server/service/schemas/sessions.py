@@ -215,6 +215,29 @@ class Amended(Form):
     why: Reason
 
 
+class AmendedBlock(Form):
+    """One change of all load cases of a block in which it is a change."""
+
+    cases: Annotated[str, Field(max_length=200)] = Field(
+        description="A case's id, a posture, tip, bone, all, c017.. (from it on), or several joined by commas.",
+        examples=["hook,bone"],
+    )
+    tendons: dict[Annotated[str, Field(max_length=40)], Annotated[str, Field(max_length=40)]] = Field(
+        default_factory=dict,
+        max_length=40,
+        description="The tendon that bore the weight, by the one that was entered.",
+        examples=[{"FDP": "FDS", "FDS": "FDP"}],
+    )
+    posture: Annotated[str, Field(max_length=200)] | None = Field(None, description="The posture that was really set.")
+
+
+class AmendedBlocks(Form):
+    """Amendments of many load cases that were entered wrongly alike; they are one edit."""
+
+    amend: Annotated[list[AmendedBlock], Field(min_length=1, max_length=40)]
+    why: Reason
+
+
 class Nothing(Form):
     """An empty object: nothing has to be said."""
 
