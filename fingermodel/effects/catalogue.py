@@ -57,8 +57,6 @@ CATALOGUE: tuple[Effect, ...] = (
     TareDrift(),
 )
 EFFECTS = {effect.name: effect for effect in CATALOGUE}
-# What measurement besides a load case would show an effect, by its name, where one is known.
-SHOWN_BY = {effect.name: effect.shown_by for effect in CATALOGUE if effect.shown_by}
 
 
 def remedy(candidate: str) -> str | None:

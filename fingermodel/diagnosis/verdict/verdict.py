@@ -15,7 +15,6 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Candidates
 from fingermodel.diagnosis.settings import LEAST_CASES, NOTHING_SURE, P_VALUE, SURE
 from fingermodel.diagnosis.verdict.confounding import Confounding
-from fingermodel.effects.catalogue import SHOWN_BY
 
 Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undecided"]
 
@@ -124,7 +123,8 @@ def _found(
     ]
     alike = list(dict.fromkeys(a for n in names for a in classes.alike(n) if a not in names))
     if alike:
-        asked = [SHOWN_BY[e] for e in (n.split(".")[0] for n in [*names, *alike]) if e in SHOWN_BY]
+        shown_by = {e.name: e.shown_by for e in stated.session.model.effects}
+        asked = [shown for n in [*names, *alike] if (shown := shown_by[n.split(".")[0]])]
         how = f"; to part them, {asked[0]}" if asked else ""
         reasons.append(f"In these load cases it is much like {words(alike)}{how}.")
     if posterior.p_beyond >= 0.5:

@@ -181,6 +181,27 @@ def test_two_cases_are_exchanged_in_one_edit(fresh: ServiceReceiver) -> None:
     assert (now[a["id"]], now[b["id"]]) == (a["masses_g"], b["masses_g"])
 
 
+def test_a_block_of_cases_is_amended_in_one_edit(fresh: ServiceReceiver) -> None:
+    client = fresh.client()
+    client.post(AT, json={"id": "S1", "document": small(cases=6)}).raise_for_status()
+    path = f"{AT}/S1"
+    before = client.get(f"{path}/cases").json()["cases"]
+    loaded = next(iter(before[0]["masses_g"]))
+    other = "FDS" if loaded != "FDS" else "FDP"
+    swap = {loaded: other, other: loaded}
+    body = {"amend": [{"cases": "all", "tendons": swap}], "why": "the cables were led to the other pulley"}
+    done = client.post(f"{path}/amend", json=body)
+    done.raise_for_status()
+    now = {c["id"]: c["masses_g"] for c in client.get(f"{path}/cases").json()["cases"]}
+    assert now == {c["id"]: {swap.get(t, t): g for t, g in c["masses_g"].items()} for c in before}
+    client.post(f"{path}/edits/{done.json()['edit']}/undo", json={}).raise_for_status()
+    assert [c["masses_g"] for c in client.get(f"{path}/cases").json()["cases"]] == [c["masses_g"] for c in before]
+    for cases in ("nowhere", "tip,bone,c001..", ""):
+        refused = client.post(f"{path}/amend", json={"amend": [{"cases": cases, "posture": "hook"}], "why": "x"})
+        assert refused.status_code == 422, cases
+    assert len(client.get(f"{path}/edits").json()["edits"]) == 2
+
+
 @pytest.mark.parametrize(
     ("body", "status"),
     [
