@@ -26,6 +26,7 @@ from fingermodel.diagnosis.verdict.corrections import Amend, Corrected, Entries,
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, check
 
 Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 # Faults that are fitted, of those that promise most.
 _FITTED = 2
@@ -82,8 +83,7 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     by_balance = list(entries.frames())
     offers = [*entries.corrected(), *_gains(as_measured, entries), *([] if by_balance else [entries.turned()])]
     # What changes the same fitted readings alike is one fault; what changes none is looked for in `unseen_faults`.
-    apart = {o.away[fitted].tobytes(): o for o in reversed(offers)}
-    apart.pop(entries.away[fitted].tobytes(), None)
+    apart = {o.away[fitted].tobytes(): o for o in reversed(offers) if _strikes(o, entries, fitted)}
     offers = list(apart.values())
     away = np.array([entries.away[fitted], *(o.away[fitted] for o in offers)])
     counts = Counter(o.kind for o in [*offers, *by_balance])
@@ -132,6 +132,7 @@ def unseen_faults(
         return []
     entries, fitted = Entries(session, leader.theta), session.fitted
     offers = [o for o in entries.corrected() if np.array_equal(o.away[fitted], entries.away[fitted])]
+    offers = [o for o in offers if _strikes(o, entries, ~fitted)]
     precision = np.linalg.inv(as_entered.predictions[0][1].covariance)
     likely = sorted(offers, key=lambda o: float(o.away[~fitted] @ precision @ o.away[~fitted]))[:_FITTED]
     values = []
@@ -158,6 +159,12 @@ def _probable(
     each = zip(found, log_posterior, strict=True)
     out = [SessionFault(f.kind, f.words, float(np.exp(v - total)), f.amend) for f, v in each]
     return sorted((f for f in out if f.probability >= SUSPECT), key=lambda f: -f.probability)
+
+
+def _strikes(offer: Corrected, entries: Entries, chosen: Mask) -> bool:
+    """Whether a fault changes some readings (n,) of more cases than one slip does: two, where they are exchanged."""
+    changed = chosen & (offer.away != entries.away)
+    return len(np.unique(entries.session.rows[changed] // 6)) > 2
 
 
 def _with_readings(session: Session, observations: Observations) -> Session:
