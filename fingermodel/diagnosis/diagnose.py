@@ -160,7 +160,7 @@ def diagnose(
     faults = tuple(session_faults(put, posterior) or unseen_faults(candidates, posterior, checked))
     if faults:
         # To be put right in the session: what would make up for it is no finding.
-        verdict = in_doubt(verdict, said(faults[0]))
+        verdict = in_doubt(verdict)
     elif verdict.kind in ("none_of_catalogue", "undecided"):
         # Beside what is sure to act by its name: what is not would explain part of what is unknown.
         beside = posterior.best_fit(sure_names(posterior)) or posterior.nothing
@@ -189,16 +189,9 @@ def diagnose(
     )
 
 
-def said(fault: SessionFault) -> str:
-    """A fault of the whole session in a sentence."""
-    words = f"{fault.words[0].upper()}{fault.words[1:]}"
-    return f"A fault of the whole session (probability {fault.probability:.2f}): {words}. Correct the session first."
-
-
-def in_doubt(verdict: Verdict, fault: str) -> Verdict:
-    """What is left of a verdict where the whole session has a fault, which is said first."""
-    kind = verdict.kind if verdict.kind == "none_of_catalogue" else "undecided"
-    return Verdict(kind, (), (), verdict.probability, (fault,), ("what is missing shows once that is corrected",))
+def in_doubt(verdict: Verdict) -> Verdict:
+    """What is left of a verdict where the whole session has a fault: nothing is known of what is missing."""
+    return Verdict("undecided", (), (), verdict.probability, (), ("what is missing shows once that is corrected",))
 
 
 def validation_rmse(model: Model, comparison: Comparison) -> float | None:

@@ -89,7 +89,7 @@ def _print_verdict(body: dict[str, Any]) -> None:
     say(f"  Probability {body['probability']:.2f}: {body['probability_of']}.")
     if suspects := [_suspect(row) for row in body["suspects"]]:
         say(f"  Suspect load case{'s' if len(suspects) > 1 else ''}: {', '.join(suspects)}.")
-    said = " ".join(body["reasons"]).casefold()
+    said = " ".join([body["sentence"], *body["reasons"]]).casefold()
     for fault in (f for f in body["session_faults"] if f["words"].casefold() not in said):
         say(f"  The whole session: {fault['words']} (probability {fault['probability']:.2f}).")
     if entered := body.get("without_amendments"):
@@ -101,7 +101,7 @@ def _print_verdict(body: dict[str, Any]) -> None:
     for reason in body["reasons"]:
         say(f"  {reason}")
     beyond = body["beyond"]
-    if beyond["probability"] >= _TOLD:
+    if beyond["probability"] >= _TOLD and not body["session_faults"]:
         size = f", of about {beyond['amplitude_N']:.2f} N" if beyond["amplitude_N"] else ""
         say(f"  Something no effect describes acts, alone or beside: probability {beyond['probability']:.2f}{size}.")
     check = body["predictive_check"]

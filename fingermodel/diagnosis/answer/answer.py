@@ -346,8 +346,13 @@ def _detectability(d: Diagnosis, explanation: Explanation) -> float | None:
 
 
 def sentence(d: Diagnosis) -> str:
-    """The verdict in one plain sentence."""
+    """The verdict in one plain sentence, a fault of the whole session before it."""
     verdict = d.verdict
+    for fault in d.faults[:1]:
+        words = f"{fault.words[0].upper()}{fault.words[1:]}"
+        return (
+            f"A fault of the whole session (probability {fault.probability:.2f}): {words}. Correct the session first."
+        )
     titles = {e.name: e.title for e in d.session.model.effects}
     effect_of = {c.name: c.effect for c in d.candidates.all}
     named = [f"{titles.get(effect_of[n], n)} ({n})" for n in verdict.names]

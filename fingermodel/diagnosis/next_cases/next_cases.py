@@ -155,6 +155,8 @@ def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = Non
         diagnosis: with its explanations.
         cases: that the rig could run; by default what it has shown that it can.
     """
+    if diagnosis.faults:
+        return Plan((), {}, (), "No load case tests an explanation before the session is corrected.")
     if diagnosis.verdict.kind == "none_of_catalogue":
         return Plan((), {}, (), "No explanation stands, so no load case can test one: add a formula first.")
     live = live_explanations(diagnosis)
