@@ -66,7 +66,7 @@ def print_diagnosis(body: dict[str, Any]) -> None:
     if body["curve"]:
         say(body["curve"]["sentence"])
     for fault in body["session_faults"]:
-        for change in fault["amend"]:
+        for change in fault.get("amend", ()):
             say("To put it right, once it is known:")
             say(f'    fingertwin amend {body["session"]} {_amending(change)} --why "…"')
     offers = [(known["text"], known["effect"]) for known in body["ready_made"]]
@@ -101,7 +101,8 @@ def _print_verdict(body: dict[str, Any]) -> None:
     for reason in body["reasons"]:
         say(f"  {reason}")
     beyond = body["beyond"]
-    if beyond["probability"] >= _TOLD and not body["session_faults"]:
+    faulty = any(f["probability"] >= 0.5 for f in body["session_faults"])
+    if beyond["probability"] >= _TOLD and not faulty:
         size = f", of about {beyond['amplitude_N']:.2f} N" if beyond["amplitude_N"] else ""
         say(f"  Something no effect describes acts, alone or beside: probability {beyond['probability']:.2f}{size}.")
     check = body["predictive_check"]
