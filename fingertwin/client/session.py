@@ -200,6 +200,21 @@ class Session:
         """Take a load case in again."""
         return self._edit({}, "cases", case, "include")
 
+    def amend(
+        self, cases: str, why: str, *, tendons: Mapping[str, str] | None = None, posture: str | None = None
+    ) -> Edit:
+        """Say what load cases that were entered wrongly really were; the entries are kept, and it can be undone.
+
+        Args:
+            cases: a case's id, a posture, `tip`, `bone`, `all`, `c017..` (from it on), or several joined by commas.
+            why: how it is known.
+            tendons: the tendon that bore the weight, by the one that was entered.
+            posture: that was really set.
+        """
+        return self._edit(
+            {"amend": [{"cases": cases, "tendons": dict(tendons or {}), "posture": posture}], "why": why}, "amend"
+        )
+
     def undo(self, edit: Edit | int) -> Edit:
         """Take an edit back; an undo can be taken back too."""
         number = edit.number if isinstance(edit, Edit) else edit

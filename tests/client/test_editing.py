@@ -50,6 +50,17 @@ def test_a_case_that_is_left_out_is_not_compared(twin: Client) -> None:
     assert [case.id for case in session.cases()] == names
 
 
+def test_a_block_of_cases_is_amended_and_taken_back(twin: Client) -> None:
+    session = twin.upload("synek2019_H01")
+    before = {case.id: dict(case.masses_g or {}) for case in session.cases()}
+    edit = session.amend("all", "the cables were led to the other pulley", tendons={"FDP": "FDS", "FDS": "FDP"})
+    swap = {"FDP": "FDS", "FDS": "FDP"}
+    after = {case.id: case.masses_g for case in session.cases()}
+    assert after == {case: {swap.get(t, t): g for t, g in hung.items()} for case, hung in before.items()}
+    session.undo(edit)
+    assert {case.id: case.masses_g for case in session.cases()} == before
+
+
 def test_a_window_that_is_none_is_refused(twin: Client) -> None:
     session = twin.upload("DEV-01")
     with pytest.raises(InputError, match="of unloaded_s, loaded_s, unloaded_after_s"):
