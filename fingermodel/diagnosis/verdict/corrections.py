@@ -5,11 +5,11 @@ Tendons or postures exchanged, the side mirrored, an angle's sign, a unit, the a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations, permutations
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -33,6 +33,8 @@ _UNITS_G = {
     "grams, ten times too many": 0.1,
     "grams, ten times too few": 10.0,
 }
+# Postures, and changes of posture or mount, from which on blocks of cases are not looked at: there would be too many.
+_MOST_BLOCKS = 20
 # A wrench of the other hand.
 _MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
 
@@ -74,14 +76,6 @@ class Corrected:
     log_density: float = 0.0
     gain: tuple[str, float] | None = None
     amend: tuple[Amend, ...] = ()
-
-
-class Block(NamedTuple):
-    """Cases (cases,) in which one thing may have been done wrongly alike; in words, and what amends them."""
-
-    words: str
-    cases: Mask
-    amend: tuple[Amend, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,51 +146,59 @@ class Entries:
         o, muscles = self.session.observations, self.session.model.finger.topology.muscles
         tension, settings = np.asarray(o.inputs.tension), list(zip(o.postures, o.locations, strict=True))
         places = {"all": ("throughout", np.ones(len(settings), dtype=bool))}
-        places |= {name: (f"in {name}", of_label(o.postures, name)) for name in o.posture_angles}
+        places |= {name: (f"in {name}", of_label(o.postures, name)) for name in self._used}
         places |= {p: (f"at the {p}", of_label(o.locations, p)) for p in o.locations}
         changes = [k for k in range(1, len(settings)) if settings[k] != settings[k - 1]]
-        places |= {f"{o.ids[k]}..": (f"from {o.ids[k]} on", np.arange(len(settings)) >= k) for k in changes}
+        for k in changes if len(changes) <= _MOST_BLOCKS else ():
+            places[f"{o.ids[k]}.."] = f"from {o.ids[k]} on", np.arange(len(settings)) >= k
         loaded = set(np.flatnonzero(tension.any(axis=0)).tolist())
         for a, b in combinations(range(len(muscles)), 2):
             if loaded & {a, b}:
                 order, (one, other) = np.arange(len(muscles)), (muscles[a], muscles[b])
                 order[[a, b]] = b, a
-                words, swap = f"{one} and {other} were exchanged", {one: other, other: one}
-                blocks = [
-                    Block(f"{words} {where}", here, (Amend(named, swap),)) for named, (where, here) in places.items()
-                ]
-                yield from self._in_blocks("tendon_labels", blocks, tension=tension[:, order])
+                exchanged, words = tension[:, order], f"{one} and {other} were exchanged"
+                away, swap = self._residual(_with(o, tension=exchanged)), {one: other, other: one}
+                for named, (where, here) in places.items():
+                    amend = (Amend(named, swap),)
+                    yield self._block("tendon_labels", f"{words} {where}", here, away, amend, tension=exchanged)
 
     def _postures(self) -> Iterator[Corrected]:
         """Two postures exchanged throughout; one that was another, in all its cases or those of a mount."""
-        o = self.session.observations
-        entered, angles = np.asarray(o.inputs.posture), o.posture_angles
-        cases = {name: of_label(o.postures, name) for name in angles}
+        o, angles = self.session.observations, self.session.observations.posture_angles
+        cases = {name: of_label(o.postures, name) for name in self._used}
+        everywhere = {name: np.tile(angles[name], (len(o.ids), 1)) for name in cases}
+        away = {name: self._residual(_with(o, posture=set_to)) for name, set_to in everywhere.items()}
+        of_row = self.session.rows // 6
         for a, b in combinations(cases, 2):
-            other = np.where(cases[a][:, None], angles[b], np.where(cases[b][:, None], angles[a], entered))
-            amend = (Amend(a, posture=b), Amend(b, posture=a))
-            both = Block(f"{a} and {b} were exchanged throughout", np.logical_or(cases[a], cases[b]), amend)
-            yield from self._in_blocks("posture", [both], posture=other)
+            both, swap = np.logical_or(cases[a], cases[b]), (Amend(a, posture=b), Amend(b, posture=a))
+            mixed = np.where(cases[a][of_row], away[b], away[a])
+            exchanged = np.where(cases[a][:, None], everywhere[b], everywhere[a])
+            words = f"{a} and {b} were exchanged throughout"
+            yield self._block("posture", words, both, mixed, swap, posture=exchanged)
         for name, done in permutations(cases, 2):
-            words = f"the posture was {done}, not {name}"
-            blocks = [Block(words, cases[name], (Amend(name, posture=done),))]
+            blocks = {"": (name, cases[name])}
             for p in dict.fromkeys(o.locations):
-                here = np.logical_and(cases[name], of_label(o.locations, p))
-                blocks.append(Block(f"{words} at the {p}", here, (Amend(f"{name},{p}", posture=done),)))
-            other = np.where(cases[name][:, None], angles[done], entered)
-            yield from self._in_blocks("posture", blocks, posture=other)
+                blocks[f" at the {p}"] = f"{name},{p}", np.logical_and(cases[name], of_label(o.locations, p))
+            for where, (named, here) in blocks.items():
+                words, amend = f"the posture was {done}, not {name}{where}", (Amend(named, posture=done),)
+                yield self._block("posture", words, here, away[done], amend, posture=everywhere[done])
 
-    def _in_blocks(self, kind: Kind, blocks: Iterable[Block], **changed: Floats) -> Iterator[Corrected]:
-        """Change `tension` or `posture` (cases, k) in each block of cases, as far as that changes any reading."""
-        o, cases = self.session.observations, self.session.rows // 6
-        everywhere, known = self._residual(_with(o, **changed)), {self.away.tobytes()}
-        for words, block, amend in blocks:
-            away = np.where(block[cases], everywhere, self.away)
-            if away.tobytes() not in known:
-                known.add(away.tobytes())
-                entered = {name: np.asarray(getattr(o.inputs, name)) for name in changed}
-                columns = {name: np.where(block[:, None], column, entered[name]) for name, column in changed.items()}
-                yield Corrected(kind, words, _with(o, **columns), away, amend=amend)
+    @cached_property
+    def _used(self) -> list[str]:
+        """Postures of the cases; none where they are so many that a block of cases is hardly more than one."""
+        names = [
+            name for name in self.session.observations.posture_angles if name in self.session.observations.postures
+        ]
+        return names if len(names) <= _MOST_BLOCKS else []
+
+    def _block(
+        self, kind: Kind, words: str, here: Mask, away: Floats, amend: tuple[Amend, ...], **changed: Floats
+    ) -> Corrected:
+        """Change `tension` or `posture` (cases, k) in some cases; `away` (n,) is what all readings miss then."""
+        o = self.session.observations
+        columns = {n: np.where(here[:, None], new, np.asarray(getattr(o.inputs, n))) for n, new in changed.items()}
+        there = np.where(here[self.session.rows // 6], away, self.away)
+        return Corrected(kind, words, _with(o, **columns), there, amend=amend)
 
     def _angles(self) -> Iterator[Corrected]:
         """One angle of one posture with the other sign; all its angles in radians."""
