@@ -106,7 +106,7 @@ def test_tendons_exchanged_throughout_are_a_fault_of_the_session(tmp_path: Path,
     assert fault["probability"] > 0.9
     # What would make up for it is no finding.
     assert found["effects"] == []
-    assert "exchanged throughout" in found["reasons"][0]
+    assert "exchanged throughout" in found["sentence"]
 
 
 def test_a_tare_that_is_taken_away_twice_is_a_fault_of_the_session(tmp_path: Path) -> None:

@@ -172,9 +172,18 @@ def test_a_bench_session_is_copied_also_without_a_case(run: Run, monkeypatch: py
     assert copied_samples() == [1000]
 
 
+def heeded(name: str) -> int:
+    """A signal that a child heeds, even where these tests were started with nohup, which has SIGHUP ignored."""
+    number = getattr(signal, name)
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, signal.SIG_DFL)
+    return int(number)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="a process cannot be sent Ctrl-C alone there")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_a_signal_ends_the_log_and_leaves_a_copy(run: Run, tmp_path: Path, name: str) -> None:
+    number = heeded(name)
     command = [
         sys.executable, "-m", "server.cli", "log", "--driver", "replay", "--port", "played.csv", "--out", "monday",
         "--copy-to", "disk",
@@ -185,7 +194,7 @@ def test_a_signal_ends_the_log_and_leaves_a_copy(run: Run, tmp_path: Path, name:
         assert child.stdout is not None
         assert child.stderr is not None
         assert "started" in child.stdout.readline()
-        child.send_signal(getattr(signal, name))
+        child.send_signal(number)
         text, err = child.stdout.read(), child.stderr.read()
     assert (child.returncode, err) == (0, "")
     assert "readings in" in text
@@ -197,6 +206,7 @@ def test_a_signal_ends_the_log_and_leaves_a_copy(run: Run, tmp_path: Path, name:
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_a_signal_ends_a_bench_session_as_quit_does(run: Run, tmp_path: Path, name: str) -> None:
     Path("setup.yaml").write_text(json.dumps(SETUP))
+    number = heeded(name)
     command = [
         sys.executable, "-m", "server.cli", "log", "--driver", "replay", "--port", "played.csv", "--out", "monday",
         "--protocol", "levels", "--setup", "setup.yaml", "--copy-to", "disk",
@@ -208,7 +218,7 @@ def test_a_signal_ends_a_bench_session_as_quit_does(run: Run, tmp_path: Path, na
         assert child.stderr is not None
         while "started" not in child.stdout.readline():
             pass
-        child.send_signal(getattr(signal, name))
+        child.send_signal(number)
         text, err = child.stdout.read(), child.stderr.read()
     # As where a session is left before its first case: said, and all that was read is kept.
     assert child.returncode == 2

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from fingermodel.diagnosis.answer.answer import sentence
 from fingermodel.diagnosis.diagnose import diagnose
 from fingermodel.diagnosis.model_free.budget import readings_of
 from fingermodel.diagnosis.model_free.frames import rig_mistake
@@ -134,6 +135,6 @@ def test_it_is_said_where_tip_and_bone_do_not_balance_and_with_the_verdict(bench
     assert not found.verdict.effects
     assert found.faults[0].kind == "axes"
     assert found.faults[0].probability > 0.99
-    assert words.replace("were", "Were", 1) in found.verdict.reasons[0]
+    assert words.replace("were", "Were", 1) in sentence(found)
     # No formula is offered to make up for what is to be put right.
     assert found.hints == ()
