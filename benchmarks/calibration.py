@@ -157,12 +157,9 @@ def ranks(fit: Optimum, node: Node, theta: Floats, rng: Rng) -> dict[str, float]
     weight = _normalised(np.array(list(fit.nodes.values())))
     nodes = list(fit.nodes)
     out = {}
-    for name, axis in AXES.items():
+    for name, axis in (AXES | ({"form": FORMS} if len(node) > FORMS else {})).items():
         at = np.array([n[axis] for n in nodes])
         out[name] = float(weight[at < node[axis]].sum() + rng.random() * weight[at == node[axis]].sum())
-    if len(node) > FORMS:
-        at = np.array([n[FORMS] for n in nodes])
-        out["form"] = float(weight[at < node[FORMS]].sum() + rng.random() * weight[at == node[FORMS]].sum())
     table, scale = fit.session.model.parameters, fit.session.problem.scale
     kept = [k for k in np.argsort(-weight)[:12] if weight[k] >= 0.01]
     chosen: dict[str, int] = {

@@ -348,7 +348,8 @@ def _detectability(d: Diagnosis, explanation: Explanation) -> float | None:
 def sentence(d: Diagnosis) -> str:
     """The verdict in one plain sentence, a fault of the whole session before it."""
     verdict = d.verdict
-    for fault in d.faults[:1]:
+    if d.faults:
+        fault = d.faults[0]
         words = f"{fault.words[0].upper()}{fault.words[1:]}"
         return (
             f"A fault of the whole session (probability {fault.probability:.2f}): {words}. Correct the session first."

@@ -145,7 +145,7 @@ def check(fit: Optimum, slips: Slips | None = None) -> PredictiveCheck:
     slips, scatter = slips or Slips(session), fit.hyper.values(fit.best).scatter
     bad: set[int] = set()
     for _ in range(1 + len(np.unique(p.cases)) // 4):
-        sound = {case: one for case, one in _apart(session, p, bad).items() if case not in bad}
+        sound = _apart(session, p, bad, set(p.cases.tolist()) - bad)
         could = {case: one for case, one in sound.items() if one.misfit > -LOG_PRIOR_ODDS}
         found = slips.explain(could, fit.theta, scatter)
         odds = {case: LOG_PRIOR_ODDS + could[case].anything + found[case].gain for case in could}
@@ -156,7 +156,7 @@ def check(fit: Optimum, slips: Slips | None = None) -> PredictiveCheck:
         bad |= {worst} if partner is None else {worst, partner}
     # Held against one another while all seemed sound, bad cases make each other look worse, or better.
     while True:
-        apart = {case: one for case, one in _apart(session, p, bad).items() if case in bad} if bad else {}
+        apart = _apart(session, p, bad, bad)
         explained = slips.explain(apart, fit.theta, scatter)
         odds = {case: LOG_PRIOR_ODDS + apart[case].anything + explained[case].gain for case in apart}
         least = min(odds, key=lambda c: odds[c], default=None)
@@ -173,13 +173,15 @@ def _spoilt(prediction: Prediction, bad: Collection[int]) -> Floats:
     return np.diag(np.isin(prediction.cases, list(bad)) * prediction.bad_size**2)
 
 
-def _apart(session: Session, prediction: Prediction, bad: Collection[int]) -> dict[int, Apart]:
-    """Each case against all others, of which some are bad."""
+def _apart(session: Session, prediction: Prediction, bad: Collection[int], cases: Collection[int]) -> dict[int, Apart]:
+    """Some cases, each against all others, of which some are bad."""
+    if not cases:
+        return {}
     p, component = prediction, session.rows[~session.fitted] % 6
     inverse = np.linalg.inv(root_of(p.covariance + _spoilt(p, bad)))
     precision = inverse.T @ inverse
     score, out = precision @ p.away, {}
-    for case in np.unique(p.cases).tolist():
+    for case in sorted(cases):
         at = np.flatnonzero(p.cases == case)
         out[case] = Apart.of(case, component[at], p.bad_size[at], precision[np.ix_(at, at)], score[at], bad=case in bad)
     return out

@@ -55,19 +55,18 @@ export async function view(main, { session, asked }) {
     const where = `${path}/cases/${encodeURIComponent(id)}`;
     const why = `Its reading looks so: ${like.words}`;
     const body = like.exchanged_with ? { exchanged_with: like.exchanged_with, why } : { masses_g: like.masses_g, posture: like.posture, why };
-    try {
-      const done = await (leftOut ? post(`${where}/exclude`, { reason: why }) : post(`${where}/amend`, body));
-      notice(new Error(`${id} is ${leftOut ? "left out" : "amended"}: ${like.words}. Search again to see what changes.`), "good", ["Undo", async () => {
-        try { await post(`${path}/edits/${done.edit}/undo`); } catch (error) { notice(error); }
-      }]);
-    } catch (error) { notice(error); }
+    await edit(leftOut ? `${where}/exclude` : `${where}/amend`, leftOut ? { reason: why } : body, `${id} is ${leftOut ? "left out" : "amended"}: ${like.words}`);
   }
 
   // One mistake in many cases is one edit.
   async function amendBlocks(fault) {
+    await edit(`${path}/amend`, { amend: fault.amend, why: `All readings look so: ${fault.words}` }, `Amended: ${fault.words}`);
+  }
+
+  async function edit(address, body, said) {
     try {
-      const done = await post(`${path}/amend`, { amend: fault.amend, why: `All readings look so: ${fault.words}` });
-      notice(new Error(`Amended: ${fault.words}. Search again to see what changes.`), "good", ["Undo", async () => {
+      const done = await post(address, body);
+      notice(new Error(`${said}. Search again to see what changes.`), "good", ["Undo", async () => {
         try { await post(`${path}/edits/${done.edit}/undo`); } catch (error) { notice(error); }
       }]);
     } catch (error) { notice(error); }
