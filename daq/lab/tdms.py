@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import io
 import logging
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ReadingsError
 from daq.lab.channels import BLOCK_ROWS, TIMESTAMP, Channel, LabChannels
+from daq.lab.tdms_segments import TDMS, Bounded, fault_of, last_segment
 
 Floats = NDArray[np.float64]
 
@@ -24,13 +24,10 @@ _UNREADABLE = (
     ValueError, KeyError, TypeError, IndexError, AttributeError, ArithmeticError, MemoryError, OSError, EOFError,
     NotImplementedError, struct.error,
 )  # fmt: skip
-# Of a TDMS segment: its head, and the bit of it that turns the order of bytes round.
-_LEAD_IN, _BIG_ENDIAN = 28, 1 << 6
 # The scales that npTDMS applies.
 _SCALES = (
     "Linear", "Polynomial", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add", "Subtract", "AdvancedAPI",
 )  # fmt: skip
-TDMS = (b"TDSm", b"TDSh")
 
 
 class TdmsChannels(LabChannels):
@@ -47,8 +44,8 @@ class TdmsChannels(LabChannels):
         # Opened here, since the reader leaves open what it fails on.
         try:
             with path.open("rb") as stream:
-                self._end = _last_segment(stream)
-            with self._opened() as file:
+                self._end = last_segment(stream)
+            with self._opened(self._require_sound) as file:
                 self.cut_off = self._end < path.stat().st_size or bool(file.file_status.incomplete_final_segment)
                 self._require_values(file)
                 self._origin = _origin(file)
@@ -111,10 +108,25 @@ class TdmsChannels(LabChannels):
         return values.astype(np.float64)
 
     @contextmanager
-    def _opened(self) -> Iterator[Any]:
-        """Yield the file up to the last segment whose description is whole."""
-        with self.path.open("rb") as stream, self._nptdms.TdmsFile.open(_Bounded(stream, self._end)) as file:
-            yield file
+    def _opened(self, look: Callable[[Any, Bounded], None] | None = None) -> Iterator[Any]:
+        """Yield the file up to the last segment whose description is whole; it is looked at before."""
+        with self.path.open("rb") as raw:
+            stream = Bounded(raw, self._end)
+            with self._nptdms.TdmsFile.open(stream) as file:
+                if look is not None:
+                    look(file, stream)
+                stream.forget()
+                yield file
+
+    def _require_sound(self, file: Any, stream: Bounded) -> None:
+        """Refuse a file whose segments cannot be as long as they say.
+
+        Raises:
+            ReadingsError: it is one.
+        """
+        fault = fault_of(file._reader._segments, stream)
+        if fault:
+            raise self._torn(ValueError(fault))
 
     def _describe(self, group: Any, channel: Any, file: Any) -> Channel:
         properties = channel.properties
@@ -161,50 +173,4 @@ def _unknown_scale(properties: Any) -> str:
     return next((str(t) for t in types if t is not None and t not in _SCALES), "")
 
 
-def _last_segment(stream: BinaryIO) -> int:
-    """Return the bytes up to the last segment with a whole description; later ones were cut off in writing."""
-    size = stream.seek(0, 2)
-    at = 0
-    while size - at >= _LEAD_IN:
-        stream.seek(at)
-        lead = stream.read(_LEAD_IN)
-        if lead[:4] not in TDMS:
-            return size
-        order = ">" if int.from_bytes(lead[4:8], "little") & _BIG_ENDIAN else "<"
-        following, raw = struct.unpack(f"{order}QQ", lead[12:])
-        if at + _LEAD_IN + raw > size:
-            return at
-        if at + _LEAD_IN + following >= size:
-            return size
-        at += _LEAD_IN + following
-    return at
-
-
-class _Bounded(io.RawIOBase):
-    """A stream that ends earlier than its file."""
-
-    def __init__(self, stream: BinaryIO, end: int) -> None:
-        self._stream, self._end = stream, end
-        stream.seek(0)
-
-    def readable(self) -> bool:
-        return True
-
-    def seekable(self) -> bool:
-        return True
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        return self._stream.seek(self._end + offset) if whence == 2 else self._stream.seek(offset, whence)
-
-    def tell(self) -> int:
-        return self._stream.tell()
-
-    def read(self, size: int = -1) -> bytes:
-        left = max(self._end - self._stream.tell(), 0)
-        return self._stream.read(left if size < 0 else min(size, left))
-
-    def readinto(self, buffer: Any) -> int:
-        room = memoryview(buffer).cast("B")
-        data = self.read(len(room))
-        room[: len(data)] = data
-        return len(data)
+__all__ = ["TDMS", "TdmsChannels"]

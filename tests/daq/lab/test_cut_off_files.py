@@ -88,3 +88,24 @@ def test_a_file_cut_off_anywhere_gives_its_first_readings_or_one_line(name: str,
 def _ends_a_row(content: bytes, name: str) -> bool:
     """A file that ends between two rows or segments is like one that is whole."""
     return name == "tdms" or content.endswith((b"\n", b"\n\x00"))
+
+
+@pytest.mark.parametrize("flip", [0x01, 0x10, 0x60, 0xFF])
+def test_a_tdms_file_with_a_damaged_lead_in_gives_its_first_readings_or_one_line(flip: int, tmp_path: Path) -> None:
+    path = several_segments(tmp_path / "r.tdms")
+    whole = path.read_bytes()
+    segments = [at for at in range(len(whole)) if whole.startswith(b"TDSm", at)]
+    assert len(segments) == 3
+    kept = 0
+    for at in (segment + place for segment in segments for place in (*range(5), *range(12, 28))):
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ flip]) + whole[at + 1 :])
+        found = read_or_refused(path)
+        if isinstance(found, str):
+            assert "\n" not in found
+            continue
+        t_s, wrench, _, notes = found
+        kept += 1
+        np.testing.assert_allclose(t_s, TIMES[: len(t_s)], rtol=0, atol=1e-9)
+        np.testing.assert_array_equal(wrench, WRENCH[: len(wrench)])
+        assert len(wrench) == 6 or any("cut off" in note for note in notes)
+    assert kept >= 7  # that a segment's numbers begin behind the end of the file
