@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from daq.errors import ReadingsError
 from daq.recordings.columns import BLOCK_BYTES, BLOCK_ROWS, HEADERS, ROW_GROUP_ROWS, ColumnFile
 from daq.recordings.parquet_pages import unpacked_bytes
+from daq.recordings.unpacking import Limited
 
 Batch = tuple[list[NDArray[np.float64]], NDArray[np.int64] | None]
 
@@ -95,8 +96,7 @@ def csv_batches(source: ColumnFile) -> Iterator[Batch]:
     }
     rows = 0
     try:
-        compression = "gzip" if source.kind == "csv.gz" else None
-        with pa.input_stream(str(source.path), compression=compression) as stream:
+        with _text(source) as stream:
             for batch in pa.csv.open_csv(stream, **options):
                 arrays = [batch.column(i).to_numpy() for i in range(len(columns.used))]
                 status = _status(batch.column(len(arrays)), source) if columns.status else None
@@ -108,6 +108,13 @@ def csv_batches(source: ColumnFile) -> Iterator[Batch]:
         raise _first_fault(source, rows) or ReadingsError(f"{source.path.name}: {error}", "CSV") from error
     except OSError as error:
         raise _torn(source.path, error) from error
+
+
+def _text(source: ColumnFile) -> Any:
+    """Open the text of a CSV file."""
+    if source.kind == "csv":
+        return pa.input_stream(str(source.path))
+    return pa.PythonFile(Limited(pa.input_stream(str(source.path), compression="gzip"), source.path), "r")
 
 
 def parquet_batches(source: ColumnFile) -> Iterator[Batch]:
