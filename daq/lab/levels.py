@@ -22,6 +22,10 @@ _DEVIATIONS, _SHARE = 6.0, 0.25
 _STEP_DEVIATIONS, _SUDDEN, _BESIDE = 6.0, 0.6, 5
 # Intervals of which the median is taken.
 _MOST_INTERVALS = 1 << 17
+# Values of which the interval is told where the readings are gone through once, and values of means that are held.
+_FIRST_VALUES, _MOST_MEANS = 1 << 20, 1 << 22
+# A plateau of more readings is reduced to its middle ones.
+_MOST_READINGS = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,43 +40,107 @@ def find_levels(readings: Iterable[ReadingBlock]) -> tuple[Level, ...]:
     """Find the plateaus of readings, in order of time.
 
     Args:
-        readings: blocks whose times do not decrease. They are gone through three times, and held no longer than a
-            plateau lasts.
+        readings: blocks whose times do not decrease. They are gone through three times, and a plateau's are held, or
+            its middle million.
     """
-    width, length = _width(_median_interval(block.t_s for block in readings))
+    interval_s = _median_interval(block.t_s for block in readings)
+    width = _width(interval_s)
     if not width:
         return ()
-    begins, means = [], []
-    t_s, wrench = np.empty(0), np.empty((0, 6))
+    means = _Means(width, interval_s)
     for block in readings:
-        t_s, wrench = np.concatenate([t_s, block.t_s]), np.concatenate([wrench, block.wrench])
-        whole = len(t_s) // width * width
-        begins.append(t_s[:whole:width])
-        means.append(wrench[:whole].reshape(-1, width, 6).mean(axis=1))
-        t_s, wrench = t_s[whole:], wrench[whole:]
-    return tuple(_reduced(readings, _still(np.concatenate(begins), np.concatenate(means), length, TOLERANCE)))
+        means.add(block.t_s, block.wrench)
+    longest_s = _MOST_READINGS * interval_s
+    return tuple(_reduced(readings, [_middle(span, longest_s) for span in means.still(TOLERANCE)]))
 
 
-def still_spans(t_s: Floats, values: Floats, tolerance: Floats) -> list[Span]:
-    """Return spans of time [s] in which no channel leaves its level.
+class StillSpans:
+    """Spans in which no channel leaves its level, of readings that come once and in blocks.
 
-    Args:
-        t_s: (n,) not decreasing [s].
-        values: (n, k) channels.
-        tolerance: (k,) of each channel; a quarter of it is no change of level, however small the noise.
+    The interval between readings is that of the first some ten thousand of them.
     """
-    width, length = _width(_median_interval([t_s]))
-    if not width:
-        return []
-    whole = len(t_s) // width * width
-    means = values[:whole].reshape(-1, width, values.shape[1]).mean(axis=1)
-    return _still(t_s[:whole:width], means, length, tolerance)
+
+    def __init__(self) -> None:
+        self._first: list[tuple[Floats, Floats]] = []
+        self._values = 0
+        self._means: _Means | None = None
+        self._begun = False
+
+    def add(self, t_s: Floats, values: Floats) -> None:
+        """Take the next readings: times (n,) [s], which do not decrease, and channels (n, k)."""
+        if self._begun:
+            if self._means is not None:
+                self._means.add(t_s, values)
+            return
+        self._first.append((t_s, values))
+        self._values += values.size
+        if self._values > _FIRST_VALUES:
+            self._begin()
+
+    def spans(self, tolerance: Floats) -> list[Span]:
+        """Return the spans [s]; a quarter of the tolerance (k,) is no change of level, however small the noise."""
+        if not self._begun:
+            self._begin()
+        return [] if self._means is None else self._means.still(tolerance)
+
+    def _begin(self) -> None:
+        interval_s = _median_interval(t_s for t_s, _ in self._first)
+        self._begun = True
+        if width := _width(interval_s):
+            self._means = _Means(width, interval_s)
+            for t_s, values in self._first:
+                self._means.add(t_s, values)
+        self._first = []
 
 
-def _width(interval_s: float) -> tuple[int, float]:
-    """How many readings a mean is of, 0 where there are too few, and how long that is [s]."""
-    width = max(round(BLOCK_S / interval_s), 1) if interval_s > 0.0 else 0
-    return width, width * interval_s
+class _Means:
+    """Means of so many readings each; of twice as many as soon as there would be too many means to hold."""
+
+    def __init__(self, width: int, interval_s: float) -> None:
+        self._width, self._interval_s = width, interval_s
+        self._begins: list[Floats] = []
+        self._blocks: list[Floats] = []
+        self._count = 0
+        self._rest: tuple[Floats, Floats] | None = None
+
+    def add(self, t_s: Floats, values: Floats) -> None:
+        """Take the next readings: times (n,) [s] and channels (n, k)."""
+        if self._rest is not None:
+            t_s, values = np.concatenate([self._rest[0], t_s]), np.concatenate([self._rest[1], values])
+        whole = len(t_s) // self._width * self._width
+        self._begins.append(t_s[: whole : self._width].copy())
+        self._blocks.append(values[:whole].reshape(-1, self._width, values.shape[1]).mean(axis=1))
+        self._count += len(self._begins[-1])
+        self._rest = t_s[whole:].copy(), values[whole:].copy()
+        if self._count * values.shape[1] > _MOST_MEANS:
+            self._halve()
+
+    def _halve(self) -> None:
+        begins, blocks = np.concatenate(self._begins), np.concatenate(self._blocks)
+        pairs = len(begins) // 2
+        # An odd one at the end is left out: a tenth of a second in hours.
+        self._begins = [begins[: 2 * pairs : 2].copy()]
+        self._blocks = [blocks[: 2 * pairs].reshape(pairs, 2, -1).mean(axis=1)]
+        self._count, self._width = pairs, 2 * self._width
+
+    def still(self, tolerance: Floats) -> list[Span]:
+        """Return the spans of time [s] in which no channel leaves its level."""
+        if not self._count:
+            return []
+        length = self._width * self._interval_s
+        return _still(np.concatenate(self._begins), np.concatenate(self._blocks), length, tolerance)
+
+
+def _middle(span: Span, longest_s: float) -> Span:
+    """A span [s], or its middle where it is longer than that."""
+    less = 0.5 * (span[1] - span[0] - longest_s)
+    return span if less <= 0.0 else (round(span[0] + less, 4), round(span[1] - less, 4))
+
+
+def _width(interval_s: float) -> int:
+    """How many readings a mean is of, 0 where there are too few, or so many that their time is none."""
+    width = max(round(BLOCK_S / interval_s), 1) if interval_s > 1e-12 else 0
+    return width if width <= _MOST_READINGS else 0
 
 
 def _median_interval(times: Iterable[Floats]) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,10 +14,13 @@ from numpy.typing import NDArray
 from daq.errors import ReadingsError
 from daq.journal.export import export
 from daq.lab.channels import TIMESTAMP, Channel, LabChannels
+from daq.lab.envelope import Envelope
 from daq.lab.files import Increment
-from daq.lab.levels import still_spans
+from daq.lab.levels import StillSpans
 from daq.lab.opened import open_channels
 from daq.lab.proposals import propose_time, stated_unit
+from daq.recordings.columns import QUANTITIES
+from daq.recordings.readings import ReadingBlock
 from daq.recordings.windows import Span
 from daq.units import factor_of
 
@@ -30,26 +33,27 @@ _JOURNAL = b"SQLite format 3\x00"
 
 @dataclass(frozen=True, eq=False)
 class Traces:
-    """A recording's channels.
+    """A recording's channels, as they are drawn.
 
     Attributes:
-        t: (n,) time, in `unit`.
-        unit: s, or what the file counts in where it states no unit.
+        readings: their number.
+        unit: of time: s, or what the file counts in where it states no unit.
         names: of the channels; units: as the file states them, nothing where it does not.
-        values: (n, k) in those units.
+        lines: of each channel (n,) times and values: all of them, or the least and the greatest of each stretch.
+        lows: (k,) least values; highs: (k,) greatest.
+        plateaus: spans in which nothing leaves its level by more than noise, or a thousandth of its range.
         notes: what the reader should know.
     """
 
-    t: Floats
+    readings: int
     unit: str
     names: tuple[str, ...]
     units: tuple[str, ...]
-    values: Floats
+    lines: tuple[tuple[Floats, Floats], ...]
+    lows: Floats
+    highs: Floats
+    plateaus: list[Span]
     notes: tuple[str, ...]
-
-    def plateaus(self) -> list[Span]:
-        """Return spans in which nothing leaves its level by more than noise, or a thousandth of its range."""
-        return still_spans(self.t, self.values, 4e-3 * np.ptp(self.values, axis=0))
 
 
 @contextmanager
@@ -74,7 +78,7 @@ def as_recording(path: Path) -> Iterator[Path]:
 
 
 def read_traces(path: Path) -> Traces:
-    """Read all numbers of a recording.
+    """Read all numbers of a recording, block by block.
 
     Raises:
         ReadingsError: it is no recording, or has no numbers.
@@ -93,21 +97,53 @@ def read_traces(path: Path) -> Traces:
     clock = None if time is None or isinstance(time, Increment) else source.channel(time.channel)
     used = [c for c in sound if c is not clock] or sound
     used, apart = _together(source, used, clock)
-    blocks = list(source.blocks([*(c.name for c in used), *([clock.name] if clock else [])]))
-    if not blocks:
-        raise ReadingsError(f"{source.path.name} has no readings", "at least one in each channel")
-    whole = np.concatenate(blocks)
-    t, unit = np.arange(len(whole), dtype=np.float64), "reading"
+    names = [c.name for c in used]
+    factor, start, step, unit = 1.0, 0.0, 1.0, "reading"
     if clock is not None and time is not None and not isinstance(time, Increment):
-        stated = "s" if time.unit == TIMESTAMP else time.unit or ""
-        factor = factor_of(stated, "time")
-        t, unit = (whole[:, -1] * factor, "s") if factor is not None else (whole[:, -1], stated or clock.name)
-        whole = whole[:, :-1]
+        names.append(clock.name)
+        unit = "s" if time.unit == TIMESTAMP else time.unit or ""
+        known = factor_of(unit, "time")
+        factor, unit = (1.0, unit or clock.name) if known is None else (known, "s")
     elif used[0].increment_s is not None:
-        t, unit = used[0].start_s + used[0].increment_s * t, "s"
+        start, step, unit = used[0].start_s, used[0].increment_s, "s"
+    envelope, still = Envelope(len(used)), StillSpans()
+    for block in source.blocks(names):
+        counted = start + step * np.arange(envelope.readings, envelope.readings + len(block), dtype=np.float64)
+        t, values = (block[:, -1] * factor, block[:, :-1]) if len(names) > len(used) else (counted, block)
+        envelope.add(t, values)
+        still.add(t, values)
+    if not envelope.readings:
+        raise ReadingsError(f"{source.path.name} has no readings", "at least one in each channel")
     cut = (f"{source.path.name} is cut off: what all its channels have is shown",) if source.cut_off else ()
-    notes = (*cut, *source.notes, *left_out, *apart, *doubts)
-    return Traces(t, unit, tuple(c.name for c in used), tuple(stated_unit(c) for c in used), whole, notes)
+    return Traces(
+        readings=envelope.readings,
+        unit=unit,
+        names=tuple(c.name for c in used),
+        units=tuple(stated_unit(c) for c in used),
+        lines=envelope.lines(),
+        lows=envelope.lows,
+        highs=envelope.highs,
+        plateaus=still.spans(4e-3 * (envelope.highs - envelope.lows)),
+        notes=(*cut, *source.notes, *left_out, *apart, *doubts),
+    )
+
+
+def traces_of(readings: Iterable[ReadingBlock], plateaus: list[Span]) -> Traces:
+    """Return the traces of readings whose plateaus are known, block by block."""
+    envelope = Envelope(6)
+    for block in readings:
+        envelope.add(block.t_s, block.wrench)
+    return Traces(
+        readings=envelope.readings,
+        unit="s",
+        names=QUANTITIES[1:],
+        units=("N",) * 3 + ("N mm",) * 3,
+        lines=envelope.lines(),
+        lows=envelope.lows,
+        highs=envelope.highs,
+        plateaus=plateaus,
+        notes=(),
+    )
 
 
 def _together(source: LabChannels, channels: list[Channel], clock: Channel | None) -> tuple[list[Channel], list[str]]:

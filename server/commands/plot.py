@@ -7,7 +7,7 @@ from typing import Any
 
 from daq.errors import InputError
 from daq.files import replacing
-from daq.lab.traces import as_recording, read_traces
+from daq.lab.traces import Traces, as_recording, read_traces
 from server.application.exporting import writing
 from server.commands.console import answer, progress, say, table
 from server.figures.report import Picture, Section, write_report
@@ -27,30 +27,29 @@ def plot_recording(recording: Path, out: Path | None, json: str | None) -> None:
         raise InputError(f"--out {target.name}", f"a name that ends in {', '.join(_ENDINGS)}")
     with progress("Reading"), as_recording(recording) as file:
         traces = read_traces(file)
-    plateaus = traces.plateaus()
     with progress("Drawing"), writing(target):
-        _draw(target, traces, plateaus, recording.name)
+        _draw(target, traces, recording.name)
     channels = [{"name": n, "unit": u or None} for n, u in zip(traces.names, traces.units, strict=True)]
-    body: dict[str, Any] = {"recording": str(recording), "figure": str(target), "readings": len(traces.t)}
-    body |= {"channels": channels, "time_unit": traces.unit, "plateaus": plateaus, "notes": list(traces.notes)}
+    body: dict[str, Any] = {"recording": str(recording), "figure": str(target), "readings": traces.readings}
+    body |= {"channels": channels, "time_unit": traces.unit, "plateaus": traces.plateaus, "notes": list(traces.notes)}
     if answer("plot", body, json):
         return
-    lows, highs = traces.values.min(axis=0), traces.values.max(axis=0)
     rows = [
         [c["name"], c["unit"] or "?", f"{low:.4g}", f"{high:.4g}"]
-        for c, low, high in zip(channels, lows, highs, strict=True)
+        for c, low, high in zip(channels, traces.lows, traces.highs, strict=True)
     ]
-    table(f"{recording.name}: {len(traces.t)} readings", ["channel", "unit", "least", "greatest"], rows)
+    table(f"{recording.name}: {traces.readings} readings", ["channel", "unit", "least", "greatest"], rows)
     for note in traces.notes:
         say(f"  {note}")
+    plateaus = traces.plateaus
     said = f"{len(plateaus)} plateaus" + (f", the first {plateaus[0][0]:g} to {plateaus[0][1]:g}" if plateaus else "")
     say(f"{said} ({traces.unit}): {target}   (fingertwin new {recording.name} --out DIR makes a session of it)")
 
 
-def _draw(target: Path, traces: Any, plateaus: Any, name: str) -> None:
+def _draw(target: Path, traces: Traces, name: str) -> None:
     from server.figures.static import render
 
-    figure = traces_figure(traces, plateaus, name)
+    figure = traces_figure(traces, name)
     ending = target.suffix.lower()
     if ending == ".html":
         write_report(target, [Section("Traces", [Picture(figure)])], name)

@@ -2,31 +2,20 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from daq.lab.traces import Traces
-from daq.recordings.windows import Span
 from server.figures import graph_objects as go
 from server.figures.sheet import Sheet, shape
 from server.figures.style import axis, load_styles, plain
 
-Floats = NDArray[np.float64]
-
 _PANEL, _GAP, _MARGINS = 220, 62, (70, 20, 96, 60)  # [px]
-# Of a channel: so many stretches of time, each drawn from its least to its greatest value.
-_STRETCHES = 1500
 _SHADED = "rgba(0,114,178,0.10)"
 
 
-def traces_figure(
-    traces: Traces, plateaus: list[Span], title: str, what: str = "candidates, not yet load cases"
-) -> go.Figure:
+def traces_figure(traces: Traces, title: str, what: str = "candidates, not yet load cases") -> go.Figure:
     """Draw a recording.
 
     Args:
         traces: its channels.
-        plateaus: spans to shade, in the traces' time.
         title: name of the recording.
         what: the plateaus are.
     """
@@ -41,25 +30,13 @@ def traces_figure(
             high=_PANEL,
         )
         on = (axes["xaxis"], f"{axes['yaxis']} domain")
-        sheet.shapes += [shape(span, (0.0, 1.0), on, fillcolor=_SHADED) for span in plateaus]
+        sheet.shapes += [shape(span, (0.0, 1.0), on, fillcolor=_SHADED) for span in traces.plateaus]
         for index in (i for i, own in enumerate(traces.units) if own == unit):
-            t, values = thinned(traces.t, traces.values[:, index])
+            t, values = traces.lines[index]
             name = traces.names[index]
             line = {"width": 1, "color": styles[name].color}
             sheet.data.append(
                 go.Scatter(x=t.tolist(), y=values.tolist(), mode="lines", name=plain(name), line=line, **axes)
             )
-    said = f"{len(traces.t)} readings, {len(plateaus)} plateaus (shaded): {what}"
+    said = f"{traces.readings} readings, {len(traces.plateaus)} plateaus (shaded): {what}"
     return sheet.drawn(plain(title), said, legend_px=4)
-
-
-def thinned(t: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Reduce a line (n,) to some thousands of points: the least and the greatest of each stretch of time."""
-    width = len(t) // _STRETCHES
-    if width < 3:
-        return t, values
-    count = len(t) // width
-    blocks = values[: count * width].reshape(count, width)
-    ends = np.stack([blocks.argmin(axis=1), blocks.argmax(axis=1)]) + np.arange(count) * width
-    picks = np.unique(np.append(ends, np.arange(count * width, len(t))))
-    return t[picks], values[picks]

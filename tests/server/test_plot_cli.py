@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from server.figures.traces import thinned
 from tests.daq.lab_files import resolved, tdms
 from tests.server.test_exchange_cli import answered, refused
 
@@ -39,12 +38,3 @@ def test_a_recording_without_time_is_drawn_by_its_readings(tmp_path: Path, monke
 def test_what_cannot_be_drawn_is_one_line(tmp_path: Path) -> None:
     assert "a name that ends in .html, .png, .svg" in refused("plot", "r.tdms", "--out", tmp_path / "r.pdf")
     assert "cannot be read" in refused("plot", tmp_path / "absent.csv")
-
-
-def test_a_thinned_line_keeps_its_peaks() -> None:
-    values = np.zeros(100_000)
-    values[[17, 44_321]] = 9.0, -7.0
-    t, kept = thinned(np.arange(100_000.0), values)
-    assert len(t) < 6000
-    assert (kept.max(), kept.min(), t[kept.argmax()], t[kept.argmin()]) == (9.0, -7.0, 17.0, 44_321.0)
-    assert (np.diff(t) > 0.0).all()

@@ -22,8 +22,7 @@ from daq.lab.files import AXES, WANTED, Increment, LabFileMap, Taken
 from daq.lab.notebook import Note
 from daq.lab.opened import NOT_FOR_A_SERVICE, OLD_EXCEL, open_channels
 from daq.lab.proposals import ground_of, grounds, propose_channels, propose_mapping, stated_unit
-from daq.lab.traces import Traces, read_traces
-from daq.recordings.columns import QUANTITIES
+from daq.lab.traces import read_traces, traces_of
 from daq.recordings.readings import first_bytes
 from daq.sessions import read_session, read_yaml
 from daq.sessions.models import Session as BenchSession
@@ -146,11 +145,15 @@ def look(files: Sent, mapping: Mapping[str, Any] | None, theme: Theme) -> dict[s
         for path in given.recordings:
             require_client()
             traces = read_traces(path)
-            plateaus = traces.plateaus()
-            figure = shown(path.name, traces_figure(traces, plateaus, path.name), "", {"theme": theme})
+            figure = shown(path.name, traces_figure(traces, path.name), "", {"theme": theme})
             channels = [{"name": c.name, "unit": stated_unit(c) or None} for c in open_channels(path).channels]
             rows.append(
-                {"name": path.name, "readings": len(traces.t), "plateaus": len(plateaus), "time_unit": traces.unit}
+                {
+                    "name": path.name,
+                    "readings": traces.readings,
+                    "plateaus": len(traces.plateaus),
+                    "time_unit": traces.unit,
+                }
                 | {"channels": channels, "recording_notes": list(traces.notes), "figure": on_page(figure, theme)}
             )
         proposed = None if given.foreign is None else _proposed(given.foreign, given)
@@ -229,16 +232,9 @@ def lay(files: Sent, mapping: Mapping[str, Any] | None, notes: str, finger: str,
     lines = notes_of(notes, tendons) if notes.strip() else ()
     with held(files, mapping) as given, _joined(given) as readings:
         laid = lay_notes(levels_of(readings), lines)
-        blocks = list(readings)
-        t, wrench = np.concatenate([b.t_s for b in blocks]), np.concatenate([b.wrench for b in blocks])
-        traces = Traces(t, "s", QUANTITIES[1:], ("N",) * 3 + ("N mm",) * 3, wrench, ())
-        spans = [level.window_s for level in laid.levels]
-        drawn = shown(
-            "plateaus",
-            traces_figure(traces, spans, "Plateaus", "each in the colour of what it is taken for"),
-            "",
-            {"theme": theme},
-        )
+        traces = traces_of(readings, [level.window_s for level in laid.levels])
+        figure = traces_figure(traces, "Plateaus", "each in the colour of what it is taken for")
+        drawn = shown("plateaus", figure, "", {"theme": theme})
         rows = _rows(laid, lines)
         body: dict[str, Any] = {"schema": SCHEMA, "tendons": list(tendons), "plateaus": rows}
         body |= {"lines": [_line(note) for note in lines], "lost": laid.lost}

@@ -60,6 +60,16 @@ def test_a_long_recording_in_blocks_is_never_held_whole() -> None:
     assert most < 20e6  # the readings are 67 MB
 
 
+def test_a_plateau_of_hours_is_reduced_to_its_middle(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daq.lab.levels._MOST_READINGS", 2000)
+    t_s = np.arange(0.0, 120.0, 0.01)
+    wrench = np.random.default_rng(5).normal(0.0, 0.02, (len(t_s), 6)) + np.where(t_s < 100.0, 0.0, 2.0)[:, None]
+    long, short = find_levels([ReadingBlock(t_s, wrench)])
+    assert long.window_s == pytest.approx((40.0, 60.0), abs=0.2)
+    assert long.plateau.readings == pytest.approx(2000, abs=1)
+    assert short.window_s == pytest.approx((100.3, 119.7), abs=0.2)
+
+
 def test_small_steps_are_parted_and_creep_is_not() -> None:
     rng = np.random.default_rng(4)
     t_s = np.arange(0.0, 12.0, 0.01)
