@@ -113,7 +113,7 @@ def csv_batches(source: ColumnFile) -> Iterator[Batch]:
 def _text(source: ColumnFile) -> Any:
     """Open the text of a CSV file."""
     if source.kind == "csv":
-        return pa.input_stream(str(source.path))
+        return pa.input_stream(str(source.path), compression=None)
     return pa.PythonFile(Limited(pa.input_stream(str(source.path), compression="gzip"), source.path), "r")
 
 
