@@ -8,7 +8,7 @@ from __future__ import annotations
 import getpass
 import re
 import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -104,7 +104,7 @@ class Redactor:
 
     def learn(self, value: Any) -> None:
         """Note the names of users and hosts that plain data give away."""
-        for key, text in dict.fromkeys(_texts(value)):
+        for key, text in _texts(value):
             if key.lower() in USER_KEYS | HOST_KEYS:
                 kind = "user" if key.lower() in USER_KEYS else "host"
                 for word in (text, *(w for w in text.split() if w[:1].isupper())):
@@ -121,16 +121,18 @@ class Redactor:
             key: that it stands under.
             numbers: whether numbers that count from 1970 are dates.
         """
-        if key.endswith("_utc") and not isinstance(value, Mapping | list | tuple):
-            return None
         if isinstance(value, Mapping):
             return {self.text(str(k)): self(v, str(k), numbers) for k, v in value.items()}
-        if isinstance(value, list | tuple):
-            return [self(v, key, numbers) for v in value]
+        if isinstance(value, (list, tuple)):
+            # Most of a table is numbers that count nothing from 1970.
+            dated = key.endswith("_utc")
+            return [v if type(v) is float and v < _OF_1990 and not dated else self(v, key, numbers) for v in value]
+        if key.endswith("_utc"):
+            return None
         if isinstance(value, str):
             # A serial number may be digits that look like a date.
             return value if key == "serial" and value.isalnum() else self.text(value)
-        if numbers and isinstance(value, int | float) and not isinstance(value, bool) and _since_1970(value):
+        if numbers and isinstance(value, (int, float)) and not isinstance(value, bool) and _since_1970(value):
             return self._mark("date", str(value))
         return value
 
@@ -181,22 +183,33 @@ def this_computer() -> Redactor:
     return out
 
 
-def _texts(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
-    """Yield every text in plain data with the key that it stands under, and every key."""
-    if isinstance(value, Mapping):
-        for k, v in value.items():
-            yield "", str(k)
-            yield from _texts(v, str(k))
-    elif isinstance(value, list | tuple):
-        for v in value:
-            yield from _texts(v, key)
-    elif isinstance(value, str):
-        yield key, value
+def _texts(value: Any) -> Collection[tuple[str, str]]:
+    """Return every text in plain data with the key that it stands under, and every key, each once and in order."""
+    found: dict[tuple[str, str], None] = {}
+
+    def look(value: Any, key: str) -> None:
+        if isinstance(value, str):
+            found[key, value] = None
+        elif isinstance(value, Mapping):
+            for k, v in value.items():
+                found["", str(k)] = None
+                look(v, str(k))
+        elif isinstance(value, (list, tuple)):
+            for v in value:
+                if type(v) is not float:
+                    look(v, key)
+
+    look(value, "")
+    return found.keys()
+
+
+# Seconds from 1970.
+_OF_1990 = 6.3e8
 
 
 def _since_1970(number: float) -> bool:
     """Return whether a number may count seconds, ms, us or ns from 1970 to a day between 1990 and 2100."""
-    return any(6.3e8 < number / unit < 4.2e9 for unit in (1.0, 1e3, 1e6, 1e9))
+    return number > _OF_1990 and any(_OF_1990 < number / unit < 4.2e9 for unit in (1.0, 1e3, 1e6, 1e9))
 
 
 def _reserved() -> frozenset[str]:

@@ -25,12 +25,12 @@ from daq import plain_json
 from daq.checks import check
 from daq.errors import InputError, SessionError
 from daq.export.redaction import READINGS, Redactor, this_computer
-from daq.export.tables import DEFUSED, describe_columns, sources_of, write_columns
+from daq.export.tables import DEFUSED, describe_columns, write_columns
 from daq.files import replacing
 from daq.findings import CheckReport
 from daq.measured import MeasuredSession
 from daq.recordings.readings import ReadingBlock, open_readings, write_readings
-from daq.sessions import SESSION_FILE, parse_session, plain_document, write_session
+from daq.sessions import SESSION_FILE, parse_session, plain_document, session_text
 from daq.sessions import models as session_models
 from daq.signals.corrections import windows_of
 
@@ -71,7 +71,6 @@ def write_supplement(
     file: Path,
     *,
     about: Mapping[str, Any],
-    session_file: Path | None = None,
     models: Sequence[Mapping[str, Any]] = (),
     finger: Mapping[str, Any] | None = None,
     commands: Mapping[str, Any] | None = None,
@@ -83,8 +82,7 @@ def write_supplement(
         measured: the session.
         columns: table of its cases.
         file: to write.
-        about: software and model, for the table and the manifest.
-        session_file: its description, for its SHA-256.
+        about: software, model and sources, for the table and the manifest.
         models: documents of the revision (or the finger) that the predictions come from, and of those before it.
         finger: document of the session's finger, where it does not come with the software.
         commands: seeds and command lines.
@@ -97,23 +95,26 @@ def write_supplement(
     _require_no_dates(session)
     clean.learn(session.model_dump(mode="json"))
     clean.learn("" if session.folder is None else str(session.folder.resolve()))
-    data = plain_document(session)
+    entered = plain_document(session)
+    data = dict(entered)
     if session.readings is not None:
         data["readings"] = READINGS
     if finger is not None:
         data["finger"] = "finger.yaml"
     report = check(session)
-    facts = {**about, "sources": sources_of(session, session_file)}
-    for told in (models, finger, report.as_dict(), facts, commands, list(measured.notes)):
+    for told in (models, finger, report.as_dict(), about, commands, list(measured.notes)):
         clean.learn(told)
-    data = {k: v for k, v in clean(_without_unknown(data), numbers=True).items() if v is not None}
-    session_text = _session_text(data, session.id)
+    data = _without_unknown(data)
+    cleaned = {k: v for k, v in clean(data, numbers=True).items() if v is not None}
+    # Where nothing was replaced, it need not be read again.
+    described = session_text(session) if cleaned == entered else _described(cleaned, session.id)
+    data = cleaned
     table = {name: clean(values) for name, values in columns.items()}
 
     documents: dict[str, str] = {
         "README.txt": README.format(software=about.get("software", "fingertwin")),
-        SESSION_FILE: session_text,
-        "cases.csv.json": _json(clean(facts) | {"texts": DEFUSED, "columns": describe_columns(list(table))}),
+        SESSION_FILE: described,
+        "cases.csv.json": _json(clean(about) | {"texts": DEFUSED, "columns": describe_columns(list(table))}),
         "load_cell.json": _json(data.get("load_cell") or {}),
         "checks.json": _json(clean(_checks(report, measured))),
         "events.json": _json(data.get("events") or []),
@@ -139,7 +140,7 @@ def write_supplement(
         documents["manifest.json"] = _json(
             {
                 "format": FORMAT,
-                **clean(facts),
+                **clean(about),
                 "tension_factor": measured.tension_factor,
                 "tension_factor_source": measured.tension_factor_source,
                 "notes": clean(list(measured.notes)),
@@ -225,7 +226,7 @@ def _require_no_date(place: str, t_s: float) -> None:
         )
 
 
-def _session_text(data: Mapping[str, Any], name: str) -> str:
+def _described(data: Mapping[str, Any], name: str) -> str:
     """Return the description of a session as text, if it is still one."""
     session, faults = parse_session(data, None, SESSION_FILE)
     if session is None:
@@ -234,8 +235,7 @@ def _session_text(data: Mapping[str, Any], name: str) -> str:
             "ids, postures and numbers that hold no date, path, host or user name",
             "Rename them in the session",
         )
-    with TemporaryDirectory() as folder:
-        return write_session(session, folder).read_text(encoding="utf-8")
+    return session_text(session)
 
 
 def _checks(report: CheckReport, measured: MeasuredSession) -> dict[str, Any]:
@@ -258,7 +258,7 @@ def _checks(report: CheckReport, measured: MeasuredSession) -> dict[str, Any]:
 def _without_unknown(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {k: _without_unknown(v) for k, v in value.items() if v is not None}
-    return [_without_unknown(v) for v in value] if isinstance(value, list | tuple) else value
+    return [_without_unknown(v) for v in value] if isinstance(value, (list, tuple)) else value
 
 
 def _json(value: Any) -> str:

@@ -115,11 +115,14 @@ def defused(value: Any) -> Any:
 def case_columns(measured: MeasuredSession) -> Mapping[str, list[Any]]:
     """Return the table as columns; None is what is unknown."""
     session = measured.session
+    angles: dict[str, dict[str, float]] = {}
+    for name, posture in session.postures_deg.items():
+        known = posture.model_dump()
+        ordered = {j: known[j] for j in JOINT_ANGLES} | known
+        angles[name] = {f"{joint}_deg": float(angle) for joint, angle in ordered.items()}
     rows = []
     for m, sd in zip(measured.cases, measured.standard_uncertainties(), strict=True):
         case = m.case
-        posture = session.postures_deg[case.posture].model_dump()
-        known = {j: posture[j] for j in JOINT_ANGLES} | {j: a for j, a in posture.items() if j not in JOINT_ANGLES}
         row: dict[str, Any] = {
             "session": session.id,
             "id": case.id,
@@ -130,7 +133,7 @@ def case_columns(measured: MeasuredSession) -> Mapping[str, list[Any]]:
             "mounting": case.mounting,
             "direction": case.direction,
         }
-        row |= {f"{joint}_deg": float(angle) for joint, angle in known.items()}
+        row |= angles[case.posture]
         row |= {f"{tendon}_g": float(case.masses_g.get(tendon, 0.0)) for tendon in TENDONS}
         row["tension_factor"] = measured.tension_factor
         for k, name in enumerate(AXES):

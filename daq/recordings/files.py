@@ -98,7 +98,7 @@ def csv_batches(source: ColumnFile) -> Iterator[Batch]:
     try:
         with _text(source) as stream:
             for batch in pa.csv.open_csv(stream, **options):
-                arrays = [batch.column(i).to_numpy() for i in range(len(columns.used))]
+                arrays = [_floats(batch.column(i)) for i in range(len(columns.used))]
                 status = _status(batch.column(len(arrays)), source) if columns.status else None
                 yield arrays, status
                 rows += batch.num_rows
@@ -172,7 +172,11 @@ def _with(first: pa.Table, rest: Iterator[dict[str, Any]]) -> Iterator[pa.Table]
 
 
 def _floats(array: pa.Array) -> NDArray[np.float64]:
-    out: NDArray[np.float64] = array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+    """Return numbers, NaN where there is none; Arrow's own `to_numpy` would load pandas where it is installed."""
+    numbers = array.cast(pa.float64(), safe=False)
+    if numbers.null_count:
+        numbers = numbers.fill_null(np.nan)
+    out: NDArray[np.float64] = np.from_dlpack(numbers)  # type: ignore[assignment]
     return out
 
 
@@ -190,7 +194,7 @@ def _status(array: pa.Array, source: ColumnFile) -> NDArray[np.int64]:
             ) from None
     if codes.indices.null_count:
         raise ReadingsError(f"{source.path.name}: a reading lacks its status", "a whole number in every row")
-    return np.array(values, dtype=np.int64)[codes.indices.to_numpy()]
+    return np.array(values, dtype=np.int64)[np.from_dlpack(codes.indices)]
 
 
 def _width(source: ColumnFile) -> int:

@@ -19,6 +19,7 @@ from daq.sessions.files import (
     read_yaml,
     session_data,
     session_names,
+    session_text,
     whole_document,
     write_session,
 )
@@ -69,6 +70,7 @@ __all__ = [
     "read_yaml",
     "session_data",
     "session_names",
+    "session_text",
     "whole_document",
     "write_session",
 ]

@@ -190,13 +190,25 @@ def write_session(session: Session, folder: str | Path) -> Path:
         if source.is_file() and copy.resolve() != source.resolve():
             with replacing(copy) as temporary:
                 shutil.copyfile(source, temporary)
-    data = plain_document(session)
-    ordered = {key: data[key] for key in (*Session.model_fields, *(session.model_extra or {})) if key in data}
     with replacing(target / SESSION_FILE) as temporary:
-        temporary.write_text(
-            yaml.dump(ordered, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120), encoding="utf-8"
-        )
+        temporary.write_text(session_text(session), encoding="utf-8")
     return target / SESSION_FILE
+
+
+def session_text(session: Session) -> str:
+    """Return a session's description as the text of its `session.yaml`."""
+    data = plain_document(session)
+    cases: list[Any] = data.get("cases", [])
+    data["cases"] = []
+    text = _text({key: data[key] for key in (*Session.model_fields, *(session.model_extra or {})) if key in data})
+    # Thousands of cases at once would be as many nodes in memory, which Python looks through again and again.
+    blocks = "".join(_text(cases[i : i + 200]) for i in range(0, len(cases), 200))
+    return text.replace("\ncases: []\n", f"\ncases:\n{blocks}", 1) if cases else text
+
+
+def _text(value: Any) -> str:
+    out: str = yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
+    return out
 
 
 def read_yaml(file: Path) -> Any:

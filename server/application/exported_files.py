@@ -115,7 +115,8 @@ def _export_supplement(source: str, out: Path | None, model: str | None, tell: P
         measured, models = bench.measured, _revisions(model, bench)
     path = _path(out, measured.session.id, "supplement")
     with writing(path):
-        rows, replaced = write_paper(measured, bench, models, path, find_session(source))
+        sources = sources_of(measured.session, find_session(source))
+        rows, replaced = write_paper(measured, bench, models, path, sources)
     return {"file": str(path), "rows": rows, "replaced": replaced}
 
 

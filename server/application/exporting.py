@@ -133,7 +133,7 @@ def write_paper(
     bench: Session | None,
     models: Sequence[Mapping[str, Any]],
     path: Path,
-    session_file: Path,
+    sources: Mapping[str, Any],
     hidden: Collection[str] = (),
 ) -> tuple[int, dict[str, int]]:
     """Write the supplement of a paper.
@@ -143,13 +143,13 @@ def write_paper(
         bench: of it and the model whose predictions go along; None for none.
         models: documents of that model and of the revisions before it.
         path: of the archive.
-        session_file: description of the session.
+        sources: fingerprints of what the session was read from, by name.
         hidden: cases whose predictions are left empty.
 
     Returns:
         the number of cases, and how many private things were replaced, by kind.
     """
-    about = {"software": software()}
+    about: dict[str, Any] = {"software": software(), "sources": dict(sources)}
     if bench is None:
         columns: Mapping[str, list[Any]] = {**case_columns(measured)}
     else:
@@ -160,7 +160,6 @@ def write_paper(
         columns,
         path,
         about=about,
-        session_file=session_file,
         models=models,
         finger=own_finger(measured.session),
         commands=_commands(models),

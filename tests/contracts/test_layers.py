@@ -15,11 +15,13 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 import grimp
+import numpy as np
 import pytest
 
 import daq
 import fingermodel
 import server.service.routes
+from daq.recordings.readings import ReadingBlock, write_readings
 
 ROOT = Path(__file__).parents[2]
 HARDWARE_WEB_DRAWING = ("serial", "fastapi", "uvicorn", "typer", "rich", "plotly", "matplotlib", "server")
@@ -73,6 +75,17 @@ def test_no_module_of_the_bench_loads_an_array_compiler_or_the_web() -> None:
     assert loaded_by(*modules).isdisjoint(
         {"jax", "jaxlib", "fingermodel", "server", "fastapi", "typer", "rich", "plotly", "matplotlib"}
     )
+
+
+def test_a_recording_is_read_without_pandas_where_it_is_installed(tmp_path: Path) -> None:
+    block = ReadingBlock(np.arange(3.0), np.ones((3, 6)), np.array([0, 1, 0]))
+    files = [str(write_readings(tmp_path / name, [block])) for name in ("r.csv", "r.parquet")]
+    code = (
+        "import sys; from daq.recordings.readings import open_readings\n"
+        f"for file in {files!r}: print(sum(len(b) for b in open_readings(file).blocks()), 'pandas' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)  # noqa: S603
+    assert done.stdout.split() == ["3", "False"] * 2
 
 
 def test_the_command_line_starts_light() -> None:

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
 from daq.export.formats import write_c3d
-from daq.export.tables import sources_of
-from daq.sessions import SESSION_FILE
+from daq.sessions import write_session
 from fingermodel.model_files import Revision
 from server.application.exchange import ENDINGS as FINGER_ENDINGS
 from server.application.exchange import written_finger
@@ -132,7 +131,7 @@ def _cases(parts: Services, measured: Measured, file_format: str, model: str | N
     bench = parts.models.bench(measured, model)
     hidden = blinded(measured)
     origin = parts.models.provenance(measured, bench, digest=True)
-    about = about_bench(bench, {}, hidden) | {"sources": origin["readings"] or {}, "provenance": origin}
+    about = about_bench(bench, origin["readings"] or {}, hidden) | {"provenance": origin}
     about["audit"] = [asdict(e) for e in entries(parts.database, measured.record.id)]
     return _table(bench_columns(bench, hidden), about, file_format, folder / measured.record.id)
 
@@ -151,7 +150,7 @@ def _readings(
     name, hidden = measured.record.id, blinded(measured)
     suffix = "-supplement" if file_format == "supplement" else ""
     file = into / f"{name}{suffix}{ENDINGS[file_format][0]}"
-    with session_folder(parts, measured, described=file_format != "c3d") as (folder, session):
+    with session_folder(parts, measured) as (_, session):
         if file_format == "c3d":
             write_c3d(session, file)
             return file
@@ -159,10 +158,12 @@ def _readings(
             told = replace(measured.require(), session=_as_measured(session, measured))
             bench = parts.models.bench(measured, model) if with_model else None
             models = _documents(parts, measured, model) if with_model else []
-            write_paper(told, bench, models, file, folder / SESSION_FILE, hidden)
+            sources = parts.models.readings_of(measured.record, digest=True) or {}
+            write_paper(told, bench, models, file, sources, hidden)
             return file
         bench = parts.models.bench(measured, model)
-        about = about_bench(bench, sources_of(session, folder / SESSION_FILE), hidden)
+        origin = parts.models.provenance(measured, bench, digest=True)
+        about = about_bench(bench, origin["readings"] or {}, hidden) | {"provenance": origin}
         write_whole(bench, session, file, file_format, about, hidden)
     return file
 
@@ -192,7 +193,8 @@ def _documents(parts: Services, measured: Measured, model: str | None) -> list[d
 
 def _zipped(parts: Services, measured: Measured, into: Path) -> Path:
     file = into / f"{measured.record.id}-session.zip"
-    with session_folder(parts, measured) as (folder, _), zipfile.ZipFile(file, "w") as out:
+    with session_folder(parts, measured) as (folder, session), zipfile.ZipFile(file, "w") as out:
+        write_session(session, folder)
         for path in sorted(p for p in folder.iterdir() if p.is_file()):
             packed = zipfile.ZIP_STORED if path.suffix == ".parquet" else zipfile.ZIP_DEFLATED
             entry = zipfile.ZipInfo(f"{folder.name}/{path.name}")

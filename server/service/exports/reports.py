@@ -63,7 +63,7 @@ def _once(parts: Services, measured: Measured, key: tuple[Any, ...], make: Calla
 
 
 def _checked(parts: Services, measured: Measured) -> dict[str, Any]:
-    with session_folder(parts, measured, described=False) as (_, kept):
+    with session_folder(parts, measured) as (_, kept):
         report = check(kept)
         if report.ok:
             found = _model_findings(parts, measured, kept)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +13,7 @@ from daq.errors import SessionError
 from daq.files import replacing
 from daq.recordings.readings import write_readings
 from daq.recordings.windows import Span
-from daq.sessions import parse_session, write_session
+from daq.sessions import parse_session
 from daq.sessions.models import Session
 from daq.sessions.protocols import protocol_names
 from server.service.ingest.windows import blocks_of
@@ -26,16 +25,11 @@ READINGS = "readings.parquet"
 
 
 @contextmanager
-def session_folder(parts: Services, measured: Measured, *, described: bool = True) -> Iterator[tuple[Path, Session]]:
-    """Write a session into a temporary folder.
-
-    Args:
-        parts: of the service.
-        measured: the session.
-        described: whether its `session.yaml` is written too, which takes a second for 5,000 cases.
+def session_folder(parts: Services, measured: Measured) -> Iterator[tuple[Path, Session]]:
+    """Write a session's readings, and the finger that it brings with it, into a temporary folder.
 
     Yields:
-        the folder, which is gone afterwards, and the session as kept in it.
+        the folder, which is gone afterwards, and the session as kept in it; its description is not written.
 
     Raises:
         InputError: the session cannot be used, or has no readings for its windows.
@@ -43,17 +37,14 @@ def session_folder(parts: Services, measured: Measured, *, described: bool = Tru
     with TemporaryDirectory(prefix="fingertwin-") as temporary:
         folder = Path(temporary) / measured.record.id
         folder.mkdir()
-        session = _beside_readings(parts, measured, folder)
-        if described:
-            write_session(session, folder)
-        yield folder, session
+        yield folder, _beside_readings(parts, measured, folder)
 
 
 def _beside_readings(parts: Services, measured: Measured, folder: Path) -> Session:
     """Write a session's readings and the finger that it brings with it; return the session as kept in that folder."""
     record = measured.record
     whole = record.session()
-    data = json.loads(json.dumps(record.document))
+    data = dict(record.document or {})
     data.pop("readings", None)
     windows: list[Span] = [w for c in whole.cases for _, w in c.windows()]
     if windows or whole.checks:
@@ -70,6 +61,8 @@ def _beside_readings(parts: Services, measured: Measured, folder: Path) -> Sessi
     if data.get("protocol") not in protocol_names():
         # A file of the bench: a path that came over the network is not looked up here.
         data.pop("protocol", None)
+    if data == record.document:
+        return whole.in_folder(folder)
     session, faults = parse_session(data, folder)
     if session is None:
         raise faults[0]

@@ -21,7 +21,7 @@ from server.service.models.effects import OwnEffects
 from server.service.models.revisions import Revisions
 from server.service.models.search_fits import asked, fit_revision
 from server.service.sessions.measuring import Measured, Measuring
-from server.service.sessions.records import FINGER_DOCUMENT
+from server.service.sessions.records import FINGER_DOCUMENT, Record
 from server.service.sessions.turns import Made
 from server.service.storage.database import Database
 from server.service.storage.schema import chunks, streams
@@ -190,13 +190,10 @@ class SessionModels:
             digest: whether the readings are to be named by a digest of their chunks, which takes a moment.
         """
         record = measured.record
-        readings = None
-        if record.stream is not None:
-            readings = self._readings(record.id, record.stream, digest)
         return {
             "session": record.id,
             "session_version": record.version,
-            "readings": readings,
+            "readings": self.readings_of(record, digest=digest),
             "edits": [e.number for e in record.edits],
             "model": bench.loaded.name,
             "model_parent": bench.loaded.parent,
@@ -205,7 +202,11 @@ class SessionModels:
             "software": version("fingertwin"),
         }
 
-    def _readings(self, session: str, stream: str, digest: bool) -> dict[str, Any]:
+    def readings_of(self, record: Record, *, digest: bool = False) -> dict[str, Any] | None:
+        """Say which readings a session has, as `provenance` does; None where it has averaged forces."""
+        session, stream = record.id, record.stream
+        if stream is None:
+            return None
         mine = (chunks.c.session == session) & (chunks.c.stream == stream)
         with self._database.reading() as connection:
             here = (streams.c.session == session) & (streams.c.id == stream)

@@ -182,20 +182,26 @@ def test_hdf5_of_averaged_forces_has_no_readings_and_no_made_up_number(tmp_path:
         assert file["cases"]["Fx_N"][0] == session.cases[0].force_N[0]  # type: ignore[index]
 
 
-def test_mat_holds_struct_arrays_with_units_in_their_fields(recording: Session, tmp_path: Path) -> None:
+def texts_of(characters: Any) -> list[str]:
+    """What MATLAB's cellstr makes of a matrix of characters."""
+    return [str(text).rstrip() for text in np.atleast_1d(characters)]
+
+
+def test_mat_holds_columns_with_units_in_their_names(recording: Session, tmp_path: Path) -> None:
     columns, block = columns_of(recording), readings_of(recording)
     write_mat(recording, columns, tmp_path / "x.mat", ABOUT)
     found = loadmat(tmp_path / "x.mat", squeeze_me=True, struct_as_record=False)
-    assert [c.id for c in found["cases"]] == ["c001", "c002"]
+    assert texts_of(found["cases"].id) == ["c001", "c002"]
     for i, name in enumerate(AXES):
-        assert [getattr(c, name) for c in found["cases"]] == columns[name]
+        assert getattr(found["cases"], name).tolist() == columns[name]
         np.testing.assert_array_equal(getattr(found["readings"], name), block.wrench[:, i])
     np.testing.assert_array_equal(found["readings"].t_s, block.t_s)
     assert found["readings"].status[7] == 0x80000005
     assert found["session"].session == "S1"
-    told = {c.field: c.unit for c in found["columns"]}
+    told = dict(zip(texts_of(found["columns"].field), texts_of(found["columns"].unit), strict=True))
     assert (told["Tz_Nmm"], told["FDP_g"]) == ("N mm", "g")
-    assert [e.t_s for e in found["events"]] == [3.0, 90.0]
+    assert found["events"].t_s.tolist() == [3.0, 90.0]
+    assert texts_of(found["events"].text) == ["süture", ""]
     # Neither the time of writing nor the operating system.
     head = (tmp_path / "x.mat").read_bytes()[:116].decode().split(",")
     assert head[0] == "MATLAB 5.0 MAT-file"
@@ -209,10 +215,10 @@ def test_mat_marks_the_unknown_and_takes_any_name_of_a_joint(tmp_path: Path) -> 
     write_mat(session, columns_of(session), tmp_path / "x.mat", ABOUT)
     found = loadmat(tmp_path / "x.mat", squeeze_me=True, struct_as_record=False)
     assert "readings" not in found
-    first, second = found["cases"]
-    assert (first.IP_of_2nd_ray_deg, np.isnan(second.IP_of_2nd_ray_deg)) == (12.0, True)
-    assert np.isnan(first.Tx_Nmm)
-    assert {c.field: c.name for c in found["columns"]}["IP_of_2nd_ray_deg"] == "IP of 2nd-ray_deg"
+    np.testing.assert_array_equal(found["cases"].IP_of_2nd_ray_deg, [12.0, np.nan])
+    assert np.isnan(found["cases"].Tx_Nmm).all()
+    names = dict(zip(texts_of(found["columns"].field), texts_of(found["columns"].name), strict=True))
+    assert names["IP_of_2nd_ray_deg"] == "IP of 2nd-ray_deg"
 
 
 # C3D

@@ -91,7 +91,7 @@ def without_dates(value: Any) -> Any:
 @pytest.fixture(scope="module")
 def members(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     folder = tmp_path_factory.mktemp("bench")
-    return supplement(bench(folder, private(), recording()), folder / "x.zip", session_file=folder / "session.yaml")
+    return supplement(bench(folder, private(), recording()), folder / "x.zip")
 
 
 def test_no_member_tells_who_where_and_when(members: dict[str, bytes]) -> None:

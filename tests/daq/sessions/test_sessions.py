@@ -19,6 +19,7 @@ from daq.sessions import (
     parse_session,
     read_session,
     session_names,
+    session_text,
     write_session,
 )
 from tests.daq.benches import WRENCH, averaged, bench, record, recorded, save
@@ -334,3 +335,17 @@ def test_thousands_of_slips_are_all_told_and_the_first_are_helped_with() -> None
     assert all(len(line) < 500 for line in said)
     assert "and 1480 more" in said[0]
     assert 20 <= sum("Did you mean" in line for line in said) <= 60
+
+
+def test_a_description_of_many_cases_is_the_text_of_the_whole_and_reads_back() -> None:
+    data = averaged()
+    data["cases"] = [data["cases"][k % 2] | {"id": f"c{k:03d}", "note": "cases: []"} for k in range(451)]
+    data["operator_note"] = "two lines\ncases: []\n"
+    session, faults = parse_session(data, None)
+    assert (session is not None, faults) == (True, [])
+    assert session is not None
+    text = session_text(session)
+    again, _ = parse_session(yaml.safe_load(text), None)
+    assert again == session
+    assert again is not None
+    assert session_text(again) == text

@@ -101,7 +101,7 @@ def test_readings_and_cases_are_those_of_the_command_line(service: ServiceReceiv
         np.testing.assert_array_equal(ours[name], values)
     mat = from_mat(exported(service, RECORDED, "mat"))
     assert mat["readings"]["Fx_N"] == pytest.approx(ours["readings/Fx_N"])
-    assert [c["predicted_Fx_N"] for c in mat["cases"]] == pytest.approx(ours["cases/predicted_Fx_N"])
+    assert mat["cases"]["predicted_Fx_N"] == pytest.approx(ours["cases/predicted_Fx_N"])
 
 
 def test_channels_are_those_of_the_command_line(service: ServiceReceiver, tmp_path: Path) -> None:
@@ -201,13 +201,12 @@ def predictions(columns: Mapping[str, Any], case_id: str) -> list[Any]:
 def tables(service: ServiceReceiver) -> dict[str, Mapping[str, Any]]:
     """The cases of session S1 in every format that holds predictions."""
     hdf5 = datasets(exported(service, "S1", "hdf5"))
-    cases = from_mat(exported(service, "S1", "mat"))["cases"]
     archive = members(exported(service, "S1", "supplement", model="an1979_middle"))
     return {
         "csv": from_csv(exported(service, "S1", "csv")),
         "parquet": cells(exported(service, "S1", "parquet")),
         "hdf5": {k.removeprefix("cases/"): v for k, v in hdf5.items() if "cases" in k},
-        "mat": {k: [c[k] for c in cases] for k in cases[0]},
+        "mat": from_mat(exported(service, "S1", "mat"))["cases"],
         "supplement": from_csv(archive["cases.csv"]),
     }
 
