@@ -13,6 +13,7 @@ import pytest
 from tests.browser.bench_pages import KEY_PX, LARGE_PX, PATIENCE_MS, aged, hung, key, now, opened, tared, until
 from tests.browser.bench_story import HOLD_ANSWERS, Story, bench, cases, wrenches
 from tests.browser.pages import Watched, require_browser, served, violations, watched
+from tests.server.service.processes import Process
 
 require_browser()
 
@@ -353,3 +354,42 @@ def test_a_recorded_session_and_one_that_is_not_there_have_a_page_too(browser: A
         assert "There is no session nothing" in seen.text()
         seen.page.close()
         assert [c for c in seen.complaints if "404" not in c and "WebSocket" not in c] == []
+
+
+# Every headline and every state of the bench that a page shows from the beginning, in window.shown.
+REMEMBER = """(() => {
+  window.shown = [];
+  const look = () => {
+    for (const e of document.querySelectorAll('.now-todo, .chip')) {
+      const text = e.checkVisibility() ? e.textContent : '';
+      if (text && !window.shown.includes(text)) window.shown.push(text);
+    }
+  };
+  const all = { subtree: true, childList: true, characterData: true, attributes: true };
+  new MutationObserver(look).observe(document, all);
+})()"""
+
+
+@pytest.mark.parametrize("speed", [1, 40])
+def test_while_a_recording_is_replayed_the_headline_says_so_and_afterwards_that_no_bench_is_running(
+    browser: Any, tmp_path: Path, speed: int
+) -> None:
+    with served(tmp_path / "service") as (url, process), process.client() as client:
+        replay = Process(["-m", "server.cli", "replay", "DEV-02", "--to", url, "--speed", str(speed)])
+        try:
+            while client.get("/api/v1/sessions/DEV-02").status_code == 404:
+                time.sleep(0.1)
+            seen = watched(browser, url)
+            seen.page.add_init_script(REMEMBER)
+            seen.open("sessions/DEV-02/bench", "DEV-02: the bench")
+            seen.page.locator(".now-todo").get_by_text("a recording is being replayed").wait_for()
+            seen.page.wait_for_timeout(5000)
+            assert replay.process.poll() is None, "the replay was over before it was looked at"
+            shown = seen.page.evaluate("window.shown")
+            assert [text for text in shown if "no bench is running" in text or text == "recorded"] == []
+            assert "replaying" in shown
+            replay.process.terminate()
+            seen.page.locator(".now-todo").get_by_text("no bench is running").wait_for()
+            seen.page.close()
+        finally:
+            replay.close()

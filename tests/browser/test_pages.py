@@ -32,6 +32,26 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield address
 
 
+@pytest.fixture
+def searched(url: str) -> None:
+    """What is missing was searched for, by a test before or now."""
+    from fingertwin.client import Client
+
+    with Client(url) as twin:
+        if not [j for j in twin.jobs(SESSION, "done") if j.kind == "diagnose"]:
+            twin.session(SESSION).diagnose().result(timeout_s=240.0)
+
+
+@pytest.fixture
+def added(url: str, searched: None) -> None:
+    """And the effect that was found is in force."""
+    from fingertwin.client import Client
+
+    with Client(url) as twin:
+        if not twin.session(SESSION).history():
+            twin.session(SESSION).add("hanger_mass").result(timeout_s=240.0)
+
+
 def test_a_missing_effect_is_found_and_what_was_ruled_out_is_said(seen: Watched) -> None:
     seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
     seen.page.get_by_text("Nothing was searched for yet.").wait_for()
@@ -53,6 +73,7 @@ def test_a_missing_effect_is_found_and_what_was_ruled_out_is_said(seen: Watched)
     seen.page.get_by_text(re.compile("cases of that point or cell|c001: ")).first.wait_for()
 
 
+@pytest.mark.usefixtures("searched")
 def test_next_cases_go_onto_the_checklist_for_everybody(seen: Watched, browser: Any) -> None:
     other = watched(browser, seen.url)
     for page in (seen, other):
@@ -70,6 +91,7 @@ def test_next_cases_go_onto_the_checklist_for_everybody(seen: Watched, browser: 
     other.page.close()
 
 
+@pytest.mark.usefixtures("searched")
 def test_an_effect_is_shown_and_added_and_the_error_falls(seen: Watched) -> None:
     seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
     seen.page.get_by_role("link", name="What is that?").click()
@@ -92,6 +114,7 @@ def test_an_effect_is_shown_and_added_and_the_error_falls(seen: Watched) -> None
     assert "\N{MINUS SIGN}0.2" in falls
 
 
+@pytest.mark.usefixtures("added")
 def test_steps_go_back_and_forth_by_keys_and_by_buttons(seen: Watched) -> None:
     seen.open(f"sessions/{SESSION}/fall", f"{SESSION}: the fall of the error")
     with_it = seen.page.get_by_role("heading", name=re.compile("with hanger_mass"))
@@ -110,6 +133,7 @@ def test_steps_go_back_and_forth_by_keys_and_by_buttons(seen: Watched) -> None:
         seen.drawn()
 
 
+@pytest.mark.usefixtures("added")
 def test_a_number_that_is_shown_twice_has_one_value(seen: Watched) -> None:
     client = f"fetch('/api/v1/sessions/{SESSION}/%s').then((r) => r.json())"
     seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
@@ -122,6 +146,7 @@ def test_a_number_that_is_shown_twice_has_one_value(seen: Watched) -> None:
     assert alone == [], "what is shown once only is no comparison"
 
 
+@pytest.mark.usefixtures("added")
 def test_the_report_has_every_section_and_figure_on_paper(seen: Watched, tmp_path: Path) -> None:
     import pypdfium2
 
@@ -187,6 +212,7 @@ UNNAMED = """() => [...document.querySelectorAll('button, a[href], input, select
 BEYOND = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
+@pytest.mark.usefixtures("added")
 @pytest.mark.parametrize("path", PATHS)
 def test_every_page_can_be_used_by_anybody(browser: Any, url: str, path: str) -> None:
     """By keyboard, read aloud, light and dark, on a tablet: axe-core has nothing against it, and nothing is cut off."""

@@ -15,6 +15,8 @@ const LOAD_MS = 150;
 const TRY_AGAIN_MS = 3000;
 // An estimate that is older says nothing of now.
 const FRESH_MS = 1500;
+// So long nothing is said of a session that no bench has begun: it may be replayed.
+const LISTEN_MS = 2000;
 const SIZE = "bench size";
 
 export async function view(main, { session }) {
@@ -38,6 +40,7 @@ class BenchPage {
     this.estimate = null;
     this.estimateAt = -1e9;
     this.heardAt = null;
+    this.shownAt = null;
     this.away = false;
     this.picked = null;
     this.prompt = null;
@@ -126,7 +129,8 @@ class BenchPage {
       if (first) {
         for (const node of [this.now.node, this.keys.node, this.middle, this.traces.node, this.size]) node.hidden = false;
         // From now on it is noticed where nothing comes.
-        this.heardAt ??= performance.now();
+        this.shownAt = performance.now();
+        this.heardAt ??= this.shownAt;
         if (!this.ring.count && state.has_readings) this.traces.ask(0, this.traces.span);
       }
       this.show();
@@ -184,9 +188,11 @@ class BenchPage {
     return [0, 1, 2].map((i) => mean[i] - (tare ? tare[i] : 0));
   }
 
-  /** Whether readings of a recording come in now, which no bench has begun. */
+  /** Whether readings of a recording come in now, which no bench has begun; undefined until that has been listened for. */
   arriving() {
-    return !this.state.begun && this.silentS() < 3 && this.rate.hz(performance.now()) > 0;
+    if (this.state.begun) return false;
+    if (this.silentS() < 3 && this.rate.hz(performance.now()) > 0) return true;
+    return this.state.has_readings && performance.now() - this.shownAt < LISTEN_MS ? undefined : false;
   }
 
   silentS() {
@@ -267,9 +273,10 @@ class BenchPage {
   tell() {
     const { state } = this;
     const hz = this.rate.hz(performance.now());
+    const arriving = this.arriving();
     const stream = state.stream;
     const running = state.begun && !state.closed && stream?.state !== "ended";
-    this.chip("mode", !state.begun ? (this.arriving() ? "replaying" : state.steps.length ? "recorded" : "not begun") : state.closed ? "closed: predictions are shown" : "running: validation is blind");
+    this.chip("mode", !state.begun ? (arriving ? "replaying" : arriving === undefined ? "" : state.steps.length ? "recorded" : "not begun") : state.closed ? "closed: predictions are shown" : "running: validation is blind");
     this.chip("rate", running ? (!hz ? "no readings now" : `${Math.round(hz)} readings/s`) : "", running && !hz ? "warn" : "");
     this.chip("gaps", stream ? `${stream.gaps} gaps${stream.lost_samples ? `, ${stream.lost_samples} lost` : ""}` : "", stream?.gaps ? "warn" : "");
     const age = state.tare && !Number.isNaN(this.ring.lastS) ? Math.max(this.ring.lastS - state.tare.window_s[1], 0) : null;

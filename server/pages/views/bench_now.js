@@ -102,6 +102,7 @@ function stepText(bench, step) {
 
 function todoOf(bench, step, ended, arriving) {
   if (!bench.begun && arriving) return "a recording is being replayed: its readings are coming in";
+  if (!bench.begun && arriving === undefined) return "";
   if (!bench.begun) return bench.steps.length ? "recorded: no bench is running" : "waiting for the bench to begin";
   if (bench.closed) return "the session is closed: go on to Compare";
   if (ended) return "the log has ended; go on with --resume at the bench";
