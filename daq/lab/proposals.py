@@ -10,27 +10,31 @@ from pathlib import Path
 from daq.errors import ReadingsError
 from daq.lab.channels import TIMESTAMP, Channel, LabChannels
 from daq.lab.files import AXES, GAUGES, Increment, LabFileMap, Taken
+from daq.lab.names import (
+    COUNTED,
+    GAUGE_STEMS,
+    TIME,
+    axis_of,
+    counts_time,
+    is_gauge,
+    is_xyz,
+    kind_of,
+    kinds_of_units,
+    kinds_said,
+    leaf,
+    letter_of,
+    stated_unit,
+    unit_of,
+    word_of,
+)
 from daq.lab.opened import open_channels
 from daq.recordings.columns import KINDS, QUANTITIES
-from daq.units import COMMON, Kind, factor_of
+from daq.units import COMMON, factor_of
 
 # How a doubt begins that is a note of the file.
 OF_THE_FILE = "whether it is right that "
-_FORCE = "f|forces?|kraft|kraefte|kräfte|kracht|fuerza|forza|for[cç]a|siła|сила"
-_TORQUE = "t|m|torques?|moments?|momento|drehmoment|koppel|couple|coppia|vridmoment|момент"
-_AXIS = re.compile(rf"^(?:.*[\s./:-])?(?P<kind>{_FORCE}|{_TORQUE})[\s._(-]*(?P<axis>[xyz])(?![a-z])", re.IGNORECASE)
-_TIME = re.compile(
-    r"^(t|time|timestamps?|x_value|zeit(stempel)?|temps|tiempo|tempo|tijd|czas|время|elapsed|date|datum|clock|epoch)(?![a-z])",
-    re.IGNORECASE,
-)
 # Seconds since 1970 between 2000 and 2100, by the unit that would make them so.
 _EPOCH = {"s": (9.4e8, 4.2e9), "ms": (9.4e11, 4.2e12), "us": (9.4e14, 4.2e15), "ns": (9.4e17, 4.2e18)}
-_COUNTED = re.compile(r"^(?P<stem>.*?)[\s_-]*(?P<number>\d+)\s*(?:[\[(].*)?$")
-_GAUGE_STEMS = {"gauge", "gage", "sg", "g", "straingauge", "straingage", "ai", "voltage", "volt", "v", "ch", "channel"}
-# A letter for an axis behind a word of any language.
-_LETTER = re.compile(r"^.*?(?:(?<![A-Za-z])[xyzXYZ]|(?<=[a-z])[XYZ])(?![A-Za-z])")
-_BEHIND_SLASH = re.compile(r"/\s*\(?([^/()]+)\)?\s*$")
-_IN_NAME = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$|[_\s]([^\W\d_]+(?:[-*·.]?[^\W\d_]+)*)\s*$")
 
 
 def propose_mapping(path: str | Path, calibration: str | None = None, rate_hz: float | None = None) -> LabFileMap:
@@ -102,11 +106,6 @@ def mapping_of(
     )
 
 
-def kind_of(key: str) -> Kind:
-    """Return the kind of unit of an axis or a gauge, or of time as `t`."""
-    return "time" if key == "t" else "voltage" if key in GAUGES else KINDS[key[0]]
-
-
 @dataclass(frozen=True)
 class Ground:
     """Certainty (0 to 1) that a channel is the proposed one, the reason, and whether it rests on its place alone."""
@@ -145,8 +144,8 @@ def _ground_of_time(source: LabChannels, time: Taken | Increment) -> Ground:
         return Ground(0.0, "the file states no unit")
     if channel.unit == TIMESTAMP:
         return Ground(0.95, "it holds dates or times of day")
-    if not _TIME.match(_leaf(channel)):
-        return Ground(0.5, "it is the first column and no axis")
+    if not TIME.match(leaf(channel)):
+        return Ground(0.5, "its unit is one of time" if counts_time(channel) else "it is the first column and no axis")
     return (
         Ground(0.95, "its name says so") if stated_unit(channel) else Ground(0.5, "its unit is a guess by its numbers")
     )
@@ -154,34 +153,26 @@ def _ground_of_time(source: LabChannels, time: Taken | Increment) -> Ground:
 
 def _ground(source: LabChannels, key: str, channel: Channel) -> Ground:
     if key in GAUGES:
-        counted = _COUNTED.match(_leaf(channel))
+        counted = COUNTED.match(leaf(channel))
         return Ground(0.7, "by the number in its name") if counted else Ground(0.4, "by its place among six in volts")
-    own = _axis_of(channel)
+    own = axis_of(channel)
     if own != key:
-        fits = factor_of(_unit(channel, kind_of(key)) or "", kind_of(key)) is not None
-        lettered = _letter_of(channel) == key[1]
+        fits = factor_of(unit_of(channel, kind_of(key)) or "", kind_of(key)) is not None
+        lettered = letter_of(channel) == key[1]
         if lettered and fits:
             return Ground(0.8, f"its name says {key[1]}, its unit which kind")
         if lettered:
             return Ground(0.3, f"its name says {key[1]}; which three are forces, their order only", by_place=True)
         return Ground(0.5, "by its place; its unit fits") if fits else Ground(0.3, "by its place only", by_place=True)
-    alike = sum(_axis_of(c) == key for c in _sound(source))
+    alike = sum(axis_of(c) == key for c in _sound(source))
     return Ground(0.95, "its name says so") if alike == 1 else Ground(0.5, f"{alike} channels are called so")
-
-
-def _axis_of(channel: Channel) -> str:
-    """Return which of the six axes a channel's name means; nothing where it means none."""
-    match = _AXIS.match(_leaf(channel))
-    if match is None:
-        return ""
-    return ("F" if re.fullmatch(_FORCE, match["kind"], re.IGNORECASE) else "T") + match["axis"].lower()
 
 
 def _resolved(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
     """Return the first group with all six axes."""
     sets: dict[str, dict[str, list[Channel]]] = {}
     for channel in _sound(source):
-        if axis := _axis_of(channel):
+        if axis := axis_of(channel):
             sets.setdefault(channel.group, {}).setdefault(axis, []).append(channel)
     whole = [group for group, found in sets.items() if set(found) == set(AXES)]
     if not whole:
@@ -193,78 +184,68 @@ def _resolved(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None
         candidates = sets[whole[0]][axis]
         if len(candidates) > 1:
             doubts.append(f"{axis} is {' or '.join(c.name for c in candidates)}: the first was taken")
-        out[axis] = Taken(channel=candidates[0].name, unit=_unit(candidates[0], KINDS[axis[0]]))
+        out[axis] = Taken(channel=candidates[0].name, unit=unit_of(candidates[0], KINDS[axis[0]]))
     doubts.append("whether these are the cell's own axes, or were turned or shifted by a tool transformation")
     doubts.append("whether a tare was taken off already")
     return out
 
 
-def _letter_of(channel: Channel) -> str:
-    """Return the x, y or z in a channel's name; nothing where there is none."""
-    match = _LETTER.match(_leaf(channel))
-    return match[0][-1].lower() if match else ""
-
-
 def _unnamed(source: LabChannels) -> list[Channel]:
     """Return channels that could be axes, where no name says which."""
-    return [c for c in _sound(source) if not _TIME.match(_leaf(c)) and c.unit != TIMESTAMP]
-
-
-def _letters(channels: Sequence[Channel]) -> str:
-    """Return f or T for each channel with a unit of that kind, ? for others."""
-    return "".join(
-        next((x for x in "FT" if factor_of(_unit(c, KINDS[x]) or "", KINDS[x]) is not None), "?") for c in channels
-    )
+    return [c for c in _sound(source) if not TIME.match(leaf(c)) and c.unit != TIMESTAMP]
 
 
 def _by_letters(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
-    """Find channels whose names say x, y and z behind words of another language; units or order tell the kinds."""
-    found = [c for c in _unnamed(source) if _letter_of(c)]
-    threes = [found[i : i + 3] for i in range(0, len(found), 3)]
-    if any(sorted(_letter_of(c) for c in three) != ["x", "y", "z"] for three in threes):
-        return None
-    kinds = [_letters(three) for three in threes]
-    forces = [three for three, kind in zip(threes, kinds, strict=True) if kind == "FFF"]
-    torques = [three for three, kind in zip(threes, kinds, strict=True) if kind == "TTT"]
-    if len(forces) == len(torques) == 1:
-        taken = [*forces, *torques]
-        told = "their units"
-    elif len(threes) == 2 and (kinds[0] != "TTT" and kinds[1] != "FFF"):
-        taken, told = threes, "their order"
+    """Find channels that say x, y and z behind words of another language; units, words or order tell the kinds."""
+    found = [c for c in _unnamed(source) if letter_of(c)]
+    by_unit = [[c for c in found if kinds_of_units([c]) == kind] for kind in "FT"]
+    words = list(dict.fromkeys(word_of(c) for c in found))
+    by_word = [[c for c in found if word_of(c) == word] for word in words]
+    if all(is_xyz(three) for three in by_unit):
+        taken, told = by_unit, "their units"
+    elif len(by_word) == 2 and all(is_xyz(three) for three in by_word):
+        kinds = [kinds_said(three) for three in by_word]
+        if "T" in kinds[0] or "F" in kinds[1]:
+            kinds.reverse()
+            by_word.reverse()
+        if kinds[0] not in ("", "F") or kinds[1] not in ("", "T"):
+            return None
+        taken, told = by_word, "what one of them is" if any(kinds) else "their order"
+    elif len(words) == 1 and len(found) == 6 and all(is_xyz(three) for three in (found[:3], found[3:])):
+        if kinds_said(found[:3]) not in ("", "F") or kinds_said(found[3:]) not in ("", "T"):
+            return None
+        taken, told = [found[:3], found[3:]], "their order"
     else:
         return None
     out: dict[str, Channel] = {}
     for kind, three in zip("FT", taken, strict=True):
-        out |= {f"{kind}{_letter_of(c)}": c for c in three}
+        out |= {f"{kind}{letter_of(c)}": c for c in three}
     names = ", ".join(out[axis].name for axis in AXES)
     doubts.append(f"which channel is which: {names} were taken as {' '.join(AXES)}, by x y z and {told}")
-    return {axis: Taken(channel=out[axis].name, unit=_unit(out[axis], KINDS[axis[0]])) for axis in AXES}
+    return {axis: Taken(channel=out[axis].name, unit=unit_of(out[axis], KINDS[axis[0]])) for axis in AXES}
 
 
 def _by_position(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
     """Find six channels whose names tell nothing: by three units of each kind, or as the only ones there are."""
     rest = _unnamed(source)
-    if any(_axis_of(c) or _is_gauge(c) for c in rest):
+    if any(axis_of(c) or is_gauge(c) for c in rest):
         return None
-    at = _letters(rest).find("FFFTTT")
+    at = kinds_of_units(rest).find("FFFTTT")
     if at < 0 and len(rest) == 7 and rest[0].increment_s is None and not any(c not in rest for c in _sound(source)):
         rest = rest[1:]  # time comes first
-    if at < 0 and len(rest) == 6:
+    # A unit of torque is none of a force.
+    if at < 0 and len(rest) == 6 and "T" not in kinds_of_units(rest[:3]) and "F" not in kinds_of_units(rest[3:]):
         at = 0
     if at < 0:
         return None
     taken = rest[at : at + 6]
+    if any(letter_of(c) not in ("", letter) for c, letter in zip(taken, "xyzxyz", strict=True)):
+        return None  # their names tell another order
     doubts.append(
         f"which channel is which: their names tell nothing, so {', '.join(c.name for c in taken)} were taken as "
         f"{' '.join(AXES)} in the file's order"
     )
-    return {a: Taken(channel=c.name, unit=_unit(c, KINDS[a[0]])) for a, c in zip(AXES, taken, strict=True)}
-
-
-def _is_gauge(channel: Channel) -> bool:
-    """Return whether a name counts inputs, as those of gauges do."""
-    match = _COUNTED.match(_leaf(channel))
-    return match is not None and re.split(r"[\W\d_]+", match["stem"].lower())[-1] in _GAUGE_STEMS
+    return {a: Taken(channel=c.name, unit=unit_of(c, KINDS[a[0]])) for a, c in zip(AXES, taken, strict=True)}
 
 
 def _sound(source: LabChannels) -> list[Channel]:
@@ -276,8 +257,8 @@ def _gauges(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
     """Return six channels of one stem that are counted; else the only six in volts."""
     sets: dict[tuple[str, str], dict[int, Channel]] = {}
     for channel in _sound(source):
-        match = _COUNTED.match(_leaf(channel))
-        if match and re.sub(r"[\s_-]", "", match["stem"]).lower() in _GAUGE_STEMS:
+        match = COUNTED.match(leaf(channel))
+        if match and re.sub(r"[\s_-]", "", match["stem"]).lower() in GAUGE_STEMS:
             sets.setdefault((channel.group, match["stem"]), {})[int(match["number"])] = channel
     six = [found for found in sets.values() if len(found) == 6 and max(found) - min(found) == 5]
     if len(six) == 1:
@@ -288,7 +269,7 @@ def _gauges(source: LabChannels, doubts: list[str]) -> dict[str, Taken] | None:
         if len(taken) != 6:
             return None
         doubts.append(f"which channel is which gauge: six are in volts, taken in the file's order from {taken[0].name}")
-    return {g: Taken(channel=c.name, unit=_unit(c, "voltage")) for g, c in zip(GAUGES, taken, strict=True)}
+    return {g: Taken(channel=c.name, unit=unit_of(c, "voltage")) for g, c in zip(GAUGES, taken, strict=True)}
 
 
 def propose_time(
@@ -306,17 +287,21 @@ def propose_time(
     Raises:
         ReadingsError: no channel of time and no increment.
     """
-    named = [c for c in _sound(source) if c.name not in chosen and (_TIME.match(_leaf(c)) or c.unit == TIMESTAMP)]
+    named = [c for c in _sound(source) if c.name not in chosen and (TIME.match(leaf(c)) or c.unit == TIMESTAMP)]
     named.sort(key=lambda c: c.group != used.group)
     spare = [c for c in _sound(source) if c.name not in chosen]
-    if not named and used.increment_s is None and len(spare) == 1 and spare[0] is source.channels[0]:
+    timed = [c for c in spare if counts_time(c)]
+    if not named and used.increment_s is None and len(timed) == 1:
+        named = timed
+        doubts.append(f"whether {timed[0].name} is the time: its unit is one, its name tells nothing")
+    elif not named and used.increment_s is None and rate_hz is None and spare == [source.channels[0]]:
         named = spare
         doubts.append(f"whether {spare[0].name} is the time: it is the first column and no axis")
     if named:
         channel = named[0]
         if len(named) > 1:
             doubts.append(f"which time is meant: {' or '.join(c.name for c in named)}; the first was taken")
-        unit = TIMESTAMP if channel.unit == TIMESTAMP else _unit(channel, "time")
+        unit = TIMESTAMP if channel.unit == TIMESTAMP else unit_of(channel, "time")
         epoch = _epoch(source, channel)
         if unit is None and channel.name.startswith("X_Value"):
             unit = "s"
@@ -346,10 +331,6 @@ def propose_time(
     )
 
 
-def _leaf(channel: Channel) -> str:
-    return channel.name.removeprefix(channel.group + "/").strip()
-
-
 def _epoch(source: LabChannels, channel: Channel) -> str:
     """Return the unit in which a channel's first number is a time of this century; nothing where there is none."""
     if channel.unit == TIMESTAMP:
@@ -357,25 +338,3 @@ def _epoch(source: LabChannels, channel: Channel) -> str:
     block = next(iter(source.blocks([channel.name])), None)
     first = 0.0 if block is None else float(block[0, 0])
     return next((unit for unit, (low, high) in _EPOCH.items() if low < first < high), "")
-
-
-def stated_unit(channel: Channel) -> str:
-    """Return the unit of any kind that a channel or its name states; nothing where there is none."""
-    if channel.unit:
-        return channel.unit
-    kinds: tuple[Kind, ...] = ("force", "torque", "voltage", "time")
-    return next((found for kind in kinds if (found := _unit(channel, kind))), "")
-
-
-def _unit(channel: Channel, kind: Kind) -> str | None:
-    """Return the unit that the file states, or else the one in the channel's name."""
-    if channel.unit:
-        return channel.unit
-    divided = _BEHIND_SLASH.search(_leaf(channel))  # as DIN writes it: F_x/N
-    if divided is not None and factor_of(divided[1], kind) is not None:
-        return str(divided[1])
-    match = _IN_NAME.search(_leaf(channel))
-    if match is None:
-        return None
-    # In brackets it is meant as one, known or not.
-    return str(match[1]) if match[1] else str(match[2]) if factor_of(match[2], kind) is not None else None

@@ -8,6 +8,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -163,6 +164,9 @@ class TextChannels(TableChannels):
             raise ReadingsError(
                 f"{path.name} has {len(table.names)} names above {width} numbers in a row", "as many", remedy
             )
+        if self._separator == _SPACES and len(table.units) not in (0, len(table.names)):
+            self.notes += (f"its row of units has {len(table.units)} words for {width} columns and is not heeded",)
+            table = replace(table, units=())
         self._name(table, sample, decimal)
         if decimal == ",":
             self.notes += ("its numbers have decimal commas",)
@@ -295,9 +299,14 @@ def _text_of(column: Sequence[Any]) -> str:
 
 def _split(lines: Sequence[str], separator: str) -> list[list[str]]:
     if separator == _SPACES:
-        return [line.split() for line in lines]
+        return [line.split() if '"' not in line else _between_spaces(line) for line in lines]
     # One line at a time: a quotation mark that is never closed swallows no more than its own.
     return [next(csv.reader([line], delimiter=separator, skipinitialspace=True), []) for line in lines]
+
+
+def _between_spaces(line: str) -> list[str]:
+    """Return cells in quotation marks between any number of spaces, as R writes them."""
+    return _trimmed(next(csv.reader([line.replace("\t", " ").strip()], delimiter=_SPACES, skipinitialspace=True), []))
 
 
 def _encoding_of(start: bytes, name: str) -> str:

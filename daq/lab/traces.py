@@ -17,8 +17,9 @@ from daq.lab.channels import TIMESTAMP, Channel, LabChannels
 from daq.lab.envelope import Envelope
 from daq.lab.files import Increment
 from daq.lab.levels import StillSpans
+from daq.lab.names import stated_unit
 from daq.lab.opened import open_channels
-from daq.lab.proposals import propose_time, stated_unit
+from daq.lab.proposals import propose_time
 from daq.recordings.columns import QUANTITIES
 from daq.recordings.readings import ReadingBlock
 from daq.recordings.windows import Span

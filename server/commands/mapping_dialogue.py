@@ -9,8 +9,9 @@ from rich.prompt import Confirm, Prompt
 from daq.errors import InputError, ReadingsError
 from daq.lab.channels import TIMESTAMP, LabChannels
 from daq.lab.files import AXES, GAUGES, Increment, LabFileMap, Taken
+from daq.lab.names import kind_of, stated_unit
 from daq.lab.opened import open_channels
-from daq.lab.proposals import kind_of, mapping_of, propose_channels, propose_time, stated_unit
+from daq.lab.proposals import mapping_of, propose_channels, propose_time
 from daq.units import COMMON, factor_of
 from server.commands.console import say, table
 from server.commands.questions import ask, number

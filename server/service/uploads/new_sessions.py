@@ -19,9 +19,10 @@ from daq.documents import validated
 from daq.errors import InputError, ReadingsError
 from daq.lab.drafts import Choice, Joined, is_readings_file, joined, still_missing
 from daq.lab.files import AXES, WANTED, Increment, LabFileMap, Taken
+from daq.lab.names import stated_unit
 from daq.lab.notebook import Note
 from daq.lab.opened import NOT_FOR_A_SERVICE, OLD_EXCEL, open_channels
-from daq.lab.proposals import ground_of, grounds, propose_channels, propose_mapping, stated_unit
+from daq.lab.proposals import ground_of, grounds, propose_channels, propose_mapping
 from daq.lab.traces import read_traces, traces_of
 from daq.recordings.readings import first_bytes
 from daq.sessions import read_session, read_yaml
