@@ -94,14 +94,20 @@ def _names(text: str) -> list[str]:
             out[-1] = f"{out[-1].removesuffix('s')}_force"
         else:
             out.append(_NAMES.get(part, part))
-    known = _registry()
     # Pint reads whole expressions: only names may get there.
-    return out if all(name.replace("_", "").isalpha() and name in known for name in out) else []
+    return out if all(name.replace("_", "").isalpha() and _is_known(name) for name in out) else []
+
+
+def _is_known(name: str) -> bool:
+    try:
+        return name in _registry()
+    except ValueError:  # of `nan` and `inf`, which are numbers
+        return False
 
 
 def _known(word: str) -> list[str]:
     """Return a word as it is, glued, in lower case, or as the words that capitals begin."""
-    if word in _NAMES or not word.isalpha() or (word in _registry() and not _GLUED.match(word)):
+    if word in _NAMES or not word.isalpha() or (_is_known(word) and not _GLUED.match(word)):
         return [word]
     glued = _GLUED.match(word)
     if glued:

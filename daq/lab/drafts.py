@@ -102,14 +102,34 @@ def _one_after_the_other(
         shift_s: float | None = None
         for block in source.blocks():
             if shift_s is None:
-                shift_s = end_s + APART_S - float(block.t_s[0])
-            rows += len(block)
+                shift_s, own, last_s = end_s + APART_S - float(block.t_s[0]), 0, -np.inf
+            _require_rising(block.t_s, last_s, own, source)
+            rows, own, last_s = rows + len(block), own + len(block), float(block.t_s[-1])
             if seen is not None:
                 seen(rows)
             t_s = block.t_s + shift_s
             yield ReadingBlock(t_s, block.wrench, block.status if with_status else None)
-            last_s = float(t_s[-1])
-        end_s = last_s
+        end_s = last_s + (shift_s or 0.0)
+
+
+def _require_rising(t_s: Floats, last_s: float, before: int, source: ReadingSource | LabRecording) -> None:
+    """Refuse times that stand still or go back: windows would be of other readings.
+
+    Raises:
+        ReadingsError: they do.
+    """
+    steps = np.diff(t_s, prepend=last_s)
+    if steps.min() > 0.0:
+        return
+    at = int(np.argmin(steps > 0.0))
+    name = source.path.name if isinstance(source, ReadingSource) else source.source.path.name
+    raise ReadingsError(
+        f"{name}: reading {before + at + 1} has the time {t_s[at]:.9g} s, and the one before it "
+        f"{t_s[at - 1] if at else last_s:.9g} s",
+        "a later time for each reading",
+        "Remove rows that were written twice, split the file where a second recording begins, or take time by "
+        "counting: increment_s in the mapping",
+    )
 
 
 def chosen(layout: Layout, notes: Sequence[Note]) -> list[Choice]:

@@ -6,6 +6,7 @@ import csv
 import gzip
 import io
 import re
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -225,7 +226,7 @@ class TextChannels(TableChannels):
                 return stream.read(1 << 16)
         except EOFError:
             return b""
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, zlib.error) as error:
             raise ReadingsError(
                 f"{self.path.name} cannot be unpacked ({error})", "a gzip file", "Copy it again"
             ) from error
@@ -259,7 +260,7 @@ class TextChannels(TableChannels):
                     return
                 except ReadingsError:
                     raise
-                except (UnicodeDecodeError, OSError, ValueError) as error:
+                except (UnicodeDecodeError, OSError, ValueError, zlib.error) as error:
                     raise self._fault(number + 1, f"it cannot be read ({error})", "text", "Copy it again") from error
                 if len(line) == _LONGEST_LINE:
                     raise self._fault(number + 1, "more than a million characters", "lines of a table")

@@ -89,7 +89,8 @@ def read_traces(path: Path) -> Traces:
     faults = [f"{c.name} is left out: it {c.fault}" for c in source.channels if c.fault]
     left_out = faults if len(faults) <= _FEW else [f"{len(faults)} channels are left out: {faults[0]}; and so on"]
     if not sound:
-        raise ReadingsError(f"{source.path.name} has no channel of numbers", "one at least")
+        why = f": {faults[0].replace(' is left out: it', '', 1)}" if faults else ""
+        raise ReadingsError(f"{source.path.name} has no channel of numbers{why}", "one at least")
     doubts: list[str] = []
     try:
         time = propose_time(source, sound[0], set(), doubts)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import gzip
 import math
+import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,7 @@ def csv_headers(path: Path, kind: str) -> list[str]:
             line = stream.readline(_LONGEST_HEADER)
         # Some programs end a line with a lone carriage return.
         text = line.decode("utf-8-sig").split("\r")[0].strip("\n")
-    except (EOFError, gzip.BadGzipFile, OSError) as error:
+    except (EOFError, OSError, zlib.error) as error:
         raise _torn(path, error) from error
     except UnicodeDecodeError as error:
         raise ReadingsError(f"{path.name} is not UTF-8 text", "CSV, gzipped CSV or Parquet") from error
@@ -257,7 +258,7 @@ def _first_fault(source: ColumnFile, sound: int) -> ReadingsError | None:
                     text = fields[column.index].strip()
                     if not _is_number(text) or not math.isfinite(float(text)):
                         return _bad_number(source, row, before + reader.line_num, column.header, repr(text))
-        except (EOFError, OSError, csv.Error) as error:
+        except (EOFError, OSError, zlib.error, csv.Error) as error:
             return _torn(source.path, error)
     return None
 

@@ -41,7 +41,7 @@ def test_a_unit_by_its_names(kind: Kind, name: str, factor: float) -> None:
     [
         ("force", "N/m"), ("force", "mV/V"), ("force", "V"), ("force", "Nm"), ("force", "counts"), ("force", ""),
         ("force", "S"), ("force", "N(N"), ("force", "N**9"), ("force", "__import__"), ("torque", "N"), ("torque", "Pa"),
-        ("torque", "N/mm"), ("time", "Hz"), ("time", "N"), ("voltage", "mV/V"),
+        ("torque", "N/mm"), ("force", "nan"), ("time", "inf"), ("time", "Hz"), ("time", "N"), ("voltage", "mV/V"),
     ],
 )  # fmt: skip
 def test_what_is_no_unit_of_that_kind_is_none(kind: Kind, name: str) -> None:

@@ -111,3 +111,17 @@ def test_faults_of_notebook_and_recording_are_one_line(lab: Path, tmp_path: Path
     short.write_text("\n".join((lab / "rig.csv").read_text("cp1252").splitlines()[:12]) + "\n", encoding="utf-8")
     assert "holds still nowhere" in refused("new", short, "--notes", lab / "notes.txt", *rest)
     assert not (tmp_path / "s").exists()
+
+
+@pytest.mark.parametrize("times", ["twice", "from the start again"])
+def test_a_time_that_does_not_go_on_is_one_line_and_no_session(times: str, lab: Path, tmp_path: Path) -> None:
+    """A readings file too, whose times no mapping looks at: windows would be of other readings."""
+    rows = [f"{0.02 * i:.2f},{i % 9},1,2,3,4,5" for i in range(1500)]
+    rows = [*rows[:700], rows[699], *rows[700:]] if times == "twice" else rows[:700] + rows[:700]
+    head = "t_s,Fx_N,Fy_N,Fz_N,Tx_Nmm,Ty_Nmm,Tz_Nmm"
+    (tmp_path / "r.csv").write_text("\n".join([head, *rows]) + "\n", "utf-8")
+    given = ["--notes", lab / "notes.txt", "--setup", lab / "setup.yaml", "--posture", POSTURE, "--yes"]
+    said = refused("new", tmp_path / "r.csv", "--out", tmp_path / "made", *given)
+    before = "13.98 s" if times == "twice" else "0 s"
+    assert f"r.csv: reading 701 has the time {before}, and the one before it 13.98 s" in said
+    assert not (tmp_path / "made").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 
 from daq.errors import InputError
 from daq.lab.files import AXES
+from daq.recordings.readings import ReadingBlock, open_readings
 from tests.daq.lab.forms import (
     CONTAINERS,
     TIMES,
@@ -61,6 +63,13 @@ def read_or_refused(path: Path) -> tuple[Floats, Floats, tuple[str, ...], tuple[
         return str(error)
 
 
+def as_readings_file(path: Path) -> str | list[ReadingBlock]:
+    try:
+        return list(open_readings(path).blocks())
+    except InputError as error:
+        return str(error)
+
+
 def prefixes(content: bytes) -> Iterator[int]:
     """Lengths all over a file, and all of the last bytes."""
     return iter(sorted({*range(0, len(content), max(1, len(content) // 150)), *range(len(content) - 40, len(content))}))
@@ -88,6 +97,17 @@ def test_a_file_cut_off_anywhere_gives_its_first_readings_or_one_line(name: str,
 def _ends_a_row(content: bytes, name: str) -> bool:
     """A file that ends between two rows or segments is like one that is whole."""
     return name == "tdms" or content.endswith((b"\n", b"\n\x00"))
+
+
+def test_a_gzip_file_with_a_byte_changed_gives_its_first_readings_or_one_line(tmp_path: Path) -> None:
+    """Wherever the byte is: in the head, in what is packed, or in its checksum."""
+    path = zipped(tmp_path / "r.csv")
+    whole = path.read_bytes()
+    for at, flip in itertools.product(range(len(whole)), (0x01, 0x10, 0xFF)):
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ flip]) + whole[at + 1 :])
+        for reading in (read_or_refused, as_readings_file):
+            found = reading(path)
+            assert not isinstance(found, str) or "\n" not in found
 
 
 @pytest.mark.parametrize("flip", [0x01, 0x10, 0x60, 0xFF])

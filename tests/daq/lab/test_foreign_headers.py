@@ -93,3 +93,12 @@ def test_a_row_of_units_with_a_word_too_few_is_not_heeded(tmp_path: Path) -> Non
     source = open_channels(table(tmp_path / "r.txt", ["n", "t", *AXES], " ", head=("s N N N Nmm Nmm Nmm",)))
     assert [c.unit for c in source.channels] == [""] * 8
     assert "its row of units has 7 words for 8 columns and is not heeded" in source.notes
+
+
+def test_numbers_that_are_none_are_no_units_of_the_row_below(tmp_path: Path) -> None:
+    path = table(tmp_path / "r.csv", ["t (s)", *AXES])
+    path.write_text(path.read_text("utf-8").replace(";5;", ";nan;"), "utf-8")
+    source = open_channels(path)
+    assert [c.unit for c in source.channels] == [""] * 7
+    with pytest.raises(ReadingsError, match="line 2: Ty is 'nan'; expected a finite number"):
+        list(source.blocks(["Ty"]))
