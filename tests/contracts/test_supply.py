@@ -86,6 +86,6 @@ def test_the_unit_is_held_within_bounds_and_reaches_this_machine_alone() -> None
 def test_the_base_image_is_of_one_version_of_python_and_of_the_system() -> None:
     text = (ROOT / "docs" / "deploy" / "Dockerfile").read_text(encoding="utf-8")
     (base,) = re.findall(r"^ARG BASE=(\S+)$", text, re.MULTILINE)
-    assert re.fullmatch(r"python:3\.11\.\d+-slim-[a-z]+(@sha256:[0-9a-f]{64})?", base)
+    assert re.fullmatch(r"python:3\.11\.\d+-slim-[a-z]+@sha256:[0-9a-f]{64}", base)
     assert re.findall(r"^FROM (\S+)$", text, re.MULTILINE) == ["${BASE}"]
     assert "--require-hashes -r requirements.lock" in text
