@@ -96,7 +96,8 @@ def _behind(connection: sqlite3.Connection, mark: Mark | None) -> list[Fault]:
         (samples,) = connection.execute(SAMPLES).fetchone()
         missing = None if mark is None or epoch is None else mark.missing(epoch[0], rows, samples)
         if missing is not None:
-            return [Fault("log", f"{missing}: the write-ahead log was lost, cut or damaged")]
+            text = f"{missing}: the write-ahead log was lost, cut or damaged"
+            return [Fault("log", text, n=mark.samples - samples if mark else None)]
     return []
 
 

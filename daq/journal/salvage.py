@@ -45,7 +45,7 @@ class Fault:
         text: in one line.
         stream: where it lies.
         first_seq: first sample that is lost or in doubt.
-        n: how many samples; None where nobody can tell.
+        n: how many samples; None where nobody can tell, or none is lost.
     """
 
     kind: Kind
@@ -53,6 +53,11 @@ class Fault:
     stream: str | None = None
     first_seq: int | None = None
     n: int | None = None
+
+    @property
+    def loses(self) -> bool:
+        """Whether something is gone that a recovery cannot bring back."""
+        return self.kind == "gap" or (self.kind == "log" and self.n is not None)
 
 
 @dataclass(frozen=True)
@@ -141,6 +146,9 @@ class Salvage:
                        default=0.0)  # fmt: skip
             value = {"first_seq": gap.first_seq, "n": gap.n, "reason": "not recovered"}
             new.execute(INSERT_EVENT, event_row(Event("lost", at_s, value, gap.stream)))
+        for fault in self._faults:
+            if fault.kind == "log" and fault.loses:  # nobody can tell of which stream
+                new.execute(INSERT_EVENT, event_row(Event("warning", 0.0, {"code": "lost", "text": fault.text})))
         new.execute("COMMIT")
         self._faults += gaps
         return self._said(streams, 0)

@@ -29,7 +29,7 @@ def journal_recover(path: Path, out: Path, json: str | None) -> None:
     """Write a new journal with all that is sound, and list what is lost."""
     with progress("Reading and writing"):
         report = recover(path, out)
-    lost = [f for f in report.faults if f.kind == "gap"]
+    lost = [f for f in report.faults if f.loses]
     body: dict[str, Any] = {"journal": str(path), "out": str(out), "lost": len(lost), **asdict(report)}
     if not answer("journal-recover", body, json):
         _say_report(report)

@@ -94,6 +94,22 @@ def test_the_command_line_says_how_many_are_missing(crashed: tuple[Path, str]) -
     assert "were committed and are missing" in answer.out + answer.err
 
 
+def test_a_recovery_counts_what_the_log_took_with_it_and_the_new_journal_remembers(crashed: tuple[Path, str]) -> None:
+    path, stream = crashed
+    log_file(path).unlink()
+    missing = COUNT * CHUNKS - check(path).samples.get(stream, 0)
+    new = path.with_name("new.journal")
+    answer = run("journal", "recover", path, "--out", new)
+    assert answer.code == 0
+    assert f"{missing} readings" in answer.out
+    assert answer.out.splitlines()[-1].endswith("; 1 loss")
+    assert check(new).faults == ()
+    with JournalReader.open(new) as journal:
+        [warning] = [e for e in journal.events() if e.kind == "warning"]
+    assert warning.value["code"] == "lost"
+    assert warning.value["text"].startswith(f"{missing} readings")
+
+
 def test_whoever_writes_on_is_told_and_begins_anew(crashed: tuple[Path, str]) -> None:
     path, _ = crashed
     with JournalReader.open(path) as before:
