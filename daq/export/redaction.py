@@ -186,14 +186,18 @@ def this_computer() -> Redactor:
 def _texts(value: Any) -> Collection[tuple[str, str]]:
     """Return every text in plain data with the key that it stands under, and every key, each once and in order."""
     found: dict[tuple[str, str], None] = {}
+    keys: set[Any] = set()
 
     def look(value: Any, key: str) -> None:
         if isinstance(value, str):
             found[key, value] = None
         elif isinstance(value, Mapping):
             for k, v in value.items():
-                found["", str(k)] = None
-                look(v, str(k))
+                if k not in keys:
+                    keys.add(k)
+                    found["", str(k)] = None
+                if type(v) is not float:
+                    look(v, str(k))
         elif isinstance(value, (list, tuple)):
             for v in value:
                 if type(v) is not float:
