@@ -107,10 +107,12 @@ def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, closed:
             delivery,
         ):
             told = logging.run(acquisition)
-    passed = f"{options.to} as session {options.session_name}" if options.passing and delivery.whole else None
-    body = {"driver": cell.name, "journal": None if passed else str(journal.path), **told}
+    # A journal that only passes through lies elsewhere, or nowhere, once this has ended.
+    body = {"driver": cell.name, "journal": None if options.passing else str(journal.path), **told}
     if not answer("log", body, json):
-        where = passed or f"{journal.path}   (fingertwin journal check {journal.path})"
+        where = f"{journal.path}   (fingertwin journal check {journal.path})"
+        if options.passing:
+            where = f"{options.to} as session {options.session_name}" if delivery.whole else "not all sent"
         say(f"{told['samples']} readings in {told['seconds']:.1f} s: {where}")
     logging.require_readings(cell)
     return delivery.whole

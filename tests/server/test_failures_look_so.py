@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -23,6 +24,8 @@ def test_a_replay_that_nobody_takes_fails_and_keeps_the_readings(
         answer = run("replay", "DEV-02", "--to", "http://127.0.0.1:9", "--speed", "max")
         assert answer.code == 2
         assert f"The readings are in {folder}" in answer.err
+        named = re.findall(r"\S+journal\.sqlite3", answer.out + answer.err)
+        assert [path for path in named if not Path(path).is_file()] == []
         report = check(tmp_path / folder / "journal.sqlite3")
         assert report.faults == ()
         assert sum(report.chunks.values()) > 0
