@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +18,8 @@ from server.service.settings import DATABASE_FILE, Settings
 from server.service.storage.database import Database
 
 _LOCK = "service"
+# What SQLite says of a disk that knows no locks, which stays so.
+_NO_LOCKS = (sqlite3.SQLITE_IOERR_LOCK, sqlite3.SQLITE_IOERR_RDLOCK, sqlite3.SQLITE_IOERR_CHECKRESERVEDLOCK)
 
 
 class HeldError(InputError):
@@ -82,8 +85,12 @@ def held(folder: Path) -> Iterator[None]:
             f"a service runs on the data in {folder}", "a folder of its own for each", "End it, or give another --data"
         ) from error
     except JournalError as error:
-        raise InputError(
-            f"the data folder {folder} cannot be locked", "a disk that lets a file be locked", "Give another --data"
+        code = getattr(error.__cause__, "sqlite_errorcode", 0)
+        later = code not in _NO_LOCKS and code & 0xFF in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR)
+        raise (LaterError if later else InputError)(
+            f"the data folder {folder} cannot be locked ({error.__cause__})",
+            "a disk with space that lets a file be locked",
+            "Make room, or give another --data",
         ) from error
     try:
         yield

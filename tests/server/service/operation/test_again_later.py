@@ -6,6 +6,7 @@ import configparser
 import errno
 import re
 import shutil
+import sqlite3
 import subprocess
 import threading
 from pathlib import Path
@@ -95,6 +96,29 @@ def test_a_server_that_is_starting_is_for_later_and_a_wrong_password_is_not(said
 def test_a_full_disk_is_for_later_and_a_read_only_one_is_not(said: str, later: bool, tmp_path: Path) -> None:
     found = unusable(Database(f"sqlite:///{tmp_path / 'a.db'}"), OperationalError("", {}, Exception(said)))
     assert isinstance(found, LaterError) == later
+
+
+@pytest.mark.parametrize(
+    ("said", "later"),
+    [(sqlite3.SQLITE_FULL, True), (sqlite3.SQLITE_IOERR_FSYNC, True), (sqlite3.SQLITE_IOERR_LOCK, False),
+     (sqlite3.SQLITE_READONLY, False), (sqlite3.SQLITE_NOTADB, False)],
+)  # fmt: skip
+def test_a_disk_that_is_too_full_for_the_lock_is_for_later_and_one_that_knows_no_locks_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], said: int, later: bool
+) -> None:
+    class Refusing:
+        def execute(self, words: str) -> None:
+            if words.startswith("CREATE"):
+                error = sqlite3.OperationalError("said by SQLite")
+                error.sqlite_errorcode = said
+                raise error
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr("daq.journal.lock.sqlite3.connect", lambda *_, **__: Refusing())
+    assert ended(monkeypatch, "serve", "--data", str(tmp_path)) == (75 if later else 2)
+    assert "cannot be locked (said by SQLite)" in capsys.readouterr().err
 
 
 def test_a_service_gets_ready_once_what_it_lacks_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
