@@ -265,11 +265,14 @@ def replay_session(
         InputError: the recording, the speed or the address cannot be used.
     """
     port, document = recording, None
+    name = session or Path(recording).stem
     if not Path(recording).is_file() and not is_journal(recording):
         port = str(find_session(recording).parent)
-        document = whole_document(read_session(port), session) if to is not None else None
+        described = read_session(port)
+        # As its description says, whatever the folder is called.
+        name = session or described.id
+        document = whole_document(described, name) if to is not None else None
     settings = (f"speed={'0' if speed == 'max' else speed}",)
-    name = session or (Path(port).name if Path(port).is_dir() else Path(port).stem)
     if document is not None and to is not None and document.get("readings") is None:
         from fingertwin.client import Client
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from daq.journal.check import check
+from daq.sessions import find_session
 from tests.daq.lab_bombs import BOMBS
 from tests.server.command_line import run
 
@@ -58,6 +60,16 @@ def test_a_reader_that_has_gone_is_no_failure() -> None:
         child.stdout.readline()
         child.stdout.close()
         assert (child.wait(120.0), child.stderr.read()) == (0, b"")
+
+
+def test_a_session_is_replayed_under_its_own_name_whatever_its_folder_is_called(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(find_session("DEV-02").parent, tmp_path / "another name")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("server.commands.forwarding.FLUSH_S", 0.5)
+    answer = run("replay", tmp_path / "another name", "--to", "http://127.0.0.1:9", "--speed", "max")
+    assert "not all of DEV-02 is at" in answer.err
 
 
 def test_a_replay_to_nowhere_keeps_its_folder_and_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,17 +7,18 @@ from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
-from sqlalchemy import ColumnElement, Connection, func, select
+from sqlalchemy import ColumnElement, Connection, Row, func, select
 
-from daq.errors import ReadingsError
+from daq.errors import OutsideError, ReadingsError
 from daq.recordings.plateaus import Plateau
 from daq.recordings.readings import ReadingBlock
 from daq.recordings.windows import Span, gather
-from server.service.ingest.stored import STORED, chunk_of
+from server.service.ingest.stored import STORED, body_of_event, chunk_of, event_of
 from server.service.storage.database import Database
-from server.service.storage.schema import chunks, streams
+from server.service.storage.schema import chunks, events, streams
 from server.service.web.workers import require_client
 
 _MOST_CACHED = 20_000
@@ -81,11 +82,13 @@ class Windows:
                     state = connection.execute(select(streams).where(here)).first()
                 if stream is None or state is None:
                     return replace(out, waiting=dict.fromkeys(new, "no readings are there yet"))
-                whole = bool(state.ended) and state.held == state.next_seq
+                whole = state.held == state.next_seq and (state.ended or _log_ended(connection, session, state))
                 if whole and self._together(connection, session, stream, {w: windows[w] for w in new}, out):
                     return out
                 for window in new:
                     self._reduce(connection, session, stream, window, windows[window], out, whole=whole)
+                if not state.ended:
+                    self._forget(session, stream, out.failed)  # a log that has ended may be gone on with
         return out
 
     def one(self, session: str, stream: str | None, window: Span) -> Plateau | None:
@@ -131,11 +134,27 @@ class Windows:
             found = out.failed[window] = error.with_traceback(None)
         self._remember({(session, stream, window): found})
 
+    def _forget(self, session: str, stream: str, failed: Mapping[Span, ReadingsError]) -> None:
+        with self._lock:
+            for window, error in failed.items():
+                if isinstance(error, OutsideError):
+                    self._known.pop((session, stream, window), None)
+
     def _remember(self, found: Mapping[_Key, Plateau | ReadingsError]) -> None:
         with self._lock:
             self._known.update(found)
             while len(self._known) > _MOST_CACHED:
                 self._known.popitem(last=False)
+
+
+def _log_ended(connection: Connection, session: str, stream: Row[Any]) -> bool:
+    """Return whether the last that is known of a session is that this stream's log has ended, with what is there."""
+    newest = select(events).where(events.c.session == session).order_by(events.c.arrival.desc()).limit(1)
+    row = connection.execute(newest).first()
+    if row is None:
+        return False
+    last = event_of(body_of_event(row))
+    return last.kind == "ended" and last.stream == stream.id and last.value.get("samples") == stream.next_seq
 
 
 def _lacking(connection: Connection, session: str, stream: str, window: Span, whole: bool) -> str:

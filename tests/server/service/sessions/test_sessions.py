@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,9 +10,10 @@ from typing import Any
 
 import pytest
 
+from daq.uplink.wire import EPOCH, SHA256, events_path
 from fingermodel.comparing import compare
 from fingermodel.session import Session
-from tests.server.service.recorded import chunks_of, describe, document_of, holding, put, upload
+from tests.server.service.recorded import EPOCH_1, STREAM, chunks_of, describe, document_of, holding, put, upload
 from tests.server.service.running import ServiceReceiver
 
 RECORDED, PUBLISHED = "DEV-01", "synek2019_H01"
@@ -137,6 +139,40 @@ def test_a_window_outside_a_finished_recording_is_an_error_until_it_is_mended(fr
     assert "case c001: loaded_s [9000, 9003] s lies outside the recording" in refused.text
     client.post(f"{path}/edits/{moved['edit']}/undo", json={}).raise_for_status()
     assert client.get(f"{path}/comparison").status_code == 200
+
+
+def test_once_a_log_has_ended_nothing_waits_for_readings_until_it_is_gone_on_with(fresh: ServiceReceiver) -> None:
+    client = fresh.client()
+    document, chunks = document_of(RECORDED), [c for c in chunks_of(RECORDED) if len(c)]
+    document["cases"][0]["loaded_s"] = [9000.0, 9003.0]
+    client.post(AT, json={"id": RECORDED, "document": document}).raise_for_status()
+    describe(client, RECORDED)
+
+    def tell(number: int, kind: str, **value: int) -> None:
+        event = {"at_s": 1.0, "kind": kind, "stream": STREAM, "utc_s": 1.0, "value": value}
+        body = json.dumps(event, sort_keys=True, separators=(",", ":")).encode()
+        headers = {"Content-Type": "application/json", SHA256: hashlib.sha256(body).hexdigest(), EPOCH: EPOCH_1}
+        client.put(f"{events_path(RECORDED, EPOCH_1)}/{number}", content=body, headers=headers).raise_for_status()
+
+    def state() -> tuple[str, bool]:
+        found = client.get(f"{AT}/{RECORDED}/cases/c001").json()
+        return found["state"], "outside the recording" in found["why"]
+
+    half = len(chunks) // 2
+    for chunk in chunks[:half]:
+        put(client, RECORDED, chunk).raise_for_status()
+    assert state() == ("waiting", False)
+    tell(0, "ended", samples=chunks[half].first_seq + 1)  # says of more than is there
+    assert state() == ("waiting", False)
+    tell(1, "ended", samples=chunks[half].first_seq)
+    assert state() == ("failed", True)
+    tell(2, "reconnected")
+    assert state() == ("waiting", False)
+    for chunk in chunks[half:]:
+        put(client, RECORDED, chunk).raise_for_status()
+    assert state() == ("waiting", False)
+    tell(3, "ended", samples=chunks[-1].next_seq)
+    assert state() == ("failed", True)
 
 
 def test_an_amendment_is_heeded_kept_beside_the_entry_and_undone(fresh: ServiceReceiver) -> None:
