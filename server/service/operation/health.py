@@ -37,9 +37,7 @@ class DatabaseHealth(BaseModel):
     size_bytes: int | None = Field(description="Of the database; null where it does not say.")
     free_bytes: int | None = Field(description="Free on its disk; null where that is another machine's.")
     reusable_bytes: int | None = Field(description="Of the database's file, what holds nothing; null for PostgreSQL.")
-    deleted_bytes: int | None = Field(
-        description="Of deleted sessions when last checked; `fingertwin purge` frees it."
-    )
+    deleted_bytes: int | None = Field(description="Of deleted sessions when last checked; `fingertwin purge` frees it.")
     folder_bytes: int | None = Field(description="Everything in the data folder, former databases included.")
     checked_utc: str | None = Field(description="When everything was last held against its checksums; null before.")
     damaged: int = Field(description="Rows that are known not to be as they were written.")
