@@ -5,24 +5,32 @@ BIN := $(VENV)/bin
 # Longest files first; more workers than two would make jobs of services miss what tests wait for on two cores.
 SPREAD := -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help demo test test-full check docs bench lock sbom clean
+.PHONY: help demo test test-full check style types spread docs bench lock sbom clean
 help:  ## List the tasks
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
 
 demo: $(VENV)/.installed  ## Run the main job on shipped data
 	$(BIN)/fingertwin demo
 
-test: $(VENV)/.dev check  ## Check style, types and layers, then run the tests
-	$(BIN)/pytest $(SPREAD)
+test: style  ## Check style and layers, then types while the tests run
+	$(MAKE) --no-print-directory -j 2 types spread
 
-test-full: $(VENV)/.dev check  ## The same with all examples (some minutes more)
-	$(BIN)/pytest $(SPREAD) -m "full or not full"
+test-full: style  ## The same with all examples (some minutes more)
+	$(MAKE) --no-print-directory -j 2 types spread SPREAD='$(SPREAD) -m "full or not full"'
 
-check: $(VENV)/.dev  ## Style, types, layers
+check: style types  ## Style, layers, types
+
+style: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# Types take over a minute of one core at first; tests wait for much of their time.
+types: $(VENV)/.dev
+	nice $(BIN)/mypy
+
+spread: $(VENV)/.dev
+	$(BIN)/pytest $(SPREAD)
 
 docs: $(VENV)/.dev  ## Build the documentation as a site in build/docs; warnings and broken links are errors
 	$(BIN)/sphinx-build -q -W --keep-going -b html -c docs -d build/doctrees . build/docs
