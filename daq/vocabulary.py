@@ -152,8 +152,8 @@ def _covariance(value: Any) -> tuple[tuple[float, ...], ...]:
     rows = matrix(value, "N²")
     c = np.array(rows)
     scale = float(np.abs(c).max()) or 1.0
-    if float(np.abs(c - c.T).max()) > 1e-9 * scale or float(np.linalg.eigvalsh(c).min()) < -1e-9 * scale:
-        refuse(f"is {shown(value)}", "a symmetric matrix without negative eigenvalues, in N²")
+    if float(np.abs(c - c.T).max()) > 1e-9 * scale or float(np.linalg.eigvalsh(c).min()) < 1e-9 * scale:
+        refuse(f"is {shown(value)}", "a symmetric matrix in N² that takes the force for exact in no direction")
     return rows
 
 

@@ -271,7 +271,13 @@ def compare(model: Model, observations: Observations, theta: Floats | None = Non
 def _norms(residuals: Floats, covariances: Floats) -> list[float | None]:
     """Mahalanobis norm of each residual (n, k) with its covariance (n, k, k), None without any uncertainty."""
     known = np.asarray((np.diagonal(covariances, axis1=1, axis2=2) > 0).all(axis=1))
-    solved = np.linalg.solve(covariances[known], residuals[known, :, None])[:, :, 0]
+    try:
+        solved = np.linalg.solve(covariances[known], residuals[known, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:
+        # Channels that say the very same: no direction is known better than the others by more than this.
+        size, axes = np.linalg.eigh(covariances[known])
+        floored = np.maximum(size, 1e-9 * size[:, -1:])
+        solved = np.einsum("nij,nj,nkj,nk->ni", axes, 1.0 / floored, axes, residuals[known])
     norms = iter(np.sqrt((residuals[known] * solved).sum(axis=1)).tolist())
     return [next(norms) if one else None for one in known.tolist()]
 

@@ -87,6 +87,8 @@ BAD: dict[str, tuple[Change, list[str]]] = {
         lambda d: case(d).update(force_sd_N=0.1, force_cov_N2=[[1, 0, 0], [0, 1, 0], [0, 0, 1]]),
         ["both force_sd_N and force_cov_N2"],
     ),
+    "cov of rank 1": (lambda d: case(d).update(force_cov_N2=[[1, 1, 1]] * 3), ["exact in no direction"]),
+    "cov of nothing": (lambda d: case(d).update(force_cov_N2=[[0, 0, 0]] * 3), ["exact in no direction"]),
     "cov": (lambda d: case(d).update(force_cov_N2=[[1, 2, 0], [0, 1, 0], [0, 0, 1]]), ["symmetric"]),
     "setting": (lambda d: case(d).update(setting=-1), ["setting is -1", "from 0 up"]),
     "direction": (lambda d: case(d).update(direction="unload"), ["direction", "Did you mean unloading?"]),

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fingermodel.comparing import compare
-from fingermodel.comparison.comparison import CaseComparison, Comparison, summarise
+from fingermodel.comparison.comparison import CaseComparison, Comparison, _norms, summarise
 from fingermodel.comparison.superposition import superposition
 from fingermodel.session import Session
 from tests.fingermodel.fingers import PUBLISHED
@@ -94,3 +94,19 @@ def test_select_keeps_what_matches() -> None:
     comparison = Comparison((case([1, 0, 0], [1, 0, 0]), case([1, 0, 0], [1, 0, 0], role="validation")), False)
     assert len(comparison.select("validation").cases) == 1
     assert not comparison.select("validation", "bone").cases
+
+
+def test_channels_that_say_the_same_have_a_norm_and_change_no_other() -> None:
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(4, 3, 3))
+    covariances = root @ root.transpose(0, 2, 1)
+    residuals = rng.normal(size=(4, 3))
+    alone = _norms(residuals, covariances)
+    same = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 4.0]])
+    both = _norms(
+        np.vstack([residuals, [[1.0, 1.0, 2.0], [1.0, -1.0, 0.0]]]), np.concatenate([covariances, [same, same]])
+    )
+    assert both[:4] == pytest.approx(alone, rel=1e-6)
+    assert both[4] == pytest.approx(np.sqrt(1.0 + 1.0))
+    assert both[5] is not None
+    assert 1e3 < both[5] < np.inf
