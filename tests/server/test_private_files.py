@@ -38,6 +38,22 @@ def test_a_log_and_its_copy(tmp_path: Path) -> None:
     assert list((tmp_path / "disk").iterdir())
 
 
+@pytest.mark.parametrize(("before", "closed"), [([], True), (["notes.txt"], False)])
+def test_a_folder_that_was_made_for_a_log_is_closed_and_one_in_use_is_left(
+    before: list[str], closed: bool, tmp_path: Path
+) -> None:
+    out = tmp_path / "log"
+    out.mkdir()
+    out.chmod(0o777)
+    for name in before:
+        (out / name).touch()
+    recording = find_session("DEV-02").parent
+    answer = run("log", "--driver", "replay", "--port", recording, "--set", "speed=0", "--out", out)
+    assert answer.code == 0, answer.err
+    assert (out.stat().st_mode & 0o077 == 0) == closed
+    assert (out / "journal.sqlite3").stat().st_mode & 0o077 == 0
+
+
 def test_a_services_data_and_backup(tmp_path: Path) -> None:
     data = tmp_path / "data"
     data.mkdir(mode=0o777)
