@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +37,8 @@ _SKIPPED_TARE = 1.0
 _DOUBTFUL = 0.5
 # So many ways are followed; of the best of them also those that leave lines out.
 _KEPT, _LEAVING_OUT = 60, 15
+# Pairs of plateaus whose distance is kept, for ways that look back alike.
+_REMEMBERED = 1 << 16
 # So large a share of a weight's force friction may change; a change by it costs one, and any at most so much.
 _FRICTION, _MOST_MOVED = 0.2, 4.0
 # Levels are the same within so many tolerances; a tare is looked for between loads from there on.
@@ -135,7 +137,10 @@ def _doubted(plateaus: Sequence[Laid], notes: Sequence[Note], lost: Sequence[int
         if laid.kind == "load" and laid.note is not None and notes[laid.note].block != before:
             stretch, before = stretch + 1, notes[laid.note].block
         at.append(stretch)
-    later = [next((at[k] for k in range(i, len(at)) if plateaus[k].kind == "load"), stretch) for i in range(len(at))]
+    later = list(at)
+    ahead = stretch
+    for i in range(len(at) - 1, -1, -1):
+        later[i] = ahead = at[i] if plateaus[i].kind == "load" else ahead
     doubtful = set[int]()
     for i, laid in enumerate(plateaus):
         useless = laid.kind == "tare" and i + 1 < len(plateaus) and plateaus[i + 1].kind == "tare"
@@ -173,11 +178,15 @@ def _ways(
     means: Floats, notes: Sequence[Note], known: Mapping[object, _Known], between: bool
 ) -> list[tuple[float, list[_Choice]]]:
     """Return the cheapest ways, best first; `between` says whether tares stand between the loads of a block."""
-    distance = (np.abs(means[:, None] - means[None]) / TOLERANCE).max(axis=2)
 
-    @cache
+    # Only of plateaus that a way looks back to: of thousands there are millions of pairs.
+    @lru_cache(_REMEMBERED)
+    def distance(level: int, other: int) -> float:
+        return float((np.abs(means[level] - means[other]) / TOLERANCE).max())
+
+    @lru_cache(_REMEMBERED)
     def off(level: int, tare: int, line: int) -> float:
-        return _off_load((means[level] - means[tare])[:3], float(distance[level, tare]), notes[line], known)
+        return _off_load((means[level] - means[tare])[:3], distance(level, tare), notes[line], known)
 
     lost = _lost(notes)
     states = [_State(0, -1, ("", ""), 0.0, None)]
@@ -230,7 +239,7 @@ def _unrolled(past: _Past | None) -> list[_Choice]:
 def _choices(
     level: int,
     state: _State,
-    distance: Floats,
+    distance: Callable[[int, int], float],
     notes: Sequence[Note],
     off_load: Callable[[int, int, int], float],
     between: bool,
@@ -245,7 +254,7 @@ def _choices(
     ahead = next((n for n in notes[line:] if n.kind == "load"), None)
     wanted = block if ahead is None else ahead.block
     # Of a new block nothing is known of the tare; of the same one it lies where it lay.
-    off = float(distance[level, tare]) if tare >= 0 and wanted == block else 0.0
+    off = distance(level, tare) if tare >= 0 and wanted == block else 0.0
     last = state.past.choice.kind if state.past is not None else ""
     # A tare that no load follows, or against the habit, is a plateau left out.
     unusual = last == "tare" or (not between and tare >= 0 and wanted == block and ahead is not None)
@@ -261,7 +270,7 @@ def _choices(
         if hung is None:
             cost = off_load(level, tare, line)
         else:  # friction alone changes what the same weights do
-            own, moved = float(distance[level, tare]), float(distance[level, hung])
+            own, moved = distance(level, tare), distance(level, hung)
             cost = min(moved / max(_FRICTION * own, _SAME), _MOST_MOVED)
         yield _Choice("load", line, tare, False), cost + skipped, note.block
     before = next((i for i in range(line - 1, -1, -1) if notes[i].kind == "load"), None)

@@ -33,6 +33,8 @@ SURE = 0.8
 MASSES_IN_GRAMS = "masses in the notebook are grams where it states no unit"
 # A reading looks like another load where that one leaves so much less of it unexplained, and its own so much.
 _OFF, _BETTER = 0.6, 0.4
+# Of cases and what they may rather be: so many are worked out at once.
+_PAIRS = 1 << 12
 
 
 @dataclass(frozen=True)
@@ -202,13 +204,15 @@ def suspects(bench: Session) -> list[Suspect]:
     read = np.nan_to_num(observations.wrench)[:, :3]
     entered = np.asarray(bench.model.predict(observations.inputs, theta).reading)[:, :3]
     pairs = [(case, slip) for case in range(len(observations.ids)) for slip in slips.of(case)]
-    other = entered[[case for case, _ in pairs]] + slips.changes(pairs, theta)[:, :3]
     own = _unexplained(read, entered)
-    left = _unexplained(read[[case for case, _ in pairs]], other)
     best: dict[int, Suspect] = {}
-    for (case, slip), share in zip(pairs, left, strict=True):
-        if own[case] > _OFF and share < _BETTER * own[case] and (case not in best or share < best[case].other):
-            best[case] = Suspect(observations.ids[case], slip.words, float(own[case]), float(share))
+    for first in range(0, len(pairs), _PAIRS):
+        some = pairs[first : first + _PAIRS]
+        at = [case for case, _ in some]
+        left = _unexplained(read[at], entered[at] + slips.changes(some, theta)[:, :3])
+        for (case, slip), share in zip(some, left, strict=True):
+            if own[case] > _OFF and share < _BETTER * own[case] and (case not in best or share < best[case].other):
+                best[case] = Suspect(observations.ids[case], slip.words, float(own[case]), float(share))
     return sorted(best.values(), key=lambda s: s.other - s.own)
 
 
