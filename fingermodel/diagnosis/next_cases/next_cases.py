@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from fingermodel.comparison.comparison import muscles_of
 from fingermodel.diagnosis.diagnose import Diagnosis
@@ -273,23 +274,17 @@ def information(
         rng: to draw with.
         draws: of each explanation.
     """
-    factors = [root_of(c) for _, c in each]
-    total, right = 0.0, 0.0
-    for k, (mean, _) in enumerate(each):
-        y = mean + rng.normal(size=(draws, len(mean))) @ factors[k].T
-        logs = np.stack([_log_normal(y, m, f) for (m, _), f in zip(each, factors, strict=True)], axis=1)
-        weighted = logs + np.log(np.maximum(prior, 1e-300))
-        top = weighted.max(axis=1, keepdims=True)
-        evidence = top[:, 0] + np.log(np.exp(weighted - top).sum(axis=1))
-        total += prior[k] * float(np.mean(logs[:, k] - evidence))
-        right += prior[k] * float(np.mean(np.exp(weighted[:, k] - evidence)))
-    return max(total, 0.0), min(right, 1.0)
-
-
-def _log_normal(y: Floats, mean: Floats, factor: Floats) -> Floats:
-    z = np.linalg.solve(factor, (y - mean).T)
-    out: Floats = -0.5 * (z**2).sum(axis=0) - np.log(np.diag(factor)).sum()
-    return out
+    means, factors = np.array([m for m, _ in each]), root_of(np.array([c for _, c in each]))
+    true, (count, length) = np.arange(len(each)), means.shape
+    # Readings (true explanation, draw, component), and their log density under every explanation, which comes last.
+    y = means[:, None] + rng.normal(size=(count, draws, length)) @ factors.swapaxes(1, 2)
+    z = np.einsum("jab,kdjb->kdja", np.linalg.inv(factors), y[:, :, None] - means, optimize=True)
+    logs = -0.5 * (z**2).sum(axis=-1) - np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
+    weighted = logs + np.log(np.maximum(prior, 1e-300))
+    evidence = logsumexp(weighted, axis=2)
+    told = (logs[true, :, true] - evidence).mean(axis=1)
+    rightly = np.exp(weighted[true, :, true] - evidence).mean(axis=1)
+    return max(float(prior @ told), 0.0), min(float(prior @ rightly), 1.0)
 
 
 def _parted(names: Sequence[str], each: dict[str, tuple[Floats, Floats]], prior: Floats) -> tuple[str, ...]:

@@ -139,13 +139,13 @@ class Fitter:
     ) -> Optimum:
         """The session's model linearised about a parameter vector (parameters,)."""
         session, problem = self.session, self.session.problem
-        model, inputs = problem.model, problem.observations.inputs
-        reading = np.asarray(model.predict(inputs, theta).reading)
+        model = problem.model
+        reading = session.readings(theta)
         changes = []
         for member in explanation.members:
             without = theta.copy()
             without[list(member.parameters)] = model.parameters.initial[list(member.parameters)]
-            changes.append(reading - np.asarray(model.predict(inputs, without).reading))
+            changes.append(reading - session.readings(without))
         rows = session.rows[session.fitted]
         residual = np.nan_to_num(problem.observations.wrench).reshape(-1)[rows] - reading.reshape(-1)[rows]
         slopes = -reading_slopes(problem, theta)

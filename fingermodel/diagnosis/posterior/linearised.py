@@ -124,7 +124,7 @@ class Linearised:
         session, problem = self.session, self.session.problem
         rows = session.rows[~session.fitted]
         free = problem.free | free_mask(session.model, self.explanation)
-        reading = np.asarray(session.model.predict(session.observations.inputs, self.theta).reading).reshape(-1)
+        reading = session.readings(self.theta).reshape(-1)
         return reading[rows], -slopes_of(replace(problem, free=free), self.theta, rows)
 
     @cached_property

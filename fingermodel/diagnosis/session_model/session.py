@@ -12,7 +12,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +25,7 @@ from fingermodel.fingers import Plane
 from fingermodel.fitting.problems import Problem, weighted_problem
 from fingermodel.fitting.roots import root_of
 from fingermodel.model import Model, tips_of
+from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -181,7 +182,7 @@ class Session:
         """The same with the scatter's columns made at a parameter vector (parameters,)."""
         other = replace(self, about=theta)
         kept = ("places", "_smooth_parts", "smooth", "families", "torque_answer", "_tips", "tares", "nuisances")
-        for name in (*kept, "_fitted_smooth"):
+        for name in (*kept, "_fitted_smooth", "_filled"):
             # What does not depend on it need not be made again.
             other.__dict__[name] = getattr(self, name)
         return other
@@ -281,16 +282,27 @@ class Session:
 
     def by_tension(self, theta: Floats) -> Floats:
         """(cases, 6, muscles) change of every reading by the logarithm of each tension, about some parameters."""
-        inputs = self.observations.inputs
-        tension = np.asarray(inputs.tension)
-        now = np.asarray(self.model.predict(inputs, theta).reading)
+        tension = np.asarray(self.observations.inputs.tension)
+        now = self.readings(theta)
         out = np.zeros((*now.shape, tension.shape[1]))
-        for k in range(tension.shape[1]):
+        for k in np.flatnonzero(tension.any(axis=0)):
             more = tension.copy()
             more[:, k] *= 1.0 + _STEP
-            changed = self.model.predict(inputs._replace(tension=jnp.asarray(more)), theta).reading
-            out[:, :, k] = (np.asarray(changed) - now) / _STEP
+            out[:, :, k] = (self.readings(theta, more) - now) / _STEP
         return out
+
+    def readings(self, theta: Floats, tension: Floats | None = None) -> Floats:
+        """(cases, 6) what the model predicts [N, N mm], by default of the tensions (cases, muscles) as they were."""
+        inputs, count = self._filled, len(self.observations.ids)
+        if tension is not None:
+            filled = np.minimum(np.arange(len(inputs.setting)), count - 1)
+            inputs = inputs._replace(tension=jax.device_put(tension[filled]))
+        return np.asarray(self.model.predict(inputs, theta).reading)[:count]
+
+    @cached_property
+    def _filled(self) -> LoadCaseInput:
+        """The load cases in the number for which programs are compiled, filled up once for all predictions."""
+        return self.observations.inputs.filled()
 
     @cached_property
     def nuisances(self) -> Floats:

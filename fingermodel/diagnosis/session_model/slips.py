@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from functools import cached_property
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,6 +106,15 @@ class PossibleSlips:
         self._weights = sorted({g for masses in observations.masses_g for g in masses.values()})
         self._known: dict[int, list[Slip]] = {}
 
+    @cached_property
+    def _filled(self) -> LoadCaseInput:
+        """The load cases in the number for which programs are compiled."""
+        return self._observations.inputs.filled()
+
+    @cached_property
+    def _columns(self) -> dict[str, NDArray[Any]]:
+        return {name: np.asarray(column) for name, column in self._filled._asdict().items()}
+
     def of(self, case: int) -> list[Slip]:
         """Every slip of a case, their shares set; none of a check."""
         if case not in self._known:
@@ -125,11 +135,9 @@ class PossibleSlips:
         """(k, 6) reading under each slip less that under the entry [N, N mm], given as (case, slip)."""
         if not slips:
             return np.zeros((0, 6))
-        inputs = self._observations.inputs
-        entered = np.asarray(self._model.predict(inputs, theta).reading)
+        entered = np.asarray(self._model.predict(self._filled, theta).reading)
         out = np.empty((len(slips), 6))
-        columns = {name: np.asarray(column) for name, column in inputs.filled()._asdict().items()}
-        step = len(columns["tension"])
+        columns, step = self._columns, len(self._columns["tension"])
         cases, like = (
             np.array(column, dtype=np.intp) for column in ([c for c, _ in slips], [s.like for _, s in slips])
         )

@@ -126,16 +126,16 @@ def _ranked(
 ) -> tuple[Deciding, ...]:
     session, model = diagnosis.session, diagnosis.session.model
     theta, covariance, index = fit.parameter_posterior(fit.best)
-    slopes = np.empty((len(cases), 6, len(index)))
+    filled, slopes = inputs.filled(), np.empty((len(cases), 6, len(index)))
     for k, i in enumerate(index):
         both = []
         for sign in (1.0, -1.0):
             moved = theta.copy()
             moved[i] += sign * _STEP * session.problem.scale[i]
-            both.append(np.asarray(model.predict(inputs, moved).reading))
+            both.append(np.asarray(model.predict(filled, moved).reading)[: len(cases)])
         slopes[:, :, k] = (both[0] - both[1]) / (2.0 * _STEP)
     values = fit.hyper.values(fit.best)
-    mean = np.asarray(model.predict(inputs, theta).reading)
+    mean = np.asarray(model.predict(filled, theta).reading)[: len(cases)]
     force = values.noise * np.sqrt(
         np.nanmedian(np.diagonal(session.observations.case_covariance, axis1=1, axis2=2)[:, :3])
     )

@@ -65,6 +65,10 @@ class SharedLaw:
         return float(np.mean(((self.each - self.value) / np.hypot(self.each_sd, self.sd)) ** 2))
 
 
+# Step of a derivative, as a share of a parameter's width.
+_STEP = 1e-3
+
+
 @dataclass(frozen=True, eq=False)
 class _Offer:
     name: str
@@ -121,21 +125,15 @@ def _effects(fits: Sequence[Optimum]) -> list[_Offer]:
     """Parameters of effects that all sessions have, linearised at their null."""
     table = fits[0].session.model.parameters
     common = set.intersection(*({f.session.model.parameters.names[i] for i in f.parameters_of[OTHERS]} for f in fits))
-    out = []
+    plain, out = [fit.session.readings(fit.theta) for fit in fits], []
     for name in table.names:
         if name not in common:
             continue
         changes, scale = [], float(fits[0].session.problem.scale[table.names.index(name)])
-        for fit in fits:
-            model, inputs = fit.session.model, fit.session.observations.inputs
-            at = model.parameters.names.index(name)
+        for fit, now in zip(fits, plain, strict=True):
             theta = fit.theta.copy()
-            step = 1e-3 * scale
-            theta[at] += step
-            moved = np.asarray(model.predict(inputs, theta).reading) - np.asarray(
-                model.predict(inputs, fit.theta).reading
-            )
-            changes.append(moved / step * scale)
+            theta[fit.session.model.parameters.names.index(name)] += _STEP * scale
+            changes.append((fit.session.readings(theta) - now) / _STEP)
         if all(c.any() for c in changes):
             out.append(_Offer(name, table.parameters[table.names.index(name)].unit, scale, tuple(changes), None))
     return out

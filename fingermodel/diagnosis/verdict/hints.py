@@ -142,7 +142,7 @@ def library(session: Session, theta: Floats) -> Iterator[Term]:
     for m, slope in slopes.items():
         for shape, values in _shapes(joints, angles):
             yield ("tension", None, f"tension[{m}] *= 1 + k{shape}", "1"), 0.1, slope * values[:, None]
-    reading = np.asarray(model.predict(inputs, theta).reading)
+    reading = session.readings(theta)
     for place, at in (("tip", ~np.asarray(inputs.at_bone)), ("bone", np.asarray(inputs.at_bone))):
         if not at.any():
             continue

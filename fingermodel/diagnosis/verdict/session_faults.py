@@ -224,5 +224,5 @@ def _of_mount(fit: Optimum, place: str) -> Floats:
     """(n, 1) fitted readings of one mount as predicted at a fit, and 0 for the other."""
     session = fit.session
     rows = session.rows[session.fitted]
-    predicted = np.asarray(session.model.predict(session.observations.inputs, fit.theta).reading).reshape(-1)[rows]
+    predicted = session.readings(fit.theta).reshape(-1)[rows]
     return (predicted * of_label(session.observations.locations, place)[rows // 6])[:, None]
