@@ -69,7 +69,7 @@ class Priors:
         session, hyper, table = self._session, self._hyper, self.model.parameters
         explanation = self._explanation(rng)
         axes = (*hyper.axes, *[hyper.form] * sum(m.candidate.has_form for m in explanation.members))
-        node = tuple(int(rng.choice(len(axis.values), p=_normalised(axis.log_weight))) for axis in axes)
+        node = hyper.plainly(tuple(int(rng.choice(len(axis.values), p=_normalised(axis.log_weight))) for axis in axes))
         values, problem = hyper.values(node), session.problem
         multiple = {"budget": values.budget, "anatomy": values.anatomy, "effect": 1.0}
         free = problem.free.copy()
@@ -103,7 +103,8 @@ class Priors:
             explanation, theta, node, frozenset(), 0.0, converged=True
         )
         reading = np.asarray(self.model.predict(self.entered.inputs, theta).reading).reshape(-1)[session.rows]
-        blocks = [session.tares, values.budget * session.nuisances, values.smooth_N[session.families] * session.smooth]
+        smooth = [width * session.smooth(name) for name, width in self._hyper.smooth_blocks(node).items()]
+        blocks = [session.tares, values.budget * session.nuisances, *smooth]
         blocks += [error * form for error, form in zip(values.forms, fit.form_errors, strict=True)]
         columns = np.concatenate(blocks, axis=1)
         reading = reading + columns @ rng.normal(size=columns.shape[1])

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 import numpy as np
 from scipy.special import logsumexp
 
-from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters
+from fingermodel.diagnosis.posterior.hyper import CARRIER, FORMS, Hyperparameters
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart
 from fingermodel.diagnosis.session_model.session import Session
@@ -38,11 +38,12 @@ class CaseOdds:
         """Log odds of each case to be bad, summed over nodes in which scatter, noise and smooth explain less."""
         best = host.best
         modes = [axis.mode for axis in self._hyper.axes]
-        usual = [(mode, (i + mode) // 2) for i, mode in zip(best[:FORMS], modes, strict=False)]
+        usual = [(mode, (i + mode) // 2) for i, mode in zip(best[:CARRIER], modes, strict=False)]
+        usual.append((0, best[CARRIER]))
         # All that a bad case may have raised, half or whole: together, or one by one.
         together = [tuple(pair[k] for pair in usual) for k in (0, 1)]
         single = [(*best[:a], i, *best[a + 1 : FORMS]) for a, pair in enumerate(usual) for i in pair]
-        nodes = [(*some, *best[FORMS:]) for some in dict.fromkeys([best[:FORMS], *together, *single])]
+        nodes = list({self._hyper.plainly((*some, *best[FORMS:])): 0 for some in [best[:FORMS], *together, *single]})
         joint = np.array([host.log_joint(node) for node in nodes])
         total = float(logsumexp([host.log_posterior, *joint]))
         gains = [host.log_odds_bad(node) for node in nodes]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fingermodel.diagnosis.case_odds import CaseOdds
 from fingermodel.diagnosis.posterior.fitting import Fitter
-from fingermodel.diagnosis.posterior.hyper import FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
+from fingermodel.diagnosis.posterior.hyper import CARRIER, FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.marginals import Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, SUSPECT_LOG_ODDS, chance_of
@@ -126,6 +126,13 @@ class Searcher:
         self._until_none_promises(most)
         self._finish(every)
         self._until_none_promises(most)
+        # What is left may be of one tendon, or of one rotation.
+        asked: set[Optimum] = set()
+        while new := [f for f in self._fits.values() if f not in asked and self._near(f.promise_of_one)]:
+            asked.update(new)
+            for fit in new:
+                self._keep(self._fitter.of_one(fit))
+            self._until_none_promises(most)
 
     def _overlooked(self) -> frozenset[int]:
         """A case (or two exchanged) that would make an explanation more probable than the leader if it were bad.
@@ -220,13 +227,14 @@ class Searcher:
         leader = self._leader
         for fit in self._fits.values():
             if fit is not leader and fit.explanation.size:
+                _ = fit.promise_of_one
                 fit.forget()
 
     def _least_odds(self, every: Optimum) -> dict[int, tuple[float, int | None]]:
         """Log odds of cases probably bad whether all candidates act or none, and what each was swapped with."""
         least: dict[int, float] = {c: np.inf for c in range(len(self._session.observations.ids)) if c not in self._bad}
         partners: dict[int, int | None] = {}
-        for host in (every, self.nothing):
+        for host in (every, self.nothing, self._fitter.of_one(self.nothing)):
             odds = self._odds.of_each(host)
             slips = self._odds.explained(host, least)
             least = {c: min(o, odds[c] + (slips[c].gain if c in slips else 0.0)) for c, o in least.items() if c in odds}
@@ -268,9 +276,10 @@ class Searcher:
         """
         little = int(np.argmin(np.abs(self._hyper.axes[SMOOTH].values - _SMOOTH)))
         best, usual = host.best, self._hyper.usual
-        less = (*best[:SMOOTH], *(min(little, i) for i in best[SMOOTH:FORMS]), *best[FORMS:])
+        less = (*best[:SMOOTH], *(min(little, i) for i in best[SMOOTH:CARRIER]), 0, *best[FORMS:])
         plain = (min(best[SCATTER], usual[SCATTER]), usual[NOISE], *self._hyper.without_smooth(best)[2:])
-        return list(dict.fromkeys([best, self._hyper.without_smooth(best), less, plain]))
+        of_all = (*best[:CARRIER], 0, *best[FORMS:])
+        return list(dict.fromkeys([best, of_all, self._hyper.without_smooth(best), less, plain]))
 
     def _first_fits(self, every: Optimum) -> None:
         """Fit what promises to come near the leader about the base, and about where all candidates fit."""
@@ -296,6 +305,9 @@ class Searcher:
                 break
             if explanation not in self._fits:
                 self._fit(explanation, host)
+
+    def _near(self, log_posterior: float) -> bool:
+        return log_posterior >= self._leader.log_posterior - WITHIN
 
     @property
     def _leader(self) -> Optimum:

@@ -24,6 +24,8 @@ FORM_SCALE = 0.04
 FORM_NAMED = 0.1
 # Something smooth [N]: an atom at none, else flat in its logarithm.
 P_SMOOTH = 0.1
+# That it is of one tendon or of one rotation alone, not of all of them.
+P_OF_ONE = 0.1
 SMOOTH_N = np.array([0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.28])
 # Scatter from case to case of each tendon's tension, relative: an atom at none, else half-normal. A stated one is
 # believed within a factor.

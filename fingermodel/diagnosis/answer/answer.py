@@ -18,6 +18,7 @@ from fingermodel.diagnosis.posterior.marginals import Entry, Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.slips import Explained
+from fingermodel.diagnosis.settings import LIVE
 from fingermodel.diagnosis.verdict.own_curve import curve_answer
 from fingermodel.diagnosis.verdict.verdict import stated_node
 from fingermodel.parameters import with_unit
@@ -70,7 +71,11 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             "sd_pct": 100.0 * scatter[1],
             "stated_pct": 100.0 * d.session.stated_scatter,
         },
-        "beyond": {"probability": posterior.p_beyond, "amplitude_N": posterior.beyond_newton},
+        "beyond": {
+            "probability": posterior.p_beyond,
+            "amplitude_N": posterior.beyond_newton,
+            "of_one_alone": {carrier: p for carrier, p in posterior.carriers.items() if p >= LIVE},
+        },
         "budget_multiple": {
             "value": budget[0],
             "sd": budget[1],

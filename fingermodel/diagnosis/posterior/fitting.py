@@ -58,18 +58,25 @@ class Fitter:
             log_prior: of the explanation; by default the candidates'.
         """
         forms = [m for m in explanation.members if m.candidate.has_form]
-        at = (*node[:FORMS], *[self.hyper.form.mode] * len(forms))
+        at = node if len(node) == FORMS + len(forms) else (*node[:FORMS], *[self.hyper.form.mode] * len(forms))
         prior = self.candidates.log_prior(explanation) if log_prior is None else log_prior
         found, most = None, _ROUGH
         for left in reversed(range(_ROUNDS)):
             theta, converged = self._solved(explanation, start, at, bad, found, most if left else _EVALUATIONS)
             found = self.linearised(explanation, theta, at, bad, prior, converged=converged)
-            stands = max(abs(a - b) for a, b in zip(at, found.mode, strict=True)) <= 1
+            stands = self.hyper.near(at, found.mode)
             if stands and converged:
                 break
             start, at, most = found.theta, found.mode, _EVALUATIONS if stands else _ROUGH
         assert found is not None  # noqa: S101 - there is at least one round
         return found
+
+    def of_one(self, fit: Optimum) -> Optimum:
+        """The same explanation where what is smooth is of one tendon or of one rotation alone, if that is better."""
+        if fit.of_one == fit.mode:
+            return fit
+        other = self.fit(fit.explanation, fit.theta, fit.of_one, fit.bad, fit.log_prior)
+        return max(fit, other, key=lambda f: f.log_posterior)
 
     def fit_at(
         self,
@@ -106,8 +113,7 @@ class Fitter:
         problem, session = self.session.problem, self.session
         values, fitted = self.hyper.values(node), session.fitted
         blocks = [session.tares[fitted], values.budget * session.nuisances[fitted]]
-        if values.smooth_N.any():
-            blocks.append(values.smooth_N[session.families] * session.smooth[fitted])
+        blocks += [width * session.smooth(name)[fitted] for name, width in self.hyper.smooth_blocks(node).items()]
         if before is not None:
             blocks += [e * f[fitted] for e, f in zip(values.forms, before.form_errors, strict=True) if e > 0.0]
         roots, _ = session.fitted_noise.whitening(values.scatter, values.noise, bad)

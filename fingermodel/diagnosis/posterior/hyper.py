@@ -16,12 +16,13 @@ from fingermodel.diagnosis.session_model.session import Session
 
 Floats = NDArray[np.float64]
 
-# Indices on the axes: scatter, noise, budget, anatomy, something smooth of each family (see `Session.families`); then
-# one error of form for each member that has a form.
+# Indices on the axes: scatter, noise, budget, anatomy, something smooth of each family (see `Session.smooth`), and what
+# carries it; then one error of form for each member that has a form.
 Node = tuple[int, ...]
 SCATTER, NOISE, BUDGET, ANATOMY, SMOOTH = range(5)
-FAMILIES = 3
-FORMS = SMOOTH + FAMILIES
+FAMILIES = ("torque", "loaded", "constant")
+CARRIER = SMOOTH + len(FAMILIES)
+FORMS = CARRIER + 1
 # Blocks of weights that act at every node (see `Linearised`).
 ACTING = ("always", "budget", "anatomy")
 # Scatter of a usual bench, relative.
@@ -58,12 +59,16 @@ class Hyperparameters:
 
     Attributes:
         axes: scatter, multiple of the noise, multiples of the budget and of the anatomy, amplitude of each family of
-            something smooth [N].
+            something smooth [N], and what carries it: the index among the carriers.
         form: error of an effect's form.
+        carriers: of something smooth (see `Session.carriers`).
+        tendons: how many of them are tendons.
     """
 
     axes: tuple[Axis, ...]
     form: Axis
+    carriers: tuple[str, ...]
+    tendons: int
 
     @classmethod
     def of(cls, session: Session) -> Hyperparameters:
@@ -78,15 +83,21 @@ class Hyperparameters:
         noise = _normal(np.log(noises)) if assumed else _with_atom(1.0 / noises, settings.P_NOISE)
         smooths, forms = settings.SMOOTH_N, settings.FORM_ERRORS
         multiple = Axis(settings.MULTIPLES, _normal(np.log(settings.MULTIPLES) / settings.MULTIPLE_SPREAD))
-        smooth = Axis(smooths, _with_atom(np.ones(len(smooths)), settings.P_SMOOTH / FAMILIES))
+        smooth = Axis(smooths, _with_atom(np.ones(len(smooths)), settings.P_SMOOTH / len(FAMILIES)))
+        carriers = session.carriers
+        of_one = settings.P_OF_ONE / (len(carriers) - 1)
+        of_each = np.log([1.0 - settings.P_OF_ONE, *[of_one] * (len(carriers) - 1)])
         return cls(
             (
                 Axis(scatters, scatter),
                 Axis(noises, noise),
                 *[multiple] * 2,
-                *[smooth] * FAMILIES,
+                *[smooth] * len(FAMILIES),
+                Axis(np.arange(float(len(carriers))), of_each),
             ),
             Axis(forms, np.log(_cells(forms, settings.FORM_SCALE, _half_cauchy))),
+            carriers,
+            len(set(carriers) & set(session.model.finger.topology.muscles)),
         )
 
     def start(self, forms: int) -> Node:
@@ -102,18 +113,58 @@ class Hyperparameters:
     def with_smooth(self, node: Node) -> Node:
         """The same node with the stated noise, and a moderate amplitude of every family of something smooth."""
         middle = len(self.axes[SMOOTH].values) // 2
-        return (node[SCATTER], self.axes[NOISE].mode, node[BUDGET], node[ANATOMY], *[middle] * FAMILIES, *node[FORMS:])
+        smooth = [middle] * len(FAMILIES)
+        return (node[SCATTER], self.axes[NOISE].mode, node[BUDGET], node[ANATOMY], *smooth, 0, *node[FORMS:])
+
+    def with_carriers(self, node: Node) -> list[Node]:
+        """The same node with each other carrier of what is smooth; where nothing is, with a moderate torque of each."""
+        middle = len(self.axes[SMOOTH].values) // 2
+        smooth = node[SMOOTH:CARRIER] if self._carried(node) else (middle, 0, 0)
+        nodes = [(*node[:SMOOTH], *smooth, c, *node[FORMS:]) for c in range(1, len(self.carriers))]
+        return [other for other in nodes if other != node]
+
+    def carrier(self, node: Node) -> str:
+        """Tendon or rotation that has alone what is smooth; "" where all of them may, or nothing is."""
+        return self.carriers[node[CARRIER]]
+
+    def near(self, a: Node, b: Node) -> bool:
+        """Whether two nodes are no more than a step apart on any axis, with the same carrier."""
+        return a[CARRIER] == b[CARRIER] and max(abs(i - j) for i, j in zip(a, b, strict=True)) <= 1
+
+    def _carried(self, node: Node) -> bool:
+        """Whether anything is smooth that a carrier may have alone."""
+        return node[SMOOTH] > 0 or node[SMOOTH + 1] > 0
+
+    def plainly(self, node: Node) -> Node:
+        """The same node; where nothing is smooth, nothing carries it."""
+        return node if self._carried(node) else (*node[:CARRIER], 0, *node[FORMS:])
 
     def log_prior(self, node: Node) -> float:
         """Of a node."""
         axes = (*self.axes, *[self.form] * (len(node) - FORMS))
-        return float(sum(axis.log_weight[i] for axis, i in zip(axes, node, strict=True)))
+        weights = [axis.log_weight[i] for axis, i in zip(axes, node, strict=True)]
+        if not self._carried(node):
+            weights[CARRIER] = 0.0
+        return float(sum(weights))
+
+    def log_prior_of_smooth(self, node: Node) -> float:
+        """Of what is smooth at a node, whatever its amplitudes: which families are, and what carries them."""
+        families = self.axes[SMOOTH].log_weight
+        there = [np.log(-np.expm1(families[0])) if i else families[0] for i in node[SMOOTH:CARRIER]]
+        return float(sum(there)) + (float(self.axes[CARRIER].log_weight[node[CARRIER]]) if self._carried(node) else 0.0)
 
     def values(self, node: Node) -> Values:
         """What a node stands for."""
         at = [float(axis.values[i]) for axis, i in zip(self.axes, node, strict=False)]
         errors = self.form.values[list(node[FORMS:])]
-        return Values(at[SCATTER], at[NOISE], at[BUDGET], at[ANATOMY], np.array(at[SMOOTH:]), errors)
+        return Values(at[SCATTER], at[NOISE], at[BUDGET], at[ANATOMY], np.array(at[SMOOTH:CARRIER]), errors)
+
+    def smooth_blocks(self, node: Node) -> dict[str, float]:
+        """Amplitudes [N] of what is smooth at a node, by the block of its columns (see `Session.smooth`)."""
+        carrier, values = self.carrier(node), self.values(node).smooth_N
+        of_tendon = 0 < node[CARRIER] <= self.tendons
+        of_family = (carrier, carrier if of_tendon else "", "")
+        return {f"{f}:{c}": float(v) for f, c, v in zip(FAMILIES, of_family, values, strict=True) if v > 0.0}
 
     def block_widths(self, node: Node) -> dict[str, float]:
         """Widths of the priors of the weights that act at a node, by their block (see `Linearised`).
@@ -122,10 +173,9 @@ class Hyperparameters:
         """
         if node not in self._widths:
             v = self.values(node)
-            smooth = {f"smooth{k}": float(width) for k, width in enumerate(v.smooth_N) if width > 0.0}
             forms = {f"form{k}": float(width) for k, width in enumerate(v.forms) if width > 0.0}
             always = dict(zip(ACTING, (1.0, v.budget, v.anatomy), strict=True))
-            self._widths[node] = always | smooth | forms
+            self._widths[node] = always | self.smooth_blocks(node) | forms
         return self._widths[node]
 
     @cached_property
@@ -134,7 +184,7 @@ class Hyperparameters:
 
     def without_smooth(self, node: Node) -> Node:
         """The same node without anything smooth."""
-        return (*node[:SMOOTH], *[0] * FAMILIES, *node[FORMS:])
+        return (*node[:SMOOTH], *[0] * len(FAMILIES), 0, *node[FORMS:])
 
     def as_named(self, node: Node) -> Node:
         """The same node without anything smooth, and with forms no further off than an effect's name allows."""
@@ -142,27 +192,35 @@ class Hyperparameters:
         return (*self.without_smooth(node)[:FORMS], *(min(most, i) for i in node[FORMS:]))
 
     def sizes(self, node: Node) -> list[int]:
-        """How many values each axis of a node has."""
-        return [len(a.values) for a in self.axes] + [len(self.form.values)] * (len(node) - FORMS)
+        """How many values each axis of a node has along which one may step."""
+        of_axes = [1 if k == CARRIER else len(axis.values) for k, axis in enumerate(self.axes)]
+        return of_axes + [len(self.form.values)] * (len(node) - FORMS)
 
     def neighbours(self, node: Node) -> list[Node]:
         """One step along one axis, or back to where it is most probable before any reading."""
         axes = (*self.axes, *[self.form] * (len(node) - FORMS))
-        return [
+        steps = [
             (*node[:k], index, *node[k + 1 :])
             for k, axis in enumerate(axes)
-            for index in sorted({node[k] - 1, node[k] + 1, axis.mode})
+            for index in sorted({axis.mode} if k == CARRIER else {node[k] - 1, node[k] + 1, axis.mode})
             if 0 <= index < len(axis.values) and index != node[k]
         ]
+        return list(dict.fromkeys(self.plainly(step) for step in steps))
 
     def widened(self, node: Node) -> list[Node]:
         """This node, and those with more scatter, noise or something smooth: there a bad case may be a sound one."""
         more = [
             (*node[:axis], index, *node[axis + 1 :])
-            for axis in (SCATTER, NOISE, *range(SMOOTH, FORMS))
+            for axis in (SCATTER, NOISE, *range(SMOOTH, CARRIER))
             for index in range(node[axis] + 1, len(self.axes[axis].values))
         ]
-        return [node, *more]
+        of_all = [(*n[:CARRIER], 0, *n[FORMS:]) for n in (node, *more)]
+        return list(dict.fromkeys([node, *more, *of_all]))
+
+
+def is_smooth(block: str) -> bool:
+    """Whether a block's columns are something smooth."""
+    return ":" in block
 
 
 def climbed(log_joint: Callable[[Node], float], start: Node, sizes: Sequence[int]) -> Node:
@@ -191,7 +249,7 @@ def climbed(log_joint: Callable[[Node], float], start: Node, sizes: Sequence[int
 
 def explored(
     log_joints: Callable[[Sequence[Node]], Sequence[float]],
-    start: Node,
+    starts: Sequence[Node],
     neighbours: Callable[[Node], list[Node]],
     within: float,
 ) -> dict[Node, float]:
@@ -199,11 +257,11 @@ def explored(
 
     Args:
         log_joints: of several nodes.
-        start: where to begin.
+        starts: where to begin.
         neighbours: of a node.
         within: log probability below the best from which a node's neighbours are not asked.
     """
-    known = {start: log_joints([start])[0]}
+    known = dict(zip(starts, log_joints(starts), strict=True))
     asked: set[Node] = set()
     while outmost := _near(known, within) - asked:
         asked |= outmost

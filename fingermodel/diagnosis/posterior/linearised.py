@@ -15,7 +15,7 @@ from scipy.linalg import solve_triangular
 from scipy.sparse import csr_array
 
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
-from fingermodel.diagnosis.posterior.hyper import ACTING, NOISE, SCATTER, Hyperparameters, Node
+from fingermodel.diagnosis.posterior.hyper import ACTING, NOISE, SCATTER, Hyperparameters, Node, is_smooth
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Rows, Session, WhitenedSmooth, whitened
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-# Names of the blocks; `smooth0`, … and `form0`, … besides.
+# Names of the blocks; `torque:`, … of something smooth and `form0`, … besides.
 ALWAYS, BUDGET, ANATOMY = ACTING
 OWN, OTHERS = "own", "others"
 
@@ -92,7 +92,7 @@ class Linearised:
 
     def forget(self) -> None:
         """Let go of inner products; what is asked of them again is made again."""
-        for name in ("_inner", "_latest", "_fitted", "_known", "unseen"):
+        for name in ("_inner", "_latest", "_fitted", "_known", "_unseen"):
             self.__dict__.pop(name, None)
 
     @cached_property
@@ -118,14 +118,23 @@ class Linearised:
             OTHERS: np.setdiff1d(np.flatnonzero(effects & ~problem.free & (problem.sd > 0.0)), own),
         }
 
+    def unseen_about(self, x: Floats) -> tuple[Floats, Floats]:
+        """Validation readings (m,) of the model [N, N mm], and their slopes (m, parameters) per prior width.
+
+        Args:
+            x: (parameters,) in prior widths about the priors' centre.
+        """
+        if x.tobytes() not in self._unseen:
+            session, problem = self.session, self.session.problem
+            rows, theta = session.rows[~session.fitted], problem.centre + problem.scale * x
+            free = problem.free | free_mask(session.model, self.explanation)
+            reading = session.readings(theta).reshape(-1)[rows]
+            self._unseen[x.tobytes()] = reading, -slopes_of(replace(problem, free=free), theta, rows)
+        return self._unseen[x.tobytes()]
+
     @cached_property
-    def unseen(self) -> tuple[Floats, Floats]:
-        """Validation readings (m,) of the model [N, N mm], and their slopes (m, parameters) per prior width."""
-        session, problem = self.session, self.session.problem
-        rows = session.rows[~session.fitted]
-        free = problem.free | free_mask(session.model, self.explanation)
-        reading = session.readings(self.theta).reshape(-1)
-        return reading[rows], -slopes_of(replace(problem, free=free), self.theta, rows)
+    def _unseen(self) -> dict[bytes, tuple[Floats, Floats]]:
+        return {}
 
     @cached_property
     def form_errors(self) -> list[Floats]:
@@ -158,8 +167,8 @@ class Linearised:
         session = self.session
         if name.startswith("form"):
             return self.form_errors[int(name.removeprefix("form"))][rows]
-        if name.startswith("smooth"):
-            return session.smooth[np.ix_(rows, session.families == int(name.removeprefix("smooth")))]
+        if is_smooth(name):
+            return session.smooth(name)[rows]
         own = slopes[:, self.parameters_of[name]]
         if name == ALWAYS:
             return np.concatenate([own, session.tares[rows]], axis=1)
@@ -184,8 +193,8 @@ class Linearised:
         session = self.session
         if name.startswith("form"):
             return int(self.form_errors[int(name.removeprefix("form"))].shape[1])
-        if name.startswith("smooth"):
-            return int((session.families == int(name.removeprefix("smooth"))).sum())
+        if is_smooth(name):
+            return int(session.smooth(name).shape[1])
         more = {ALWAYS: session.tares.shape[1], BUDGET: session.nuisances.shape[1]}.get(name, 0)
         return len(self.parameters_of[name]) + int(more)
 
@@ -313,8 +322,8 @@ class Linearised:
         return self._inner[key]
 
     def _whitened(self, inner: Inner, name: str) -> Floats:
-        if name.startswith("smooth"):
-            return inner.smooth.of(int(name.removeprefix("smooth")))
+        if is_smooth(name):
+            return inner.smooth.of(name)
         if name not in inner.blocks:
             plain = self.residual[:, None] if name == "residual" else self._plain(name)
             inner.blocks[name] = whitened(inner.smooth.roots, plain)
@@ -330,8 +339,8 @@ class Linearised:
         return {}
 
     def _product(self, inner: Inner, a: str, b: str) -> Floats:
-        if a.startswith("smooth") and b.startswith("smooth"):
-            return inner.smooth.inner(int(a.removeprefix("smooth")), int(b.removeprefix("smooth")))
+        if is_smooth(a) and is_smooth(b):
+            return inner.smooth.inner(a, b)
         if (b, a) in inner.products:
             return inner.products[b, a].T
         if (a, b) not in inner.products:

@@ -24,6 +24,22 @@ def weighed(log_posterior: float, log_prior: float) -> float:
     return log_prior + EVIDENCE_POWER * (log_posterior - log_prior)
 
 
+def _by_structure(fit: Optimum, nodes: Mapping[Node, float]) -> tuple[float, dict[Node, float]]:
+    """Log weight of an explanation, up to a constant, and of each of its nodes; both weighed.
+
+    What is smooth, and what carries it, is part of the hypothesis, and its prior counts in full.
+    """
+    groups: dict[tuple[str, ...], list[Node]] = {}
+    for node in nodes:
+        groups.setdefault(tuple(fit.hyper.smooth_blocks(node)), []).append(node)
+    out: dict[Node, float] = {}
+    for some in groups.values():
+        whole = float(logsumexp([nodes[node] for node in some]))
+        less = whole - weighed(whole, fit.log_prior + fit.hyper.log_prior_of_smooth(some[0]))
+        out |= {node: nodes[node] - less for node in some}
+    return float(logsumexp(list(out.values()))), out
+
+
 @dataclass(frozen=True, eq=False)
 class Entry:
     """One explanation at one node of the hyperparameters.
@@ -34,7 +50,8 @@ class Entry:
         node: of the hyperparameters; None for one that was only promised.
         named: candidates that act by their name: no error of form above `FORM_NAMED`, and nothing unknown beside them
             that is larger than what they change themselves.
-        beyond_newton: what acts that no name describes: something smooth, or the error of a form above `FORM_NAMED`.
+        beyond_newton: what acts that no name describes [N]: something smooth, an error of form above `FORM_NAMED`, or a
+            known thing outside the catalogue.
         probability: of it.
     """
 
@@ -57,7 +74,7 @@ class Promise:
 
     Attributes:
         log_posterior: of it.
-        log_prior: of it.
+        log_prior: of it, and of what is smooth where the promise was made.
         named: candidates that act by their name, as of an `Entry`.
         beyond_newton: what acts besides where the promise was made, as of an `Entry`.
     """
@@ -75,7 +92,8 @@ class Promise:
         if not has <= set(explanation.members):
             has, known, beyond = set(), frozenset(), float(host.hyper.values(host.best).smooth_N.max())
         new = frozenset(m.candidate.name for m in explanation.members if m not in has and not m.candidate.outside)
-        return cls(log_posterior, log_prior, known | new, beyond)
+        smooth = host.hyper.log_prior_of_smooth(host.best)
+        return cls(log_posterior, log_prior + smooth, known | new, beyond)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,16 +126,15 @@ class Posterior:
             promised: to explanations that were not fitted.
             nodes: log joint of each fit's nodes, where it is asked under other assumptions than it was fitted under.
         """
-        values_of = {e: fit.nodes for e, fit in fits.items()} if nodes is None else nodes
-        known = {e: (float(logsumexp(list(values_of[e].values()))), fit.log_prior) for e, fit in fits.items()}
-        known |= {e: (p.log_posterior, p.log_prior) for e, p in promised.items()}
-        weights = {e: weighed(value, prior) for e, (value, prior) in known.items()}
+        of_fits = {e: _by_structure(fit, fit.nodes if nodes is None else nodes[e]) for e, fit in fits.items()}
+        weights = {e: weight for e, (weight, _) in of_fits.items()}
+        weights |= {e: weighed(p.log_posterior, p.log_prior) for e, p in promised.items()}
         total, entries = float(logsumexp(list(weights.values()))), []
         for explanation, fit in fits.items():
-            sizes, less = fit.sizes_newton, known[explanation][0] - weights[explanation] + total
-            for node, value in values_of[explanation].items():
+            sizes = fit.sizes_newton
+            for node, value in of_fits[explanation][1].items():
                 named, beyond = _named(fit, node, sizes)
-                entries.append(Entry(explanation, fit, node, named, beyond, float(np.exp(value - less))))
+                entries.append(Entry(explanation, fit, node, named, beyond, float(np.exp(value - total))))
         for e, p in promised.items():
             entries.append(Entry(e, None, None, p.named, p.beyond_newton, float(np.exp(weights[e] - total))))
         return cls(fits, tuple(entries), weights, total)
@@ -164,6 +181,20 @@ class Posterior:
         """Expected size of it if it acts [N]."""
         total = self.probability(lambda e: e.beyond_newton > 0.0)
         return float(sum(e.probability * e.beyond_newton for e in self.entries)) / total if total > 1e-12 else 0.0
+
+    @cached_property
+    def carriers(self) -> dict[str, float]:
+        """How probable it is that one tendon or rotation alone has what is smooth, if anything is; the likeliest first.
+
+        The rest of the probability is that several of them have.
+        """
+        known = [(e.fit.hyper, e.node, e.probability) for e in self.entries if e.fit and e.node]
+        smooth = [(hyper.carrier(node), p) for hyper, node, p in known if hyper.smooth_blocks(node)]
+        out: dict[str, float] = {}
+        for carrier, p in smooth:
+            out[carrier] = out.get(carrier, 0.0) + p
+        total = sum(out.values())
+        return {name: p / total for name, p in sorted(out.items(), key=lambda item: -item[1]) if name}
 
     def of_names(self, names: Iterable[str]) -> float:
         """Probability that all of some candidates act by their name."""
@@ -224,8 +255,10 @@ def _named(fit: Optimum, node: Node, sizes: dict[str, float]) -> tuple[frozenset
     for member in fit.explanation.members:
         name = member.candidate.name
         error = float(fit.hyper.form.values[next(errors)]) if member.candidate.has_form else 0.0
-        if error > FORM_NAMED:
+        if member.candidate.outside:
+            beyond = max(beyond, sizes[name])
+        elif error > FORM_NAMED:
             beyond = max(beyond, error * sizes[name])
-        elif not member.candidate.outside:
+        else:
             right.append(name)
     return frozenset(name for name in right if sizes[name] > beyond), beyond

@@ -19,7 +19,7 @@ from fingermodel.diagnosis.posterior.gaussian import (
     marginal_evidence,
     screened,
 )
-from fingermodel.diagnosis.posterior.hyper import NOISE, Node, climbed, explored
+from fingermodel.diagnosis.posterior.hyper import CARRIER, NOISE, Node, climbed, explored
 from fingermodel.diagnosis.posterior.linearised import ALWAYS, ANATOMY, BUDGET, OTHERS, OWN, Linearised
 from fingermodel.diagnosis.session_model.bad_cases import Apart, gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import Explanation
@@ -158,12 +158,28 @@ class Optimum(Linearised):
         if best[NOISE] != self.hyper.axes[NOISE].mode and best == self.hyper.without_smooth(best):
             # What is taken for noise may be something smooth.
             best = max(best, climbed(self._asked, self.hyper.with_smooth(best), sizes), key=self._asked)
-        return best
+        return self.hyper.plainly(best)
+
+    @cached_property
+    def of_one(self) -> Node:
+        """The mode, or a better node where what is smooth is of one tendon or of one rotation alone."""
+        nodes = self.hyper.with_carriers(self.mode)
+        values = self._asked_together(nodes)
+        if max(values) < self._asked(self.mode) - NODES_WITHIN:
+            return self.mode
+        start = nodes[int(np.argmax(values))]
+        return max(self.mode, climbed(self._asked, start, self.hyper.sizes(start)), key=self._asked)
+
+    @cached_property
+    def promise_of_one(self) -> float:
+        """Log posterior that it promises there."""
+        return self.log_posterior + self._asked(self.of_one) - self._asked(self.mode)
 
     @cached_property
     def nodes(self) -> dict[Node, float]:
         """Log joint of the nodes that matter, exact masses of cut priors included."""
-        known = explored(self._asked_together, self.mode, self.hyper.neighbours, NODES_WITHIN)
+        starts = [self.mode, *(self.hyper.with_carriers(self.mode) if self.mode[CARRIER] else [])]
+        known = explored(self._asked_together, starts, self.hyper.neighbours, NODES_WITHIN)
         best = max(known, key=lambda n: known[n])
         # Together or one by one makes the same difference at every node, near enough.
         further, cut = 0.0, self._one_sided

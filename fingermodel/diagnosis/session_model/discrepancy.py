@@ -6,7 +6,7 @@ N(0, 1) weights is one draw.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,10 @@ class Places:
         """(n,) what of each reading counts as much as a newton."""
         out: Floats = np.where(self.moment, LEVER_MM, 1.0)
         return out
+
+    def of_muscle(self, index: int) -> Places:
+        """The same with one muscle's load alone."""
+        return replace(self, load=self.load[:, index : index + 1])
 
     @classmethod
     def of(cls, observations: Observations, rows: Rows) -> Places:

@@ -8,7 +8,7 @@ are independent by case; everything else is a column with a Gaussian weight.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -121,23 +121,23 @@ class WhitenedSmooth:
     Attributes:
         roots: inverse roots of the noise by case.
         log_det: of the noise.
-        parts: (n, k) columns of each family, not whitened.
+        part: (n, k) columns of a block, not whitened.
     """
 
     roots: list[tuple[Rows, Floats]]
     log_det: float
-    parts: tuple[Floats, ...]
-    _whitened: dict[int, Floats] = field(default_factory=dict, repr=False)
-    _inner: dict[tuple[int, int], Floats] = field(default_factory=dict, repr=False)
+    part: Callable[[str], Floats]
+    _whitened: dict[str, Floats] = field(default_factory=dict, repr=False)
+    _inner: dict[tuple[str, str], Floats] = field(default_factory=dict, repr=False)
 
-    def of(self, family: int) -> Floats:
-        """(n, k) whitened columns of a family."""
-        if family not in self._whitened:
-            self._whitened[family] = whitened(self.roots, self.parts[family])
-        return self._whitened[family]
+    def of(self, block: str) -> Floats:
+        """(n, k) whitened columns of a block."""
+        if block not in self._whitened:
+            self._whitened[block] = whitened(self.roots, self.part(block))
+        return self._whitened[block]
 
-    def inner(self, a: int, b: int) -> Floats:
-        """(k, k) inner products of two families."""
+    def inner(self, a: str, b: str) -> Floats:
+        """(k, k) inner products of two blocks."""
         if (a, b) not in self._inner:
             self._inner[a, b] = self.of(a).T @ self.of(b)
         return self._inner[a, b]
@@ -181,8 +181,8 @@ class Session:
     def seen_from(self, theta: Floats) -> Session:
         """The same with the scatter's columns made at a parameter vector (parameters,)."""
         other = replace(self, about=theta)
-        kept = ("places", "_smooth_parts", "smooth", "families", "torque_answer", "_tips", "tares", "nuisances")
-        for name in (*kept, "_fitted_smooth", "_filled"):
+        kept = ("places", "_smooth", "torque_answer", "_answer_by_row", "_tips", "tares", "nuisances", "_filled")
+        for name in kept:
             # What does not depend on it need not be made again.
             other.__dict__[name] = getattr(self, name)
         return other
@@ -192,24 +192,41 @@ class Session:
         """Where each reading belongs."""
         return Places.of(self.observations, self.rows)
 
-    @cached_property
-    def smooth(self) -> Floats:
-        """(n, k) columns of something smooth, one family after another (see `families`)."""
-        return np.concatenate(self._smooth_parts, axis=1)
+    @property
+    def carriers(self) -> tuple[str, ...]:
+        """What something smooth may be of: of everything (""), of one tendon alone, of one rotation alone."""
+        tendons = [
+            m for m, load in zip(self.model.finger.topology.muscles, self.places.load.T, strict=True) if load.any()
+        ]
+        return ("", *tendons, *self.model.finger.topology.rotations)
 
-    @cached_property
-    def families(self) -> Rows:
-        """(k,) to which family each smooth column belongs.
+    def smooth(self, block: str) -> Floats:
+        """(n, k) columns of something smooth.
 
-        0: joint torque; 1: readings, growing with the load; 2: readings, whatever the load.
+        Args:
+            block: its family and what carries it (see `carriers`), as in `torque:FDP`. Families are `torque` of joints;
+                `loaded`: readings, growing with the load; `constant`: readings, whatever the load.
         """
-        return np.repeat(np.arange(3), [part.shape[1] for part in self._smooth_parts])
+        if block not in self._smooth:
+            family, carrier = block.split(":")
+            muscles, rotations = list(self.model.finger.topology.muscles), list(self.model.finger.topology.rotations)
+            at = self.places.of_muscle(muscles.index(carrier)) if carrier in muscles else self.places
+            if family == "torque":
+                only = [rotations.index(carrier)] if carrier in rotations else range(len(rotations))
+                self._smooth[block] = torque_columns(at, self._answer_by_row[:, list(only)])
+            else:
+                self._smooth[block] = (loaded_columns if family == "loaded" else constant_columns)(at)
+        return self._smooth[block]
 
     @cached_property
-    def _smooth_parts(self) -> tuple[Floats, Floats, Floats]:
-        at, answer = self.places, self.torque_answer.reshape(len(self.observations.ids), -1, 6)
-        by_row = answer[self.rows // 6, :, self.rows % 6]
-        return torque_columns(at, by_row), loaded_columns(at), constant_columns(at)
+    def _smooth(self) -> dict[str, Floats]:
+        return {}
+
+    @cached_property
+    def _answer_by_row(self) -> Floats:
+        answer = self.torque_answer.reshape(len(self.observations.ids), -1, 6)
+        out: Floats = answer[self.rows // 6, :, self.rows % 6]
+        return out
 
     @cached_property
     def torque_answer(self) -> Floats:
@@ -253,12 +270,8 @@ class Session:
         key = (scatter, multiple, bad)
         if key not in self._kept:
             roots, log_det = self.fitted_noise.whitening(scatter, multiple, bad)
-            self._kept[key] = WhitenedSmooth(roots, log_det, self._fitted_smooth)
+            self._kept[key] = WhitenedSmooth(roots, log_det, lambda block: self.smooth(block)[self.fitted])
         return self._kept[key]
-
-    @cached_property
-    def _fitted_smooth(self) -> tuple[Floats, ...]:
-        return tuple(p[self.fitted] for p in self._smooth_parts)
 
     def forget(self) -> None:
         """Let go of what `whitened_smooth` has kept."""

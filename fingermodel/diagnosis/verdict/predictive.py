@@ -19,15 +19,18 @@ from fingermodel.diagnosis.session_model.bad_cases import (
     chance_of,
 )
 from fingermodel.diagnosis.session_model.candidates import Explanation
+from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slips import Explained, Slips
-from fingermodel.diagnosis.settings import EVIDENCE_POWER, P_VALUE
+from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED, P_VALUE
 from fingermodel.fitting.roots import root_of
 
 Floats = NDArray[np.float64]
 
 # Hyperparameters and explanations count from this probability on.
 _WEIGHT = 0.02
+# So often the validation readings are linearised anew at most; and an error of that [N] which no reading notices.
+_TIMES, _LINEAR_N = 4, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +106,23 @@ def predicted(fit: Optimum, node: Node | None = None, change: Floats | None = No
         node: of the hyperparameters.
         change: (cases, 6) of all readings by something that acts besides [N, N mm]; none by default.
     """
-    session, unseen, node = fit.session, ~fit.session.fitted, node or fit.best
-    reading, slopes = fit.unseen
+    return _predicted(fit, node or fit.best, fit.x, change)[0]
+
+
+def _predicted(
+    fit: Optimum, node: Node, about: Floats, change: Floats | None = None, *, robust: bool = False
+) -> tuple[Prediction, Floats]:
+    """Predict with the validation readings linearised about some parameters, and where these lie by their readings.
+
+    Args:
+        fit: that predicts.
+        node: of the hyperparameters.
+        about: (parameters,) in prior widths about the priors' centre.
+        change: of `predicted`.
+        robust: whether a case that stands apart says nothing of where the parameters lie.
+    """
+    session, unseen = fit.session, ~fit.session.fitted
+    reading, slopes = fit.unseen_about(about)
     measured, moved = session.measured, fit
     if change is not None:
         by_row = change.reshape(-1)[session.rows]
@@ -112,13 +130,69 @@ def predicted(fit: Optimum, node: Node | None = None, change: Floats | None = No
         moved.__dict__["form_errors"] = fit.form_errors
     found = moved.everything(node)
     columns = np.concatenate([fit.block(name, unseen, slopes) for name in found.names], axis=1)
-    away = measured[unseen] - reading - columns @ (found.mean - found.place)
+    index, at = found.parameters
+    place = np.zeros(len(found.mean))
+    place[at] = about[index]
+    away = measured[unseen] - reading - columns @ (found.mean - place)
     values = fit.hyper.values(node)
-    covariance = columns @ found.covariance @ columns.T
+    of_weights = columns @ found.covariance
+    covariance = of_weights @ columns.T
     noise = session.noise_of(unseen)
-    for at, own in noise.covariances(values.scatter, values.noise, ()):
-        covariance[at[:, :, None], at[:, None, :]] += own
-    return Prediction(away, covariance, noise.cases, noise.bad_size)
+    for rows, own in noise.covariances(values.scatter, values.noise, ()):
+        covariance[rows[:, :, None], rows[:, None, :]] += own
+    of_form = _of_form(fit)
+    covariance += of_form @ of_form.T
+    prediction, x = Prediction(away, covariance, noise.cases, noise.bad_size), about.copy()
+    spoilt = _spoilt(prediction, _standing_apart(prediction) if robust else ())
+    x[index] = (found.mean + of_weights.T @ np.linalg.solve(covariance + spoilt, away))[at]
+    return prediction, x
+
+
+def _standing_apart(prediction: Prediction) -> list[int]:
+    """Cases whose own readings are out of the question."""
+    out = []
+    for case in np.unique(prediction.cases).tolist():
+        own = np.flatnonzero(prediction.cases == case)
+        misfit = _log_normal(prediction.away[own], prediction.covariance[np.ix_(own, own)])[1]
+        if chdtrc(len(own), misfit) < P_VALUE:
+            out.append(case)
+    return out
+
+
+def _of_form(fit: Optimum) -> Floats:
+    """(m, k) columns of the errors of form in validation readings that no fitted case can show.
+
+    Where tendons are loaded together that are so in no fitted case, an effect may be off by as much as its name allows.
+    """
+    session, cases = fit.session, fit.session.rows // 6
+    loads = np.asarray(session.observations.inputs.tension) > 0.0
+    which = np.unique(loads, axis=0, return_inverse=True)[1]
+    new = np.setdiff1d(which[cases[~session.fitted]], which[cases[session.fitted]])
+    of_load = which[:, None] == new
+    at = replace(session.places, load=of_load[cases].astype(float))
+    changes = (c for m, c in zip(fit.explanation.members, fit.changes, strict=True) if m.candidate.has_form)
+    columns = [form_columns(at, change * of_load.any(axis=1)[:, None], session.rows) for change in changes]
+    return FORM_NAMED * np.concatenate([np.zeros((len(cases), 0)), *columns], axis=1)[~session.fitted]
+
+
+def whereabouts(fit: Optimum) -> Floats:
+    """(parameters,) about which the validation readings are linearised, in prior widths: where they lie themselves.
+
+    The angles of a posture that no fitted case has are known by these readings alone. Of some steps, that is taken
+    whose linearisation comes nearest to the model where it says that they lie.
+    """
+    session, problem, about = fit.session, fit.session.problem, fit.x
+    lower, upper = ((limit - problem.centre) / problem.scale for limit in (problem.lower, problem.upper))
+    unit, tried = session.places.unit[~session.fitted], list[tuple[float, Floats]]()
+    for _ in range(_TIMES):
+        reading, slopes = fit.unseen_about(about)
+        there = np.clip(_predicted(fit, fit.best, about, robust=True)[1], lower, upper)
+        off = (fit.unseen_about(there)[0] - reading - slopes @ (there - about)) / unit
+        tried.append((float(np.abs(off).max()), about))
+        if tried[-1][0] < _LINEAR_N:
+            break
+        about = there
+    return min(tried, key=lambda one: one[0])[1]
 
 
 def _predictions(fit: Optimum) -> tuple[tuple[float, Prediction], ...]:
@@ -126,8 +200,8 @@ def _predictions(fit: Optimum) -> tuple[tuple[float, Prediction], ...]:
     total = float(logsumexp(list(fit.nodes.values())))
     weights = {node: float(np.exp(value - total)) for node, value in fit.nodes.items()}
     kept = sorted((n for n, w in weights.items() if w >= _WEIGHT or n == fit.best), key=lambda n: -weights[n])
-    whole = sum(weights[n] for n in kept)
-    return tuple((weights[n] / whole, predicted(fit, n)) for n in kept)
+    whole, about = sum(weights[n] for n in kept), whereabouts(fit)
+    return tuple((weights[n] / whole, _predicted(fit, n, about)[0]) for n in kept)
 
 
 def check(fit: Optimum, slips: Slips | None = None) -> PredictiveCheck:

@@ -173,7 +173,10 @@ def _beyond(posterior: Posterior) -> tuple[str, ...]:
     leader = posterior.leader
     near = words(leader.explanation.names)
     looks = f"; the nearest law of the catalogue, {near}, would have to be another one" if near else ""
-    said = f"Something of about {posterior.beyond_newton:.2f} N acts that no effect here describes{looks}."
+    alone = [f", of {carrier} alone" for carrier, p in posterior.carriers.items() if p >= 0.5]
+    said = (
+        f"Something of about {posterior.beyond_newton:.2f} N acts that no effect here describes{''.join(alone)}{looks}."
+    )
     if best is not None and known[best] >= 0.5:
         title = next(e.title for e in leader.session.model.effects if e.name == best.split(".")[0])
         said = f"Most of it is {best}, which rigs are known for and the catalogue leaves out: {title}."

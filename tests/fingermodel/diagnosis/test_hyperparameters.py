@@ -48,6 +48,23 @@ def test_a_stated_scatter_is_believed_within_a_factor(published: SessionModel) -
     assert np.exp(axis.log_weight[near]).sum() > 0.9
 
 
+def test_where_nothing_is_smooth_nobody_carries_it(recorded: SessionModel) -> None:
+    hyper = Hyperparameters.of(recorded)
+    plain = hyper.usual
+    smooth = hyper.with_smooth(plain)
+    carried = hyper.with_carriers(smooth)
+    assert {hyper.carrier(node) for node in carried} == set(hyper.carriers[1:])
+    assert hyper.carrier(smooth) == ""
+    # Carriers of what is smooth share one probability; of nothing there is none to share.
+    each = [np.exp(hyper.log_prior(node) - hyper.log_prior(smooth)) for node in carried]
+    assert sum(each) == pytest.approx(settings.P_OF_ONE / (1.0 - settings.P_OF_ONE))
+    for node in carried:
+        none = hyper.without_smooth(node)
+        assert hyper.log_prior(none) == pytest.approx(hyper.log_prior(hyper.without_smooth(smooth)))
+        assert not hyper.smooth_blocks(none)
+        assert all(hyper.plainly(near) == near for near in hyper.neighbours(node))
+
+
 def quadratic_hill(node: Node) -> float:
     return -0.7 * ((node[0] - 5) ** 2 + (node[1] - 2) ** 2)
 
@@ -63,6 +80,6 @@ def test_climbing_ends_on_top() -> None:
 
 def test_what_is_left_out_is_improbable() -> None:
     every = np.array([quadratic_hill((i, j)) for i in range(9) for j in range(9)])
-    found = np.array(list(explored(lambda nodes: [quadratic_hill(n) for n in nodes], (5, 2), steps, 4.0).values()))
+    found = np.array(list(explored(lambda nodes: [quadratic_hill(n) for n in nodes], [(5, 2)], steps, 4.0).values()))
     assert len(found) < len(every)
     assert np.exp(found).sum() == pytest.approx(np.exp(every).sum(), rel=0.01)

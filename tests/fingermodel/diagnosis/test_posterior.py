@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.gaussian import log_mass_apart, marginal_evidence
@@ -50,7 +51,9 @@ def sheath(fitter: Fitter, nothing: Optimum) -> Optimum:
     return fitter.fit(explanation, nothing.expected(explanation, nothing.best), nothing.best)
 
 
-@pytest.mark.parametrize("axes", [(0, 0, 0, 0, 0, 0, 0), (4, 1, 2, 3, 3, 0, 0), (2, 0, 0, 2, 0, 3, 2)])
+@pytest.mark.parametrize(
+    "axes", [(0, 0, 0, 0, 0, 0, 0, 0), (4, 1, 2, 3, 3, 0, 0, 0), (2, 0, 0, 2, 0, 3, 2, 1), (2, 0, 0, 2, 4, 3, 0, 9)]
+)
 def test_evidence_is_that_of_the_dense_gaussian(nothing: Optimum, axes: tuple[int, ...]) -> None:
     freed, of_noise = nothing.freed(axes)
     y, covariance = dense(nothing, axes)
@@ -63,7 +66,7 @@ def test_the_steepest_slopes_leave_the_misfit_that_they_have(nothing: Optimum) -
     own = np.concatenate([nothing.parameters_of["budget"], nothing.parameters_of["anatomy"]])
     rng, slopes = np.random.default_rng(1), nothing.slopes.copy()
     slopes[:, own] += 1e5 * np.outer(rng.normal(size=len(slopes)), rng.normal(size=len(own)))
-    steep, node = replace(nothing, slopes=slopes), (0, 0, 0, 5, 0, 0, 0)
+    steep, node = replace(nothing, slopes=slopes), (0, 0, 0, 5, 0, 0, 0, 0)
     names = steep.acting(node)
     columns, residual, _ = steep.whitened_at(names, node, None)
     widths, places = steep.widths(names, node), steep.places(names)
@@ -76,7 +79,7 @@ def test_the_steepest_slopes_leave_the_misfit_that_they_have(nothing: Optimum) -
 @pytest.mark.parametrize("width", [1.0, 2.0])
 def test_readings_and_weights_say_the_same(hanger: Optimum, width: float) -> None:
     forms = [0] * len(hanger.form_errors)
-    nodes = [(0, 0, 0, 0, 0, 0, 0, *forms), (4, 1, 2, 3, 3, 0, 0, *forms), (4, 1, 1, 0, 0, 3, 2, *forms)]
+    nodes = [(0, 0, 0, 0, 0, 0, 0, 0, *forms), (4, 1, 2, 3, 3, 0, 0, 0, *forms), (4, 1, 1, 0, 0, 3, 2, 5, *forms)]
     covariance, left, own, of_noise = hanger.among_readings(nodes, None)
     cut = hanger.session.model.parameters.one_sided[list(hanger.explanation.parameters)]
     found = marginal_evidence(covariance, left, width * own, cut) + of_noise
@@ -100,7 +103,7 @@ def test_other_readings_have_the_likelihood_of_the_dense_gaussian(nothing: Optim
     assert changed - same == pytest.approx(0.5 * (before - after), rel=1e-6)
 
 
-@pytest.mark.parametrize("axes", [(0, 0, 0, 0, 0, 0, 0), (4, 1, 2, 3, 3, 0, 0)])
+@pytest.mark.parametrize("axes", [(0, 0, 0, 0, 0, 0, 0, 0), (4, 1, 2, 3, 3, 0, 0, 0)])
 def test_further_columns_are_informed_beside_all_that_acts(nothing: Optimum, axes: tuple[int, ...]) -> None:
     columns = np.random.default_rng(8).normal(size=(len(nothing.residual), 3))
     information, score = nothing.information(columns, axes)
@@ -112,7 +115,7 @@ def test_further_columns_are_informed_beside_all_that_acts(nothing: Optimum, axe
 
 @pytest.mark.parametrize("spread", [1.0, 3.0])
 def test_cases_are_left_out_as_the_dense_gaussian_leaves_them_out(nothing: Optimum, spread: float) -> None:
-    node, cases = (4, 1, 2, 3, 3, 0, 0), nothing.session.fitted_noise.cases
+    node, cases = (4, 1, 2, 3, 3, 0, 0, 0), nothing.session.fitted_noise.cases
     column = 0.01 * np.random.default_rng(5).normal(size=len(cases))
 
     def log_density(column: Floats) -> float:
@@ -185,13 +188,35 @@ def test_probabilities_sum_to_one(nothing: Optimum, hanger: Optimum, sheath: Opt
     assert posterior.leader is hanger
 
 
+def of_structures(fit: Optimum) -> dict[tuple[str, ...], tuple[float, float]]:
+    """Log prior and log evidence of an explanation with what is smooth, and of whom."""
+    nodes: dict[tuple[str, ...], list[tuple[int, ...]]] = {}
+    for node in fit.nodes:
+        nodes.setdefault(tuple(fit.hyper.smooth_blocks(node)), []).append(node)
+    out = {}
+    for blocks, some in nodes.items():
+        prior = fit.log_prior + fit.hyper.log_prior_of_smooth(some[0])
+        out[blocks] = prior, float(logsumexp([fit.nodes[n] for n in some])) - prior
+    return out
+
+
 def test_the_prior_counts_in_full_and_the_evidence_to_a_power(hanger: Optimum, nothing: Optimum) -> None:
     posterior = Posterior.of({f.explanation: f for f in (nothing, hanger)})
-    p = {f.explanation: sum(e.probability for e in posterior.entries if e.fit is f) for f in (nothing, hanger)}
-    prior = hanger.log_prior - nothing.log_prior
-    evidence = hanger.log_posterior - nothing.log_posterior - prior
-    found = np.log(p[hanger.explanation] / p[NOTHING])
-    assert found == pytest.approx(prior + EVIDENCE_POWER * evidence, rel=1e-9)
+    found: dict[object, float] = {}
+    for entry in posterior.entries:
+        assert entry.fit is not None
+        assert entry.node is not None
+        key = entry.fit, tuple(entry.fit.hyper.smooth_blocks(entry.node))
+        found[key] = found.get(key, 0.0) + entry.probability
+    expected = {
+        (fit, blocks): prior + EVIDENCE_POWER * evidence
+        for fit in (nothing, hanger)
+        for blocks, (prior, evidence) in of_structures(fit).items()
+    }
+    assert len(expected) > 2
+    least = max(expected, key=lambda k: expected[k])
+    for key, value in expected.items():
+        assert np.log(found[key] / found[least]) == pytest.approx(value - expected[least], rel=1e-9)
 
 
 def test_a_law_that_is_off_by_more_than_a_tenth_is_not_named(sheath: Optimum, nothing: Optimum) -> None:

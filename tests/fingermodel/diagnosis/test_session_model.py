@@ -82,7 +82,7 @@ def test_scatter_acts_on_each_tendon_by_itself(session: SessionModel) -> None:
 
 
 def test_something_smooth_in_torque_reaches_tip_and_bone_together(session: SessionModel) -> None:
-    torque = session.smooth[:, session.families == 0]
+    torque = session.smooth("torque:")
     places = np.array(session.observations.locations)[session.rows // 6]
     strength = np.abs(torque).sum(axis=0)
     both = (np.abs(torque[places == "tip"]).sum(axis=0) > 0) & (np.abs(torque[places == "bone"]).sum(axis=0) > 0)
@@ -91,7 +91,31 @@ def test_something_smooth_in_torque_reaches_tip_and_bone_together(session: Sessi
 
 def test_a_discrepancy_spares_the_checks(session: SessionModel) -> None:
     checks = np.array(session.observations.roles)[session.rows // 6] == "check"
-    assert not session.smooth[checks].any()
+    for carrier in session.carriers:
+        assert not session.smooth(f"torque:{carrier}")[checks].any()
+        assert not session.smooth(f"loaded:{carrier}")[checks].any()
+    assert not session.smooth("constant:")[checks].any()
+
+
+def test_what_one_tendon_carries_is_in_its_cases_alone(session: SessionModel) -> None:
+    tension = np.asarray(session.observations.inputs.tension)[session.rows // 6]
+    muscles = session.model.finger.topology.muscles
+    tendons = [carrier for carrier in session.carriers if carrier in muscles]
+    assert len(tendons) == np.count_nonzero(tension.any(axis=0))
+    for name in tendons:
+        loaded = tension[:, muscles.index(name)] > 0.0
+        for family in ("torque", "loaded"):
+            columns = session.smooth(f"{family}:{name}")
+            assert columns[loaded].any()
+            assert not columns[~loaded].any()
+
+
+def test_what_one_rotation_carries_turns_about_it_alone(session: SessionModel) -> None:
+    rotations = list(session.model.finger.topology.rotations)
+    answer = session.torque_answer[session.rows // 6, :, session.rows % 6]
+    for name in rotations:
+        columns, own = session.smooth(f"torque:{name}"), answer[:, rotations.index(name)]
+        np.testing.assert_array_equal(columns[own == 0.0], 0.0)
 
 
 def test_a_clamp_that_resists_twist_leaves_joint_torques_as_they_are(session: SessionModel) -> None:
