@@ -274,8 +274,9 @@ class Session:
         return self._kept[key]
 
     def forget(self) -> None:
-        """Let go of what `whitened_smooth` has kept."""
+        """Let go of what is smooth, whitened or not; what is asked of it again is made again."""
         self._kept.clear()
+        self._smooth.clear()
 
     @cached_property
     def _kept(self) -> dict[tuple[float, float, frozenset[int]], WhitenedSmooth]:

@@ -143,8 +143,9 @@ def _predicted(
     of_form = _of_form(fit)
     covariance += of_form @ of_form.T
     prediction, x = Prediction(away, covariance, noise.cases, noise.bad_size), about.copy()
-    spoilt = _spoilt(prediction, _standing_apart(prediction) if robust else ())
-    x[index] = (found.mean + of_weights.T @ np.linalg.solve(covariance + spoilt, away))[at]
+    factor = root_of(covariance + _spoilt(prediction, _standing_apart(prediction) if robust else ()))
+    moved_by = of_weights.T @ np.linalg.solve(factor.T, np.linalg.solve(factor, away))
+    x[index] = (found.mean + moved_by)[at]
     return prediction, x
 
 
@@ -168,6 +169,8 @@ def _of_form(fit: Optimum) -> Floats:
     loads = np.asarray(session.observations.inputs.tension) > 0.0
     which = np.unique(loads, axis=0, return_inverse=True)[1]
     new = np.setdiff1d(which[cases[~session.fitted]], which[cases[session.fitted]])
+    if len(new) == 0:
+        return np.zeros((int((~session.fitted).sum()), 0))
     of_load = which[:, None] == new
     at = replace(session.places, load=of_load[cases].astype(float))
     changes = (c for m, c in zip(fit.explanation.members, fit.changes, strict=True) if m.candidate.has_form)

@@ -89,3 +89,20 @@ def test_where_other_tendons_are_loaded_together_an_effect_may_be_off_by_what_it
     found = check(fitted(bench, readings, ("sheath_friction",)))
     assert found.p_value is not None
     assert (found.p_value < P_VALUE) == vetoed
+
+
+def test_where_no_load_is_new_there_is_nothing_else_to_allow_for(bench: Session) -> None:
+    o, table = bench.observations, bench.model.parameters
+    theta = table.initial.copy()
+    theta[table.names.index("sheath_friction.mu")] = 0.12
+    loads = [frozenset(m for m, g in masses.items() if g > 0.0) for masses in o.masses_g]
+    seen = {load for load, role in zip(loads, o.roles, strict=True) if role == "identification"}
+    roles = tuple(
+        "identification" if role == "validation" and load not in seen else role
+        for load, role in zip(loads, o.roles, strict=True)
+    )
+    assert "validation" in roles
+    readings = replace(as_read(bench, theta), roles=roles)
+    found = check(fitted(bench, readings, ("sheath_friction",)))
+    assert found.p_value is not None
+    assert found.p_value > P_VALUE
