@@ -25,7 +25,7 @@ import yaml
 
 from benchmarks.machine import commit, most_memory_bytes
 from benchmarks.uplink_parts import surroundings
-from tests.daq.benches import averaged
+from tests.daq.benches import averaged_of_many
 
 RATE_HZ, RECORDED = 1000.0, 665
 # A shipped session of 96 load cases: what a command needs without a long recording.
@@ -33,31 +33,12 @@ SHORT = "DEV-01"
 Row = tuple[str, float, float]
 
 
-def averaged_session(name: str, count: int) -> dict[str, Any]:
-    data = averaged() | {"id": name}
-    rng = np.random.default_rng(0)
-    data["cases"] = [
-        data["cases"][0]
-        | {
-            "id": f"c{i:05d}",
-            "role": "validation" if i % 3 == 0 else "identification",
-            "location": ("tip", "bone")[i % 2],
-            "posture": ("hook", "minor_flexion")[i // 2 % 2],
-            "masses_g": {"FDP": float(rng.integers(100, 900))},
-            "force_N": rng.normal(size=3).tolist(),
-            "force_sd_N": [0.02] * 3,
-        }
-        for i in range(count)
-    ]
-    return data
-
-
 def record(folder: Path, rows: int, ending: str) -> Path:
     """A recording of a tare and a load for each of many cases."""
     from daq.recordings.readings import ReadingBlock, write_readings
 
     rng, span = np.random.default_rng(0), rows / RATE_HZ / RECORDED
-    data = averaged_session("LONG", RECORDED)
+    data = averaged_of_many("LONG", RECORDED)
     for i, case in enumerate(data["cases"]):
         del case["force_N"], case["force_sd_N"]
         begin = round(i * span, 3)
@@ -105,7 +86,7 @@ def service(folder: Path, cases: int, sessions: int) -> list[Row]:
             def cases_of(session: str = name) -> object:
                 return case_bodies(parts.measuring.of(session), parts.models)
 
-            step("begin it", partial(parts.sessions.create, name, averaged_session(name, count)))
+            step("begin it", partial(parts.sessions.create, name, averaged_of_many(name, count)))
             step("`GET …/cases`, nothing known", cases_of)
             step("`GET …/cases` again", cases_of)
             step("an edit", partial(parts.sessions.edit, name, "exclude", "c00001", {"reason": "slipped"}))
@@ -118,7 +99,7 @@ def service(folder: Path, cases: int, sessions: int) -> list[Row]:
                 step(f"export {kind}", partial(write, Path(tempfile.mkdtemp(dir=folder))))
             parts.case_updates.settle(600.0)
         for k in range(sessions):
-            parts.sessions.create(f"L{k:03d}", averaged_session(f"L{k:03d}", 60))
+            parts.sessions.create(f"L{k:03d}", averaged_of_many(f"L{k:03d}", 60))
         parts.case_updates.settle(600.0)
         listing = [_listed(client, sessions) for _ in range(5)]
         return [*out, (f"`GET /sessions`, {sessions} of them", min(listing), 0.0)]

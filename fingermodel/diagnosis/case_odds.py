@@ -43,7 +43,8 @@ class CaseOdds:
         # All that a bad case may have raised, half or whole: together, or one by one.
         together = [tuple(pair[k] for pair in usual) for k in (0, 1)]
         single = [(*best[:a], i, *best[a + 1 : FORMS]) for a, pair in enumerate(usual) for i in pair]
-        nodes = list({self._hyper.plainly((*some, *best[FORMS:])): 0 for some in [best[:FORMS], *together, *single]})
+        each = [(*some, *best[FORMS:]) for some in (best[:FORMS], *together, *single)]
+        nodes = list(dict.fromkeys(self._hyper.plainly(node) for node in each))
         joint = np.array([host.log_joint(node) for node in nodes])
         total = float(logsumexp([host.log_posterior, *joint]))
         gains = [host.log_odds_bad(node) for node in nodes]

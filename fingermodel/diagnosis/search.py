@@ -278,8 +278,7 @@ class Searcher:
         best, usual = host.best, self._hyper.usual
         less = (*best[:SMOOTH], *(min(little, i) for i in best[SMOOTH:CARRIER]), 0, *best[FORMS:])
         plain = (min(best[SCATTER], usual[SCATTER]), usual[NOISE], *self._hyper.without_smooth(best)[2:])
-        of_all = (*best[:CARRIER], 0, *best[FORMS:])
-        return list(dict.fromkeys([best, of_all, self._hyper.without_smooth(best), less, plain]))
+        return list(dict.fromkeys([best, self._hyper.of_all(best), self._hyper.without_smooth(best), less, plain]))
 
     def _first_fits(self, every: Optimum) -> None:
         """Fit what promises to come near the leader about the base, and about where all candidates fit."""
@@ -301,7 +300,7 @@ class Searcher:
                 offers[e] = (v, host)
         for explanation in _best_forms({e: v for e, (v, _) in offers.items()})[: 3 * _FIRST]:
             promise, host = offers[explanation]
-            if promise < self._leader.log_posterior - WITHIN:
+            if not self._near(promise):
                 break
             if explanation not in self._fits:
                 self._fit(explanation, host)

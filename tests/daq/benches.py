@@ -120,3 +120,22 @@ def save(folder: Path, data: dict[str, Any], *blocks: ReadingBlock) -> Path:
         write_readings(folder / data["readings"], blocks)
     (folder / "session.yaml").write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
     return folder
+
+
+def averaged_of_many(name: str, count: int) -> dict[str, Any]:
+    """The same with so many load cases, each with a force and its uncertainty."""
+    data, rng = averaged() | {"id": name}, np.random.default_rng(0)
+    data["cases"] = [
+        data["cases"][0]
+        | {
+            "id": f"c{i:05d}",
+            "role": "validation" if i % 3 == 0 else "identification",
+            "location": ("tip", "bone")[i % 2],
+            "posture": ("hook", "minor_flexion")[i // 2 % 2],
+            "masses_g": {"FDP": float(rng.integers(100, 900))},
+            "force_N": rng.normal(size=3).tolist(),
+            "force_sd_N": [0.02] * 3,
+        }
+        for i in range(count)
+    ]
+    return data

@@ -137,7 +137,11 @@ class Hyperparameters:
 
     def plainly(self, node: Node) -> Node:
         """The same node; where nothing is smooth, nothing carries it."""
-        return node if self._carried(node) else (*node[:CARRIER], 0, *node[FORMS:])
+        return node if self._carried(node) else self.of_all(node)
+
+    def of_all(self, node: Node) -> Node:
+        """The same node with what is smooth of everything."""
+        return (*node[:CARRIER], 0, *node[FORMS:])
 
     def log_prior(self, node: Node) -> float:
         """Of a node."""
@@ -214,8 +218,7 @@ class Hyperparameters:
             for axis in (SCATTER, NOISE, *range(SMOOTH, CARRIER))
             for index in range(node[axis] + 1, len(self.axes[axis].values))
         ]
-        of_all = [(*n[:CARRIER], 0, *n[FORMS:]) for n in (node, *more)]
-        return list(dict.fromkeys([node, *more, *of_all]))
+        return list(dict.fromkeys([node, *more, *map(self.of_all, [node, *more])]))
 
 
 def is_smooth(block: str) -> bool:

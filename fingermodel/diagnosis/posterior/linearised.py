@@ -140,9 +140,30 @@ class Linearised:
     def form_errors(self) -> list[Floats]:
         """Columns (all readings, k) of the error of form of each member that has a form."""
         session = self.session
-        laws = [m.candidate.has_form for m in self.explanation.members]
-        own = (change for change, law in zip(self.changes, laws, strict=True) if law)
-        return [form_columns(session.places, change, session.rows) for change in own]
+        return [form_columns(session.places, change, session.rows) for change in self._with_form]
+
+    @property
+    def _with_form(self) -> list[Floats]:
+        """(cases, 6) by each member that has a form [N, N mm]."""
+        return [c for m, c in zip(self.explanation.members, self.changes, strict=True) if m.candidate.has_form]
+
+    @cached_property
+    def form_errors_of_new_loads(self) -> Floats:
+        """Columns (validation readings, k) of the errors of form that no fitted case can show.
+
+        They are of the cases in which tendons are loaded together that are so in no fitted case.
+        """
+        session, cases = self.session, self.session.rows // 6
+        loads = np.asarray(session.observations.inputs.tension) > 0.0
+        which = np.unique(loads, axis=0, return_inverse=True)[1]
+        new = np.setdiff1d(which[cases[~session.fitted]], which[cases[session.fitted]])
+        if len(new) == 0:
+            return np.zeros((int((~session.fitted).sum()), 0))
+        of_load = which[:, None] == new
+        at = replace(session.places, load=of_load[cases].astype(float))
+        here = of_load.any(axis=1)[:, None]
+        columns = [form_columns(at, change * here, session.rows) for change in self._with_form]
+        return np.concatenate([np.zeros((len(cases), 0)), *columns], axis=1)[~session.fitted]
 
     @cached_property
     def sizes_newton(self) -> dict[str, float]:

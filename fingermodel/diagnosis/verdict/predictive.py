@@ -19,7 +19,6 @@ from fingermodel.diagnosis.session_model.bad_cases import (
     chance_of,
 )
 from fingermodel.diagnosis.session_model.candidates import Explanation
-from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slips import Explained, Slips
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED, P_VALUE
@@ -140,7 +139,8 @@ def _predicted(
     noise = session.noise_of(unseen)
     for rows, own in noise.covariances(values.scatter, values.noise, ()):
         covariance[rows[:, :, None], rows[:, None, :]] += own
-    of_form = _of_form(fit)
+    # Where other tendons are loaded together, an effect may be off by as much as its name allows.
+    of_form = FORM_NAMED * fit.form_errors_of_new_loads
     covariance += of_form @ of_form.T
     prediction, x = Prediction(away, covariance, noise.cases, noise.bad_size), about.copy()
     factor = root_of(covariance + _spoilt(prediction, _standing_apart(prediction) if robust else ()))
@@ -158,24 +158,6 @@ def _standing_apart(prediction: Prediction) -> list[int]:
         if chdtrc(len(own), misfit) < P_VALUE:
             out.append(case)
     return out
-
-
-def _of_form(fit: Optimum) -> Floats:
-    """(m, k) columns of the errors of form in validation readings that no fitted case can show.
-
-    Where tendons are loaded together that are so in no fitted case, an effect may be off by as much as its name allows.
-    """
-    session, cases = fit.session, fit.session.rows // 6
-    loads = np.asarray(session.observations.inputs.tension) > 0.0
-    which = np.unique(loads, axis=0, return_inverse=True)[1]
-    new = np.setdiff1d(which[cases[~session.fitted]], which[cases[session.fitted]])
-    if len(new) == 0:
-        return np.zeros((int((~session.fitted).sum()), 0))
-    of_load = which[:, None] == new
-    at = replace(session.places, load=of_load[cases].astype(float))
-    changes = (c for m, c in zip(fit.explanation.members, fit.changes, strict=True) if m.candidate.has_form)
-    columns = [form_columns(at, change * of_load.any(axis=1)[:, None], session.rows) for change in changes]
-    return FORM_NAMED * np.concatenate([np.zeros((len(cases), 0)), *columns], axis=1)[~session.fitted]
 
 
 def whereabouts(fit: Optimum) -> Floats:

@@ -9,36 +9,15 @@ import tracemalloc
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from server.service.exports.exporting import session_export
 from server.service.exports.reports import checked, report_page
 from server.service.models.case_updates import case_bodies
 from server.service.services import Services
-from tests.daq.benches import averaged
+from tests.daq.benches import averaged_of_many
 from tests.server.service.running import ServiceReceiver
 
 FEW = 100
-
-
-def session_of(count: int) -> dict[str, Any]:
-    data, rng = averaged(), np.random.default_rng(0)
-    data["cases"] = [
-        data["cases"][0]
-        | {
-            "id": f"c{i:05d}",
-            "role": "validation" if i % 3 == 0 else "identification",
-            "location": ("tip", "bone")[i % 2],
-            "posture": ("hook", "minor_flexion")[i // 2 % 2],
-            "masses_g": {"FDP": float(rng.integers(100, 900))},
-            "force_N": rng.normal(size=3).tolist(),
-            "force_sd_N": [0.02] * 3,
-        }
-        for i in range(count)
-    ]
-    return data
 
 
 def steps(parts: Services, name: str, count: int, folder: Path) -> dict[str, Callable[[], object]]:
@@ -48,7 +27,7 @@ def steps(parts: Services, name: str, count: int, folder: Path) -> dict[str, Cal
         return session_export(parts, name, kind, None)(Path(tempfile.mkdtemp(dir=folder)))
 
     def begin() -> None:
-        parts.sessions.create(name, session_of(count) | {"id": name})
+        parts.sessions.create(name, averaged_of_many(name, count))
         parts.case_updates.settle(60.0)  # so that no other thread does the work of what follows
 
     def edit() -> None:
