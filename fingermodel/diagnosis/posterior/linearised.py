@@ -17,8 +17,9 @@ from scipy.sparse import csr_array
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.posterior.hyper import ACTING, NOISE, SCATTER, Hyperparameters, Node, is_smooth
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
+from fingermodel.diagnosis.session_model.case_noise import Rows, WhitenedSmooth, whitened
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
-from fingermodel.diagnosis.session_model.session import Rows, Session, WhitenedSmooth, whitened
+from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.fitting.fit_report import held_at_bound
 from fingermodel.fitting.identification import slopes_of
 from fingermodel.fitting.roots import root_of_one_plus

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from fingermodel.diagnosis.session_model.session import Rows, whitened
+from fingermodel.diagnosis.session_model.case_noise import Rows, whitened
 from fingermodel.fitting.roots import inverse_of, root_of_one_plus
 from fingermodel.fitting.tiles import Tiles
 
