@@ -14,9 +14,9 @@ P_SIZES = (0.62, 0.32, 0.06)
 # Share of the effects' prior that those marked `outside` the catalogue have together.
 P_OUTSIDE = 0.1
 # Multiple of the stated budget, and of the anatomy's priors: specimens differ by more than those of one study. Each is
-# log-normal from 1 upwards, heavy enough for 3. Below 1 one multiple of all errors would take the many that happen to
-# be small for evidence that the few others are.
-MULTIPLES = np.array([1.0, 1.41, 2.0, 2.83, 4.0, 5.66])
+# log-normal from 1 to 3; what wants more is not explained by what was stated, and something unknown acts. Below 1 one
+# multiple of all errors would take the many that happen to be small for evidence that the few others are.
+MULTIPLES = np.array([1.0, 1.41, 2.0, 2.83])
 MULTIPLE_SPREAD = 0.6
 # Error of an effect's form, relative: half-Cauchy. Up to FORM_NAMED the effect counts by its name.
 FORM_ERRORS = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
