@@ -36,6 +36,8 @@ _LEFT_PER_FIT = 0.87
 _SHAPES = (-1.6, -1.0, -0.4, 0.4, 1.0, 1.6)
 # A little of something smooth [N].
 _SMOOTH = 0.08
+# Log posterior by which a promise must exceed what a fit has, for it to be fitted anew.
+_MORE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +87,8 @@ class Searcher:
         self._tell = progress or (lambda _: None)
         self._odds = CaseOdds(session, self._hyper)
         self._fits: dict[Explanation, Optimum] = {}
+        # What was fitted because a leader promised it.
+        self._asked: set[tuple[Explanation, Optimum]] = set()
         # One slip after another: the case that is bad, or the two that were exchanged.
         self._slipped: tuple[frozenset[int], ...] = ()
         self._singles = candidates.singles
@@ -127,11 +131,12 @@ class Searcher:
         self._finish(every)
         self._until_none_promises(most)
         # What is left may be of one tendon, or of one rotation.
-        asked: set[Optimum] = set()
-        while new := [f for f in self._fits.values() if f not in asked and self._near(f.promise_of_one)]:
-            asked.update(new)
+        asked: set[Explanation] = set()
+        while new := [f for e, f in self._fits.items() if e not in asked and self._near(f.promise_of_one)]:
+            asked.update(fit.explanation for fit in new)
             for fit in new:
-                self._keep(self._fitter.of_one(fit))
+                if fit.promise_of_one > fit.log_posterior + _MORE:
+                    self._keep(self._fitter.of_one(fit))
             self._until_none_promises(most)
 
     def _overlooked(self) -> frozenset[int]:
@@ -266,7 +271,7 @@ class Searcher:
         values = host.promises(given, nodes)
         if host.log_prior < 0.0:
             lacking = host.log_posterior - (values[0] + host.log_prior)
-            values = values[1:] + max(lacking, 0.0)
+            values = values[1:] + max(lacking, -0.5 * host.unkept)
         return {e: float(v) + self._log_prior(e) for e, v in zip(offers, values, strict=True)}
 
     def _nodes(self, host: Optimum) -> list[Node]:
@@ -325,7 +330,7 @@ class Searcher:
             theta = np.where(
                 flat, np.clip(problem.centre + widths * problem.scale, problem.lower, problem.upper), base.theta
             )
-            host = self._fitter.linearised(NOTHING, theta, base.best, self._bad, base.log_prior, converged=True)
+            host = self._fitter.linearised(NOTHING, theta, base.best, self._bad, base.log_prior)
             values = host.promises(offers, self._nodes(base))
             for e, v in zip(offers, values, strict=True):
                 promise = float(v) + self._log_prior(e)
@@ -340,18 +345,17 @@ class Searcher:
 
     def _until_none_promises(self, most: int) -> None:
         """Fit neighbours of the leader that promise to come near it, and more than they have, until none is left."""
-        asked: set[tuple[Explanation, Optimum]] = set()
         while len(self._fits) < most:
             leader = self._leader
-            offers = [e for e in self._candidates.neighbours(leader.explanation) if (e, leader) not in asked]
+            offers = [e for e in self._candidates.neighbours(leader.explanation) if (e, leader) not in self._asked]
             promised = self._promised(leader, offers, self._nodes(leader))
             limit = leader.log_posterior - WITHIN
-            known = {e: self._fits[e].log_posterior + 1.0 for e in promised if e in self._fits}
+            known = {e: self._fits[e].log_posterior + _MORE for e in promised if e in self._fits}
             chosen = [e for e in _best_forms(promised) if promised[e] > max(limit, known.get(e, -np.inf))][:3]
             if not chosen:
                 break
             for explanation in chosen:
-                asked.add((explanation, leader))
+                self._asked.add((explanation, leader))
                 self._fit(explanation, leader)
 
     def _finish(self, every: Optimum) -> None:
@@ -363,10 +367,12 @@ class Searcher:
             for start in (problem.centre, every.expected(explanation, node)) if members else ():
                 self._keep(self._fitter.fit(explanation, start, leader.best, self._bad))
         leader = self._leader
-        near = [f for f in self._fits.values() if f.log_posterior > leader.log_posterior - WITHIN and f is not leader]
-        for fit in near:
-            start = leader.expected(fit.explanation, leader.best)
-            self._keep(self._fitter.fit(fit.explanation, start, fit.best, self._bad))
+        others = [f for f in self._fits.values() if f is not leader]
+        promised = self._promised(leader, [f.explanation for f in others], self._nodes(leader))
+        for fit in others:
+            if self._near(promised[fit.explanation]) and promised[fit.explanation] > fit.log_posterior + _MORE:
+                start = leader.expected(fit.explanation, leader.best)
+                self._keep(self._fitter.fit(fit.explanation, start, fit.best, self._bad))
 
     def _rest(self) -> dict[Explanation, Promise]:
         """What the leader promises explanations that were not fitted.

@@ -109,7 +109,7 @@ class Solution(NamedTuple):
         residual: (residuals,) at `x`.
         status: CONVERGED, STALLED, TOO_MANY or NOT_FINITE.
         evaluations: residual evaluations.
-        decrement: of the objective, that a further step promises.
+        decrement: of the objective, that the linearised problem promises beyond `x`, whether a step keeps it or not.
         memory: of the steps so far, to go on from here.
     """
 
@@ -159,29 +159,45 @@ class _Normal(NamedTuple):
         """Decrease that is promised for a move (free,)."""
         return -float(2.0 * self.gradient @ move + move @ self.hessian @ move)
 
+    def decrement(self, box: _Box) -> float:
+        """Decrease that is promised without any damping, within the bounds."""
+        step = self.step(Memory(damping=0.0), box) if np.isfinite(self.gradient).all() else None
+        return 0.0 if step is None else max(step[1], 0.0)
+
     def step(self, memory: Memory, box: _Box) -> tuple[Floats, float] | None:
         """Next trial (free,) within the bounds, and the decrease promised for it; None if there is no step.
 
         The step is damped in the parameters' natural units, and the more the larger the misfit: directions that the
         data hardly know would else be thrown far off by residuals that another parameter is to explain. Damping in
         proportion to the misfit keeps the last steps quadratic (Yamashita & Fukushima 2001; Fan & Yuan 2005).
+        What a step would take beyond a bound goes to the bound, and the others' step is made anew with it: a step that
+        is only cut off there has lost what it was balanced by, and leads uphill.
         """
         down, up = self.gradient > 0.0, self.gradient < 0.0
-        held = np.flatnonzero((down & (self.x <= box.lower)) | (up & (self.x >= box.upper)))
-        if len(held) == len(self.x):
-            return self.x, 0.0
+        fixed = (down & (self.x <= box.lower)) | (up & (self.x >= box.upper))
         bend = memory.bend if memory.bent else None
         model = self if bend is None else self._replace(hessian=self.hessian + bend)
-        damped, gradient = model.hessian.copy(), self.gradient.copy()
-        damped.flat[:: len(gradient) + 1] += memory.damping * self.level
-        # What is held has an equation of its own, which says that it stays: cheaper than to cut it out.
-        damped[held] = damped[:, held] = gradient[held] = 0.0
-        damped[held, held] = 1.0
-        _, step, failed = dposv(damped, gradient, lower=True, overwrite_a=True)
-        if failed:
-            # With the bend there may be no minimum.
-            return None if bend is None else self.step(memory._replace(bent=False), box)
-        trial = np.clip(self.x - step, box.lower, box.upper)
+        move = np.zeros_like(self.x)
+        while not fixed.all():
+            damped = model.hessian.copy()
+            damped.flat[:: len(move) + 1] += memory.damping * self.level
+            right = damped[:, fixed] @ move[fixed] + self.gradient
+            # What is fixed has an equation of its own, which says where it goes: cheaper than to cut it out.
+            damped[fixed] = damped[:, fixed] = 0.0
+            damped[fixed, fixed], right[fixed] = 1.0, -move[fixed]
+            _, step, failed = dposv(damped, right, lower=True, overwrite_a=True)
+            if failed:
+                # With the bend there may be no minimum.
+                return None if bend is None else self.step(memory._replace(bent=False), box)
+            trial = self.x - step
+            beyond = ~fixed & ((trial < box.lower) | (trial > box.upper))
+            if not beyond.any():
+                break
+            move[beyond] = np.clip(trial, box.lower, box.upper)[beyond] - self.x[beyond]
+            fixed |= beyond
+        else:
+            trial = self.x + move
+        trial = np.clip(trial, box.lower, box.upper)
         return trial, model.promise(trial - self.x)
 
 
@@ -258,7 +274,8 @@ def minimise(
         elif evaluations >= max_evaluations:
             status = TOO_MANY
         if status >= 0:
-            return Solution(x, best, _of_all(jacobian, at, len(x)), residual, status, evaluations, decrement, memory)
+            whole = _of_all(jacobian, at, len(x))
+            return Solution(x, best, whole, residual, status, evaluations, normal.decrement(box), memory)
         evaluations += 1
         gained = -np.inf
         if step is not None:

@@ -14,7 +14,6 @@ from fingermodel.diagnosis.posterior.whitening import Whitening
 from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, free_mask
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.fitting.identification import reading_slopes, solve
-from fingermodel.fitting.solver import CONVERGED, STALLED
 
 Floats = NDArray[np.float64]
 
@@ -24,6 +23,8 @@ _ROUNDS, _FLOOR = 3, 0.02
 _ROUGH, _EVALUATIONS = 40, 80
 # What is far from fitting need not be known to the last digit (see `minimise`).
 _CRAWL = 3e-3
+# Units of chi-square that may be promised beyond where a fit ends.
+_SETTLED = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +63,10 @@ class Fitter:
         prior = self.candidates.log_prior(explanation) if log_prior is None else log_prior
         found, most = None, _ROUGH
         for left in reversed(range(_ROUNDS)):
-            theta, converged = self._solved(explanation, start, at, bad, found, most if left else _EVALUATIONS)
-            found = self.linearised(explanation, theta, at, bad, prior, converged=converged)
+            theta, unkept = self._solved(explanation, start, at, bad, found, most if left else _EVALUATIONS)
+            found = self.linearised(explanation, theta, at, bad, prior, unkept)
             stands = self.hyper.near(at, found.mode)
-            if stands and converged:
+            if stands and unkept <= _SETTLED:
                 break
             start, at, most = found.theta, found.mode, _EVALUATIONS if stands else _ROUGH
         assert found is not None  # noqa: S101 - there is at least one round
@@ -92,8 +93,8 @@ class Fitter:
         """
         found = []
         for start in starts:
-            theta, converged = self._solved(explanation, start, node, bad, None, _EVALUATIONS, floor)
-            found.append(self.linearised(explanation, theta, node, bad, 0.0, converged=converged))
+            theta, unkept = self._solved(explanation, start, node, bad, None, _EVALUATIONS, floor)
+            found.append(self.linearised(explanation, theta, node, bad, 0.0, unkept))
         return min(found, key=lambda f: f.misfit(node))
 
     def _solved(
@@ -105,8 +106,8 @@ class Fitter:
         before: Optimum | None,
         most: int,
         floor: float = _FLOOR,
-    ) -> tuple[Floats, bool]:
-        """(parameters,) of the optimum under a node's covariance, and whether the solver was done.
+    ) -> tuple[Floats, float]:
+        """(parameters,) of the optimum under a node's covariance, and the misfit promised beyond it.
 
         It has so many evaluations at most. Errors of form are those found before.
         """
@@ -125,7 +126,7 @@ class Fitter:
         theta = np.where(
             free, np.clip(weighed.centre + weighed.scale * solution.x, problem.lower, problem.upper), begin
         )
-        return theta, solution.status in (CONVERGED, STALLED)
+        return theta, solution.decrement
 
     def _multiple(self, values: Values) -> Floats:
         """(parameters,) of the widths of the priors."""
@@ -140,8 +141,7 @@ class Fitter:
         node: Node,
         bad: frozenset[int],
         log_prior: float,
-        *,
-        converged: bool,
+        unkept: float = 0.0,
     ) -> Optimum:
         """The session's model linearised about a parameter vector (parameters,)."""
         session, problem = self.session, self.session.problem
@@ -156,5 +156,5 @@ class Fitter:
         residual = np.nan_to_num(problem.observations.wrench).reshape(-1)[rows] - reading.reshape(-1)[rows]
         slopes = -reading_slopes(problem, theta)
         return Optimum(
-            session, self.hyper, explanation, theta, residual, slopes, tuple(changes), bad, log_prior, node, converged
+            session, self.hyper, explanation, theta, residual, slopes, tuple(changes), bad, log_prior, node, unkept
         )

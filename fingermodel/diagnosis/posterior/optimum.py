@@ -63,12 +63,13 @@ class Optimum(Linearised):
     Attributes:
         log_prior: of the explanation.
         node: of the hyperparameters under which it was fitted.
-        converged: whether the solver was done.
+        unkept: misfit that the linearised model promises to save, and the solver did not save: at a kink, or where the
+            model bends. The evidence does not count it.
     """
 
     log_prior: float
     node: Node
-    converged: bool
+    unkept: float
 
     @cached_property
     def _one_sided(self) -> NDArray[np.bool_]:
@@ -131,7 +132,7 @@ class Optimum(Linearised):
             covariance, left, own, of_each = self.among_readings(some, bad)
             values = marginal_evidence(covariance, left, width * own, self._one_sided) + of_each
             found |= zip(some, values.tolist(), strict=True)
-        return [self.log_prior + self.hyper.log_prior(node) + found[node] for node in nodes]
+        return [self.log_prior - 0.5 * self.unkept + self.hyper.log_prior(node) + found[node] for node in nodes]
 
     def misfit(self, node: Node) -> float:
         """Least weighted sum of squares at a node, priors' penalty included."""
@@ -173,7 +174,7 @@ class Optimum(Linearised):
     @cached_property
     def promise_of_one(self) -> float:
         """Log posterior that it promises there."""
-        return self.log_posterior + self._asked(self.of_one) - self._asked(self.mode)
+        return self.log_posterior + self._asked(self.of_one) - self._asked(self.best)
 
     @cached_property
     def nodes(self) -> dict[Node, float]:

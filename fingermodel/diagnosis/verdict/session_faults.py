@@ -77,7 +77,7 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     """
     session, hyper = nothing.session, nothing.hyper
     as_measured = Fitter(session, candidates, hyper).linearised(
-        NOTHING, session.problem.centre, hyper.usual, frozenset(), 0.0, converged=True
+        NOTHING, session.problem.centre, hyper.usual, frozenset(), 0.0
     )
     entries, fitted = Entries(session, session.problem.centre), session.fitted
     by_balance = list(entries.frames())
@@ -138,9 +138,7 @@ def unseen_faults(
     values = []
     for offer in likely:
         fitter = Fitter(_with_readings(session, offer.observations).seen_from(leader.theta), candidates, leader.hyper)
-        again = fitter.linearised(
-            leader.explanation, leader.theta, leader.node, leader.bad, leader.log_prior, converged=True
-        )
+        again = fitter.linearised(leader.explanation, leader.theta, leader.node, leader.bad, leader.log_prior)
         values.append(posterior.weight(leader) + check(again).log_evidence + _log_share(len(offers)))
     rest = [posterior.weights[e] + c.log_evidence for e, c in checked.items()]
     return _probable(likely, values, rest)

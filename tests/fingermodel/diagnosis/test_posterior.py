@@ -170,9 +170,7 @@ def test_a_sound_case_is_not_suspected_and_a_spoilt_one_is(fitter: Fitter, hange
     assert max(odds.values()) < 5.0
     case = next(iter(odds))
     rows = hanger.session.fitted_noise.cases == case
-    spoilt = fitter.linearised(
-        hanger.explanation, hanger.theta, hanger.best, frozenset(), hanger.log_prior, converged=True
-    )
+    spoilt = fitter.linearised(hanger.explanation, hanger.theta, hanger.best, frozenset(), hanger.log_prior)
     spoilt.residual[rows] += 0.5
     worst = spoilt.log_odds_bad(hanger.best)
     assert max(worst, key=lambda c: worst[c]) == case
