@@ -19,7 +19,7 @@ from server.figures.arrows import arrow_traces
 from server.figures.panels import Panel, drawing_axes, key
 from server.figures.plot import Plot
 from server.figures.poses import finger_pose, reach_mm
-from server.figures.report import Picture, Section, Table, write_report
+from server.figures.report import Section, Table, write_report
 from server.figures.scales import scale_bars
 from server.figures.sheet import Sheet, note, panel_axes
 from server.figures.skeleton import finger_traces
@@ -62,9 +62,7 @@ def species_plots(result: SpeciesResult) -> list[Plot]:
 
 def species_report(result: SpeciesResult, folder: Path, *, static: bool = True) -> Path:
     """Write `species.html`, and its figure as PNG and SVG, into a folder; return the page."""
-    plots = species_plots(result)
-    parts: list[str | Table | Picture] = [Picture(p.figure, p.caption) for p in plots]
-    sections = [Section("Side by side", [*parts, *result.assumptions])]
+    sections = [Section("Side by side", [*species_plots(result), *result.assumptions])]
     if result.steps:
         rows = [[s.what, number(s.tension_to_tip), number(s.bone_to_tip)] for s in result.steps]
         sections.append(Section("Step by step", [Table(["finger", "tension / tip", "bone / tip"], rows)]))
@@ -72,8 +70,7 @@ def species_report(result: SpeciesResult, folder: Path, *, static: bool = True) 
         header, lines, notes = published_table(result.rows)
         sections.append(Section("Published and ours", [Table(header, lines), *notes]))
     subtitle = f"{result.of.label} and {result.other.label}"
-    figures = {p.name: p.figure for p in plots} if static else {}
-    return write_report(folder / "species.html", sections, "Two fingers side by side", subtitle, figures)
+    return write_report(folder / "species.html", sections, "Two fingers side by side", subtitle, static=static)
 
 
 def species_figure(result: SpeciesResult) -> go.Figure:

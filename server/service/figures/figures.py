@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Collection, Hashable, Sequence
 from contextlib import suppress
 from copy import deepcopy
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from fingermodel import comparing
 from fingermodel.comparison.comparison import compare
 from fingermodel.session import Session
-from server.figures.diagnosis_revisions import revisions_figure
+from server.application.diagnosis_report import FIGURES as DIAGNOSIS
 from server.figures.effect_change import effect_figure
 from server.figures.effect_on_finger import effect_on_finger
-from server.figures.shared_law import chance_figure, curve_figure, law_figure
+from server.figures.shared_law import FIGURES as SHARED
 from server.figures.style import NothingToDrawError
 from server.service.answers import Tagged
 from server.service.figures.answer import Theme, on_page, shown, shown_data
 from server.service.figures.cases import Told, told_of
 from server.service.figures.comparison import Only, drawn_comparison
-from server.service.figures.diagnosed import DIAGNOSIS, diagnosed, diagnosis_drawings
+from server.service.figures.diagnosed import diagnosed
 from server.service.figures.finger_drawing import draw_finger
 from server.service.figures.parts import resolved, spread_members, spread_of
 from server.service.figures.parts import settings_of as effect_settings
@@ -30,11 +30,13 @@ from server.service.sessions.measuring import Measured
 from server.service.sessions.turns import Made
 from server.service.web.problems import ProblemError, not_found
 
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
 SearchFit = Literal["before", "after"]
 
 COMPARISON = ("scatter", "scatter_validation", "vectors", "bone", "errors", "z")
 REVISIONS = ("waterfall",)
-SHARED = ("shared_curve", "shared_chance", "shared_law")
 _MOST = 512
 
 
@@ -81,13 +83,13 @@ class Figures:
                 other = parts.models.bench(measured, earlier)
                 held = (other.loaded.name, other, seen(measured, comparing.compare(other)))
             about = _about(measured, bench) | {"before": None if held is None else held[0]}
-            try:
-                figure, caption = drawn_comparison(
-                    name, bench, comparison, only, held, spread_of(parts, others, comparison)
-                )
-            except NothingToDrawError as nothing:
-                return shown(name, None, nothing.sentence, about)
-            return shown(name, figure, caption, about, _told(measured))
+            spread = spread_of(parts, others, comparison)
+            return _shown(
+                name,
+                lambda: drawn_comparison(name, bench, comparison, only, held, spread),
+                about,
+                _told(measured),
+            )
 
         return self._kept(key, theme, draw)
 
@@ -119,15 +121,17 @@ class Figures:
             before = seen(measured, compare(bench.model, bench.observations, without))
             after = seen(measured, compare(bench.model, bench.observations, within))
             about = _about(measured, bench) | {"effect": effect, "parameters": [vars(s) for s in settings]}
-            try:
-                drawn = effect_figure(title, before, after, settings, plane=bench.model.finger.judged_in)
-            except NothingToDrawError as nothing:
-                return shown(effect, None, nothing.sentence, about)
+            plane = bench.model.finger.judged_in
             caption = (
                 f"Model: {bench.loaded.fitted}. The circles are what it misses with the effect taken out; bars that "
                 "follow them take it up."
             )
-            return shown(effect, drawn, caption, about, _told(measured))
+            return _shown(
+                effect,
+                lambda: (effect_figure(title, before, after, settings, plane=plane), caption),
+                about,
+                _told(measured),
+            )
 
         return self._kept(("effect", effect, measured.key, named), theme, draw)
 
@@ -187,11 +191,11 @@ class Figures:
         def draw() -> dict[str, Any]:
             after = answer.get("where_after")
             seen = answer if fit == "before" or after is None else answer | {"where": after}
-            figure, caption = diagnosis_drawings(seen, history)[name]
+            drawing, caption = DIAGNOSIS[name]
             about = {"session": session, "model": answer.get("model"), "job": job}
             taken = {c["id"] for c in answer.get("cases", ())}
             known = [c for c in _told(self.parts.measuring.of(session)) if c.id in taken]
-            return shown(name, figure, caption, about, known)
+            return _shown(name, lambda: (drawing(seen, history), caption), about, known)
 
         return self._kept(("diagnosis", name, job, session, fit), theme, draw)
 
@@ -217,17 +221,8 @@ class Figures:
             require_closed(self.parts.measuring.of(session))
 
         def draw() -> dict[str, Any]:
-            about = {"job": job}
-            try:
-                figure = (curve_figure, chance_figure, law_figure)[SHARED.index(name)](answer)
-            except NothingToDrawError as nothing:
-                return shown(name, None, nothing.sentence, about)
-            captions = (
-                "Beside each session's anatomy, budget, noise and scatter.",
-                "Chance gains as much in any order.",
-                "Where the two part, the law is not all of the curve.",
-            )
-            return shown(name, figure, captions[SHARED.index(name)], about)
+            drawing, caption = SHARED[name]
+            return _shown(name, lambda: (drawing(answer), caption), {"job": job})
 
         return self._kept(("shared", name, job), theme, draw)
 
@@ -254,11 +249,8 @@ class Figures:
 
         def draw() -> dict[str, Any]:
             about = {"revision": found["id"], "specimen": found["specimen"], "session": found["session"]}
-            try:
-                figure = revisions_figure({}, found["history"])
-            except NothingToDrawError as nothing:
-                return shown(name, None, nothing.sentence, about)
-            return shown(name, figure, "Identification cases are fitted, validation cases never.", about)
+            drawing, caption = DIAGNOSIS["revisions"]
+            return _shown(name, lambda: (drawing({}, found["history"]), caption), about)
 
         return self._kept(("revisions", name, revision), theme, draw)
 
@@ -287,7 +279,18 @@ class Figures:
         return self._drawn.of((key, theme), lambda: Tagged.of(on_page(draw(), theme) | {"theme": theme}))
 
 
-def _require(name: str, known: Sequence[str]) -> None:
+def _shown(
+    name: str, draw: Callable[[], tuple[go.Figure, str]], about: dict[str, Any], known: Sequence[Told] = ()
+) -> dict[str, Any]:
+    """Return the answer of a figure with its caption, or with why there is nothing to draw."""
+    try:
+        figure, caption = draw()
+    except NothingToDrawError as nothing:
+        return shown(name, None, nothing.sentence, about)
+    return shown(name, figure, caption, about, known)
+
+
+def _require(name: str, known: Collection[str]) -> None:
     if name not in known:
         raise not_found("figure", name, f"/api/v1/figures: {', '.join(known)}")
 

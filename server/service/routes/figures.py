@@ -9,11 +9,13 @@ from fastapi import APIRouter, Header, Path, Query, Request, Response
 from fastapi.routing import APIRoute
 
 from daq.uplink.wire import API
+from fingermodel.fingers.finger import Plane
+from server.application.diagnosis_report import FIGURES as DIAGNOSIS
+from server.figures.shared_law import FIGURES as SHARED
 from server.service.answers import JsonAnswer
 from server.service.figures.answer import Theme
-from server.service.figures.comparison import Only, Plane
-from server.service.figures.diagnosed import DIAGNOSIS
-from server.service.figures.figures import COMPARISON, REVISIONS, SHARED, Figures, SearchFit
+from server.service.figures.comparison import Only
+from server.service.figures.figures import COMPARISON, REVISIONS, Figures, SearchFit
 from server.service.schemas.common import ModelName, documented
 from server.service.schemas.figures import EXAMPLE, FigureList, FigureShown
 from server.service.services import of
@@ -231,8 +233,8 @@ def effect(
 
 
 def _names() -> dict[str, tuple[str, ...]]:
-    named = {"comparison": COMPARISON, "diagnosis": DIAGNOSIS, "shared": SHARED, "revisions": REVISIONS}
-    return named | {"finger": ("finger",), "effect": ("{effect}",), "study": ("{study}/{name}",)}
+    drawn = {"comparison": COMPARISON, "diagnosis": tuple(DIAGNOSIS), "shared": tuple(SHARED), "revisions": REVISIONS}
+    return drawn | {"finger": ("finger",), "effect": ("{effect}",), "study": ("{study}/{name}",)}
 
 
 def _listed(kind: str, name: str) -> dict[str, object]:
