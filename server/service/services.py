@@ -16,6 +16,7 @@ from daq.errors import ModelError
 from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.fingers.files import finger_names
 from server.application.bench_prediction import predictor
+from server.service.ingest.envelopes import Envelopes
 from server.service.ingest.ingest import Ingest
 from server.service.ingest.windows import Windows
 from server.service.jobs.service import JobService
@@ -48,6 +49,7 @@ class Services:
         settings: of the service.
         database: that it keeps everything in.
         messages: that it tells.
+        windows, envelopes: of stored readings, with what was looked at before.
         sessions, ingest, measuring, models, revisions, effects, jobs, live, case_updates, scrub: its parts.
         made: checks and reports of closed sessions that were asked for last.
         started: monotonic time of the start [s].
@@ -58,6 +60,8 @@ class Services:
     settings: Settings
     database: Database
     messages: Messages
+    windows: Windows
+    envelopes: Envelopes
     sessions: Sessions
     ingest: Ingest
     measuring: Measuring
@@ -126,6 +130,8 @@ def build(settings: Settings) -> Services:
         settings,
         database,
         messages,
+        windows,
+        Envelopes(database),
         sessions,
         ingest,
         measuring,

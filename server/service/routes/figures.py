@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Header, Path, Query, Request, Response
+from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.routing import APIRoute
 
 from daq.uplink.wire import API
@@ -16,9 +15,8 @@ from server.service.answers import JsonAnswer
 from server.service.figures.answer import Theme
 from server.service.figures.comparison import Only
 from server.service.figures.figures import COMPARISON, REVISIONS, Figures, SearchFit
-from server.service.schemas.common import ModelName, documented
+from server.service.schemas.common import InCase, Matched, ModelName, Posture, documented
 from server.service.schemas.figures import EXAMPLE, FigureList, FigureShown
-from server.service.services import of
 from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, prefix="/figures", tags=["figures"])
@@ -47,13 +45,6 @@ InPosture = Annotated[str | None, Query(max_length=200, description="Load cases 
 WithMuscles = Annotated[
     str | None, Query(max_length=200, description="Load cases with these tendons loaded only, such as FDP+FDS.")
 ]
-Posture = Annotated[
-    str | None, Query(max_length=200, description="A posture of the session; by default that of the case.")
-]
-InCase = Annotated[
-    str | None,
-    Query(alias="case", max_length=100, description="A load case, taken or planned; else the finger alone."),
-]
 OfJob = Annotated[str, Query(max_length=200, description="Id of a diagnosis that is done.")]
 OfSession = Annotated[str | None, Query(max_length=100, description="Which session of a pooled diagnosis.")]
 AfterFit = Annotated[
@@ -69,10 +60,8 @@ WithoutEffect = Annotated[
 OfRevision = Annotated[str | None, Query(max_length=200, description="Id of a revision.")]
 OfSpecimen = Annotated[str | None, Query(max_length=200, description="Or a specimen, whose revision is in force.")]
 OnPage = Annotated[Theme, Query(description="Colours for a light or a dark page.")]
-Matched = Annotated[str | None, Header(alias="If-None-Match", max_length=200)]
 
 _DRAWN = documented(FigureShown, example=EXAMPLE) | {304: {"description": "Not Modified"}}
-_LOCK = threading.Lock()
 
 _NEEDS = {
     "comparison": "Measured load cases; while a bench is running, identification cases alone are shown.",
@@ -111,12 +100,8 @@ _TITLES = {
 
 
 def figures_of(request: Request) -> Figures:
-    """Return the service's figures, made with the first request for one."""
-    parts, state = of(request), request.app.state
-    with _LOCK:
-        found: Figures | None = getattr(state, "figures", None)
-        if found is None or found.parts is not parts:
-            found = state.figures = Figures(parts)
+    """Return the service's figures."""
+    found: Figures = request.app.state.figures
     return found
 
 
