@@ -18,7 +18,6 @@ from daq.errors import InputError
 from daq.recordings.plateaus import reduce_window
 from daq.uplink.wire import API
 from server.service.answers import JsonAnswer
-from server.service.figures.figures import Figures
 from server.service.operation.health import Health
 from server.service.routes import (
     audit,
@@ -73,7 +72,7 @@ def create_app(settings: Settings) -> FastAPI:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         parts = await asyncio.to_thread(build, settings)
-        app.state.services, app.state.figures = parts, Figures(parts)
+        app.state.services = parts
         folder = None if settings.database_url else settings.data
         app.state.health = Health(parts.database, lambda: parts.ready, parts.jobs.workers, parts.scrub, folder)
         _measure(parts, app.state.health, app.state.metrics)

@@ -6,6 +6,7 @@ from fastapi import APIRouter, Request
 
 from server.service.answers import JsonAnswer
 from server.service.figures.bench_finger import bench_finger
+from server.service.figures.held_finger import held_finger
 from server.service.schemas.bench_view import FINGER_EXAMPLE, STATE_EXAMPLE, BenchShown, FingerDrawn
 from server.service.schemas.common import InCase, ModelName, Posture, SessionId, documented
 from server.service.services import of
@@ -38,5 +39,5 @@ def finger(
     case is left out until the bench has closed its session.
     """
     parts = of(request)
-    head = {"schema": "fingertwin/bench-finger/1"}
-    return JsonAnswer(head | bench_finger(parts, parts.measuring.of(session), posture, case, model))
+    held = held_finger(parts, parts.measuring.of(session), posture, case, model)
+    return JsonAnswer({"schema": "fingertwin/bench-finger/1", "session": session} | bench_finger(held))

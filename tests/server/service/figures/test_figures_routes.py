@@ -22,7 +22,7 @@ from server.figures.dark import for_dark, turned
 from server.figures.diagnosis_revisions import revisions_figure
 from server.figures.report import figures_of
 from server.figures.style import INK, MUTED, TENDONS
-from server.service.figures.figures import COMPARISON
+from server.service.routes.figures import COMPARISON
 from server.service.sessions.blinding import HIDDEN
 from server.service.storage.database import now_utc
 from server.service.storage.schema import jobs
