@@ -6,8 +6,7 @@ answer lacks is said to be absent; nothing is computed here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +22,8 @@ from server.figures.diagnosis_sensitivity import sensitivity_figure
 from server.figures.diagnosis_size import size_figure
 from server.figures.diagnosis_torque import torque_figure
 from server.figures.diagnosis_words import title
-from server.figures.report import Picture, Section, Table, add_picture, write_report
+from server.figures.plot import Plot
+from server.figures.report import Section, Table, plot_or_reason, write_report
 from server.figures.report_front import closing_sections, finger_section, folded, to_do_section
 from server.figures.shared_law import own_curve_figure, shared_sections
 from server.figures.style import number
@@ -31,9 +31,45 @@ from server.figures.style import number
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-    from server.figures.report import Table
-
 History = Sequence[Mapping[str, Any]]
+
+# Figures of a diagnosis by name, drawn from its answer and the model's history, each with its caption.
+FIGURES: dict[str, tuple[Callable[[Mapping[str, Any], History | None], go.Figure], str]] = {
+    "sensitivity": (
+        lambda answer, _: sensitivity_figure(answer),
+        "Each dot is asked of the linearised models; nothing is refitted. It conditions no verdict.",
+    ),
+    "residual_map": (
+        lambda answer, _: residual_map(answer),
+        "The colours mean the same in every report: pale within noise, darkest from twenty standard uncertainties on.",
+    ),
+    "missing_torque": (
+        lambda answer, _: torque_figure(answer),
+        "All joints on one scale, so that what matters most stands out.",
+    ),
+    "ranking": (
+        lambda answer, _: ranking_figure(answer),
+        "Evidence is counted against nothing missing. The RMSE is that of the validation cases.",
+    ),
+    "size": (
+        lambda answer, _: size_figure(answer),
+        "The force with the effect less the force without it, as fitted, under one tendon at a time.",
+    ),
+    "confounding": (
+        lambda answer, _: confounding_figure(answer),
+        "Largest canonical correlation of what two effects do to the readings, after tendon points and budget have "
+        "taken up what they can.",
+    ),
+    "revisions": (revisions_figure, "Identification cases are fitted, validation cases never."),
+    "held_out": (
+        lambda answer, _: held_out_figure(answer),
+        "Grey marks: the measurement's own standard uncertainty; a residual to their left is within it.",
+    ),
+    "own_curve": (
+        lambda answer, _: own_curve_figure(answer),
+        "Beside anatomy, budget, noise and scatter, at the stage that is likeliest.",
+    ),
+}
 
 
 def draw_diagnosis(
@@ -53,10 +89,8 @@ def draw_diagnosis(
         static: whether to write PNG and SVG too.
         finger: with the effect, for the first page.
     """
-    figures: dict[str, go.Figure] = {} if finger is None else {"finger": finger}
-    sections = [*diagnosis_sections(answer, history, figures), *closing_sections(answer.get("origin") or {})]
-    below = subtitle(answer)
-    return write_report(folder / "diagnose.html", sections, title(answer), below, figures if static else {})
+    sections = [*diagnosis_sections(answer, history, finger), *closing_sections(answer.get("origin") or {})]
+    return write_report(folder / "diagnose.html", sections, title(answer), subtitle(answer), static=static)
 
 
 def subtitle(answer: Mapping[str, Any]) -> str:
@@ -67,33 +101,25 @@ def subtitle(answer: Mapping[str, Any]) -> str:
     return ". ".join(f"{k}: {v}" for k, v in told.items() if v) + by
 
 
-def diagnosis_figures(answer: dict[str, Any], history: list[dict[str, Any]] | None = None) -> dict[str, go.Figure]:
-    """Draw every figure of a diagnosis that has something to show, by name."""
-    figures: dict[str, go.Figure] = {}
-    diagnosis_sections(answer, history, figures)
-    return figures
-
-
 def diagnosis_sections(
-    answer: Mapping[str, Any], history: History | None, figures: dict[str, go.Figure]
+    answer: Mapping[str, Any], history: History | None, finger: go.Figure | None = None
 ) -> list[Section]:
-    """Return the page's parts, the first page unfolded, and put its figures into `figures`.
+    """Return the page's parts, the first page unfolded; on it a drawing of the finger with the effect, if given."""
 
-    `figures` may hold a drawing of the `finger` with the effect already, which then stands on the first page.
-    """
-    picture = partial(add_picture, figures)
+    def picture(name: str) -> Plot | str:
+        draw, caption = FIGURES[name]
+        return plot_or_reason(name, lambda: draw(answer, history), caption)
 
     def or_else(found: Sequence[Table], otherwise: str, key: str = "") -> Sequence[Table | str]:
         return found or [otherwise if not key or key in answer else "Not worked out for this answer."]
 
     cases = said.counts(answer)
-    finger = figures.get("finger")
     caption = "The load case that it changes most. Solid: measured, dashed: predicted with it, dotted: without it."
     first = [
         Section("Verdict", said.verdict_sentences(answer)),
         to_do_section(answer),
         Section("Error before and after", or_else(tables.error_table(answer), "No error before or after is stated.")),
-        *finger_section(answer, None if finger is None else Picture(finger, caption)),
+        *finger_section(answer, None if finger is None else Plot("finger", "", finger, caption)),
     ]
     details = [
         Section(
@@ -109,63 +135,37 @@ def diagnosis_sections(
             "Sensitivity analysis",
             [
                 *said.robustness_sentences(answer),
-                picture(
-                    "sensitivity",
-                    lambda: sensitivity_figure(answer),
-                    "Each dot is asked of the linearised models; nothing is refitted. It conditions no verdict.",
-                ),
+                picture("sensitivity"),
             ],
         ),
         Section(
             "Where the model fails",
             [
                 *([cases] if cases else []),
-                picture(
-                    "residual_map",
-                    lambda: residual_map(answer),
-                    "The colours mean the same in every report: pale within noise, darkest from twenty standard "
-                    "uncertainties on.",
-                ),
+                picture("residual_map"),
                 *tables.bent_table(answer),
                 *tables.where_table(answer),
                 *said.torque_sentences(answer),
-                picture(
-                    "missing_torque",
-                    lambda: torque_figure(answer),
-                    "All joints on one scale, so that what matters most stands out.",
-                ),
+                picture("missing_torque"),
                 *tables.torque_table(answer),
             ],
         ),
         Section(
             "Which explanation",
             [
-                picture(
-                    "ranking",
-                    lambda: ranking_figure(answer),
-                    "Evidence is counted against nothing missing. The RMSE is that of the validation cases.",
-                ),
+                picture("ranking"),
                 *tables.ranking_table(answer),
                 *tables.parameter_table(answer),
                 *tables.inclusion_table(answer),
                 *said.beyond_sentences(answer),
-                picture(
-                    "size",
-                    lambda: size_figure(answer),
-                    "The force with the effect less the force without it, as fitted, under one tendon at a time.",
-                ),
+                picture("size"),
             ],
         ),
         Section(
             "What cannot be told apart",
             [
                 *said.confounding_sentences(answer),
-                picture(
-                    "confounding",
-                    lambda: confounding_figure(answer),
-                    "Largest canonical correlation of what two effects do to the readings, after tendon points and "
-                    "budget have taken up what they can.",
-                ),
+                picture("confounding"),
             ],
         ),
         Section(
@@ -178,17 +178,9 @@ def diagnosis_sections(
         Section(
             "The fall of the error",
             [
-                picture(
-                    "revisions",
-                    lambda: revisions_figure(answer, history),
-                    "Identification cases are fitted, validation cases never.",
-                ),
+                picture("revisions"),
                 *tables.revision_table(answer, history),
-                picture(
-                    "held_out",
-                    lambda: held_out_figure(answer),
-                    "Grey marks: the measurement's own standard uncertainty; a residual to their left is within it.",
-                ),
+                picture("held_out"),
                 *tables.held_out_table(answer),
                 *said.predictive_sentences(answer),
             ],
@@ -197,11 +189,7 @@ def diagnosis_sections(
             "Hints at a formula",
             [
                 *said.curve_sentences(answer),
-                picture(
-                    "own_curve",
-                    lambda: own_curve_figure(answer),
-                    "Beside anatomy, budget, noise and scatter, at the stage that is likeliest.",
-                ),
+                picture("own_curve"),
                 *tables.ready_made_table(answer),
                 *or_else(tables.hints_table(answer), "None: no simple formula takes up what is left.", "hints"),
             ],
@@ -232,7 +220,5 @@ def draw_shared(answer: dict[str, Any], folder: Path, static: bool = True) -> Pa
         folder: for `shared.html`, PNG and SVG; made where it is absent.
         static: whether to write PNG and SVG too.
     """
-    figures: dict[str, go.Figure] = {}
-    sections = shared_sections(answer, figures)
     name = f"What {len(answer['sessions'])} sessions share"
-    return write_report(folder / "shared.html", sections, name, "", figures if static else {})
+    return write_report(folder / "shared.html", shared_sections(answer), name, static=static)

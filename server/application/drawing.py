@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from fingermodel.session import Session, readings_digest
 from server.application.provenance import origin_of
 from server.figures.compared import Compared
+from server.figures.comparison import comparison_report
 from server.figures.specimen_spread import spread_of
 
 if TYPE_CHECKING:
@@ -38,9 +39,7 @@ def draw_comparison(
         model_name: for titles; by default the loaded model's.
         static: whether to write PNG and SVG too.
     """
-    from server.figures.comparison import comparison_report
-
-    files = comparison_report(
+    return comparison_report(
         folder,
         Compared.of(
             bench,
@@ -55,7 +54,6 @@ def draw_comparison(
         origin=origin_of(bench, readings_digest(bench.measured)),
         static=static,
     )
-    return next(f for f in files if f.suffix == ".html")
 
 
 def comparison_notes(bench: Session) -> list[str]:

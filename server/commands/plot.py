@@ -10,7 +10,8 @@ from daq.files import replacing
 from daq.lab.traces import Traces, as_recording, read_traces
 from server.application.exporting import writing
 from server.commands.console import answer, progress, say, table
-from server.figures.report import Picture, Section, write_report
+from server.figures.plot import Plot
+from server.figures.report import Section, write_report
 from server.figures.traces import traces_figure
 
 _ENDINGS = (".html", ".png", ".svg")
@@ -52,7 +53,7 @@ def _draw(target: Path, traces: Traces, name: str) -> None:
     figure = traces_figure(traces, name)
     ending = target.suffix.lower()
     if ending == ".html":
-        write_report(target, [Section("Traces", [Picture(figure)])], name)
+        write_report(target, [Section("Traces", [Plot("traces", "", figure)])], name, static=False)
         return
     with replacing(target) as temporary:
         temporary.write_bytes(render(figure, ending.removeprefix(".")))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fingermodel.studies.activation_result import PLANES, ActivationResult
 from server.figures import graph_objects as go
 from server.figures.plot import Plot
-from server.figures.report import Picture, Section, Table, write_report
+from server.figures.report import Section, Table, write_report
 from server.figures.sheet import Sheet, note
 from server.figures.style import MUTED, SMALL_PX, WIDTH, ZERO_LINE, axis, number, plain
 
@@ -129,12 +129,12 @@ def activation_report(result: ActivationResult, folder: Path, *, static: bool = 
         "alone": Table(["muscle", "tension [N]", "proximal [N]", "dorsal [N]", "radial [N]"], rows, "Fully active."),
         "deficits": Table(["muscle", *(f"{x:g} %" for x in levels)], deficits, "Tip force [N] (turned by [deg])."),
     }
-    sections = [Section(p.heading, [Picture(p.figure, p.caption), tables[p.name]]) for p in plots]
+    sections = [Section(p.heading, [p, tables[p.name]]) for p in plots]
     if result.notes:
         sections.append(Section("Notes", list(result.notes)))
     subtitle = f"{result.finger} with muscles {result.muscle_set}"
-    figures = {p.name: p.figure for p in plots} if static else {}
-    return write_report(folder / "activation.html", sections, "Active muscles and the tip force", subtitle, figures)
+    title = "Active muscles and the tip force"
+    return write_report(folder / "activation.html", sections, title, subtitle, static=static)
 
 
 def _arrow(name: str, force: Floats, head: float, color: str, axes: dict[str, str]) -> list[go.Scatter]:

@@ -13,9 +13,9 @@ from fingermodel.comparison.comparison import CaseComparison
 from fingermodel.fingers import Finger, FingerValues
 from server.figures import graph_objects as go
 from server.figures.arrows import area_of, arrow_traces, sector_trace
-from server.figures.panels import Panel, force_scale, head_mm, key, panels_figure
+from server.figures.panels import Panel, force_scale, head_mm, panels_figure
 from server.figures.poses import FingerPose, finger_pose, reach_mm, stub_mm
-from server.figures.sheet import panel_axes
+from server.figures.sheet import key, panel_axes
 from server.figures.skeleton import TENDON
 from server.figures.style import (
     INK,

@@ -12,7 +12,7 @@ import numpy as np
 from fingermodel.studies.inverted import Assigned, Inversion, InvertedCase
 from server.figures import graph_objects as go
 from server.figures.plot import Plot
-from server.figures.report import Picture, Section, Table, write_report
+from server.figures.report import Section, Table, write_report
 from server.figures.sheet import Sheet, shape
 from server.figures.style import (
     BAND,
@@ -137,11 +137,11 @@ def inversion_report(folder: Path, inversion: Inversion, title: str, model: str,
     )
     sections = [
         Section("Summary", [*inversion.verdicts(), muscles, *inversion.notes, *notes]),
-        *(Section(p.heading, [Picture(p.figure, p.caption)]) for p in plots),
+        *(Section(p.heading, [p]) for p in plots),
         Section("Load cases", [_case_table(inversion)]),
     ]
     subtitle = f"Model: {model}. Closure: {inversion.title}."
-    return write_report(folder / "inversion.html", sections, title, subtitle, {p.name: p.figure for p in plots})
+    return write_report(folder / "inversion.html", sections, title, subtitle)
 
 
 def _case_table(inversion: Inversion) -> Table:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fingermodel.studies.movement import MovementResult
 from server.figures import graph_objects as go
 from server.figures.plot import Plot
-from server.figures.report import Picture, Section, Table, write_report
+from server.figures.report import Section, Table, write_report
 from server.figures.sheet import Sheet, shape
 from server.figures.style import MUTED, ZERO_LINE, axis, number, plain
 
@@ -142,10 +142,10 @@ def movement_report(result: MovementResult, folder: Path, *, static: bool = True
         for p in result.peaks()
     ]
     peaks = Table(["muscle", "peak [N]", "at [s]", "of it passive [%]", "over peak tip force"], rows)
-    sections = [*(Section(p.heading, [Picture(p.figure, p.caption)]) for p in plots), Section("Peaks", [peaks])]
+    sections = [*(Section(p.heading, [p]) for p in plots), Section("Peaks", [peaks])]
     subtitle = f"{result.motion} with {result.finger}, muscles {result.muscle_set}"
-    figures = {p.name: p.figure for p in plots} if static else {}
-    return write_report(folder / "movement.html", sections, "A movement and its muscle forces", subtitle, figures)
+    title = "A movement and its muscle forces"
+    return write_report(folder / "movement.html", sections, title, subtitle, static=static)
 
 
 def _grid(result: MovementResult, panels: Sequence[Panel], *, title: str, subtitle: str) -> go.Figure:

@@ -194,10 +194,5 @@ def drawing_axes(low: Floats, size: Floats, **more: Any) -> tuple[dict[str, Any]
     return x, y
 
 
-def key(name: str, **changes: Any) -> go.Scatter:
-    """Return a trace without data that stands for its entry in the legend."""
-    return go.Scatter(x=[None], y=[None], name=name, mode="lines", hoverinfo="skip", **changes)
-
-
 def _key_width(trace: go.Scatter) -> int:
     return 52 + int(0.56 * TEXT_PX * len(str(trace.name)))

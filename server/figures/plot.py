@@ -1,7 +1,8 @@
-"""A drawn figure with what stands above and below it."""
+"""A figure with what stands above and below it: drawn, or still to be drawn."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ class Plot:
 
     Attributes:
         name: for files and addresses.
-        heading: above it.
+        heading: above it; empty where it stands under another's.
         figure: drawn.
         caption: a sentence below it.
     """
@@ -24,3 +25,13 @@ class Plot:
     heading: str
     figure: go.Figure
     caption: str = ""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A figure that is still to be drawn; `draw` raises NothingToDrawError where there is nothing to show."""
+
+    name: str
+    heading: str
+    caption: str
+    draw: Callable[[], go.Figure]

@@ -9,13 +9,14 @@ from __future__ import annotations
 import html
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
 from daq.files import replacing
 from server.figures import graph_objects as go
+from server.figures.plot import Plot
 from server.figures.style import NothingToDrawError
 
 # Plotly's tool bar would by default offer to send the figure, with its data, to a server of its maker.
@@ -53,21 +54,13 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A figure with a sentence below it."""
-
-    figure: go.Figure
-    caption: str = ""
-
-
-@dataclass(frozen=True)
 class Steps:
     """A numbered list of what is to be done."""
 
     items: Sequence[str]
 
 
-Part = str | Table | Picture | Steps
+Part = str | Table | Plot | Steps
 
 
 @dataclass(frozen=True)
@@ -79,30 +72,38 @@ class Section:
     folded: bool = False
 
 
-def add_picture(figures: dict[str, go.Figure], name: str, draw: Callable[[], go.Figure], caption: str) -> Picture | str:
-    """Draw a figure and put it into `figures`; return it with its caption, or why there is nothing to draw."""
+def plot_or_reason(name: str, draw: Callable[[], go.Figure], caption: str) -> Plot | str:
+    """Return a figure with its caption, or why there is nothing to draw."""
     try:
-        figures[name] = draw()
+        return Plot(name, "", draw(), caption)
     except NothingToDrawError as nothing:
         return nothing.sentence
-    return Picture(figures[name], caption)
+
+
+def figures_of(sections: Sequence[Section]) -> dict[str, go.Figure]:
+    """Return the figures of a report by name."""
+    return {part.name: part.figure for section in sections for part in section.parts if isinstance(part, Plot)}
+
+
+def by_heading(parts: Iterable[tuple[str, Part]]) -> list[Section]:
+    """Return a section for each heading, with what stands under it, in order."""
+    found: dict[str, list[Part]] = {}
+    for heading, part in parts:
+        found.setdefault(heading, []).append(part)
+    return [Section(heading, those) for heading, those in found.items()]
 
 
 def write_report(
-    path: Path,
-    sections: Sequence[Section],
-    title: str,
-    subtitle: str = "",
-    figures: Mapping[str, go.Figure] | None = None,
+    path: Path, sections: Sequence[Section], title: str, subtitle: str = "", *, static: bool = True
 ) -> Path:
-    """Write a report, and figures beside it as PNG and SVG; each file appears whole or not at all.
+    """Write a report; each file appears whole or not at all.
 
     Args:
         path: of the HTML file; its folder is made.
         sections: in order.
         title: of the page.
         subtitle: one line below it.
-        figures: by name.
+        static: whether to write its figures beside it too, as PNG and SVG by their names.
 
     Returns:
         The path.
@@ -110,7 +111,7 @@ def write_report(
     text = report_html(sections, title, subtitle)
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    if figures:
+    if static and (figures := figures_of(sections)):
         from server.figures.static import write_static
 
         write_static(path.parent, figures)
@@ -160,7 +161,7 @@ def report_body(sections: Sequence[Section]) -> tuple[str, list[go.Figure]]:
         for part in section.parts:
             if isinstance(part, Table):
                 body.append(_table(part))
-            elif isinstance(part, Picture):
+            elif isinstance(part, Plot):
                 body.append(_picture(part, len(figures)))
                 figures.append(part.figure)
             elif isinstance(part, Steps):
@@ -203,13 +204,13 @@ def _is_number(text: str) -> bool:
     return bool(re.fullmatch(r"[\s\d.,;()%°NmgkΔ±→–\N{MINUS SIGN}+-]*", text)) and text.strip() not in ("",)
 
 
-def _picture(picture: Picture, index: int) -> str:
-    layout = picture.figure.layout
+def _picture(plot: Plot, index: int) -> str:
+    layout = plot.figure.layout
     size = f"width:{int(layout.width or 700)}px;height:{int(layout.height or 450)}px"
-    caption = f"<figcaption>{_text(picture.caption)}</figcaption>" if picture.caption else ""
+    caption = f"<figcaption>{_text(plot.caption)}</figcaption>" if plot.caption else ""
     named = _text(html.unescape(re.sub(r"<[^>]*>", " ", str(layout.title.text or "Figure"))))
-    plot = f'<div class="plot" id="plot{index}" role="img" aria-label="{named}" style="{size}"></div>'
-    return f'<figure><div class="wide" tabindex="0">{plot}</div>{caption}</figure>'
+    place = f'<div class="plot" id="plot{index}" role="img" aria-label="{named}" style="{size}"></div>'
+    return f'<figure><div class="wide" tabindex="0">{place}</div>{caption}</figure>'
 
 
 def _scripts(figures: Sequence[go.Figure]) -> list[str]:

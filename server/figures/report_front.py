@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping
 
 from fingermodel.diagnosis.verdict.instruments import rig_remedy
 from server.figures.diagnosis_answer import Answer, effect_name, named_rows, part, rows, value, with_sd, words
-from server.figures.report import Picture, Section, Steps, Table
+from server.figures.plot import Plot
+from server.figures.report import Section, Steps, Table
 from server.figures.style import fixed
 
 # Widths from which an error of the rig is worth a measurement of its own.
@@ -81,7 +82,7 @@ def to_do_section(answer: Answer) -> Section:
     return Section("What to do", [Steps(to_do(answer))])
 
 
-def finger_section(answer: Answer, finger: Picture | None) -> list[Section]:
+def finger_section(answer: Answer, finger: Plot | None) -> list[Section]:
     """Return the finger with the effect as a part of the first page, where there is one."""
     added = " and ".join(effect_name(n) for n in words(part(answer, "where_after").get("added")))
     return [] if finger is None else [Section(f"The finger with {added}", [finger])]

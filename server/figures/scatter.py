@@ -10,7 +10,7 @@ import numpy as np
 from fingermodel.comparison.comparison import CaseComparison, Comparison
 from fingermodel.fingers import PLANES, Plane
 from server.figures import graph_objects as go
-from server.figures.sheet import Sheet, note
+from server.figures.sheet import Sheet, key, note
 from server.figures.style import (
     BAND,
     COMPONENT_AXES,
@@ -190,15 +190,7 @@ def _keys(chosen: Sequence[tuple[str, Comparison]], muscles: Sequence[str], plan
         absolute = " → ".join(number(e.rmse_N) for e in parts)
         relative = " → ".join(number(e.rmse_rel_pct, 0) for e in parts)
         marker = {"color": styles[muscle].color, "symbol": styles[muscle].symbol, "size": 9}
-        out.append(
-            go.Scatter(
-                x=[None],
-                y=[None],
-                mode="markers",
-                marker=marker | {"line": {"color": "#ffffff", "width": 0.8}},
-                name=f"{plain(muscle)}  {absolute} N ({relative} %)",
-                legendgroup=muscle,
-                hoverinfo="skip",
-            )
-        )
+        marker |= {"line": {"color": "#ffffff", "width": 0.8}}
+        name = f"{plain(muscle)}  {absolute} N ({relative} %)"
+        out.append(key(name, "markers", marker=marker, legendgroup=muscle))
     return out

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
 from fingermodel.parameters import with_unit
 from server.figures import graph_objects as go
 from server.figures.diagnosis_answer import Answer, part, rows, value, vector, words
-from server.figures.report import Section, Table, add_picture
+from server.figures.plot import Plot
+from server.figures.report import Section, Table, plot_or_reason
 from server.figures.sheet import Sheet
 from server.figures.style import (
     INK,
@@ -266,9 +266,21 @@ def _fall(errors: Answer) -> str:
     return " → ".join(number(value(errors.get(key)), 3) for key in ("before", "after"))
 
 
-def shared_sections(answer: Answer, figures: dict[str, go.Figure]) -> list[Section]:
-    """Return the parts of the page of several sessions; puts its figures into `figures`."""
-    picture = partial(add_picture, figures)
+# Figures of several sessions by name, each with its caption.
+FIGURES = {
+    "shared_curve": (curve_figure, "Beside each session's anatomy, budget, noise and scatter."),
+    "shared_chance": (chance_figure, "Chance gains as much in any order."),
+    "shared_law": (law_figure, "Where the two part, the law is not all of the curve."),
+}
+
+
+def shared_sections(answer: Answer) -> list[Section]:
+    """Return the parts of the page of several sessions."""
+
+    def picture(name: str) -> Plot | str:
+        draw, caption = FIGURES[name]
+        return plot_or_reason(name, lambda: draw(answer), caption)
+
     shared = part(answer, "shared")
     sentences = [str(answer.get("sentence") or ""), *(f"Short of more: {s}." for s in words(answer.get("short")))]
     each = part(answer, "each")
@@ -280,27 +292,15 @@ def shared_sections(answer: Answer, figures: dict[str, go.Figure]) -> list[Secti
             [
                 str(shared.get("sentence") or "Their fingers have other tendons or joints."),
                 *([f"It does not help {', '.join(lacking)}."] if lacking else []),
-                picture(
-                    "shared_curve",
-                    lambda: curve_figure(answer),
-                    "Beside each session's anatomy, budget, noise and scatter.",
-                ),
-                picture(
-                    "shared_chance",
-                    lambda: chance_figure(answer),
-                    "Sessions that share nothing gain as much in any order.",
-                ),
+                picture("shared_curve"),
+                picture("shared_chance"),
             ],
         ),
         Section(
             "Which law it resembles",
             [
                 *(laws_tables(answer) or ("None helps a session that it is not learned from.",)),
-                picture(
-                    "shared_law",
-                    lambda: law_figure(answer),
-                    "Where the two part, the law is not all of the curve.",
-                ),
+                picture("shared_law"),
             ],
         ),
         Section("What would decide", _deciding(shared)),

@@ -169,3 +169,8 @@ def shape(
     ends = {"x0": x[0], "x1": x[1], "y0": y[0], "y1": y[1], "xref": on[0], "yref": on[1]}
     kind = "rect" if "fillcolor" in more else "line"
     return ends | {"type": kind, "line": line or {"width": 0}, "layer": "below"} | more
+
+
+def key(name: str, mode: str = "lines", **look: Any) -> go.Scatter:
+    """Return a trace without data that stands for its entry in the legend."""
+    return go.Scatter(x=[None], y=[None], name=name, mode=mode, hoverinfo="skip", **look)

@@ -16,12 +16,12 @@ from fingermodel.studies.species import SpeciesResult
 from fingermodel.studies.species_sides import Load, Side, Spread, same_angles, shared
 from server.figures import graph_objects as go
 from server.figures.arrows import arrow_traces
-from server.figures.panels import Panel, drawing_axes, key
+from server.figures.panels import Panel, drawing_axes
 from server.figures.plot import Plot
 from server.figures.poses import finger_pose, reach_mm
-from server.figures.report import Picture, Section, Table, write_report
+from server.figures.report import Section, Table, write_report
 from server.figures.scales import scale_bars
-from server.figures.sheet import Sheet, note, panel_axes
+from server.figures.sheet import Sheet, key, note, panel_axes
 from server.figures.skeleton import finger_traces
 from server.figures.style import INK, WIDTH, axis, mix, number, plain, whiskers
 from server.figures.style import posture_name as named
@@ -62,9 +62,7 @@ def species_plots(result: SpeciesResult) -> list[Plot]:
 
 def species_report(result: SpeciesResult, folder: Path, *, static: bool = True) -> Path:
     """Write `species.html`, and its figure as PNG and SVG, into a folder; return the page."""
-    plots = species_plots(result)
-    parts: list[str | Table | Picture] = [Picture(p.figure, p.caption) for p in plots]
-    sections = [Section("Side by side", [*parts, *result.assumptions])]
+    sections = [Section("Side by side", [*species_plots(result), *result.assumptions])]
     if result.steps:
         rows = [[s.what, number(s.tension_to_tip), number(s.bone_to_tip)] for s in result.steps]
         sections.append(Section("Step by step", [Table(["finger", "tension / tip", "bone / tip"], rows)]))
@@ -72,8 +70,7 @@ def species_report(result: SpeciesResult, folder: Path, *, static: bool = True) 
         header, lines, notes = published_table(result.rows)
         sections.append(Section("Published and ours", [Table(header, lines), *notes]))
     subtitle = f"{result.of.label} and {result.other.label}"
-    figures = {p.name: p.figure for p in plots} if static else {}
-    return write_report(folder / "species.html", sections, "Two fingers side by side", subtitle, figures)
+    return write_report(folder / "species.html", sections, "Two fingers side by side", subtitle, static=static)
 
 
 def species_figure(result: SpeciesResult) -> go.Figure:
@@ -325,11 +322,8 @@ def _keys(sides: tuple[Side, Side], result: SpeciesResult) -> list[go.Scatter]:
     out.append(key("predicted", line=_line(grey, "predicted") | {"color": INK}))
     if any(side.session for side in sides):
         out.append(key("measured", line=_line(grey, "measured") | {"color": grey}))
-        out.append(_mark("measured mean", {"symbol": "circle", "size": 8, "color": "#ffffff", "line": _THIN}))
+        marker = {"symbol": "circle", "size": 8, "color": "#ffffff", "line": _THIN}
+        out.append(key("measured mean", "markers", marker=marker))
     if result.rows:
-        out.append(_mark("printed (Synek et al. 2019)", _PRINTED))
+        out.append(key("printed (Synek et al. 2019)", "markers", marker=_PRINTED))
     return out
-
-
-def _mark(name: str, marker: dict[str, Any]) -> go.Scatter:
-    return go.Scatter(x=[None], y=[None], name=name, mode="markers", marker=marker, hoverinfo="skip")

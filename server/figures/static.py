@@ -21,7 +21,7 @@ from server.figures.static_cells import bar_slots
 from server.figures.static_notes import draw_annotations, draw_shapes
 from server.figures.static_schema import UnsupportedFigureError, is_axis, require_supported
 from server.figures.static_text import PT, color, flat, put_text
-from server.figures.static_traces import draw_trace, legend_handle, with_defaults
+from server.figures.static_traces import draw_trace, legend_handle
 
 __all__ = ["UnsupportedFigureError", "render", "write_static"]
 
@@ -86,7 +86,7 @@ def _draw(parts: Mapping[str, Any]) -> Figure:
     left, bottom = margin["l"] / width, margin["b"] / height
     plot = (left, bottom, 1.0 - left - margin["r"] / width, 1.0 - bottom - margin["t"] / height)
     canvas = Canvas(figure, layout, plot)
-    traces = [with_defaults(t, order) for order, t in enumerate(parts.get("data") or ())]
+    traces: Sequence[Mapping[str, Any]] = parts.get("data") or ()
     _collect_categories(canvas, traces)
     overlay = figure.add_axes((0.0, 0.0, 1.0, 1.0), zorder=15)
     overlay.set_axis_off()

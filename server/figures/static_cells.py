@@ -16,23 +16,16 @@ Floats = NDArray[np.float64]
 Trace = Mapping[str, Any]
 
 
-def bar_slots(traces: Sequence[Trace], layout: Trace) -> list[dict[str, Any]]:
-    """Share a category's place among the bar traces of one subplot: offset from its middle, width, running totals."""
-    mode = layout.get("barmode") or "group"
+def bar_slots(traces: Sequence[Trace], layout: Trace) -> list[dict[str, float]]:
+    """Share a category's place among the bar traces of one subplot: offset from its middle, and width."""
     room = 1.0 - float(layout.get("bargap", 0.2))
-    groups = list(dict.fromkeys(str(t.get("offsetgroup", i)) for i, t in enumerate(traces)))
-    up: dict[float, float] = {}
-    down: dict[float, float] = {}
-    slots = []
-    for i, trace in enumerate(traces):
-        if mode == "group":
-            step = room / len(groups)
-            at = groups.index(str(trace.get("offsetgroup", i)))
-            width, offset = step * (1.0 - float(layout.get("bargroupgap", 0.0))), (at + 0.5) * step - room / 2
-        else:
-            width, offset = room, 0.0
-        slots.append({"width": width, "offset": offset, "stack": mode in ("stack", "relative"), "up": up, "down": down})
-    return slots
+    if layout.get("barmode") == "overlay":
+        return [{"width": room, "offset": 0.0}] * len(traces)
+    of_trace = [str(t.get("offsetgroup", i)) for i, t in enumerate(traces)]
+    groups = list(dict.fromkeys(of_trace))
+    step = room / len(groups)
+    width = step * (1.0 - float(layout.get("bargroupgap", 0.0)))
+    return [{"width": width, "offset": (groups.index(g) + 0.5) * step - room / 2} for g in of_trace]
 
 
 def draw_bar(axes: Axes, trace: Trace, x: Floats, y: Floats, slot: Trace, zorder: float) -> None:
@@ -43,15 +36,10 @@ def draw_bar(axes: Axes, trace: Trace, x: Floats, y: Floats, slot: Trace, zorder
     width = np.array(each(trace.get("width") or slot["width"] * spacing, len(place)), dtype=float)
     middle = place + slot["offset"] * spacing
     base = np.array(each(trace.get("base") or 0.0, len(place)), dtype=float)
-    if slot["stack"]:
-        for i, (p, h) in enumerate(zip(place, height, strict=True)):
-            total = slot["up"] if h >= 0 else slot["down"]
-            base[i] += total.get(p, 0.0)
-            total[p] = base[i] + (h if np.isfinite(h) else 0.0)
     marker = trace.get("marker") or {}
     rim = marker.get("line") or {}
     looks: dict[str, Any] = {
-        "color": [color(c) for c in each(marker.get("color", "#1f77b4"), len(place))],
+        "color": [color(c) for c in each(marker["color"], len(place))],
         "edgecolor": color(rim.get("color", "none")),
         "linewidth": float(rim.get("width", 0)) * PT,
         "zorder": zorder,
@@ -78,28 +66,19 @@ def draw_bar(axes: Axes, trace: Trace, x: Floats, y: Floats, slot: Trace, zorder
 def draw_heatmap(axes: Axes, trace: Trace, x_names: list[str] | None, y_names: list[str] | None, zorder: float) -> None:
     """Draw a heatmap with its words and its colour bar."""
     from matplotlib.colors import LinearSegmentedColormap
-    from plotly.colors import get_colorscale
 
     z = np.array([[np.nan if v is None else float(v) for v in row] for row in trace["z"]], dtype=float)
     x = numbers(trace.get("x") or list(range(z.shape[1])), x_names)
     y = numbers(trace.get("y") or list(range(z.shape[0])), y_names)
-    scale = trace.get("colorscale") or "Viridis"
-    stops = get_colorscale(scale) if isinstance(scale, str) else scale
-    cmap = LinearSegmentedColormap.from_list("plotly", [(float(s), color(c)) for s, c in stops])
-    known = z[np.isfinite(z)]
-    low = float(trace["zmin"]) if trace.get("zmin") is not None else float(known.min() if known.size else 0.0)
-    high = float(trace["zmax"]) if trace.get("zmax") is not None else float(known.max() if known.size else 1.0)
-    if trace.get("zmid") is not None:
-        reach = max(high - float(trace["zmid"]), float(trace["zmid"]) - low)
-        low, high = float(trace["zmid"]) - reach, float(trace["zmid"]) + reach
+    cmap = LinearSegmentedColormap.from_list("plotly", [(float(s), color(c)) for s, c in trace["colorscale"]])
     gap = max(float(trace.get("xgap") or 0), float(trace.get("ygap") or 0)) * PT
     mesh = axes.pcolormesh(
         _edges(x),
         _edges(y),
         np.ma.masked_invalid(z),
         cmap=cmap,
-        vmin=low,
-        vmax=high,
+        vmin=trace.get("zmin"),
+        vmax=trace.get("zmax"),
         zorder=zorder,
         edgecolors="white" if gap else "none",
         linewidth=gap,

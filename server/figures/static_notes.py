@@ -59,63 +59,49 @@ def draw_annotations(canvas: Canvas, overlay: Axes) -> None:
         x_of, y_of = note.get("xref") or "x", note.get("yref") or "y"
         transform = canvas.transform(x_of, y_of)
         at = (canvas.along(x_of, note["x"]), canvas.along(y_of, note["y"]))
-        shift = (float(note.get("xshift") or 0), float(note.get("yshift") or 0))
-        where, moved, arrow = at, transform, note.get("showarrow") is not False
-        if arrow:
-            where, moved, tail_shift = _arrow(canvas, overlay, note, at, transform)
-            shift = (shift[0] + tail_shift[0], shift[1] + tail_shift[1])
+        if note.get("showarrow") is not False:
+            _arrow(canvas, overlay, note, at, transform)
         if not note.get("text"):
             continue
         font = dict(canvas.font) | dict(note.get("font") or {})
-        box = (
-            {"bbox": {"facecolor": color(note["bgcolor"]), "edgecolor": "none", "pad": 1.5}}
-            if note.get("bgcolor")
-            else {}
-        )
+        behind = note.get("bgcolor")
         put_text(
             canvas.figure,
             note["text"],
-            where,
-            moved,
+            at,
+            transform,
             size_px=float(font["size"]),
             ink=color(font["color"]),
             horizontal=sides[note.get("xanchor") or "auto"],
             vertical=heights[note.get("yanchor") or "auto"],
             align=note.get("align"),
-            shift_px=shift,
+            shift_px=(float(note.get("xshift") or 0), float(note.get("yshift") or 0)),
             zorder=20.0,
-            **box,
+            **({"bbox": {"facecolor": color(behind), "edgecolor": "none", "pad": 1.5}} if behind else {}),
         )
 
 
-def _arrow(
-    canvas: Canvas, overlay: Axes, note: Attributes, at: tuple[float, float], transform: Transform
-) -> tuple[tuple[float, float], Transform, tuple[float, float]]:
-    """Draw an annotation's arrow; return where its tail, and so its text, is."""
+def _arrow(canvas: Canvas, overlay: Axes, note: Attributes, at: tuple[float, float], transform: Transform) -> None:
+    """Draw an annotation's arrow, whose tail is a point of the data."""
+    x_of, y_of = note.get("axref") or "pixel", note.get("ayref") or "pixel"
+    if note.get("text") or "pixel" in (x_of, y_of):
+        raise UnsupportedFigureError("an arrow with a text, or whose tail is given in pixels")
     width = float(note.get("arrowwidth") or 2.0)
-    style = {0: "-", 1: "->", 2: "-|>", 3: "-|>"}[int(note.get("arrowhead", 1))]
     size = 3.0 * width * float(note.get("arrowsize") or 1.0) * PT
-    if style != "-":
-        style += f",head_length={size / 10:.4f},head_width={size / 20:.4f}"
-    references = [note.get("axref") or "pixel", note.get("ayref") or "pixel"]
-    if references == ["pixel", "pixel"]:
-        # Pixels to the right and down from the head.
-        tail = (float(note.get("ax", -10)), -float(note.get("ay", -30)))
-        where, moved, shift = at, transform, tail
-        ends: dict[str, Any] = {"xytext": (tail[0] * PT, tail[1] * PT), "textcoords": "offset points"}
-    elif "pixel" in references:
-        raise UnsupportedFigureError("an arrow's tail in pixels one way and in data the other")
-    else:
-        where = (canvas.along(references[0], note["ax"]), canvas.along(references[1], note["ay"]))
-        moved, shift = canvas.transform(*references), (0.0, 0.0)
-        ends = {"xytext": where, "textcoords": moved}
     look = {
-        "arrowstyle": style,
+        "arrowstyle": f"-|>,head_length={size / 10:.4f},head_width={size / 20:.4f}",
         "mutation_scale": 10,
         "shrinkA": 0,
         "shrinkB": 0,
         "linewidth": width * PT,
         "color": color(note.get("arrowcolor", "#444444")),
     }
-    overlay.annotate("", xy=at, xycoords=transform, arrowprops=look, annotation_clip=False, **ends)
-    return where, moved, shift
+    overlay.annotate(
+        "",
+        xy=at,
+        xycoords=transform,
+        xytext=(canvas.along(x_of, note["ax"]), canvas.along(y_of, note["ay"])),
+        textcoords=canvas.transform(x_of, y_of),
+        arrowprops=look,
+        annotation_clip=False,
+    )

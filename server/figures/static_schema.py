@@ -6,7 +6,7 @@ selection) are known to be invisible and pass.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 ANY = object()
@@ -85,7 +85,7 @@ TRACES: dict[str, Schema] = {
     },
     "heatmap": {
         **_TRACE,
-        **_any("z zmin zmax zmid colorscale showscale"),
+        **_any("z zmin zmax colorscale showscale"),
         "texttemplate": {"%{text}"},
         "textfont": _FONT,
         **_any("xgap ygap hoverongaps"),
@@ -119,7 +119,7 @@ ANNOTATION: Schema = {
     "align": {"left", "center", "right"},
     "font": _FONT,
     **_any("bgcolor showarrow ax ay axref ayref"),
-    "arrowhead": {0, 1, 2, 3},
+    "arrowhead": {2},
     **_any("arrowsize arrowwidth arrowcolor"),
 }
 SHAPE: Schema = {
@@ -153,7 +153,7 @@ LAYOUT: Schema = {
         "title": {"text": ANY, "font": _FONT},
         "traceorder": {"normal"},
     },
-    "barmode": {"group", "overlay", "stack", "relative"},
+    "barmode": {"group", "overlay"},
     **_any("bargap bargroupgap annotations shapes hovermode hoverlabel meta"),
 }
 
@@ -174,8 +174,8 @@ def require_supported(figure: Mapping[str, Any]) -> None:
         if kind not in TRACES:
             raise UnsupportedFigureError(f"trace {index} is a {kind}; drawn are {', '.join(TRACES)}")
         _check(trace, TRACES[kind], f"{kind} trace {index}")
-        if kind == "bar" and trace.get("text") is not None and not trace.get("textposition"):
-            raise UnsupportedFigureError(f"bar trace {index}: text without textposition is placed by the browser")
+        for chosen in _left_to_the_browser(kind, trace):
+            raise UnsupportedFigureError(f"{kind} trace {index}: no {chosen}, which the browser would choose")
     layout = figure.get("layout", {})
     if _has_defaults(layout.get("template")):
         # Its defaults would have to be looked up everywhere.
@@ -190,6 +190,23 @@ def require_supported(figure: Mapping[str, Any]) -> None:
         _check(shape, SHAPE, f"shape {index}")
     if figure.get("frames"):
         raise UnsupportedFigureError("an animation has no still picture")
+
+
+def _left_to_the_browser(kind: str, trace: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what a trace has to state, and does not."""
+    mode, line, marker = (trace.get(k) or {} for k in ("mode", "line", "marker"))
+    if kind == "scatter" and not mode:
+        yield "mode"
+    if "lines" in mode and line.get("width") != 0 and line.get("color") is None:
+        yield "line.color"
+    if ("markers" in mode or kind == "bar") and marker.get("color") is None:
+        yield "marker.color"
+    if trace.get("fill") and not trace.get("fillcolor"):
+        yield "fillcolor"
+    if kind == "bar" and trace.get("text") is not None and not trace.get("textposition"):
+        yield "textposition"
+    if kind == "heatmap" and not isinstance(trace.get("colorscale"), list | tuple):
+        yield "colorscale with its colours"
 
 
 def _has_defaults(template: Any) -> bool:

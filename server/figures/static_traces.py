@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
@@ -21,33 +20,10 @@ from server.figures.static_text import PT, color, dashes
 
 Floats = NDArray[np.float64]
 Trace = Mapping[str, Any]
-_COLORWAY = (
-    "#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f", "#bcbd22", "#17becf",
-)  # fmt: skip
 # Matplotlib's markers against Plotly's of the same nominal size.
 _SIZES = {"*": 1.4, "D": 0.92}
 # Plotly's layers: heatmaps below bars below points and lines, whatever the order of the traces.
 _LAYER = {"heatmap": 1.0, "bar": 2.0, "scatter": 3.0}
-
-
-def with_defaults(trace: Trace, order: int) -> dict[str, Any]:
-    """Fill in the colours and the mode that Plotly gives a trace that says nothing of them."""
-    out = dict(trace)
-    kind = out.get("type", "scatter")
-    if kind == "heatmap":
-        return out
-    marker, line = dict(out.get("marker") or {}), dict(out.get("line") or {})
-    own = line.get("color") or marker.get("color")
-    base = own if isinstance(own, str) else _COLORWAY[order % len(_COLORWAY)]
-    out["marker"] = {"color": base} | {k: v for k, v in marker.items() if v is not None}
-    if kind == "scatter":
-        out["line"] = {"color": base} | {k: v for k, v in line.items() if v is not None}
-        points = len(out.get("y") or out.get("x") or ())
-        out["mode"] = out.get("mode") or ("lines+markers" if points < 20 else "lines")
-        if out.get("fill", "none") != "none" and not out.get("fillcolor"):
-            r, g, b, a = to_rgba(color(out["line"]["color"]))
-            out["fillcolor"] = f"rgba({255 * r:.0f},{255 * g:.0f},{255 * b:.0f},{a / 2:g})"
-    return out
 
 
 def draw_trace(
@@ -90,7 +66,7 @@ def _scatter(axes: Axes, trace: Trace, x: Floats, y: Floats, zorder: float) -> N
     if trace.get("fill") == "toself":
         for piece in _pieces(x, y):
             codes = [Path.MOVETO, *[Path.LINETO] * (len(piece) - 1), Path.CLOSEPOLY]
-            face = color(trace.get("fillcolor", "none"))
+            face = color(trace["fillcolor"])
             path = Path(np.concatenate([piece, piece[:1]]), codes)
             axes.add_patch(PathPatch(path, facecolor=face, edgecolor="none", zorder=zorder, clip_on=clip))
             axes.update_datalim(piece)
@@ -120,7 +96,7 @@ def _scatter(axes: Axes, trace: Trace, x: Floats, y: Floats, zorder: float) -> N
 def _markers(axes: Axes, marker: Trace, x: Floats, y: Floats, zorder: float, clip: bool) -> None:
     count = len(x)
     rim = marker.get("line") or {}
-    inks = each(marker.get("color", "#000000"), count)
+    inks = each(marker["color"], count)
     sizes = each(marker.get("size", 6), count)
     rims, rim_widths = each(rim.get("color", "none"), count), each(rim.get("width", 0), count)
     symbols = each(marker.get("symbol", "circle"), count)
@@ -165,7 +141,7 @@ def legend_handle(trace: Trace) -> Artist:
     if trace.get("type") == "bar":
         rim = marker.get("line") or {}
         return Patch(
-            facecolor=color(one(marker.get("color", "#1f77b4"))),
+            facecolor=color(one(marker["color"])),
             edgecolor=color(one(rim.get("color", "none"))),
             linewidth=float(one(rim.get("width", 0))) * PT,
         )
@@ -173,7 +149,7 @@ def legend_handle(trace: Trace) -> Artist:
     if trace.get("fill") == "toself":
         edge = color(line.get("color", "none")) if "lines" in mode else "none"
         return Patch(
-            facecolor=color(trace.get("fillcolor", "none")),
+            facecolor=color(trace["fillcolor"]),
             edgecolor=edge,
             linewidth=float(line.get("width", 2)) * PT,
         )
@@ -185,7 +161,7 @@ def legend_handle(trace: Trace) -> Artist:
         handle.set_color(color(line.get("color", "#000000")))
     if "markers" in mode:
         shape, hollow = _symbol(one(marker.get("symbol", "circle")))
-        ink = color(one(marker.get("color", "#000000")))
+        ink = color(one(marker["color"]))
         rim = marker.get("line") or {}
         handle.set_marker(shape)
         handle.set_markersize(min(float(one(marker.get("size", 6))), 14.0) * PT * _SIZES.get(shape, 1.0))

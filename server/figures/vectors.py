@@ -17,14 +17,13 @@ from server.figures.panels import (
     force_scale,
     head_mm,
     heading,
-    key,
     load_colors,
     panels_figure,
     panels_of,
     thinned,
 )
 from server.figures.poses import FingerPose, reach_mm
-from server.figures.sheet import panel_axes
+from server.figures.sheet import key, panel_axes
 from server.figures.style import INK, NothingToDrawError, load_text, mix, plain, rgba
 
 Floats = NDArray[np.float64]
@@ -78,7 +77,11 @@ def load_keys(colors: Mapping[str, str], meanings: Iterable[str]) -> list[go.Sca
         key("measured", line=vector_line("measured", grey)),
         key("predicted", line=vector_line("predicted", grey) | {"color": INK}),
     ]
-    fill = {"fill": "toself", "fillcolor": rgba(grey, 0.22), "line": {"color": rgba(grey, 0.35), "width": 0.8}}
+    fill: dict[str, Any] = {
+        "fill": "toself",
+        "fillcolor": rgba(grey, 0.22),
+        "line": {"color": rgba(grey, 0.35), "width": 0.8},
+    }
     out += [key(meaning, **fill) for meaning in sorted(meanings)]
     return out + [key(plain(text), line={"color": color, "width": 6}) for text, color in colors.items()]
 

@@ -10,7 +10,7 @@ import numpy as np
 from fingermodel.comparison.comparison import CaseComparison, Comparison
 from fingermodel.fingers import Plane
 from server.figures import graph_objects as go
-from server.figures.sheet import Sheet
+from server.figures.sheet import Sheet, key
 from server.figures.style import (
     INK,
     NothingToDrawError,
@@ -75,7 +75,7 @@ def z_figure(
     for symbol, name in (("circle", "identification"), ("circle-open", "validation")):
         if any(c.role == name for c in cases):
             marker = {"color": INK, "symbol": symbol, "size": 8}
-            data.append(go.Scatter(x=[None], y=[None], mode="markers", marker=marker, name=name, hoverinfo="skip"))
+            data.append(key(name, "markers", marker=marker))
     end = len(rows) - 0.5
     scale: dict[str, Any] = {"range": [low, high], "nticks": 8}
     if bent:

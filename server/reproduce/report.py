@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from fingermodel.studies.published import published_table
-from server.figures.plot import Plot
-from server.figures.report import Picture, Section, Table, write_report
+from server.figures.report import Section, Table, by_heading, write_report
 from server.reproduce.study import Reproduction, Study
 
 
@@ -28,18 +26,10 @@ def write_study(folder: Path, study: Study, done: Reproduction) -> Path:
             Section(s.title, [Table(s.columns, [[_cell(x) for x in line] for line in s.lines]), *s.notes])
             for s in done.sheets
         ),
-        *_pictures(plots),
+        *by_heading((p.heading, p) for p in plots),
     ]
-    subtitle, figures = f"{study.about}: published and ours", {p.name: p.figure for p in plots}
-    return write_report(folder / "reproduce.html", sections, study.citation, subtitle, figures)
-
-
-def _pictures(plots: Sequence[Plot]) -> list[Section]:
-    """Return one section a heading, in order."""
-    found: dict[str, list[Picture]] = {}
-    for plot in plots:
-        found.setdefault(plot.heading, []).append(Picture(plot.figure, plot.caption))
-    return [Section(heading, pictures) for heading, pictures in found.items()]
+    subtitle = f"{study.about}: published and ours"
+    return write_report(folder / "reproduce.html", sections, study.citation, subtitle)
 
 
 def _cell(value: str | float | None) -> str:

@@ -16,6 +16,8 @@ from daq.errors import ModelError
 from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.fingers.files import finger_names
 from server.application.bench_prediction import predictor
+from server.service.answers import Tagged
+from server.service.ingest.envelopes import Envelopes
 from server.service.ingest.ingest import Ingest
 from server.service.ingest.windows import Windows
 from server.service.jobs.service import JobService
@@ -48,8 +50,10 @@ class Services:
         settings: of the service.
         database: that it keeps everything in.
         messages: that it tells.
+        windows, envelopes: of stored readings, with what was looked at before.
         sessions, ingest, measuring, models, revisions, effects, jobs, live, case_updates, scrub: its parts.
         made: checks and reports of closed sessions that were asked for last.
+        drawn: figures that were asked for last.
         started: monotonic time of the start [s].
         ready: whether models are warm and the database is up to date.
         stopping: is set when the service ends.
@@ -58,6 +62,8 @@ class Services:
     settings: Settings
     database: Database
     messages: Messages
+    windows: Windows
+    envelopes: Envelopes
     sessions: Sessions
     ingest: Ingest
     measuring: Measuring
@@ -69,6 +75,7 @@ class Services:
     case_updates: CaseUpdates
     scrub: Scrub
     made: Made[Any] = field(default_factory=lambda: Made(8))
+    drawn: Made[Tagged] = field(default_factory=lambda: Made(512))
     started: float = field(default_factory=time.monotonic)
     ready: bool = False
     stopping: threading.Event = field(default_factory=threading.Event)
@@ -126,6 +133,8 @@ def build(settings: Settings) -> Services:
         settings,
         database,
         messages,
+        windows,
+        Envelopes(database),
         sessions,
         ingest,
         measuring,

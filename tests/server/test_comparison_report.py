@@ -12,7 +12,8 @@ import plotly.graph_objects as go
 from fingermodel.comparison.comparison import Comparison
 from server.figures.compared import Compared
 from server.figures.comparison import comparison_report
-from server.figures.report import Picture, Section, Table, report_html, write_report
+from server.figures.plot import Plot
+from server.figures.report import Section, Table, report_html, write_report
 from server.figures.static import write_static
 from server.figures.vectors import vector_figure
 from tests.server.compared_sessions import HOSTILE, ordinary
@@ -42,9 +43,9 @@ def test_the_report_is_one_file_that_fetches_nothing(tmp_path: Path) -> None:
     written = comparison_report(
         tmp_path, Compared(model, observations, part, name=HOSTILE), session=HOSTILE, static=False
     )
-    assert written == [tmp_path / "compare.html"]
-    assert list(tmp_path.iterdir()) == written
-    text = written[0].read_text(encoding="utf-8")
+    assert written == tmp_path / "compare.html"
+    assert list(tmp_path.iterdir()) == [written]
+    text = written.read_text(encoding="utf-8")
     page = Links()
     page.feed(text)
     assert page.links
@@ -67,7 +68,7 @@ def test_figures_of_a_hostile_model_name_are_drawn(tmp_path: Path) -> None:
 
 def test_figure_data_cannot_end_the_script() -> None:
     figure = go.Figure(go.Scatter(x=[1], y=[1], name="</script><img src=x>\u2028"))
-    page = report_html([Section("A", [Picture(figure, "c"), Table(["h"], [["<i>"]], "t"), "p"])], "T")
+    page = report_html([Section("A", [Plot("a", "", figure, "c"), Table(["h"], [["<i>"]], "t"), "p"])], "T")
     tail = page[page.rindex("const figures") :]
     assert "</script><img" not in tail
     assert "\u2028" not in page

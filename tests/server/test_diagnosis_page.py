@@ -14,10 +14,11 @@ import plotly.graph_objects as go
 import pytest
 from matplotlib.image import imread
 
-from server.application.diagnosis_report import diagnosis_figures, draw_diagnosis
+from server.application.diagnosis_report import diagnosis_sections, draw_diagnosis
 from server.figures.diagnosis_map import residual_map
 from server.figures.diagnosis_tables import bent_table
 from server.figures.diagnosis_torque import torque_figure
+from server.figures.report import figures_of
 from server.figures.report_front import to_do
 from server.figures.static import render
 from tests.server.diagnosis_answers import (
@@ -36,7 +37,7 @@ from tests.server.diagnosis_parts import EFFECTS, HOSTILE, Answer, load_cases, s
 
 @pytest.mark.parametrize("verdict", list(ANSWERS))
 def test_every_verdict_gives_every_figure_that_it_can(verdict: str) -> None:
-    figures = diagnosis_figures(ANSWERS[verdict]())
+    figures = figures_of(diagnosis_sections(ANSWERS[verdict](), None))
     assert set(figures) == NAMES - MISSING.get(verdict, set())
     for figure in figures.values():
         text = figure.to_json()
@@ -52,7 +53,7 @@ def test_page_and_pictures_are_written(tmp_path: Path) -> None:
     assert {p.name for p in folder.iterdir()} == {"diagnose.html"} | {
         f"{n}.{e}" for n in NAMES - MISSING["one_of"] for e in ("png", "svg")
     }
-    for name, figure in diagnosis_figures(one_of()).items():
+    for name, figure in figures_of(diagnosis_sections(one_of(), None)).items():
         picture = imread(io.BytesIO((folder / f"{name}.png").read_bytes()), format="png")
         assert picture.shape[:2] == (2 * figure.layout.height, 2 * figure.layout.width)
 
@@ -177,7 +178,7 @@ def test_confirmation_is_told(confirmed: object, tmp_path: Path) -> None:
 
 def test_an_empty_answer_still_gives_a_page(tmp_path: Path) -> None:
     assert page({}, tmp_path).headings == list(HEADINGS)
-    assert diagnosis_figures({}) == {}
+    assert figures_of(diagnosis_sections({}, None)) == {}
     draw_diagnosis({}, tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["diagnose.html"]
 
@@ -200,7 +201,7 @@ def test_no_absent_value_breaks_the_page() -> None:
     whole["confounding"] = {"effects": names, "correlation": [[1.0, 0.95, 0.1]] * 3, "classes": [names[:2]]}
     whole["detectability"] = {names[0]: 3.0}
     whole["curve"] = none_of_catalogue()["curve"]
-    assert set(diagnosis_figures(whole, HISTORY)) == NAMES
+    assert set(figures_of(diagnosis_sections(whole, HISTORY))) == NAMES
     whole["where"] |= {key: {} for key in ("by_posture", "by_location", "by_load_level", "by_component")}
     whole |= {when: {"validation/tip": {"space": {"rmse_N": 0.1}}} for when in ("before", "after")}
     nothings: list[Any] = [None, float("nan"), []]
@@ -210,7 +211,7 @@ def test_no_absent_value_breaks_the_page() -> None:
         for key in path[:-1]:
             at = at[key]
         at[path[-1]] = nothings[count % 3]
-        for figure in diagnosis_figures(broken).values():
+        for figure in figures_of(diagnosis_sections(broken, None)).values():
             assert "NaN" not in str(figure.to_dict())
 
 
@@ -224,7 +225,7 @@ def test_hostile_names_are_shown_and_do_nothing(tmp_path: Path) -> None:
     assert HOSTILE not in text
     assert any(HOSTILE in word for word in read.words), "the name is still to be read"
     assert "default-src 'none'" in text
-    figures = diagnosis_figures(answer, hostile(HISTORY))
+    figures = figures_of(diagnosis_sections(answer, hostile(HISTORY)))
     assert set(figures) == NAMES - MISSING["found"]
     for figure in figures.values():
         assert b"<script" not in render(figure, "svg")

@@ -18,9 +18,10 @@ from fingermodel.comparison.comparison import CaseComparison, Comparison
 from server.figures.arrows import BETWEEN, MEASURED, NOMINAL, Spread, area_of, sector, spread_between
 from server.figures.bone import bone_figure
 from server.figures.compared import Compared
-from server.figures.comparison import comparison_plans, drawn
+from server.figures.comparison import comparison_sections
 from server.figures.panels import MAX_LOADS
 from server.figures.poses import finger_pose
+from server.figures.report import figures_of
 from server.figures.scatter import scatter_figure
 from server.figures.static import render, write_static
 from server.figures.style import TENDONS, NothingToDrawError, load_styles, number, posture_name
@@ -34,7 +35,7 @@ from tests.server.compared_sessions import AWKWARD, BOTH, POSTURES, finger, many
 def test_awkward_sessions_give_every_figure_that_they_can(name: str) -> None:
     make, missing = AWKWARD[name]
     model, observations, comparison = make()
-    figures, _ = drawn(comparison_plans(Compared(model, observations, comparison)))
+    figures = figures_of(comparison_sections(Compared(model, observations, comparison)))
     assert set(figures) == {"scatter", "scatter_validation", "vectors", "bone", "errors", "z"} - missing
     for figure in figures.values():
         text = figure.to_json()
@@ -45,7 +46,7 @@ def test_awkward_sessions_give_every_figure_that_they_can(name: str) -> None:
 def test_before_and_after_are_both_drawn_and_written(tmp_path: Path) -> None:
     model, observations, comparison = ordinary()
     compared = Compared(model, observations, comparison, comparison, "First guess", name="Fitted")
-    figures, _ = drawn(comparison_plans(compared))
+    figures = figures_of(comparison_sections(compared))
     written = write_static(tmp_path, figures, scale=1.0)
     assert {p.suffix for p in written} == {".png", ".svg"}
     assert sorted(tmp_path.iterdir()) == sorted(written), "nothing is left over"

@@ -61,16 +61,15 @@ def test_points_lines_and_areas_land_where_they_belong() -> None:
     assert pixel(small([ten], xaxis=rising), 50, 50) == RED
 
 
-def test_bars_stand_beside_and_upon_each_other() -> None:
+def test_bars_stand_beside_and_before_each_other() -> None:
     words = {"type": "category", "visible": False}
     bars = [go.Bar(x=["a"], y=[4], marker={"color": "red"}), go.Bar(x=["a"], y=[2], marker={"color": "blue"})]
     beside = small(bars, xaxis=words, barmode="group", bargap=0.0)
     assert pixel(beside, 25, 75) == RED
     assert pixel(beside, 75, 25) == BLUE
     assert pixel(beside, 75, 75) == WHITE
-    halves = [go.Bar(x=["a"], y=[2], marker={"color": c}) for c in ("red", "blue")]
-    upon = small(halves, xaxis=words, barmode="stack", bargap=0.0)
-    assert (pixel(upon, 50, 25), pixel(upon, 50, 75)) == (RED, BLUE)
+    before = small(bars, xaxis=words, barmode="overlay", bargap=0.0)
+    assert (pixel(before, 50, 75), pixel(before, 50, 25)) == (RED, BLUE)
     floating = go.Bar(x=[1], y=["a"], base=[2], orientation="h", marker={"color": "red"})
     across = small([floating], yaxis=words)
     assert (pixel(across, 25, 50), pixel(across, 62, 50), pixel(across, 87, 50)) == (WHITE, RED, WHITE)
@@ -106,8 +105,7 @@ def test_heatmaps_shapes_and_arrows_are_drawn() -> None:
                 z=[[1.0, -2.0]],
                 text=[["1", "-2"]],
                 texttemplate="%{text}",
-                zmid=0,
-                colorscale="RdBu",
+                colorscale=scale,
                 xgap=2,
                 colorbar={"title": {"text": "z [1]"}, "thickness": 12, "len": 0.5},
             )
@@ -134,8 +132,9 @@ def test_error_bars_texts_and_legends_are_drawn() -> None:
                 error_y={"type": "data", "array": [0.1, 0.2]},
                 error_x={"type": "data", "array": [0.1, 0.2], "arrayminus": [0.3, 0.1]},
                 name="series",
+                marker={"color": "red"},
             ),
-            go.Bar(x=[1, 2], y=[1, 1], name="bars", text=["u", "v"], textposition="outside"),
+            go.Bar(x=[1, 2], y=[1, 1], name="bars", text=["u", "v"], textposition="outside", marker={"color": "blue"}),
         ],
         layout={"template": {}, "legend": {"orientation": "h", "title": {"text": "key"}}},
     )
@@ -159,17 +158,29 @@ def test_a_figure_drawn_twice_gives_the_same_bytes() -> None:
         (small([go.Scatter3d(x=[1], y=[1], z=[1])]), "is a scatter3d"),
         (small([go.Scatter(x=[1], y=[1], fill="tonexty")]), "fill 'tonexty'"),
         (small([go.Scatter(x=[1], y=[1], line={"shape": "spline"})]), "shape 'spline'"),
-        (small([go.Scatter(x=[1], y=[1], marker={"symbol": "star-diamond"})]), "star-diamond"),
+        (
+            small([go.Scatter(x=[1], y=[1], mode="markers", marker={"symbol": "star-diamond", "color": "red"})]),
+            "star-diamond",
+        ),
         (small([go.Scatter(x=[1], y=[1], marker={"colorscale": "Viridis"})]), "colorscale"),
-        (small([go.Scatter(x=["word"], y=[1])]), "type='category'"),
+        (small([go.Scatter(x=["word"], y=[1], mode="markers", marker={"color": "red"})]), "type='category'"),
+        (small([go.Scatter(x=[1], y=[1])]), "no mode"),
+        (small([go.Scatter(x=[1], y=[1], mode="lines")]), "no line.color"),
+        (small([go.Scatter(x=[1], y=[1], mode="markers")]), "no marker.color"),
+        (small([go.Scatter(x=[1], y=[1], mode="none", fill="toself")]), "no fillcolor"),
         (small([go.Bar(x=[1], y=[1], marker={"pattern": {"shape": "/"}})]), "pattern"),
-        (small([go.Bar(x=[1], y=[1], text="t")]), "textposition"),
+        (small([go.Bar(x=[1], y=[1])]), "no marker.color"),
+        (small([go.Bar(x=[1], y=[1], text="t", marker={"color": "red"})]), "no textposition"),
+        (small([], barmode="stack"), "barmode 'stack'"),
+        (small([go.Heatmap(z=[[1]], zmid=0)]), "zmid"),
+        (small([go.Heatmap(z=[[1]])]), "no colorscale"),
+        (small([], annotations=[{"text": "", "x": 1, "y": 1, "ax": 5, "ay": 5, "arrowhead": 2}]), "in pixels"),
         (small([], yaxis2={"overlaying": "y"}), "overlaying"),
         (small([], yaxis={"scaleanchor": "x2"}), "scaled to x2"),
         (small([], annotations=[{"text": "a<sub>b</sub>", "x": 1, "y": 1, "showarrow": False}]), "<sub>"),
         (small([], shapes=[{"type": "circle"}]), "type 'circle'"),
         (small([], images=[{"source": "x"}]), "images"),
-        (go.Figure(go.Scatter(x=[1], y=[1])), "template"),
+        (go.Figure(go.Scatter(x=[1], y=[1], mode="markers", marker={"color": "red"})), "template"),
     ],
 )
 def test_what_is_not_drawn_is_refused(figure: go.Figure, words: str) -> None:

@@ -19,8 +19,10 @@ from server.application.diagnosis_report import diagnosis_sections, subtitle
 from server.application.drawing import comparison_notes
 from server.application.provenance import origin_of
 from server.figures.compared import Compared
+from server.figures.comparison import comparison_sections, report_title
 from server.figures.effect_on_finger import effect_on_finger
-from server.figures.report import Picture, Section, report_body, report_header, report_html
+from server.figures.plot import Plot
+from server.figures.report import Section, report_body, report_header, report_html
 from server.figures.report_front import closing_sections, folded
 from server.figures.style import NothingToDrawError
 from server.service.exports.session_folders import session_folder
@@ -107,8 +109,6 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
         InputError: the session or the model cannot be used.
         ProblemError: there is no such session, model or job; 409 the session is still running, or the job.
     """
-    from server.figures.comparison import comparison_sections, report_title
-
     measured = parts.measuring.of(session)
     found: list[Section] = []
     answer: dict[str, Any] = {}
@@ -123,14 +123,11 @@ def report_of(parts: Services, session: str, model: str | None, job: str | None)
     comparison = seen(measured, compare(bench))
     spread = spread_of(parts, spread_members(parts, measured), comparison)
     if job is not None:
-        figures: dict[str, go.Figure] = {}
-        if (finger := _finger(parts, measured, job, answer)) is not None:
-            figures["finger"] = finger
-        found = diagnosis_sections(answer, history, figures)
+        found = diagnosis_sections(answer, history, _finger(parts, measured, job, answer))
     notes = comparison_notes(bench)
     if len(comparison.cases) < len(bench.measured.cases):
         notes.append("Validation cases are left out until the session is closed.")
-    compared, _ = comparison_sections(Compared.of(bench, comparison, spread=spread), notes)
+    compared = comparison_sections(Compared.of(bench, comparison, spread=spread), notes)
     if measured.record.closed:
         compared[1:1] = folded(_beside(parts, measured, bench, comparison, spread))
     readings = parts.models.provenance(measured, bench, digest=True)["readings"]
@@ -199,5 +196,5 @@ def _beside(
         other = parts.models.bench(measured, parent if known else None)
         before = (other.loaded.name, other, compare(other))
         figure, caption = drawn_comparison("vectors", bench, comparison, Only(), before, spread)
-        return [Section("Before and after, on the finger", [Picture(figure, caption)])]
+        return [Section("Before and after, on the finger", [Plot("vectors", "", figure, caption)])]
     return []

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import orjson
 
 from server.figures.alternative import plain_text, text_of
 from server.figures.dark import for_dark
+from server.figures.style import NothingToDrawError
 from server.service.figures.cases import Told, cases_of
 
 if TYPE_CHECKING:
@@ -30,6 +31,17 @@ def shown(
         return head | {"title": None, "caption": None, "text": caption, "figure": None, "cases": None} | about
     data = orjson.loads(figure.to_json())
     return shown_data(name, data, caption, about, known)
+
+
+def shown_or_why(
+    name: str, draw: Callable[[], tuple[go.Figure, str]], about: dict[str, Any], known: Sequence[Told] = ()
+) -> dict[str, Any]:
+    """Return the answer of a figure with its caption, or with why there is nothing to draw."""
+    try:
+        figure, caption = draw()
+    except NothingToDrawError as nothing:
+        return shown(name, None, nothing.sentence, about)
+    return shown(name, figure, caption, about, known)
 
 
 def shown_data(
@@ -54,8 +66,9 @@ def on_page(shown: dict[str, Any], theme: Theme) -> dict[str, Any]:
     return shown | {"figure": for_dark(figure)}
 
 
-def drawn_plots(plots: Sequence[Plot], theme: Theme) -> list[dict[str, Any]]:
-    """Return figures that go along with the answer whose numbers they show."""
-    return [
-        on_page(shown(p.name, p.figure, p.caption, {"heading": p.heading}), theme) | {"theme": theme} for p in plots
-    ]
+def drawn_plots(draw: Callable[[], Sequence[Plot]], theme: Theme | None) -> list[dict[str, Any]]:
+    """Return figures that go along with the answer whose numbers they show; none where no theme is named."""
+    if theme is None:
+        return []
+    answers = [shown(p.name, p.figure, p.caption, {"heading": p.heading}) for p in draw()]
+    return [on_page(answer, theme) | {"theme": theme} for answer in answers]

@@ -17,9 +17,7 @@ from daq.sessions.models import Mount
 from daq.signals.calibration import mount_transform
 from server.figures.poses import bone_lengths, finger_pose, reach_mm, stub_mm
 from server.figures.tendon_lines import hood_feeds, leaving, tendon_paths
-from server.service.figures.finger_drawing import held_finger
-from server.service.services import Services
-from server.service.sessions.measuring import Measured
+from server.service.figures.held_finger import HeldFinger
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger, FingerValues
@@ -37,30 +35,13 @@ _ROUND = 0.17
 _WAIST = 0.3
 
 
-def bench_finger(
-    parts: Services, measured: Measured, posture: str | None, case: str | None, model: str | None
-) -> dict[str, Any]:
-    """Return the finger in a posture with what hangs on it, and the forces that may be seen.
-
-    Args:
-        parts: of the service.
-        measured: the session.
-        posture: its name; by default that of the case.
-        case: taken or planned; None for the finger alone.
-        model: a revision, a finger that comes with the software, or None for the session's own finger.
-
-    Raises:
-        InputError: the posture or the model cannot be used.
-        ProblemError: 404 there is no such posture or case, 409 nothing is known of the session yet, 422 neither is
-            given, or they do not belong together.
-    """
-    held = held_finger(parts, measured, posture, case, model)
+def bench_finger(held: HeldFinger) -> dict[str, Any]:
+    """Return a finger in its posture with what hangs on it, and the forces that may be seen."""
     finger, found, hung = held.finger, held.case, held.hung
     pose = finger_pose(finger, finger.values, held.angles)
     masses = {} if found is None else {m: float(g) for m, g in found.masses_g.items() if g}
     gravity = float(held.document.get("gravity_m_s2", 9.81))
     return {
-        "session": measured.record.id,
         "model": held.loaded.id,
         "posture": held.posture,
         "angles_deg": dict(zip(finger.topology.rotations, np.rad2deg(held.angles).tolist(), strict=True)),

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+from fingermodel.fingers.finger import Plane
 from fingermodel.session import Session
-from server.figures.bone import bone_figure
 from server.figures.compared import Compared
-from server.figures.scatter import scatter_figure
-from server.figures.summary import errors_figure
-from server.figures.vectors import Beside, vector_figure
-from server.figures.zscores import z_figure
+from server.figures.comparison import comparison_plans
+from server.figures.vectors import Beside
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
     from fingermodel.comparison.comparison import Comparison
     from server.figures.arrows import Spread
-
-Plane = Literal["sagittal", "space"]
 
 
 @dataclass(frozen=True)
@@ -46,11 +42,6 @@ class Only:
         role = None if self.role == "all" else self.role
         return comparison.select(role, self.location, self.muscles, self.posture)
 
-    @property
-    def everything(self) -> bool:
-        """True if no case is left out and no plane is asked for."""
-        return replace(self, role=None if self.role == "all" else self.role) == Only()
-
 
 def drawn_comparison(
     name: str,
@@ -73,32 +64,16 @@ def drawn_comparison(
     Raises:
         NothingToDrawError: no such case.
     """
-    from server.figures.comparison import comparison_plans
-
-    shown = only.of(comparison)
-    held = None if before is None else only.of(before[2])
-    compared = Compared.of(bench, shown, None if before is None or held is None else (before[0], held), spread)
-    cases = [c.id for c in shown.cases] if only.role == "all" else None
-    plans = comparison_plans(compared, cases)
+    shown, held = only.of(comparison), None if before is None else (before[0], only.of(before[2]))
+    beside = None
+    if held is not None:
+        beside = Beside(f"predicted before: {held[0]}", {c.id: c.predicted_N for c in held[1].cases})
+    plans = comparison_plans(
+        Compared.of(bench, shown, held, spread),
+        [c.id for c in shown.cases] if only.role == "all" else None,
+        plane=only.plane,
+        location=only.location or "tip",
+        beside=beside,
+    )
     plan = next(p for p in plans if p.name == name)
-    caption = f"{plan.caption} Model: {bench.loaded.fitted}."
-    if name in ("vectors", "bone") and before is not None and held is not None:
-        other = Beside(f"predicted before: {before[0]}", {c.id: c.predicted_N for c in held.cases})
-        return {"vectors": vector_figure, "bone": bone_figure}[name](compared, cases, other), caption
-    if name in ("vectors", "bone") or only.everything:
-        return plan.draw(), caption
-    return _of_some(name, bench, shown, only, None if before is None or held is None else (before[0], held)), caption
-
-
-def _of_some(
-    name: str, bench: Session, shown: Comparison, only: Only, before: tuple[str, Comparison] | None
-) -> go.Figure:
-    plane = only.plane or bench.model.finger.judged_in
-    called, held = before or ("", None)
-    if name == "errors":
-        return errors_figure(shown, before=held, before_name=called, model_name=bench.loaded.name, plane=plane)
-    if name == "z":
-        return z_figure(shown, before=held, before_name=called, plane=plane)
-    both = [*([(called, held)] if held is not None else []), (bench.loaded.name, shown)]
-    role = "validation" if name == "scatter_validation" else "identification"
-    return scatter_figure(both, plane=plane, role=role, location=only.location or "tip")
+    return plan.draw(), f"{plan.caption} Model: {bench.loaded.fitted}."

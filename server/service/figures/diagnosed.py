@@ -1,33 +1,14 @@
-"""The figures of a diagnosis that is done, with their captions."""
+"""The answer of a diagnosis that is done, of which figures and reports are drawn."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from server.application.diagnosis_report import diagnosis_sections
-from server.figures.report import Picture
 from server.service.services import Services
 from server.service.sessions.blinding import require_closed
 from server.service.web.problems import ProblemError
-
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
-
-Drawing = tuple["go.Figure | None", str]
-
-DIAGNOSIS = (
-    "sensitivity",
-    "residual_map",
-    "missing_torque",
-    "ranking",
-    "size",
-    "confounding",
-    "revisions",
-    "held_out",
-    "own_curve",
-)
 
 
 def diagnosed(
@@ -59,13 +40,3 @@ def diagnosed(
     with suppress(ProblemError):  # a finger has none
         history = parts.revisions.read(str(answer.get("model")))["history"] or None
     return str(name), answer, history
-
-
-def diagnosis_drawings(answer: dict[str, Any], history: Any) -> dict[str, Drawing]:
-    """Return every figure of a diagnosis with its caption; None with a sentence where there is nothing to draw."""
-    sections = diagnosis_sections(answer, history, {})
-    places = [p for s in sections for p in s.parts if isinstance(p, Picture) or str(p).startswith("No figure: ")]
-    return {
-        name: (p.figure, p.caption) if isinstance(p, Picture) else (None, str(p))
-        for name, p in zip(DIAGNOSIS, places, strict=True)
-    }

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fingermodel.comparing import compare
 from fingermodel.session import Session
 from server.figures.arrows import spread_between
 from server.figures.effect_change import Setting
+from server.service.figures.cases import Told, told_of
 from server.service.models.session_models import IN_FORCE
 from server.service.services import Services
+from server.service.sessions.blinding import blinded
 from server.service.sessions.measuring import Measured
 from server.service.web.problems import ProblemError, not_found
 
@@ -34,6 +36,22 @@ def resolved(parts: Services, measured: Measured, model: str | None) -> str | No
     if model is not None:
         parts.models.model(model, measured)
     return model
+
+
+def about_of(measured: Measured, bench: Session) -> dict[str, Any]:
+    """Return what a figure of a session and a model states of both."""
+    return {
+        "session": measured.record.id,
+        "session_version": measured.record.version,
+        "model": bench.loaded.name,
+        "blinded": sorted(blinded(measured)),
+    }
+
+
+def cases_led_to(measured: Measured) -> list[Told]:
+    """Return the cases that a figure may lead to: while a bench is running, none of validation."""
+    hidden = blinded(measured)
+    return [c for c in told_of(measured.record.amended_cases) if c.id not in hidden]
 
 
 def spread_members(parts: Services, measured: Measured) -> list[Measured]:

@@ -13,10 +13,12 @@ from starlette.websockets import WebSocketDisconnect, WebSocketDisconnected
 from server.service.answers import dumps
 from server.service.live.clients import FAILED, POLICY, RESTART, TRY_AGAIN, Client, Frame, Kept, Subscription, array
 from server.service.live.groups import encoded_trace
-from server.service.live.hub import HEARTBEAT_S, PAGE, LiveHub
+from server.service.live.hub import HEARTBEAT_S, LiveHub
 from server.service.live.traces import Rows
 
 MOST_CLIENTS = 100
+# Kept messages that are read at once for a client that missed them.
+PAGE = 500
 _LOG = logging.getLogger(__name__)
 
 Write = Callable[[bytes], bool]
@@ -87,7 +89,7 @@ async def _tell(hub: LiveHub, socket: Socket, client: Client, after: int | None)
         hub.counters.sent(text)
 
     try:
-        await hub.catch_up()
+        hub.catch_up()
         # A number that was never given here is another database's.
         known = after is None or after <= hub.last
         client.after = after if after is not None and known else hub.last

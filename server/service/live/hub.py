@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
 import threading
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from daq.acquisition.blocks import Chunk
@@ -20,18 +19,13 @@ from server.service.live.bodies import LiveMessage
 from server.service.live.clients import RESTART, Client, Subscription
 from server.service.live.estimates import Estimates, MakePredict, Tares
 from server.service.live.groups import SLACK_S, Counters, Groups
-from server.service.live.order import InOrder
 from server.service.live.traces import Rows, Traces, rows_of, rows_of_chunk
 from server.service.storage.database import now_utc
 from server.service.storage.messages import Message, Messages
 
 TICK_S, HEARTBEAT_S = 1.0 / 30.0, 5.0
-# A kept message that was told before its predecessor: so long the other thread is waited for, then the database asked.
-GAP_S = 0.1
 # Every so often, a session that posts is looked for in the database.
 TRUSTED_S = 5.0
-PAGE = 500
-_LOG = logging.getLogger(__name__)
 
 
 class LiveHub:
@@ -44,6 +38,7 @@ class LiveHub:
 
     Attributes:
         counters: for whoever watches the service.
+        last: number of the last kept message that was handed on.
         traces: the last minutes.
         benches: that are connected.
     """
@@ -54,7 +49,7 @@ class LiveHub:
         self.closed = False
         self.benches = Benches(self.publish)
         self._estimates = Estimates(self.publish, messages, make_predict, tares)
-        self._order = InOrder(0)
+        self.last = 0
         self._loop: asyncio.AbstractEventLoop | None = None
         self._loop_thread = 0
         self._lock = threading.Lock()
@@ -65,9 +60,6 @@ class LiveHub:
         self._timer: asyncio.TimerHandle | None = None
         self._beat_timer: asyncio.TimerHandle | None = None
         self._ticked_s = 0.0
-        self._gap_s: float | None = None
-        self._filling = asyncio.Lock()
-        self._filler: asyncio.Task[None] | None = None
         self._bench_dropped: dict[str, int] = {}
         self._shown_until_s: dict[str, float] = {}
 
@@ -76,15 +68,10 @@ class LiveHub:
         """Number of clients that are connected."""
         return len(self._clients)
 
-    @property
-    def last(self) -> int:
-        """Number of the last kept message that was handed on."""
-        return self._order.last
-
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Hand on from now on; on the thread of the loop."""
         self.messages.listen(self.publish)
-        self._order = InOrder(self.messages.latest())
+        self.last = self.messages.latest()
         self._loop, self._loop_thread = loop, threading.get_ident()
         self._estimates.start()
         self._beat_timer = loop.call_later(HEARTBEAT_S, self._beat)
@@ -99,12 +86,11 @@ class LiveHub:
             if timer is not None:
                 timer.cancel()
         self._groups.flush(self._ticked_s, all_of_them=True)
-        tasks = [*self._clients.values(), *([self._filler] if self._filler else [])]
         for client in self._clients:
             client.close(RESTART, f"the service stops: connect again with after={self.last}")
-        if tasks:
+        if self._clients:
             # Who does not take it now asks for it later.
-            _, late = await asyncio.wait(tasks, timeout=1.0)
+            _, late = await asyncio.wait(self._clients.values(), timeout=1.0)
             for task in late:
                 task.cancel()
         await asyncio.to_thread(self._estimates.close)
@@ -199,64 +185,37 @@ class LiveHub:
         if self._timer is not None:
             self._timer.cancel()
         self._timer, self._ticked_s = None, self._loop.time()
-        with self._lock:
-            items, self._inbox, self._woken = self._inbox, [], False
-        for item in items:
-            self._take(item)
-        self._hand_on(self._order.ready())
-        self._look_for_gaps()
+        self._take_in()
         left_s = self._groups.flush(self._ticked_s)
         if left_s < float("inf"):
             self._plan(left_s)
 
-    def _take(self, item: Message | tuple[str, str, Rows, bool]) -> None:
-        if isinstance(item, Message):
-            if item.id is None:
-                self._groups.tell(item)
+    def _take_in(self) -> None:
+        """Take all that was put in by now; what is due of it goes out with the next frames."""
+        with self._lock:
+            items, self._inbox, self._woken = self._inbox, [], False
+        for item in items:
+            if isinstance(item, Message):
+                self._hand_on(item)
             else:
-                self._order.offer(item)
-            return
-        session, stream, rows, live = item
+                self._show(*item)
+
+    def _hand_on(self, message: Message) -> None:
+        if message.id is None:
+            self._groups.tell(message)
+        elif message.id > self.last:
+            self.last = message.id
+            if message.kind == "event":
+                self._estimates.event(message)
+            self._groups.keep(message)
+
+    def _show(self, session: str, stream: str, rows: Rows, live: bool) -> None:
         rows = self.traces.add(session, stream, rows, self._ticked_s, live)
         if not len(rows):
             return
         self.counters.envelopes += len(rows)
         self._estimates.trace(session, stream, rows)
         self._groups.show(session, stream, rows)
-
-    def _hand_on(self, messages: Iterable[Message]) -> None:
-        for message in messages:
-            if message.kind == "event":
-                self._estimates.event(message)
-            self._groups.keep(message)
-
-    def _look_for_gaps(self) -> None:
-        if not self._order.gap:
-            self._gap_s = None
-        elif self._filler is None or self._filler.done():
-            self._gap_s = self._ticked_s if self._gap_s is None else self._gap_s
-            if self._ticked_s - self._gap_s < GAP_S:
-                self._plan(self._gap_s + GAP_S)
-            else:
-                self._gap_s = None
-                self._filler = asyncio.ensure_future(self._fill())
-
-    async def _fill(self) -> None:
-        try:
-            await self.catch_up()
-        except Exception as error:  # a database that does not answer now may do so soon
-            _LOG.warning("messages could not be read for the live path: %s", error)
-            self._plan(self._ticked_s + 1.0)
-
-    async def catch_up(self) -> None:
-        """Hand on all that is kept by now."""
-        async with self._filling:
-            full = True
-            while full:
-                stored = await asyncio.to_thread(self.messages.after, self._order.last, None, PAGE)
-                full = len(stored) == PAGE
-                self._hand_on(self._order.fill(stored))
-        self._wake()
 
     def _beat(self) -> None:
         """Tell that the service is there, and which benches are not silent."""
@@ -291,6 +250,11 @@ class LiveHub:
     def connect(self, client: Client, task: asyncio.Task[None]) -> None:
         """Count a client in, and hang up on it when the hub closes."""
         self._clients[client] = task
+
+    def catch_up(self) -> None:
+        """Hand on all that is kept by now."""
+        self._take_in()
+        self._look()
 
     def join(self, client: Client) -> list[tuple[str, str, Rows]]:
         """Let a client hear all after `last` from now on; return the last minutes that it wants to see."""

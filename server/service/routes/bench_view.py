@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Request
 
 from server.service.answers import JsonAnswer
 from server.service.figures.bench_finger import bench_finger
-from server.service.routes.readings import readers
+from server.service.figures.held_finger import held_finger
 from server.service.schemas.bench_view import FINGER_EXAMPLE, STATE_EXAMPLE, BenchShown, FingerDrawn
-from server.service.schemas.common import ModelName, SessionId, documented
+from server.service.schemas.common import InCase, ModelName, Posture, SessionId, documented
 from server.service.services import of
 from server.service.sessions.bench_view import bench_view
 from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, prefix="/sessions/{session}/bench", tags=["bench"])
-
-Posture = Annotated[
-    str | None, Query(max_length=200, description="A posture of the session; by default that of the case.")
-]
-InCase = Annotated[
-    str | None,
-    Query(alias="case", max_length=100, description="A load case, taken or planned; else the finger alone."),
-]
 
 
 @router.get("/state", responses=documented(BenchShown, example=STATE_EXAMPLE))
@@ -35,7 +25,7 @@ def state(session: SessionId, request: Request) -> JsonAnswer:
     parts = of(request)
     record = parts.sessions.read(session)
     connected = parts.live.benches.shown(frozenset({session}))
-    out = {"schema": "fingertwin/bench-state/1"} | bench_view(parts.database, record, readers(request).windows.one)
+    out = {"schema": "fingertwin/bench-state/1"} | bench_view(parts.database, record, parts.windows.one)
     return JsonAnswer(out | {"control": connected[0]["body"] if connected else None})
 
 
@@ -49,5 +39,5 @@ def finger(
     case is left out until the bench has closed its session.
     """
     parts = of(request)
-    head = {"schema": "fingertwin/bench-finger/1"}
-    return JsonAnswer(head | bench_finger(parts, parts.measuring.of(session), posture, case, model))
+    held = held_finger(parts, parts.measuring.of(session), posture, case, model)
+    return JsonAnswer({"schema": "fingertwin/bench-finger/1", "session": session} | bench_finger(held))

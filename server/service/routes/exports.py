@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from pydantic import Field
 
 from server.service.answers import JsonAnswer
 from server.service.exports.exporting import REVISION_FORMATS, SESSION_FORMATS, revision_export, session_export
 from server.service.exports.reports import checked, report_page, report_sheet
-from server.service.schemas.common import ModelName, SessionId, Shown, documented
+from server.service.schemas.common import ModelName, RevisionId, SessionId, Shown, documented
 from server.service.schemas.figures import PlotlyFigure
 from server.service.services import of
 from server.service.web.downloads import FileAnswer, attachment, download
@@ -20,7 +20,6 @@ from server.service.web.workers import run
 
 router = APIRouter(route_class=StrictRoute, tags=["exports"])
 
-RevisionId = Annotated[str, Path(max_length=200, description="Id of the revision.")]
 SessionFormat = Annotated[
     Literal["csv", "columns", "parquet", "xlsx", "hdf5", "c3d", "mat", "supplement", "folder"],
     Query(

@@ -2,22 +2,43 @@
 
 from __future__ import annotations
 
-import threading
-from typing import Annotated, Literal
+from collections.abc import Callable, Collection, Hashable
+from contextlib import suppress
+from copy import deepcopy
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Header, Path, Query, Request, Response
+from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.routing import APIRoute
 
 from daq.uplink.wire import API
-from server.service.answers import JsonAnswer
-from server.service.figures.answer import Theme
-from server.service.figures.comparison import Only, Plane
-from server.service.figures.diagnosed import DIAGNOSIS
-from server.service.figures.figures import COMPARISON, REVISIONS, SHARED, Figures, SearchFit
-from server.service.schemas.common import ModelName, documented
+from fingermodel import comparing
+from fingermodel.comparison.comparison import compare
+from fingermodel.fingers.finger import Plane
+from server.application.diagnosis_report import FIGURES as DIAGNOSIS
+from server.figures.bench_finger import Hung, finger_figure
+from server.figures.effect_change import effect_figure
+from server.figures.effect_on_finger import effect_on_finger
+from server.figures.shared_law import FIGURES as SHARED
+from server.figures.style import NothingToDrawError
+from server.service.answers import JsonAnswer, Tagged
+from server.service.figures.answer import Theme, on_page, shown, shown_data, shown_or_why
+from server.service.figures.comparison import Only, drawn_comparison
+from server.service.figures.diagnosed import diagnosed
+from server.service.figures.held_finger import held_finger
+from server.service.figures.parts import about_of, cases_led_to, resolved, spread_members, spread_of
+from server.service.figures.parts import settings_of as effect_settings
+from server.service.jobs.studies import last_of, study_named
+from server.service.schemas.common import InCase, Matched, ModelName, Posture, documented
 from server.service.schemas.figures import EXAMPLE, FigureList, FigureShown
-from server.service.services import of
+from server.service.services import Services, of
+from server.service.sessions.blinding import blinded, require_closed, seen
+from server.service.web.problems import ProblemError, not_found
 from server.service.web.strict_requests import StrictRoute
+
+Draw = Callable[[], dict[str, Any]]
+
+COMPARISON = ("scatter", "scatter_validation", "vectors", "bone", "errors", "z")
+REVISIONS = ("waterfall",)
 
 router = APIRouter(route_class=StrictRoute, prefix="/figures", tags=["figures"])
 
@@ -45,17 +66,10 @@ InPosture = Annotated[str | None, Query(max_length=200, description="Load cases 
 WithMuscles = Annotated[
     str | None, Query(max_length=200, description="Load cases with these tendons loaded only, such as FDP+FDS.")
 ]
-Posture = Annotated[
-    str | None, Query(max_length=200, description="A posture of the session; by default that of the case.")
-]
-InCase = Annotated[
-    str | None,
-    Query(alias="case", max_length=100, description="A load case, taken or planned; else the finger alone."),
-]
 OfJob = Annotated[str, Query(max_length=200, description="Id of a diagnosis that is done.")]
 OfSession = Annotated[str | None, Query(max_length=100, description="Which session of a pooled diagnosis.")]
 AfterFit = Annotated[
-    SearchFit,
+    Literal["before", "after"],
     Query(
         description="Residuals after a refit with nothing added (before), or with what the verdict would add (after)."
     ),
@@ -67,10 +81,8 @@ WithoutEffect = Annotated[
 OfRevision = Annotated[str | None, Query(max_length=200, description="Id of a revision.")]
 OfSpecimen = Annotated[str | None, Query(max_length=200, description="Or a specimen, whose revision is in force.")]
 OnPage = Annotated[Theme, Query(description="Colours for a light or a dark page.")]
-Matched = Annotated[str | None, Header(alias="If-None-Match", max_length=200)]
 
 _DRAWN = documented(FigureShown, example=EXAMPLE) | {304: {"description": "Not Modified"}}
-_LOCK = threading.Lock()
 
 _NEEDS = {
     "comparison": "Measured load cases; while a bench is running, identification cases alone are shown.",
@@ -108,16 +120,6 @@ _TITLES = {
 }
 
 
-def figures_of(request: Request) -> Figures:
-    """Return the service's figures, made with the first request for one."""
-    parts, state = of(request), request.app.state
-    with _LOCK:
-        found: Figures | None = getattr(state, "figures", None)
-        if found is None or found.parts is not parts:
-            found = state.figures = Figures(parts)
-    return found
-
-
 @router.get("", responses=documented(FigureList))
 def listed() -> JsonAnswer:
     """List the figures: what each needs, and its query parameters."""
@@ -146,7 +148,31 @@ def comparison(
     with `before`, what that model predicted is drawn beside them.
     """
     only = Only(plane, role, location, posture, muscles)
-    return figures_of(request).comparison(name, session, model, before, only, theme).answer(matched)
+    parts = of(request)
+    _require(name, COMPARISON)
+    measured = parts.measuring.of(session)
+    named = resolved(parts, measured, model)
+    earlier = resolved(parts, measured, before) if before is not None else None
+    others = spread_members(parts, measured)
+    key = ("comparison", name, measured.key, named, before is not None, earlier, only, tuple(o.key for o in others))
+
+    def draw() -> dict[str, Any]:
+        bench = parts.models.bench(measured, named)
+        comparison = seen(measured, comparing.compare(bench))
+        held = None
+        if before is not None:
+            other = parts.models.bench(measured, earlier)
+            held = (other.loaded.name, other, seen(measured, comparing.compare(other)))
+        about = about_of(measured, bench) | {"before": None if held is None else held[0]}
+        spread = spread_of(parts, others, comparison)
+        return shown_or_why(
+            name,
+            lambda: drawn_comparison(name, bench, comparison, only, held, spread),
+            about,
+            cases_led_to(measured),
+        )
+
+    return _answer(parts, key, theme, matched, draw)
 
 
 @router.get("/diagnosis/{name}", responses=_DRAWN)
@@ -160,13 +186,41 @@ def diagnosis(
     matched: Matched = None,
 ) -> Response:
     """Draw a figure of a diagnosis that is done."""
-    return figures_of(request).diagnosis(name, job, session, fit, theme).answer(matched)
+    parts = of(request)
+    _require(name, DIAGNOSIS)
+    session, answer, history = diagnosed(parts, job, session)
+
+    def draw() -> dict[str, Any]:
+        after = answer.get("where_after")
+        seen = answer if fit == "before" or after is None else answer | {"where": after}
+        drawing, caption = DIAGNOSIS[name]
+        about = {"session": session, "model": answer.get("model"), "job": job}
+        taken = {c["id"] for c in answer.get("cases", ())}
+        known = [c for c in cases_led_to(parts.measuring.of(session)) if c.id in taken]
+        return shown_or_why(name, lambda: (drawing(seen, history), caption), about, known)
+
+    return _answer(parts, ("diagnosis", name, job, session, fit), theme, matched, draw)
 
 
 @router.get("/shared/{name}", responses=_DRAWN)
 def shared(name: Name, job: OfJob, request: Request, theme: OnPage = "light", matched: Matched = None) -> Response:
     """Draw what several sessions share beyond the catalogue: the curve by tendon and joint, and chance's part in it."""
-    return figures_of(request).shared(name, job, theme).answer(matched)
+    parts = of(request)
+    _require(name, SHARED)
+    found = parts.jobs.get(job)
+    if found.kind != "pooled":
+        raise ProblemError(409, f"job {job} is a {found.kind}", "a diagnosis of several sessions")
+    if found.state != "done" or found.result is None:
+        raise ProblemError(409, f"job {job} is {found.state}", "a job that is done")
+    answer = found.result
+    for session in answer["sessions"]:
+        require_closed(parts.measuring.of(session))
+
+    def draw() -> dict[str, Any]:
+        drawing, caption = SHARED[name]
+        return shown_or_why(name, lambda: (drawing(answer), caption), {"job": job})
+
+    return _answer(parts, ("shared", name, job), theme, matched, draw)
 
 
 @router.get("/revisions/{name}", responses=_DRAWN)
@@ -179,7 +233,22 @@ def revisions(
     matched: Matched = None,
 ) -> Response:
     """Draw how the error fell with every step up to a revision, or to the one in force for a specimen."""
-    return figures_of(request).revisions(name, revision, specimen, theme).answer(matched)
+    parts = of(request)
+    _require(name, REVISIONS)
+    if (revision is None) == (specimen is None):
+        raise ProblemError(422, "not one of revision and specimen", "one of the two")
+    if revision is None:
+        revision = parts.revisions.in_force(specimen or "")
+        if revision is None:
+            raise not_found("revision of specimen", specimen or "", "/api/v1/specimens")
+    found = parts.revisions.read(revision)
+
+    def draw() -> dict[str, Any]:
+        about = {"revision": found["id"], "specimen": found["specimen"], "session": found["session"]}
+        drawing, caption = DIAGNOSIS["revisions"]
+        return shown_or_why(name, lambda: (drawing({}, found["history"]), caption), about)
+
+    return _answer(parts, ("revisions", name, revision), theme, matched, draw)
 
 
 @router.get("/study/{study}/{name}", responses=_DRAWN)
@@ -191,7 +260,20 @@ def study(
     matched: Matched = None,
 ) -> Response:
     """Draw a figure of a published study as it was computed last."""
-    return figures_of(request).study(study, name, theme).answer(matched)
+    parts = of(request)
+    found = study_named(study)
+    done = last_of(parts.jobs, found.name, done=True)
+    if done is None or done.result is None:
+        raise ProblemError(
+            409, f"{study} was not computed yet", "a study that was", f"POST /api/v1/studies/{study}/reproductions"
+        )
+    figures = {f["name"]: f for f in done.result["figures"]}
+    _require(name, list(figures))
+
+    def draw() -> dict[str, Any]:
+        return shown_data(name, deepcopy(figures[name]["figure"]), figures[name]["caption"], {"study": study})
+
+    return _answer(parts, ("study", name, done.id), theme, matched, draw)
 
 
 @router.get("/finger", responses=_DRAWN)
@@ -210,7 +292,24 @@ def finger(
     `layout.meta` tells the scale [mm/N], and where forces begin at tip and bone, for a live vector to be added. The
     prediction of a validation case is hidden until its session is closed.
     """
-    return figures_of(request).finger(session, posture, case, model, without, theme).answer(matched)
+    parts = of(request)
+    measured = parts.measuring.of(session)
+    named = resolved(parts, measured, model)
+
+    def draw() -> dict[str, Any]:
+        held = held_finger(parts, measured, posture, case, named)
+        figure = finger_figure(
+            held.finger, held.finger.values, held.posture, held.angles, held.hung or Hung({}), held.loaded.id
+        )
+        if without is not None and case is not None and case not in blinded(measured):
+            with suppress(NothingToDrawError):
+                figure = effect_on_finger(parts.models.bench(measured, named), [without], case)
+        caption = "Joint centres and tendon points are the model's; outlines, clamp and pulleys are schematic."
+        about = {"session": session, "session_version": measured.record.version, "blinded": sorted(blinded(measured))}
+        about |= {"model": held.loaded.id, "posture": held.posture, "case": held.case and held.case.id}
+        return shown("finger", figure, caption, about, cases_led_to(measured))
+
+    return _answer(parts, ("finger", measured.key, posture, case, named, without), theme, matched, draw)
 
 
 @router.get("/effect/{effect}", responses=_DRAWN)
@@ -227,12 +326,51 @@ def effect(
     Typical is the upper end of the plausible range; where there is none, a standard deviation of the prior; and what
     was fitted, where the model holds the effect. While a bench is running, validation cases are left out.
     """
-    return figures_of(request).effect(effect, session, model, theme).answer(matched)
+    parts = of(request)
+    measured = parts.measuring.of(session)
+    named = resolved(parts, measured, model)
+    own = parts.effects.named([effect])
+
+    def draw() -> dict[str, Any]:
+        bench = parts.models.bench(measured, named, own)
+        title, settings = effect_settings(bench, effect, parts.models.found(named, measured))
+        table, without = bench.model.parameters, bench.theta.copy()
+        within = without.copy()
+        for setting in settings:
+            at = table.index[setting.name]
+            without[at], within[at] = table.initial[at], setting.value
+        before = seen(measured, compare(bench.model, bench.observations, without))
+        after = seen(measured, compare(bench.model, bench.observations, within))
+        about = about_of(measured, bench) | {"effect": effect, "parameters": [vars(s) for s in settings]}
+        plane = bench.model.finger.judged_in
+        caption = (
+            f"Model: {bench.loaded.fitted}. The circles are what it misses with the effect taken out; bars that "
+            "follow them take it up."
+        )
+        return shown_or_why(
+            effect,
+            lambda: (effect_figure(title, before, after, settings, plane=plane), caption),
+            about,
+            cases_led_to(measured),
+        )
+
+    return _answer(parts, ("effect", effect, measured.key, named), theme, matched, draw)
+
+
+def _answer(parts: Services, key: Hashable, theme: Theme, matched: str | None, draw: Draw) -> Response:
+    """Answer with a figure that is kept already, or is drawn now and kept."""
+    kept = parts.drawn.of((key, theme), lambda: Tagged.of(on_page(draw(), theme) | {"theme": theme}))
+    return kept.answer(matched)
+
+
+def _require(name: str, known: Collection[str]) -> None:
+    if name not in known:
+        raise not_found("figure", name, f"/api/v1/figures: {', '.join(known)}")
 
 
 def _names() -> dict[str, tuple[str, ...]]:
-    named = {"comparison": COMPARISON, "diagnosis": DIAGNOSIS, "shared": SHARED, "revisions": REVISIONS}
-    return named | {"finger": ("finger",), "effect": ("{effect}",), "study": ("{study}/{name}",)}
+    drawn = {"comparison": COMPARISON, "diagnosis": tuple(DIAGNOSIS), "shared": tuple(SHARED), "revisions": REVISIONS}
+    return drawn | {"finger": ("finger",), "effect": ("{effect}",), "study": ("{study}/{name}",)}
 
 
 def _listed(kind: str, name: str) -> dict[str, object]:

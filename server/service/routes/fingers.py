@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import pathlib
+from tempfile import TemporaryDirectory
+from typing import Annotated, Any, Literal
 
+import numpy as np
 from fastapi import APIRouter, Path, Query, Request, Response
 
-from fingermodel.fingers.files import finger_names, read_finger
+from daq.errors import InputError
+from fingermodel.fingers.files import finger_from_dict, finger_names, finger_text, read_finger
+from fingermodel.studies.scaling import scale_finger, scaled_document, scaled_heading
+from server.application.exchange import UNSOURCED, imported_body, read_foreign
+from server.application.species import compare_species
+from server.figures.species import species_plots
 from server.service.answers import JsonAnswer
-from server.service.figures.answer import Theme
-from server.service.figures.fingers import compared, exported, finger_shown, formats, imported, known_finger, scaled
+from server.service.figures.answer import Theme, drawn_plots
+from server.service.figures.fingers import exported, finger_shown, known_finger
 from server.service.routes.exports import files
 from server.service.schemas.common import documented
 from server.service.schemas.fingers import (
@@ -24,10 +32,10 @@ from server.service.schemas.fingers import (
     Scaled,
 )
 from server.service.web.downloads import attachment
-from server.service.web.strict_requests import StrictRoute
-from server.service.web.workers import run
+from server.service.web.strict_requests import ApartRoute, StrictRoute
 
-router = APIRouter(route_class=StrictRoute, prefix="/fingers", tags=["fingers"])
+quick = APIRouter(route_class=StrictRoute, prefix="/fingers", tags=["fingers"])
+slow = APIRouter(route_class=ApartRoute, prefix="/fingers", tags=["fingers"])
 
 Name = Annotated[str, Path(max_length=100, description="Of the finger.", examples=["an1979_middle"])]
 Format = Annotated[
@@ -37,51 +45,65 @@ Format = Annotated[
 MEDIA = {"finger": "application/yaml", "osim": "application/xml", "mjcf": "application/xml"}
 
 
-@router.get("", responses=documented(FingerList, example={"schema": "fingertwin/fingers/1", "fingers": [FINGER]}))
+@quick.get("", responses=documented(FingerList, example={"schema": "fingertwin/fingers/1", "fingers": [FINGER]}))
 def listed() -> JsonAnswer:
     """List the fingers that come with the software: bones, joints, tendons, what they are judged in."""
     rows = [finger_shown(name) for name in finger_names()]
     return JsonAnswer({"schema": "fingertwin/fingers/1", "fingers": rows})
 
 
-@router.get("/{finger}", responses=documented(FingerRead))
+@quick.get("/{finger}", responses=documented(FingerRead))
 def one(finger: Name) -> JsonAnswer:
     """Return a finger with every number and its source."""
     shown = finger_shown(known_finger(finger))
     return JsonAnswer(shown | {"document": read_finger(finger).document})
 
 
-@router.get("/{finger}/formats", responses=documented(FingerFormats))
-async def in_formats(finger: Name, request: Request) -> JsonAnswer:
+@slow.get("/{finger}/formats", responses=documented(FingerFormats))
+def in_formats(finger: Name, request: Request) -> JsonAnswer:
     """Say which formats a finger can be exported to, and what each cannot say of it."""
     known_finger(finger)
-    found = await run("apart", lambda: formats(finger))
+    found: list[dict[str, Any]] = []
+    for file_format in MEDIA:
+        try:
+            file, _, notes = exported(finger, file_format)
+        except InputError:
+            continue  # a finger that this format cannot hold is not offered in it
+        found.append({"format": file_format, "file": file, "notes": [f"{n}." for n in notes]})
     return JsonAnswer({"schema": "fingertwin/finger-formats/1", "formats": found})
 
 
-@router.get("/{finger}/export", response_class=Response, responses=files(MEDIA, "The file."))
-async def export(finger: Name, request: Request, file_format: Format) -> Response:
+@slow.get("/{finger}/export", response_class=Response, responses=files(MEDIA, "The file."))
+def export(finger: Name, request: Request, file_format: Format) -> Response:
     """Write a finger for OpenSim or MuJoCo, or as the file that it is here."""
-    known_finger(finger)
-    name, text, _ = await run("apart", lambda: exported(finger, file_format))
+    name, text, _ = exported(known_finger(finger), file_format)
     return Response(text, 200, {"Content-Disposition": attachment(name)}, MEDIA[file_format])
 
 
-@router.post("/imports", responses=documented(FingerImported))
-async def take_in(body: FingerImport, request: Request) -> JsonAnswer:
+@slow.post("/imports", responses=documented(FingerImported))
+def take_in(body: FingerImport, request: Request) -> JsonAnswer:
     """Make a finger/1 file of an OpenSim or MJCF finger chain with path points; nothing is kept."""
-    return JsonAnswer(await run("apart", lambda: imported(body.name, body.text, body.load_point_mm)))
+    with TemporaryDirectory(prefix="fingertwin-", ignore_cleanup_errors=True) as folder:
+        file = pathlib.Path(folder) / body.name
+        file.write_text(body.text, encoding="utf-8")
+        found = read_foreign(file, None if body.load_point_mm is None else np.array(body.load_point_mm))
+    heading = f"Made of {body.name}. {UNSOURCED}"
+    head = {"schema": "fingertwin/finger-import/1", "name": body.name} | imported_body(found)
+    return JsonAnswer(head | {"document": found.document, "file": finger_text(found.document, heading)})
 
 
-@router.post("/{finger}/scalings", responses=documented(Scaled))
-async def scale(finger: Name, body: AskedScaling, request: Request) -> JsonAnswer:
+@slow.post("/{finger}/scalings", responses=documented(Scaled))
+def scale(finger: Name, body: AskedScaling, request: Request) -> JsonAnswer:
     """Scale a finger to a specimen's bone lengths, and its tendons to measured moment arms; nothing is kept."""
-    known_finger(finger)
-    return JsonAnswer(await run("apart", lambda: scaled(finger, **body.model_dump())))
+    found = scale_finger(known_finger(finger), body.bones_mm, body.moment_arms_mm, body.reference_mm, body.name)
+    document = scaled_document(found)
+    finger_from_dict(document, body.name)
+    head = {"schema": "fingertwin/scale/1"} | found.as_dict()
+    return JsonAnswer(head | {"document": document, "file": finger_text(document, scaled_heading(found))})
 
 
-@router.get("/{finger}/comparison", responses=documented(FingersCompared))
-async def compare(
+@slow.get("/{finger}/comparison", responses=documented(FingersCompared))
+def compare(
     finger: Name,
     request: Request,
     other: Annotated[str, Query(max_length=100, description="A finger too.", examples=["synek2019_bonobo"])],
@@ -90,5 +112,11 @@ async def compare(
     ] = (None),
 ) -> JsonAnswer:
     """Set two fingers side by side: bone lengths, moment arms, and force ratios by posture and load."""
-    names = known_finger(finger), known_finger(other)
-    return JsonAnswer(await run("apart", lambda: compared(*names, figures)))
+    found = compare_species(known_finger(finger), known_finger(other))
+    drawn = drawn_plots(lambda: species_plots(found), figures)
+    return JsonAnswer({"schema": "fingertwin/species/1"} | found.as_dict() | {"figures": drawn})
+
+
+router = APIRouter()
+router.include_router(quick)
+router.include_router(slow)

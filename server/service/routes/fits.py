@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Query, Request
 
 from server.service.answers import JsonAnswer
-from server.service.schemas.common import Limit, SessionId, Shown, documented
+from server.service.schemas.common import Limit, RevisionId, SessionId, Shown, documented
 from server.service.schemas.fits import (
     AskedAddition,
     AskedDiagnosis,
@@ -28,7 +28,6 @@ from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, tags=["twin"])
 
-RevisionId = Annotated[str, Path(max_length=200, description="Id of the revision.")]
 After = Annotated[str, Query(max_length=200, description="Those after this one.")]
 OlderThan = Annotated[str | None, Query(max_length=200, description="Those older than this job.")]
 _ACCEPTED = documented(JobShown, status=202)

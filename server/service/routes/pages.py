@@ -9,9 +9,10 @@ from functools import cache
 from importlib.resources import files
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Path, Request
+from fastapi import APIRouter, Path, Request
 from starlette.responses import RedirectResponse, Response
 
+from server.service.schemas.common import Matched
 from server.service.web.problems import not_found
 
 router = APIRouter(include_in_schema=False)
@@ -28,7 +29,6 @@ POLICY = (
 )
 
 Name = Annotated[str, Path(max_length=100)]
-Matched = Annotated[str | None, Header(alias="If-None-Match", max_length=200)]
 
 
 @router.get("/")

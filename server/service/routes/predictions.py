@@ -5,20 +5,18 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 
 from daq.signals.friction import friction as balance
 from fingermodel.predicting import predict as evaluate
 from server.service.answers import JsonAnswer
-from server.service.schemas.common import ModelName, SessionId, Shown, documented
+from server.service.schemas.common import Matched, ModelName, SessionId, Shown, documented
 from server.service.schemas.predictions import Asked, Compared, Predicted
 from server.service.services import of
 from server.service.web.problems import ProblemError
 from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, tags=["comparison"])
-
-Matched = Annotated[str | None, Header(alias="If-None-Match", max_length=200)]
 
 
 @router.post("/predictions", responses=documented(Predicted))

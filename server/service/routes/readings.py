@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Annotated, Any
 
 import numpy as np
@@ -15,9 +14,8 @@ from daq.export.tables import CELL_FRAME
 from daq.recordings.plateaus import Plateau
 from daq.recordings.readings import HEADERS
 from server.service.answers import JsonAnswer
-from server.service.ingest.envelopes import Envelopes, Samples, Window
+from server.service.ingest.envelopes import Samples, Window
 from server.service.ingest.stored import body_of_event
-from server.service.ingest.windows import Windows
 from server.service.schemas.common import CaseId, Limit, SessionId, documented
 from server.service.schemas.readings import CaseReadingsShown, EventsShown, ReadingsShown
 from server.service.services import of
@@ -45,26 +43,6 @@ Stream = Annotated[
 Margin = Annotated[float, Query(ge=0.0, le=60.0, allow_inf_nan=False, description="Before and after each window [s].")]
 Kind = Annotated[str | None, Query(max_length=60, description="Events of this kind only.", examples=["tare"])]
 After = Annotated[int, Query(ge=0, le=1 << 53, description="Those that came after this one.")]
-_LOCK = threading.Lock()
-
-
-class Readers:
-    """Reader of stored readings, with a cache of reductions."""
-
-    def __init__(self, request: Request) -> None:
-        self.parts = of(request)
-        self.envelopes = Envelopes(self.parts.database)
-        self.windows = Windows(self.parts.database)
-
-
-def readers(request: Request) -> Readers:
-    """Return the reader of the service's stored readings; it is made with the first request."""
-    state = request.app.state
-    with _LOCK:
-        found: Readers | None = getattr(state, "readers", None)
-        if found is None or found.parts is not of(request):
-            found = state.readers = Readers(request)
-    return found
 
 
 @router.get("/readings", responses=documented(ReadingsShown))
@@ -87,7 +65,7 @@ def readings(
     named = stream or parts.measuring.of(session).record.stream or parts.sessions.read(session).stream
     if named is None:
         raise ProblemError(409, f"session {session} has no readings", "a session with a stream")
-    found = readers(request).envelopes.window(session, named, from_s, to_s, points)
+    found = parts.envelopes.window(session, named, from_s, to_s, points)
     head = {"schema": "fingertwin/readings/1", "session": session}
     return JsonAnswer(head | _shown(found, named))
 
@@ -97,7 +75,7 @@ def case_readings(
     session: SessionId, case: CaseId, request: Request, points: Points = 500, margin_s: Margin = 1.0
 ) -> JsonAnswer:
     """Return the windows of a load case: their readings, and what each was reduced to, in the cell's own axes."""
-    parts, readers_ = of(request), readers(request)
+    parts = of(request)
     record = parts.measuring.of(session).record
     found = next((c for c in record.cases if c["id"] == case), None)
     if found is None:
@@ -107,12 +85,12 @@ def case_readings(
         raise ProblemError(409, f"case {case} has a force and no windows", "a case with windows in readings")
     if record.stream is None:
         raise ProblemError(409, f"session {session} has no readings", "a session with a stream")
-    reduced = readers_.windows.reduce(session, record.stream, {w: f"case {case}: {n}" for n, w in windows.items()})
+    reduced = parts.windows.reduce(session, record.stream, {w: f"case {case}: {n}" for n, w in windows.items()})
     rows = []
     for name, window in windows.items():
         plateau, failed = reduced.plateaus.get(window), reduced.failed.get(window)
         around = window[0] - margin_s, window[1] + margin_s
-        seen = readers_.envelopes.window(session, record.stream, *around, points)
+        seen = parts.envelopes.window(session, record.stream, *around, points)
         rows.append(
             {
                 "name": name,

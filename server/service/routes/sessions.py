@@ -72,7 +72,7 @@ def listed(
 ) -> JsonAnswer:
     """List sessions in the order of their ids."""
     rows = of(request).sessions.listed(specimen, limit, after)
-    return JsonAnswer({"sessions": [vars(r) for r in rows], "next": rows[-1].id if len(rows) == limit else None})
+    return JsonAnswer({"sessions": rows, "next": rows[-1]["id"] if len(rows) == limit else None})
 
 
 @kept.get("/{session}", responses=documented(SessionShown))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import Path, Query
+from fastapi import Header, Path, Query
 from pydantic import BaseModel, ConfigDict, Field
 
 from server.service.web.problems import problems
@@ -13,6 +13,14 @@ SESSION_ID = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$"
 
 SessionId = Annotated[str, Path(max_length=100, description="Id of the session.", examples=["DEV-01"])]
 CaseId = Annotated[str, Path(max_length=100, description="Id of the load case.", examples=["c001"])]
+RevisionId = Annotated[str, Path(max_length=200, description="Id of the revision.")]
+Posture = Annotated[
+    str | None, Query(max_length=200, description="A posture of the session; by default that of the case.")
+]
+InCase = Annotated[
+    str | None,
+    Query(alias="case", max_length=100, description="A load case, taken or planned; else the finger alone."),
+]
 Limit = Annotated[int, Query(ge=1, le=1000, description="How many at most.")]
 ModelName = Annotated[
     str | None,
@@ -23,6 +31,7 @@ ModelName = Annotated[
         examples=["an1979_middle"],
     ),
 ]
+Matched = Annotated[str | None, Header(alias="If-None-Match", max_length=200)]
 
 
 class Form(BaseModel):

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import delete, func, insert, select, update
+from sqlalchemy import case, delete, func, insert, select, update
 
 from daq.sessions import FINGER_DOCUMENT, parse_session, plain_document
 from fingermodel.fingers.files import finger_from_dict
@@ -25,19 +24,6 @@ from server.service.web.problems import ProblemError, not_found, shortened
 
 # Goes into addresses and names of files that are exported.
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
-
-
-@dataclass(frozen=True)
-class Listed:
-    """A session in a list."""
-
-    id: str
-    specimen: str | None
-    source: str
-    version: int
-    created_utc: str
-    closed_utc: str | None
-    streams: int
 
 
 class Sessions:
@@ -143,30 +129,18 @@ class Sessions:
             count = select(func.count()).where(streams.c.session == name)
             return int(connection.execute(count).scalar_one())
 
-    def listed(self, specimen: str | None = None, limit: int = 100, after: str = "") -> list[Listed]:
+    def listed(self, specimen: str | None = None, limit: int = 100, after: str = "") -> list[dict[str, Any]]:
         """Return sessions by id, after one of them."""
-        count = select(func.count()).where(streams.c.session == sessions.c.id).scalar_subquery()
+        kept = sessions.c
         # Documents may have megabytes, and are not read for this.
-        shown = [sessions.c[name] for name in ("id", "specimen", "version", "created_utc", "closed_utc")]
-        posted = sessions.c.document.is_not(None).label("posted")
-        query = select(*shown, posted, count.label("streams")).where(sessions.c.deleted_utc.is_(None))
-        query = query.where(sessions.c.id > after).order_by(sessions.c.id).limit(limit)
+        source = case((kept.document.is_not(None), "document"), else_="bench").label("source")
+        count = select(func.count()).where(streams.c.session == kept.id).scalar_subquery().label("streams")
+        query = select(kept.id, kept.specimen, source, kept.version, kept.created_utc, kept.closed_utc, count)
+        query = query.where(kept.deleted_utc.is_(None), kept.id > after).order_by(kept.id).limit(limit)
         if specimen is not None:
-            query = query.where(sessions.c.specimen == specimen)
+            query = query.where(kept.specimen == specimen)
         with self._database.reading() as connection:
-            rows = connection.execute(query).all()
-        return [
-            Listed(
-                r.id,
-                r.specimen,
-                "document" if r.posted else "bench",
-                r.version,
-                r.created_utc,
-                r.closed_utc,
-                r.streams,
-            )
-            for r in rows
-        ]
+            return [dict(row) for row in connection.execute(query).mappings()]
 
     def close(self, name: str) -> None:
         """Close a session: predictions of its validation cases may be seen from here on.

@@ -1,4 +1,4 @@
-"""Messages of the service: each is kept with its cause, and sent to listeners once it is kept."""
+"""Messages of the service: each is kept with its cause, and sent to listeners once it is kept, in the same order."""
 
 from __future__ import annotations
 
@@ -78,6 +78,8 @@ class Messages:
         self._database = database
         self._listeners: list[Listener] = []
         self._lock = threading.Lock()
+        # Held from a transaction's beginning until its messages are out, so that they go out as they are numbered.
+        self._turn = threading.Lock()
 
     def listen(self, listener: Listener) -> None:
         """Call a function with every message from now on; it must not wait, nor raise."""
@@ -93,12 +95,13 @@ class Messages:
 
     @contextmanager
     def writing(self) -> Iterator[Telling]:
-        """Yield a transaction; its messages go out once it is kept, and never otherwise."""
-        with self._database.writing() as connection:
-            telling = Telling(connection)
-            yield telling
-        for message in telling.told:
-            self.publish(message)
+        """Yield a transaction; its messages go out once it is kept, before the next one begins, and never otherwise."""
+        with self._turn:
+            with self._database.writing() as connection:
+                telling = Telling(connection)
+                yield telling
+            for message in telling.told:
+                self.publish(message)
 
     def after(self, number: int, session: str | None = None, limit: int = 1000) -> list[Message]:
         """Return messages that were kept after the one of a number, oldest first."""

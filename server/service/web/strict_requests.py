@@ -114,6 +114,12 @@ class StrictRoute(APIRoute):
         return strictly
 
 
+class ApartRoute(StrictRoute):
+    """A route whose work takes seconds."""
+
+    workers = "apart"
+
+
 class IngestRoute(StrictRoute):
     """A route that benches send to while they run."""
 

@@ -14,15 +14,15 @@ from sqlalchemy import insert
 
 from fingermodel import comparing
 from fingermodel.session import Session
-from server.application.diagnosis_report import diagnosis_figures
+from server.application.diagnosis_report import FIGURES as DIAGNOSIS
+from server.application.diagnosis_report import diagnosis_sections
 from server.figures.compared import Compared
-from server.figures.comparison import comparison_plans
-from server.figures.comparison import drawn as drawn_of
+from server.figures.comparison import comparison_sections
 from server.figures.dark import for_dark, turned
 from server.figures.diagnosis_revisions import revisions_figure
+from server.figures.report import figures_of
 from server.figures.style import INK, MUTED, TENDONS
-from server.service.figures.diagnosed import DIAGNOSIS
-from server.service.figures.figures import COMPARISON
+from server.service.routes.figures import COMPARISON
 from server.service.sessions.blinding import HIDDEN
 from server.service.storage.database import now_utc
 from server.service.storage.schema import jobs
@@ -72,7 +72,7 @@ def kept_job(service: ServiceReceiver, name: str, **instead: Any) -> None:
 @pytest.mark.parametrize("name", [RECORDED, PUBLISHED])
 def test_comparisons_are_drawn_as_by_the_command_line(service: ServiceReceiver, name: str) -> None:
     bench = Session.open(name, catalogue=False)
-    expected, _ = drawn_of(comparison_plans(Compared.of(bench, comparing.compare(bench))))
+    expected = figures_of(comparison_sections(Compared.of(bench, comparing.compare(bench))))
     for figure in COMPARISON:
         body = shown(service, f"/comparison/{figure}", session=name)
         assert body["figure"] == (drawn(expected[figure]) if figure in expected else None)
@@ -225,7 +225,7 @@ def test_a_diagnosis_is_drawn_as_by_the_command_line(service: ServiceReceiver) -
     kept_job(service, "d1")
     answer = missing_effect()
     kept_job(service, "p1", kind="pooled", session=None, result={"each": {RECORDED: answer}})
-    expected = diagnosis_figures(answer)
+    expected = figures_of(diagnosis_sections(answer, None))
     # Where an effect explains the readings, no smooth curve is left.
     assert set(expected) == set(DIAGNOSIS) - {"own_curve"}
     assert shown(service, "/diagnosis/own_curve", job="d1")["figure"] is None

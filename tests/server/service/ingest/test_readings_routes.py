@@ -159,7 +159,7 @@ def test_a_window_too_long_to_be_read_at_once_is_refused_until_its_parts_are_kno
     service: ServiceReceiver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(envelopes, "MOST_SAMPLES", 20_000)
-    service.client().app.state.readers = None
+    service.parts.envelopes = envelopes.Envelopes(service.parts.database)
     refused = service.client().get(f"{AT}/{FAST}/readings", params={"points": 50})
     assert refused.status_code == 422
     assert "Ask for parts" in refused.json()["detail"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import random
 from typing import Any
 
 import pytest
@@ -17,34 +16,6 @@ from websockets.uri import parse_uri
 
 from server.service.live import clients
 from server.service.live.clients import Client, Frame, Kept, Subscription
-from server.service.live.order import InOrder
-from server.service.storage.messages import Message
-
-
-def told(number: int) -> Message:
-    return Message("event", "S", {}, number)
-
-
-@given(st.integers(1, 30), st.randoms(use_true_random=False), st.sets(st.integers(1, 30)))
-def test_messages_come_out_in_order_whatever_order_they_are_told_in(
-    count: int, chance: random.Random, never: set[int]
-) -> None:
-    kept = [n for n in range(1, count + 1) if n not in never]
-    arriving = list(kept)
-    chance.shuffle(arriving)
-    order, out = InOrder(0), []
-    for i, number in enumerate(arriving):
-        order.offer(told(number))
-        order.offer(told(number))
-        out += [m.id for m in order.ready()]
-        if chance.random() < 0.2:
-            # All below one that was told are stored by then.
-            out += [m.id for m in order.fill([told(n) for n in kept if n <= max(arriving[: i + 1])])]
-    out += [m.id for m in order.fill([told(n) for n in kept if n > order.last])]
-    for number in kept:
-        order.offer(told(number))
-    assert out == kept
-    assert not order.gap
 
 
 @given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 3)), max_size=80))

@@ -67,15 +67,27 @@ def test_a_message_whose_predecessor_was_never_kept_is_told_all_the_same(
     played(tmp_path, play)
 
 
-def test_threads_that_tell_in_another_order_than_they_keep_are_put_in_order(tmp_path: Path) -> None:
+def test_threads_are_told_of_in_the_order_in_which_they_keep(tmp_path: Path) -> None:
     async def play(served: Served, messages: Messages) -> None:
         socket = await served.connect("S")
-        with messages.writing() as late:
-            late.tell("event", "S", {"n": 1})
-            first, late.told = late.told, []
-        keep(messages, "event", n=2)
-        await asyncio.sleep(0)
-        messages.publish(first[0])
+        # A thread is held up between keeping its message and telling it; the next one has to wait for it.
+        kept, go_on = threading.Event(), threading.Event()
+
+        def hold_up(message: Message) -> None:
+            if message.body["n"] == 1:
+                kept.set()
+                assert go_on.wait(10.0)
+
+        messages._listeners.insert(0, hold_up)
+        first, second = (threading.Thread(target=keep, args=(messages, "event"), kwargs={"n": n}) for n in (1, 2))
+        first.start()
+        assert await asyncio.to_thread(kept.wait, 10.0)
+        second.start()
+        await asyncio.to_thread(second.join, 0.2)
+        assert second.is_alive()
+        go_on.set()
+        for thread in (first, second):
+            await asyncio.to_thread(thread.join)
         keep(messages, "event", n=3)
         await socket.until(lambda: len(socket.ids()) == 3)
         assert [m["body"]["n"] for m in socket.told("event")] == [1, 2, 3]
@@ -367,8 +379,10 @@ def test_a_database_that_does_not_answer_hangs_up_with_a_reason(tmp_path: Path) 
         def broken(*_: object) -> list[Message]:
             raise OSError("disk")
 
+        keep(messages, "case")
         messages.after = broken  # type: ignore[assignment,method-assign]
-        socket = served.begin()
+        # Who asks for what was kept before.
+        socket = served.begin(after=0)
         await socket.until(lambda: socket.closed)
         assert socket.closed is not None
         assert socket.closed[0] == 1011

@@ -250,7 +250,7 @@ def test_what_a_killed_service_left_of_an_import_is_gone_after_its_start(service
     service.parts.sessions.create("killed", document, arriving=True)
     with pytest.raises(ProblemError, match="is being taken in"):
         service.parts.sessions.create("killed", document)
-    assert "killed" not in {s.id for s in service.parts.sessions.listed(limit=1000)}
+    assert "killed" not in {s["id"] for s in service.parts.sessions.listed(limit=1000)}
     service.parts.sessions.forget_arrivals()
     assert left_of(service, "killed") == (0, 0)
 

@@ -15,15 +15,13 @@ from fingermodel.comparing import compare
 from fingermodel.comparison.observations import posture_rad
 from fingermodel.fingers.files import read_finger
 from fingermodel.predicting import Predictor
-from server.figures.bench_finger import Hung, finger_figure
+from server.figures.bench_finger import Hung
 from server.service.services import Services
 from server.service.sessions.blinding import HIDDEN
 from server.service.sessions.measuring import Measured
 from server.service.web.problems import ProblemError, not_found
 
 if TYPE_CHECKING:
-    import plotly.graph_objects as go
-
     from fingermodel.fingers import Finger
     from fingermodel.model_files import Revision
 
@@ -64,10 +62,10 @@ class HeldFinger:
     hung: Hung | None
 
 
-def draw_finger(
+def held_finger(
     parts: Services, measured: Measured, posture: str | None, case: str | None, model: str | None
-) -> tuple[go.Figure, dict[str, Any]]:
-    """Draw the finger.
+) -> HeldFinger:
+    """Put together what a drawing of the finger shows.
 
     Args:
         parts: of the service.
@@ -76,23 +74,11 @@ def draw_finger(
         case: taken or planned; None for the finger alone.
         model: a revision, a finger that comes with the software, or None for the session's own finger.
 
-    Returns:
-        the figure, and what it shows.
-
     Raises:
         InputError: the posture or the model cannot be used.
-        ProblemError: 404 there is no such posture or case, 422 neither is given, or they do not belong together.
+        ProblemError: 404 there is no such posture or case, 409 nothing is known of the session yet, 422 neither is
+            given, or they do not belong together.
     """
-    held = held_finger(parts, measured, posture, case, model)
-    finger, about = held.finger, {"model": held.loaded.id, "posture": held.posture, "case": held.case and held.case.id}
-    hung = held.hung or Hung({})
-    return finger_figure(finger, finger.values, held.posture, held.angles, hung, held.loaded.id), about
-
-
-def held_finger(
-    parts: Services, measured: Measured, posture: str | None, case: str | None, model: str | None
-) -> HeldFinger:
-    """Put together what a drawing shows; arguments and errors as of `draw_finger`."""
     name, document = measured.record.id, measured.record.document
     if document is None:
         raise ProblemError(409, f"session {name} has no record yet", "a document, or a bench's events")
