@@ -23,7 +23,7 @@ import httpx
 import numpy as np
 
 from benchmarks.machine import commit, publish, use_all_cores
-from benchmarks.service import CHUNK_S, RATE_HZ, SESSION, service
+from benchmarks.service import CHUNK_S, RATE_HZ, SESSION, service, wait_for_readers
 from daq.acquisition.blocks import Chunk
 from daq.uplink.wire import COUNT, EPOCH, SHA256, stream_path
 from server.service.storage.checksums import digest_of
@@ -136,6 +136,8 @@ def main() -> None:
         with Client(url) as twin:
             twin.upload(SESSION)
             twin.session(SESSION).compare(model=None)
+        with httpx.Client(base_url=url) as client:
+            wait_for_readers(client)
         took = under_load(url, given.seconds)
     aims = {"readers": "p99 1000 ms", "benches": "p99 100 ms", "watchers": "p99 100 ms"}
     rows = []

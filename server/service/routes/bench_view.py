@@ -13,9 +13,10 @@ from server.service.schemas.bench_view import FINGER_EXAMPLE, STATE_EXAMPLE, Ben
 from server.service.schemas.common import ModelName, SessionId, documented
 from server.service.services import of
 from server.service.sessions.bench_view import bench_view
-from server.service.web.strict_requests import StrictRoute
+from server.service.web.strict_requests import ReadingRoute, StrictRoute
 
-router = APIRouter(route_class=StrictRoute, prefix="/sessions/{session}/bench", tags=["bench"])
+states = APIRouter(route_class=StrictRoute, prefix="/sessions/{session}/bench", tags=["bench"])
+drawn = APIRouter(route_class=ReadingRoute, prefix="/sessions/{session}/bench", tags=["bench"])
 
 Posture = Annotated[
     str | None, Query(max_length=200, description="A posture of the session; by default that of the case.")
@@ -26,7 +27,7 @@ InCase = Annotated[
 ]
 
 
-@router.get("/state", responses=documented(BenchShown, example=STATE_EXAMPLE))
+@states.get("/state", responses=documented(BenchShown, example=STATE_EXAMPLE))
 def state(session: SessionId, request: Request) -> JsonAnswer:
     """Return how a bench stands: its steps, what to do now, the tare in force and its drift, and what is wrong now.
 
@@ -39,7 +40,7 @@ def state(session: SessionId, request: Request) -> JsonAnswer:
     return JsonAnswer(out | {"control": connected[0]["body"] if connected else None})
 
 
-@router.get("/finger", responses=documented(FingerDrawn, example=FINGER_EXAMPLE))
+@drawn.get("/finger", responses=documented(FingerDrawn, example=FINGER_EXAMPLE))
 def finger(
     session: SessionId, request: Request, posture: Posture = None, case: InCase = None, model: ModelName = None
 ) -> JsonAnswer:
@@ -51,3 +52,8 @@ def finger(
     parts = of(request)
     head = {"schema": "fingertwin/bench-finger/1"}
     return JsonAnswer(head | bench_finger(parts, parts.measuring.of(session), posture, case, model))
+
+
+router = APIRouter()
+router.include_router(states)
+router.include_router(drawn)

@@ -17,9 +17,9 @@ from server.service.figures.figures import COMPARISON, REVISIONS, SHARED, Figure
 from server.service.schemas.common import ModelName, documented
 from server.service.schemas.figures import EXAMPLE, FigureList, FigureShown
 from server.service.services import of
-from server.service.web.strict_requests import StrictRoute
+from server.service.web.strict_requests import ReadingRoute
 
-router = APIRouter(route_class=StrictRoute, prefix="/figures", tags=["figures"])
+router = APIRouter(route_class=ReadingRoute, prefix="/figures", tags=["figures"])
 
 Name = Annotated[str, Path(max_length=100, description="Of the figure, as listed.")]
 Effect = Annotated[

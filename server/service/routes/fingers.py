@@ -24,10 +24,10 @@ from server.service.schemas.fingers import (
     Scaled,
 )
 from server.service.web.downloads import attachment
-from server.service.web.strict_requests import StrictRoute
+from server.service.web.strict_requests import ReadingRoute
 from server.service.web.workers import run
 
-router = APIRouter(route_class=StrictRoute, prefix="/fingers", tags=["fingers"])
+router = APIRouter(route_class=ReadingRoute, prefix="/fingers", tags=["fingers"])
 
 Name = Annotated[str, Path(max_length=100, description="Of the finger.", examples=["an1979_middle"])]
 Format = Annotated[

@@ -20,10 +20,10 @@ from server.service.schemas.forces import (
     MovementChoices,
 )
 from server.service.services import of
-from server.service.web.strict_requests import StrictRoute
+from server.service.web.strict_requests import ReadingRoute
 from server.service.web.workers import run
 
-router = APIRouter(route_class=StrictRoute, tags=["forces"])
+router = APIRouter(route_class=ReadingRoute, tags=["forces"])
 
 By = Annotated[
     Closure,
