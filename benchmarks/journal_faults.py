@@ -58,7 +58,7 @@ def main() -> None:
         "",
         "In a run three benches send chunks at once, and events, while SQLite is told that the disk is full, that it"
         if given.service
-        else "A run appends chunks and events and notes what was sent, while SQLite is told that the disk is full, that it",
+        else "In a run chunks, events and what was sent are noted, while SQLite is told that the disk is full, that it",
         "cannot write, read, sync, cut or map; writes may be short. After a failed sync what was not synced is lost,",
         "as Linux does it. A power cut leaves what was synced and any part of what was written since.",
         "",
