@@ -80,7 +80,9 @@ def shade(place: Any, side: str = "right") -> float:
 
     picture = np.asarray(Image.open(io.BytesIO(place.screenshot(animations="disabled"))).convert("L")).astype(float)
     # Nine in ten of its dots are darker than that: what is bright there is the paper. Above stand headings.
-    return 255.0 - float(np.percentile(picture[-3:-1] if side == "below" else picture[len(picture) // 2 : -20, -3:-1], 90))
+    return 255.0 - float(
+        np.percentile(picture[-3:-1] if side == "below" else picture[len(picture) // 2 : -20, -3:-1], 90)
+    )
 
 
 # Where a point of a figure is on the page: [x, y] in px; a cell of a map is named by row and column.

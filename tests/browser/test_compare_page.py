@@ -49,6 +49,8 @@ def test_from_the_list_of_sessions_to_a_case_and_its_readings(seen: Watched) -> 
     seen.page.get_by_role("heading", name="c010: FDS 950 g, minor flexion, tip").wait_for()
     seen.page.get_by_role("heading", name="Loaded window Fy [N]", exact=True).wait_for()
     seen.page.get_by_text("independent readings").first.wait_for()
+    # The drawing beside it has the sizes in its plane.
+    assert "2.60 N measured in space; 2.59 N predicted" in seen.page.locator("#case").inner_text()
 
 
 @pytest.mark.parametrize(
