@@ -31,7 +31,7 @@ from server.service.web.workers import GoneError
 
 _LOG = logging.getLogger(__name__)
 # Benches come before readers, and readers before refits and searches.
-_NICENESS = 2
+NICENESS = 2
 _SECRET = b"x-fingertwin-reader"
 # A process that ended is replaced after so long, each time after twice as long while none gets ready [s].
 _FIRST_WAIT_S, _MOST_WAIT_S = 1.0, 60.0
@@ -183,7 +183,7 @@ class _Passed(StreamingResponse):
 
 def serve(settings: Settings, make: Callable[[Settings], ASGIApp], secret: str, told: Connection) -> None:
     """Be the process: tell the port once the application answers, and end with the service."""
-    begin_worker(_NICENESS)
+    begin_worker(NICENESS)
     logs.configure(settings)
     # The service tells of each request itself.
     logging.getLogger("fingertwin.request").setLevel(logging.CRITICAL)
