@@ -13,19 +13,23 @@ import asyncio
 import datetime as dt
 import multiprocessing
 import os
+import resource
 import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from pathlib import Path
 
 import httpx
 import numpy as np
+import psutil
 
 from benchmarks.machine import commit, publish, use_all_cores
-from benchmarks.service import CHUNK_S, RATE_HZ, SESSION, service
+from benchmarks.service import CHUNK_S, RATE_HZ, SESSION, service, used, wait_for_readers
 from daq.acquisition.blocks import Chunk
 from daq.uplink.wire import COUNT, EPOCH, SHA256, stream_path
+from server.service.operation.reader_process import NICENESS as READERS_NICE
 from server.service.storage.checksums import digest_of
 
 HERE = Path(__file__).parent
@@ -114,12 +118,38 @@ def clients(url: str, seconds: float, which: str, end: multiprocessing.connectio
 def under_load(url: str, seconds: float) -> Times:
     """All clients at once; readers are another process than benches, whose waiting is told alone."""
     context = multiprocessing.get_context("spawn")
-    ends = []
+    ends, processes = [], []
     for which in ("readers", "others"):
         ours, theirs = context.Pipe()
-        context.Process(target=clients, args=(url, seconds, which, theirs)).start()
+        processes.append(context.Process(target=clients, args=(url, seconds, which, theirs)))
+        processes[-1].start()
         ends.append(ours)
-    return {kind: times for end in ends for kind, times in end.recv().items()}
+    took = {kind: times for end in ends for kind, times in end.recv().items()}
+    for process in processes:
+        process.join()
+    return took
+
+
+def _waited_s(pid: int) -> tuple[float, float]:
+    """Time that a process's threads, as far as they live, ran and waited for a core although they could run [s]."""
+    ran = waited = 0.0
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        with suppress(OSError):
+            fields = (task / "schedstat").read_text(encoding="ascii").split()
+            ran, waited = ran + 1e-9 * int(fields[0]), waited + 1e-9 * int(fields[1])
+    return ran, waited
+
+
+def _cores(pid: int) -> np.ndarray:
+    """Processor time of the service, its readers' process, finished clients and the whole machine; waited [s]."""
+    readers = [p for p in psutil.Process(pid).children() if p.nice() == READERS_NICE]
+    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+    busy = psutil.cpu_times()
+    idle = busy.idle + busy.iowait
+    return np.array([
+        used(pid)[1], sum(used(p.pid)[1] for p in readers), ended.ru_utime + ended.ru_stime, sum(busy[:8]) - idle,
+        *_waited_s(pid), time.monotonic(),
+    ])  # fmt: skip
 
 
 def main() -> None:
@@ -132,11 +162,16 @@ def main() -> None:
 
     use_all_cores()
     load_before = os.getloadavg()[0]
-    with tempfile.TemporaryDirectory() as folder, service(Path(folder)) as (url, _, _):
+    with tempfile.TemporaryDirectory() as folder, service(Path(folder)) as (url, pid, _):
         with Client(url) as twin:
             twin.upload(SESSION)
             twin.session(SESSION).compare(model=None)
+        with httpx.Client(base_url=url) as client:
+            wait_for_readers(client)
+        before = _cores(pid)
         took = under_load(url, given.seconds)
+        own, reading, asking, busy, ran, waited, wall = _cores(pid) - before
+    cores = (os.cpu_count() or 1) * wall
     aims = {"readers": "p99 1000 ms", "benches": "p99 100 ms", "watchers": "p99 100 ms"}
     rows = []
     for kind, times in sorted(took.items()):
@@ -155,6 +190,10 @@ def main() -> None:
             "| who | answers | p50 [ms] | p99 [ms] | longest [ms] | aim |",
             "|---|---|---|---|---|---|",
             *rows,
+            "",
+            f"Of {cores:.0f} s of the cores the service had {own:.1f} s, its readers' process {reading:.1f} s, the",
+            f"clients {asking:.1f} s and other programs {busy - own - reading - asking:.1f} s. The service's",
+            f"threads ran {ran:.1f} s; for another {waited:.1f} s they could have run and waited for a core.",
             "",
         ],
     )

@@ -33,6 +33,12 @@ RATE_HZ, CHUNK_S, ASKED_HZ, SESSION = 7000.0, 0.25, 50.0, "DEV-01"
 _SERVE = "from server.cli import main; main()"
 
 
+def wait_for_readers(client: httpx.Client) -> None:
+    """Wait until the readers' process answers: until then the service answers by itself."""
+    while "fingertwin_reader_process 1.0" not in client.get("/metrics").text:
+        time.sleep(0.1)
+
+
 @contextmanager
 def service(folder: Path) -> Iterator[tuple[str, int, float]]:
     """Run a service; yield its address, process id, and the time until it was ready [s]."""
@@ -168,6 +174,8 @@ def main() -> None:
             with Client(url) as twin:
                 twin.upload(SESSION)
                 twin.session(SESSION).compare(model=None)
+            with httpx.Client(base_url=url) as client:
+                wait_for_readers(client)
             alone = used(pid)[0]
             told = predictions(url)
             loaded = under_load(url, pid, given.benches, 60 * given.minutes)

@@ -187,7 +187,7 @@ def journal_recover(
     """Write a new journal with all that is sound, and list what is lost."""
     from server.commands.journal import journal_recover as run
 
-    run(journal, out, json)
+    raise typer.Exit(run(journal, out, json))
 
 
 @journal_app.command("requeue")

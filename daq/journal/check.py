@@ -15,7 +15,7 @@ from daq.journal.mark import Mark, read_mark
 from daq.journal.reader import connect_read
 from daq.journal.rows import APPLICATION_ID, ROWS, SAMPLES, VERSION, require_journal, said
 from daq.journal.salvage import Fault, Report, Salvage
-from daq.journal.wal import log_file, read_log
+from daq.journal.wal import log_file, read_log, require_sound_log
 
 
 def check(path: str | Path) -> Report:
@@ -80,6 +80,20 @@ def recover(path: str | Path, out: str | Path) -> Report:
     return report
 
 
+def require_complete(path: Path) -> None:
+    """Check that a journal shows all that was ever committed to it, also while it is written.
+
+    Raises:
+        JournalError: readings were lost with its write-ahead log, or are hidden by its damage.
+    """
+    require_sound_log(path)
+    mark = read_mark(path)
+    with closing(connect_read(path)) as connection:
+        for fault in _behind(connection, mark):
+            remedy = f"fingertwin journal recover {path} --out NEW keeps the others"
+            raise JournalError(f"{path.name}: {fault.text}", "a journal with all its readings", remedy)
+
+
 def _identity(connection: sqlite3.Connection, path: Path) -> int:
     """Return the version of a journal, of whatever version."""
     application = connection.execute("PRAGMA application_id").fetchone()[0]
@@ -110,4 +124,4 @@ def _integrity(connection: sqlite3.Connection) -> list[Fault]:
     return [] if lines == ["ok"] else [Fault("file", f"SQLite: {line}") for line in lines]
 
 
-__all__ = ["Fault", "Report", "check", "recover"]
+__all__ = ["Fault", "Report", "check", "recover", "require_complete"]

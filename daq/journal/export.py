@@ -9,6 +9,7 @@ from pathlib import Path
 
 from daq.errors import JournalError
 from daq.files import replacing
+from daq.journal.check import require_complete
 from daq.journal.reader import JournalReader
 from daq.journal.rows import as_utc
 from daq.recordings.readings import ReadingBlock, write_readings
@@ -35,11 +36,12 @@ def export(path: str | Path, out: str | Path, stream: str | None = None) -> Expo
         stream: its id or the beginning of it; may be left out where there is one.
 
     Raises:
-        JournalError: there is no such stream, or a chunk is damaged.
+        JournalError: there is no such stream, a chunk is damaged, or readings were lost that no recovery has noted.
         ReadingsError: the ending is none of these.
     """
     target = Path(out)
     samples = 0
+    require_complete(Path(path))
     with JournalReader.open(path) as journal:
         streams = [s for s in journal.streams() if s.id.startswith(stream or "")]
         if len(streams) != 1:

@@ -15,6 +15,7 @@ from daq.acquisition.blocks import Chunk
 from daq.drivers import driver
 from daq.drivers.base import Decoder, LoadCell, Transport
 from daq.errors import DriverError, LinkLostError
+from daq.journal.check import require_complete
 from daq.journal.reader import JournalReader
 from daq.journal.rows import Stream
 
@@ -120,7 +121,7 @@ class JournalReplay(LoadCell):
         speed: times real time; 0 is as fast as it goes.
 
     Raises:
-        JournalError: there is no such journal, or none that is sound.
+        JournalError: there is no such journal, or none that is sound and complete.
         DriverError: there is no such stream, or its driver is gone.
     """
 
@@ -135,6 +136,7 @@ class JournalReplay(LoadCell):
         if not 0.0 <= speed < 1e9:
             raise DriverError(f"replay: speed is {speed:g}", "0 (as fast as it goes) or more")
         self._path, self._speed = Path(path), speed
+        require_complete(self._path)
         with JournalReader.open(self._path) as journal:
             streams = [s for s in journal.streams() if s.id.startswith(stream or "")]
         if len(streams) != 1:

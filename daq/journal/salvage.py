@@ -27,7 +27,9 @@ from daq.journal.rows import (
 )
 from daq.journal.wal import log_file
 
-Kind = Literal["file", "log", "version", "stream", "chunk", "event", "gap", "outbox"]
+Kind = Literal["file", "log", "version", "stream", "chunk", "undecoded", "event", "gap", "outbox"]
+# Of a table that cannot be read: what was in it is gone. Of chunks, numbers of samples tell which are missing.
+_UNREAD: dict[str, Kind] = {"streams": "stream", "undecoded": "undecoded", "events": "event"}
 _STREAM_COLUMNS = "rowid, id, driver, settings, cell, started_utc, clock, crc"
 _OUTBOX_COLUMNS = "id, stream, first_seq, sha256, state, tries"
 # No row of a table that grows is shorter than this.
@@ -57,7 +59,7 @@ class Fault:
     @property
     def loses(self) -> bool:
         """Whether something is gone that a recovery cannot bring back."""
-        return self.kind == "gap" or (self.kind == "log" and self.n is not None)
+        return self.kind in ("gap", "stream", "undecoded", "event") or (self.kind == "log" and self.n is not None)
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,20 @@ class Report:
     known_gaps: int
     faults: tuple[Fault, ...]
 
+    @property
+    def losses(self) -> list[Fault]:
+        """Damage that a recovery cannot bring back."""
+        return [fault for fault in self.faults if fault.loses]
+
+    @property
+    def missing(self) -> str:
+        """Number of readings that are missing, in words; empty where none is."""
+        counts = [f.n for f in self.losses if f.kind in ("gap", "log")]
+        known = sum(n for n in counts if n is not None)
+        if None not in counts:
+            return f"{known} readings are missing" if known else ""
+        return f"{known} readings and an unknown number of others are missing" if known else "readings are missing"
+
 
 class Salvage:
     """Reads row by row, past what cannot be read."""
@@ -106,14 +122,15 @@ class Salvage:
         streams = [row[1] for row in self._streams()]
         for _ in itertools.chain(self._chunks(), self._undecoded()):
             pass
-        lost = {}
+        lost, noted = set(), 0
         for row in self._sound_events():
-            if row[3] == "lost" and row[0]:
-                value = Event.of_row(row).value
-                lost[row[0], value.get("first_seq")] = value.get("n")
+            event = Event.of_row(row)
+            if event.kind == "lost" and event.stream:
+                lost.add((event.stream, event.value.get("first_seq")))
+            noted += event.kind == "warning" and event.value.get("code") == "lost"
         gaps = [g for g in self._gaps() if (g.stream, g.first_seq) not in lost]
         self._faults += gaps
-        return self._said(streams, len(lost))
+        return self._said(streams, len(lost) + noted)
 
     def into(self, new: sqlite3.Connection) -> Report:
         """Write what is sound into a new journal."""
@@ -209,7 +226,7 @@ class Salvage:
             try:
                 self._undecoded_bytes += len(sound_chunk(row).raw)
             except JournalError as error:
-                self._faults.append(Fault("chunk", f"bytes without a reading: {error.found}", str(row[1])))
+                self._faults.append(Fault("undecoded", f"bytes without a reading: {error.found}", str(row[1])))
             else:
                 yield row
 
@@ -259,7 +276,8 @@ class Salvage:
                         yield row
             except sqlite3.DatabaseError as error:
                 if highest is None:
-                    self._faults.append(Fault("file", f"part of the table {table} cannot be read ({error})"))
+                    text = f"part of the table {table} cannot be read ({error})"
+                    self._faults.append(Fault(_UNREAD.get(table, "file"), text))
                     highest = self._highest(table, key)
                 at, misses = at + 1, misses + 1
             else:

@@ -44,6 +44,7 @@ class Writer(JournalReader):
     Attributes:
         alarm: is told at once, in words, when the journal's files are no longer where they were.
         displaced: what has become of them, and where everything is now; None where nothing has.
+        lost: what was committed and was missing when it was opened; None where nothing was.
     """
 
     def __init__(self, connection: sqlite3.Connection, path: Path, lock: WriterLock) -> None:
@@ -58,12 +59,16 @@ class Writer(JournalReader):
         self._ends: dict[str, int | None] = {}
         self.alarm: Callable[[str], None] = lambda text: None
         self.displaced: JournalError | None = None
+        self.lost: JournalError | None = None
 
     def settle(self) -> None:
         """Note who writes, and take a new epoch unless this is the journal that was last written here."""
         rows, mark = self.rows(), read_mark(self.path)
         self._marked_samples = int(self._rows(SAMPLES)[0][0])
         missing = None if mark is None else mark.missing(self.epoch, rows, self._marked_samples)
+        if missing is not None:
+            remedy = f"{self.path} goes on without them, and says so in an event"
+            self.lost = JournalError(f"{self.path.name}: {missing}", "a journal with all its readings", remedy)
         with self.transaction() as connection:
             if missing is not None or not self._writer_lock.vouches(self.epoch, rows):
                 connection.execute("UPDATE meta SET value = ? WHERE key = 'epoch'", (uuid.uuid4().hex,))

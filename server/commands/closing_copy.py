@@ -20,10 +20,12 @@ class Closed:
     Attributes:
         path: of its file, None where there is none.
         displaced: what became of the file that it began in, None where that is this one.
+        lost: what an earlier log had written into it and was gone when this one began, None where nothing was.
     """
 
     path: Path | None = None
     displaced: JournalError | None = None
+    lost: JournalError | None = None
 
 
 @contextmanager
@@ -39,7 +41,7 @@ def copied_at_end(folder: Path | None, quiet: bool) -> Iterator[Closed]:
 
     Raises:
         InputError: nothing can be written into the folder (before the block), or there is no copy, or the journal is
-            not where it was begun (after it).
+            not where it was begun or lacks what it once held (after it).
     """
     if folder is not None:
         require_folder(folder)
@@ -61,7 +63,7 @@ def copied_at_end(folder: Path | None, quiet: bool) -> Iterator[Closed]:
 def _faults(closed: Closed, folder: Path | None, quiet: bool) -> list[InputError]:
     """Write the copy, where one is asked for; return what is not as it should be."""
     copied = None if folder is None or closed.path is None else _copied(closed.path, folder, quiet)
-    return [fault for fault in (closed.displaced, copied) if fault is not None]
+    return [fault for fault in (closed.displaced, closed.lost, copied) if fault is not None]
 
 
 def _copied(journal: Path, folder: Path, quiet: bool) -> InputError | None:

@@ -25,16 +25,17 @@ def journal_check(path: Path, json: str | None) -> int:
     return code
 
 
-def journal_recover(path: Path, out: Path, json: str | None) -> None:
-    """Write a new journal with all that is sound, and list what is lost."""
+def journal_recover(path: Path, out: Path, json: str | None) -> int:
+    """Write a new journal with all that is sound, and list what is lost; return the exit code: 2 where anything is."""
     with progress("Reading and writing"):
         report = recover(path, out)
-    lost = [f for f in report.faults if f.loses]
-    body: dict[str, Any] = {"journal": str(path), "out": str(out), "lost": len(lost), **asdict(report)}
+    lost = len(report.losses)
+    body: dict[str, Any] = {"journal": str(path), "out": str(out), "lost": lost, **asdict(report)}
     if not answer("journal-recover", body, json):
         _say_report(report)
-        losses = f"{len(lost) or 'no'} loss{'es' * (len(lost) != 1)}"
+        losses = f"{lost or 'no'} loss{'es' * (lost != 1)}" + (f": {report.missing}" if report.missing else "")
         say(f"{out}: {sum(report.chunks.values())} chunks recovered; {losses}")
+    return 2 if lost else 0
 
 
 def journal_export(path: Path, out: Path | None, stream: str | None, file_format: str, json: str | None) -> None:
@@ -51,16 +52,19 @@ def journal_export(path: Path, out: Path | None, stream: str | None, file_format
 
 
 def journal_requeue(path: Path, json: str | None) -> None:
-    """Put what a service refused into the outbox again, to be sent by the next log into that folder."""
+    """Put what a service refused into the outbox again, to be sent by the next log into that folder.
+
+    Raises:
+        JournalError: it cannot be written; or, once that is done, readings were lost from it.
+    """
     with Journal.open(path) as journal:
         count = journal.requeue()
-    if answer("journal-requeue", {"journal": str(path), "chunks": count}, json):
-        return
-    if not count:
-        say(f"{path}: nothing was set aside")
-        return
-    many = "1 chunk is" if count == 1 else f"{count} chunks are"
-    say(f"{path}: {many} to be sent again; the next fingertwin log --to with --out {path.parent} does so")
+    if not answer("journal-requeue", {"journal": str(path), "chunks": count}, json):
+        many = "1 chunk is" if count == 1 else f"{count} chunks are"
+        next_log = f"{many} to be sent again; the next fingertwin log --to with --out {path.parent} does so"
+        say(f"{path}: {next_log if count else 'nothing was set aside'}")
+    if journal.lost is not None:
+        raise journal.lost
 
 
 def _say_report(report: Report) -> None:

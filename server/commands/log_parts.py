@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
@@ -95,6 +96,8 @@ def acquiring(acquisition: Acquisition, folder: Path, seconds: float | None, clo
     stop = threading.Timer(seconds or 0.0, acquisition.stop)
     try:
         with closing(_journal(folder)) as journal:
+            if journal.lost is not None:
+                sys.stderr.write(f"fingertwin: WARNING: {journal.lost}\n")
             if seconds is not None:
                 stop.start()
             try:
@@ -103,7 +106,7 @@ def acquiring(acquisition: Acquisition, folder: Path, seconds: float | None, clo
                 # Before the journal: what the cell still says has nowhere to go afterwards.
                 acquisition.stop()
                 journal.stay()
-                closed.path, closed.displaced = journal.path, journal.displaced
+                closed.path, closed.displaced, closed.lost = journal.path, journal.displaced, journal.lost
     finally:
         stop.cancel()
         acquisition.stop()

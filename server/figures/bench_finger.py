@@ -258,7 +258,7 @@ def _subtitle(hung: Hung) -> str:
     sizes = [f"{name} {_size(force)}" for name, force in forces if force is not None]
     if sizes:
         told.append(f"Force on the cell in the sagittal plane: {', '.join(sizes)}.")
-    return "<br>".join([" ".join(told), *([plain(hung.note)] if hung.note else [])])
+    return "<br>".join([*told, *([plain(hung.note)] if hung.note else [])])
 
 
 def _size(force: Floats) -> str:

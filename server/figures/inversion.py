@@ -18,7 +18,6 @@ from server.figures.style import (
     BAND,
     INK,
     SMALL_PX,
-    WIDTH,
     ZERO_LINE,
     axis,
     in_order,
@@ -35,6 +34,8 @@ _PANEL, _GAP, _TOP, _BOTTOM, _BOTTOM_LEVEL, _LEFT, _RIGHT = 150, 44, 122, 78, 36
 # Empty places between the loads.
 _BREAK = 1.0
 _SIDE = 1.0
+# Pages draw no figure narrower than this (plot_size.js) [px].
+_LEAST = 720
 # Half the width of a dash, in places.
 _HALF = 0.4
 
@@ -206,9 +207,9 @@ def _strips(panels: Sequence[_Panel], order: _Order, names: tuple[str, str], *, 
 
 
 def _crowded(order: _Order) -> bool:
-    """Return whether the loads' names would touch if they stood level."""
+    """Return whether the loads' names would touch if they stood level, on the narrowest page."""
     places = order.loads[-1][2] - order.loads[0][1] + 2.0 * _SIDE
-    per_place = (WIDTH - _LEFT - _RIGHT) / places
+    per_place = (_LEAST - _LEFT - _RIGHT) / places
     return any(len(name) * 0.62 * SMALL_PX > (end - begin + _BREAK) * per_place for name, begin, end in order.loads)
 
 

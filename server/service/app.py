@@ -10,15 +10,18 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 
+import numpy as np
 from fastapi import APIRouter, FastAPI
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
+from starlette.types import Lifespan
 
 from daq.errors import InputError
 from daq.recordings.plateaus import reduce_window
 from daq.uplink.wire import API
 from server.service.answers import JsonAnswer
 from server.service.operation.health import Health
+from server.service.operation.reader_process import ReaderProcess
 from server.service.routes import (
     audit,
     bench_view,
@@ -45,6 +48,7 @@ from server.service.services import Services, build
 from server.service.settings import Settings
 from server.service.storage.checksums import DamagedError
 from server.service.web import problems
+from server.service.web.edge import Edge
 from server.service.web.metrics import Metrics
 from server.service.web.openapi import answer_wrong_method, document_of
 
@@ -72,7 +76,10 @@ def create_app(settings: Settings) -> FastAPI:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         parts = await asyncio.to_thread(build, settings)
+        await asyncio.to_thread(parts.sessions.forget_arrivals)
         app.state.services = parts
+        readers = ReaderProcess(settings, create_reading_app) if settings.reader_process else None
+        app.state.reader_process = readers
         folder = None if settings.database_url else settings.data
         app.state.health = Health(parts.database, lambda: parts.ready, parts.jobs.workers, parts.scrub, folder)
         _measure(parts, app.state.health, app.state.metrics)
@@ -81,15 +88,55 @@ def create_app(settings: Settings) -> FastAPI:
         parts.scrub.start()
         warming = threading.Thread(target=_warm, args=(parts,), name="warm", daemon=True)
         warming.start()
+        if readers is not None:
+            app.state.metrics.reader_process.set_function(lambda: float(readers.pid is not None))
+            readers.start()
         try:
             yield
         finally:
             parts.stopping.set()
+            if readers is not None:
+                await readers.close()
             await parts.live.close()
             # The interpreter must not end while a thread is inside the compiler: that would end it with a crash.
             await asyncio.to_thread(warming.join, _COMPILED_S)
             await asyncio.to_thread(_stop, parts)
 
+    app = _application(lifespan)
+    metrics = app.state.metrics = Metrics()
+    tokens = TokenBook(lambda: app.state.services.database)
+    app.openapi = lambda: document_of(app)  # type: ignore[method-assign]
+
+    @app.get(f"{API}/openapi.json", include_in_schema=False)
+    def openapi() -> JsonAnswer:
+        """Return the OpenAPI document; making it takes a moment, which a thread waits."""
+        return JsonAnswer(document_of(app))
+
+    protect(app, settings, tokens, metrics)
+    return app
+
+
+def create_reading_app(settings: Settings) -> FastAPI:
+    """Make the application of the readers' process: the same answers, without what runs beside them.
+
+    Args:
+        settings: of the service, which has prepared the database.
+    """
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        parts = app.state.services = await asyncio.to_thread(build, settings)
+        await asyncio.to_thread(_compile, parts)
+        gc.freeze()
+        yield
+        parts.database.close()
+
+    app = _application(lifespan)
+    app.add_middleware(Edge, metrics=Metrics())
+    return app
+
+
+def _application(lifespan: Lifespan[FastAPI]) -> FastAPI:
     app = FastAPI(
         title="fingertwin",
         version=version("fingertwin"),
@@ -101,8 +148,6 @@ def create_app(settings: Settings) -> FastAPI:
         lifespan=lifespan,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
     )
-    metrics = app.state.metrics = Metrics()
-    tokens = TokenBook(lambda: app.state.services.database)
     app.add_exception_handler(problems.ProblemError, problems.answer_problem)
     app.add_exception_handler(InputError, problems.answer_input_error)
     app.add_exception_handler(DamagedError, problems.answer_damaged)
@@ -111,14 +156,6 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_exception_handler(405, answer_wrong_method)
     app.add_exception_handler(Exception, problems.answer_failure)
     _add_routes(app)
-    app.openapi = lambda: document_of(app)  # type: ignore[method-assign]
-
-    @app.get(f"{API}/openapi.json", include_in_schema=False)
-    def openapi() -> JsonAnswer:
-        """Return the OpenAPI document; making it takes a moment, which a thread waits."""
-        return JsonAnswer(document_of(app))
-
-    protect(app, settings, tokens, metrics)
     return app
 
 
@@ -160,15 +197,7 @@ def _measure(parts: Services, health: Health, metrics: Metrics) -> None:
 
 def _warm(parts: Services) -> None:
     """Compile what the first request would wait for, and only then take up queued jobs, whose workers compile too."""
-    import numpy as np
-
-    def model() -> None:
-        predictor = parts.models.predictor("an1979_middle")
-        rotations, muscles = len(predictor.topology.rotations), len(predictor.topology.muscles)
-        for size in (1, 16):
-            predictor.predict(np.full((size, rotations), 0.5), np.zeros((size, muscles)), 0.0)
-
-    if not _until_done(parts, model, "the model was not warmed, and the service is not ready yet"):
+    if not _until_done(parts, lambda: _compile(parts), "the model was not warmed, and the service is not ready yet"):
         return
     parts.ready = True
     if not gc.isenabled():
@@ -180,6 +209,13 @@ def _warm(parts: Services) -> None:
     if parts.settings.warm_workers:
         parts.jobs.warm()
     _until_done(parts, parts.jobs.start, "the jobs of the run before were not taken up yet")
+
+
+def _compile(parts: Services) -> None:
+    predictor = parts.models.predictor("an1979_middle")
+    rotations, muscles = len(predictor.topology.rotations), len(predictor.topology.muscles)
+    for size in (1, 16):
+        predictor.predict(np.full((size, rotations), 0.5), np.zeros((size, muscles)), 0.0)
 
 
 def _until_done(parts: Services, work: Callable[[], None], failed: str) -> bool:

@@ -112,7 +112,6 @@ def build(settings: Settings) -> Services:
     messages = Messages(database)
     fingers = frozenset(finger_names())
     sessions = Sessions(database, messages, fingers)
-    sessions.forget_arrivals()
     windows = Windows(database)
     measuring = Measuring(sessions, windows)
     revisions = Revisions(database, messages)

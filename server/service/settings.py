@@ -31,6 +31,7 @@ class Settings(BaseSettings):
         database_url: another database than SQLite in that folder.
         workers: processes that refit and diagnose; 0 takes as many as half the cores, at most 4.
         warm_workers: whether they start with the service and compile the models, instead of with the first job.
+        reader_process: whether what only reads is answered by a process of its own, which benches do not wait for.
         job_timeout_s: after which a job that says nothing else is given up.
         executor: of population runs: processes here, or a Dask cluster.
         dask_scheduler: address of the cluster's scheduler.
@@ -50,6 +51,7 @@ class Settings(BaseSettings):
     database_url: str | None = None
     workers: int = Field(default=0, ge=0, le=64)
     warm_workers: bool = True
+    reader_process: bool = True
     job_timeout_s: float = Field(default=1800.0, gt=0)
     executor: Literal["processes", "dask"] = "processes"
     dask_scheduler: str | None = None

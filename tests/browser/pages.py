@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -66,6 +67,22 @@ def violations(page: Any) -> list[str]:
 
     found = Axe().run(page).response["violations"]
     return [f"{v['id']}: {n['html'][:200]}" for v in found for n in v["nodes"]]
+
+
+# By how much a page is wider than its window [px].
+BEYOND = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+
+
+def shade(place: Any, side: str = "right") -> float:
+    """How dark the edge of a place that scrolls is, at its right or below, between what is written there."""
+    import numpy as np
+    from PIL import Image
+
+    picture = np.asarray(Image.open(io.BytesIO(place.screenshot(animations="disabled"))).convert("L")).astype(float)
+    # Nine in ten of its dots are darker than that: what is bright there is the paper. Above stand headings.
+    return 255.0 - float(
+        np.percentile(picture[-3:-1] if side == "below" else picture[len(picture) // 2 : -20, -3:-1], 90)
+    )
 
 
 # Where a point of a figure is on the page: [x, y] in px; a cell of a map is named by row and column.

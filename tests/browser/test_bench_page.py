@@ -12,7 +12,7 @@ import pytest
 
 from tests.browser.bench_pages import KEY_PX, LARGE_PX, PATIENCE_MS, aged, hung, key, now, opened, tared, until
 from tests.browser.bench_story import HOLD_ANSWERS, Story, bench, cases, wrenches
-from tests.browser.pages import Watched, require_browser, served, violations, watched
+from tests.browser.pages import BEYOND, Watched, require_browser, served, shade, violations, watched
 from tests.server.service.processes import Process
 
 require_browser()
@@ -346,8 +346,20 @@ def test_a_recorded_session_and_one_that_is_not_there_have_a_page_too(browser: A
         until(seen, "() => document.querySelectorAll('.protocol-grid .mark.measured').length > 10")
         seen.page.locator(".finger-title").wait_for()
         until(seen, "() => document.querySelector('[data-kind=measured]').textContent.includes(' N')")
+        assert "Model: an1979_middle." in seen.page.locator(".finger-views").inner_text()
         assert key(seen, "next").count() == 0
         assert min(traces_drawn(seen)) > 100
+        for width in (1440, 900, 390):
+            seen.page.set_viewport_size({"width": width, "height": 900})
+            seen.page.wait_for_timeout(300)
+            assert seen.page.evaluate(BEYOND) <= 0
+            number, panel = (seen.page.locator(s).bounding_box() for s in (".now-force", ".bench-now"))
+            assert number["x"] + number["width"] <= panel["x"] + panel["width"]
+            cut = seen.page.locator(".protocol-scroll")
+            assert cut.evaluate("e => { e.scrollTo(0, 0); return e.scrollWidth > e.clientWidth; }")
+            before = shade(cut)
+            cut.evaluate("e => e.scrollTo(e.scrollWidth, 0)")
+            assert before > shade(cut) + 10
         assert violations(seen.page) == []
         seen.page.goto(f"{url}/#/sessions/nothing/bench")
         seen.page.get_by_role("button", name="Try again").wait_for()
@@ -388,6 +400,8 @@ def test_while_a_recording_is_replayed_the_headline_says_so_and_afterwards_that_
             shown = seen.page.evaluate("window.shown")
             assert [text for text in shown if "no bench is running" in text or text == "recorded"] == []
             assert "replaying" in shown
+            # However fast cases follow each other, each that is drawn is drawn.
+            seen.page.locator(".finger-title").get_by_text("cell at the").wait_for()
             replay.process.terminate()
             seen.page.locator(".now-todo").get_by_text("no bench is running").wait_for()
             seen.page.close()

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from daq.sessions import find_session
-from tests.browser.pages import Watched, click_point, require_browser, served, watched
+from tests.browser.pages import Watched, click_point, require_browser, served, shade, watched
 
 require_browser()
 
@@ -49,6 +49,8 @@ def test_from_the_list_of_sessions_to_a_case_and_its_readings(seen: Watched) -> 
     seen.page.get_by_role("heading", name="c010: FDS 950 g, minor flexion, tip").wait_for()
     seen.page.get_by_role("heading", name="Loaded window Fy [N]", exact=True).wait_for()
     seen.page.get_by_text("independent readings").first.wait_for()
+    # The drawing beside it has the sizes in its plane.
+    assert "2.60 N measured in space; 2.59 N predicted" in seen.page.locator("#case").inner_text()
 
 
 @pytest.mark.parametrize(
@@ -139,6 +141,23 @@ def test_a_table_is_sorted_by_a_click_on_a_heading_and_stays_so(seen: Watched) -
     table.get_by_role("button", name="c008", exact=True).click()
     seen.page.get_by_role("heading", name="c008: FDP 950 g, minor flexion, tip").wait_for()
     assert [float(text) for text in table.locator("tbody td:nth-child(9)").all_inner_texts()] == z
+
+
+@pytest.mark.parametrize("width", [1440, 900, 390])
+def test_a_table_that_goes_on_beyond_its_edges_says_so(seen: Watched, width: int) -> None:
+    seen.page.set_viewport_size({"width": width, "height": 900})
+    seen.open(f"sessions/{SESSION}/compare", TITLE)
+    seen.drawn()
+    place = seen.page.get_by_role("region", name=re.compile("of 96 load cases"))
+    caption = place.locator("caption").bounding_box()
+    assert caption is not None
+    assert caption["x"] + caption["width"] <= width
+    end = "(place, [x, y]) => place.scrollTo(x * place.scrollWidth, y * place.scrollHeight)"
+    there = {side: shade(place, side) for side in ("below", "right")}
+    place.evaluate(end, [1, 1])
+    gone = {side: shade(place, side) for side in ("below", "right")}
+    assert there["below"] > gone["below"] + 10
+    assert (there["right"] > gone["right"] + 10) is (width < 1440)
 
 
 def test_a_window_is_moved_by_typing_and_by_dragging_and_back(seen: Watched) -> None:

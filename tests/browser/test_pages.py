@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tests.browser.one_value import Shown
-from tests.browser.pages import Watched, click_point, require_browser, served, violations, watched
+from tests.browser.pages import BEYOND, Watched, click_point, require_browser, served, violations, watched
 
 require_browser()
 
@@ -107,6 +107,8 @@ def test_an_effect_is_shown_and_added_and_the_error_falls(seen: Watched) -> None
     seen.page.get_by_role("heading", name=re.compile("with hanger_mass")).wait_for()
     seen.drawn()
     assert "in force" in seen.text()
+    # The search shows another refit with nothing added, and another evidence: the page says why.
+    assert "A search tells of fits of its own" in seen.text()
     shown = seen.page.locator(".js-plotly-plot").nth(1)
     kinds = shown.evaluate("plot => plot.data.map((t) => t.meta?.kind)")
     assert {"measured", "predicted", "before_predicted"} <= set(kinds)
@@ -209,7 +211,6 @@ UNNAMED = """() => [...document.querySelectorAll('button, a[href], input, select
 .filter((e) => e.checkVisibility() && !e.closest('.js-plotly-plot'))
 .filter((e) => !(e.getAttribute('aria-label') || e.innerText?.trim() || e.labels?.length))
 .map((e) => e.outerHTML.slice(0, 120))"""
-BEYOND = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
 @pytest.mark.usefixtures("added")

@@ -76,7 +76,7 @@ class _Server(uvicorn.Server):
 @contextmanager
 def running(folder: Path, port: int = 0, **settings: Any) -> Iterator[str]:
     """Run a service on a free port of this machine, and give its address."""
-    made = Settings(data=folder, port=port, **settings)
+    made = Settings(data=folder, port=port, **({"reader_process": False} | settings))
     listener = bound("127.0.0.1", port)
     config = uvicorn.Config(
         create_app(made), ws=Wire, ws_per_message_deflate=False, log_config=None, lifespan="on",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache, partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,11 @@ def test_figures_show_every_case_of_every_muscle_and_joint(closure: str, inverte
         dots = [t for t in plot.figure.data if t.mode == "markers"]
         assert len(dots) == count
         assert all(len(t.y) == len(inversion.cases) for t in dots)
+        # On the narrowest page, 720 px, of which 80 are margins: level names have room beside each other.
+        lowest = next(x for x in plot.figure.select_xaxes() if x.showticklabels)
+        per_place = (720 - 80) / (lowest.range[1] - lowest.range[0])
+        for (a, left), (b, right) in pairwise(zip(lowest.ticktext, lowest.tickvals, strict=True)):
+            assert lowest.tickangle == -40 or 3.4 * (len(a) + len(b)) <= (right - left) * per_place, (a, b)
     first = next(t for t in muscles.figure.data if t.mode == "markers")
     name = inversion.muscles[0].name
     assert sorted(first.y) == sorted(c.muscles[name].force_N for c in inversion.cases)

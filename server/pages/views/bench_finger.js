@@ -32,7 +32,7 @@ export class FingerView {
     this.legend = el("ul", { class: "legend" }, KINDS.map((kind) => el("li", { "data-kind": kind }, swatch(STYLES[kind]), el("span", {}, ""))));
     this.note = el("p", { class: "quiet" });
     this.above = el("figure", { class: "above" }, this.views.above.canvas, el("figcaption", {}, "From above: the force out of the plane"));
-    this.figures = el("div", { class: "finger-views" }, el("figure", {}, this.views.side.canvas, el("figcaption", {}, "From the radial side. The bones' shape is schematic.")), this.above);
+    this.figures = el("div", { class: "finger-views" }, el("figure", {}, this.views.side.canvas, this.caption = el("figcaption", {}, "")), this.above);
     this.heading = el("h2", { id: "finger-title" }, "The finger");
     this.state = el("div", {}, quiet("It is drawn as soon as a posture is known."));
     this.body = el("div", { hidden: true }, this.title, this.figures, this.legend, this.note);
@@ -71,16 +71,23 @@ export class FingerView {
     const wanted = JSON.stringify([query, version]);
     if (!query || wanted === this.wanted) return;
     this.wanted = wanted;
-    try {
-      const found = await get(`${at("sessions", this.session)}/bench/finger`, query, this.signal);
-      if (this.wanted !== wanted) return;
-      this.take(found);
-    } catch (error) {
-      if (error.name === "AbortError" || this.wanted !== wanted) return;
-      this.wanted = null;
-      // What is drawn stays; the page tells that the service is away.
-      if (!this.drawing) fill(this.state, problem(error), el("button", { onclick: () => this.show(query, version) }, "Try again"));
+    this.query = query;
+    // Cases of a fast replay change faster than they are answered: the next is asked for once this answer is drawn.
+    if (this.asking) return;
+    this.asking = true;
+    for (let asked = null; asked !== this.wanted;) {
+      asked = this.wanted;
+      try {
+        this.take(await get(`${at("sessions", this.session)}/bench/finger`, this.query, this.signal));
+      } catch (error) {
+        if (error.name === "AbortError") return;
+        if (this.wanted !== asked) continue;
+        asked = this.wanted = null;
+        // What is drawn stays; the page tells that the service is away.
+        if (!this.drawing) fill(this.state, problem(error), el("button", { onclick: () => this.show(query, version) }, "Try again"));
+      }
     }
+    this.asking = false;
   }
 
   take(found) {
@@ -101,6 +108,7 @@ export class FingerView {
     const angles = Object.entries(found.angles_deg).filter(([n, d]) => n !== "abduction" || Math.abs(d) > 0.05).map(([n, d]) => `${n} ${number(d, 0)}°`).join(", ");
     fill(this.title, el("strong", {}, words(found.posture)), ` ${angles}`, found.case ? ` · ${found.case}: ${hung || "no weight"}, cell at the ${found.location}` : "");
     fill(this.note, found.note);
+    fill(this.caption, `From the radial side. The bones' shape is schematic. Model: ${found.model}.`);
     this.touch();
   }
 
@@ -247,12 +255,14 @@ export class FingerView {
       context.stroke();
       if (name === "side") text(context, joint, x, y - 13, { size: 13, bold: true, colour: "--quiet", align: "center", halo: true });
     }
-    for (const w of weights) this.drawWeight(context, w, to, stub * mm);
+    // Where the finger is drawn small, names of weights would meet: every other one stands lower.
+    const apart = weights.length > 1 ? Math.abs(to([weights[1].x, 0])[0] - to([weights[0].x, 0])[0]) : Infinity;
+    for (const [i, w] of weights.entries()) this.drawWeight(context, w, to, stub * mm, apart < 56 && i % 2 ? 36 : 0);
     this.drawScale(context, to, width, height);
     return to;
   }
 
-  drawWeight(context, w, to, stub) {
+  drawWeight(context, w, to, stub, lower) {
     context.strokeStyle = css("--loaded");
     context.lineWidth = 2;
     context.beginPath();
@@ -268,8 +278,8 @@ export class FingerView {
     context.roundRect(x - 0.16 * stub, top, 0.32 * stub, bottom - top, 4);
     context.fill();
     context.stroke();
-    text(context, `${w.tendon}`, x, bottom + 14, { size: 15, bold: true, align: "center" });
-    text(context, `${Number(w.mass_g.toPrecision(4))} g`, x, bottom + 31, { size: 15, align: "center" });
+    text(context, `${w.tendon}`, x, bottom + 14 + lower, { size: 15, bold: true, align: "center" });
+    text(context, `${Number(w.mass_g.toPrecision(4))} g`, x, bottom + 31 + lower, { size: 15, align: "center" });
   }
 
   /** A bar of so many newtons, as long as such a force is drawn. */

@@ -41,7 +41,7 @@ export function oneCase({ session, path, model, changed, signal }) {
     fill(node, el("h2", {}, `${c.id}: ${masses(c.masses_g)}, ${words(c.posture)}, ${c.location}`),
       (c.amended || []).map((a) => el("p", {}, `Amended (entered: ${masses(c.entered)}): ${a.why}`)),
       c.why ? el("p", { class: "warn" }, `${words(c.state)}: ${c.why}`) : null,
-      el("p", {}, el("span", { class: "big" }, `${number(norm(c.measured_N), 2)} N`), " measured; ",
+      el("p", {}, el("span", { class: "big" }, `${number(norm(c.measured_N), 2)} N`), " measured in space; ",
         c.blinded ? "the prediction is hidden until the bench closes the session" : c.predicted_N ? `${number(norm(c.predicted_N), 2)} N predicted` : "no prediction"),
       note(`measured ${vector(c.measured_N)} N`, c.measured_sd_N ? ` ± ${vector(c.measured_sd_N)} N` : "",
         c.residual_N ? `; measured − predicted ${vector(c.residual_N)} N` : "", c.shown_z === null || c.shown_z === undefined ? "" : `; z ${compact(c.shown_z)}`, c.of ? `. Model: ${c.of}` : ""),

@@ -98,7 +98,7 @@ export async function view(main, { session, asked }) {
     const why = el("input", { id: "why", required: true, placeholder: "such as: the suture had slipped" });
     fill(step, el("h3", {}, `${r.id}: ${r.added.length ? `with ${r.added.join(" and ")}` : r.removed.length ? `without ${r.removed.join(" and ")}` : "refitted"}`),
       note(`Made ${when(r.created_utc)} from ${r.parent} by ${r.method}; ${r.outcome}. It holds ${r.effects.length ? r.effects.join(", ") : "no effect"}.`,
-        r.evidence?.log_evidence_gain ? ` The readings speak for the step by ${number(r.evidence.log_evidence_gain, 1)} in ln evidence.` : ""),
+        r.evidence?.log_evidence_gain ? ` The readings speak for the step by ${number(r.evidence.log_evidence_gain, 1)} in ln evidence. A search tells of fits of its own, which allow for what no effect describes too: its evidence and its errors with nothing added differ from these.` : ""),
       el("div", { class: "row no-print" }, el("div", {}, el("label", { htmlFor: "other" }, "Compared with"), select), el("div", {}, el("label", { htmlFor: "vectors" }, "Figure"), show)),
       errors, vectors,
       el("p", { class: "no-print" }, el("a", { href: `/api/v1/revisions/${encodeURIComponent(r.id)}/document`, download: `${r.id}.json` }, "The revision as a file"), "; ",

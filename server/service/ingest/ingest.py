@@ -154,37 +154,44 @@ class Ingest:
         if len(chunk) > MOST_SAMPLES or chunk.next_seq >= _MOST_COUNT:
             raise ProblemError(422, f"{len(chunk)} samples to number {chunk.next_seq}", f"at most {MOST_SAMPLES}")
         _require_rising(chunk)
-        with self._database.writing() as connection:
-            _require_session(connection, session, hidden=hidden)
-            row = _stream(connection, session, stream)
-            if row is None:
-                raise not_found("stream", stream, f"/api/v1/sessions/{session}")
-            over = _overlapping(connection, session, stream, chunk)
-            fresh = not over
-            if over and over != [(first_seq, count, sent.sha256)]:
-                raise ProblemError(
-                    409,
-                    f"other samples are stored from {over[0][0]} on",
-                    "samples that are not there yet, or the very same chunk",
-                    stored=[{"first_seq": f, "count": n, "sha256": s} for f, n, s in over],
-                )
-            if fresh:
-                _require_between(connection, session, stream, chunk)
-                connection.execute(insert(chunks).values(_chunk_row(session, stream, chunk, sent)))
-            change: dict[str, Any] = {
-                "next_seq": max(row.next_seq, chunk.next_seq),
-                "held": row.held + (len(chunk) if fresh else 0),
-                "ended": bool(row.ended) or len(chunk) == 0,
-                "epoch": sent.epoch,
-            }
-            here = (streams.c.session == session) & (streams.c.id == stream)
-            connection.execute(update(streams).where(here).values(change))
-            answer = self._answer(connection, session, stream, change)
+        answer, fresh = self._database.together(
+            lambda connection: self._keep(connection, session, stream, chunk, sent, hidden)
+        )
         if fresh:
             self.stored(count, len(sent.body))
         if fresh and not hidden:
             self._on_chunk(session, stream, chunk)
         return answer
+
+    def _keep(
+        self, connection: Connection, session: str, stream: str, chunk: Chunk, sent: Sent, hidden: bool
+    ) -> tuple[dict[str, Any], bool]:
+        """Keep a chunk in a transaction; return the cursor, and whether it is new."""
+        _require_session(connection, session, hidden=hidden)
+        row = _stream(connection, session, stream)
+        if row is None:
+            raise not_found("stream", stream, f"/api/v1/sessions/{session}")
+        over = _overlapping(connection, session, stream, chunk)
+        fresh = not over
+        if over and over != [(chunk.first_seq, len(chunk), sent.sha256)]:
+            raise ProblemError(
+                409,
+                f"other samples are stored from {over[0][0]} on",
+                "samples that are not there yet, or the very same chunk",
+                stored=[{"first_seq": f, "count": n, "sha256": s} for f, n, s in over],
+            )
+        if fresh:
+            _require_between(connection, session, stream, chunk)
+            connection.execute(insert(chunks).values(_chunk_row(session, stream, chunk, sent)))
+        change: dict[str, Any] = {
+            "next_seq": max(row.next_seq, chunk.next_seq),
+            "held": row.held + (len(chunk) if fresh else 0),
+            "ended": bool(row.ended) or len(chunk) == 0,
+            "epoch": sent.epoch,
+        }
+        here = (streams.c.session == session) & (streams.c.id == stream)
+        connection.execute(update(streams).where(here).values(change))
+        return self._answer(connection, session, stream, change), fresh
 
     def event_cursor(self, session: str, epoch: str) -> dict[str, Any]:
         """Return which events of an epoch are there.

@@ -15,8 +15,11 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from typing import Any
+
+import psutil
 
 from daq.errors import InputError
 
@@ -70,8 +73,7 @@ def work(connection: Connection, warm_up: str | None) -> None:
         connection: to the supervisor; an order is a pickled (function, payload, parts).
         warm_up: function that is called once before the first order.
     """
-    _leave_signals_to_the_parent()
-    threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
+    begin_worker()
 
     def send(said: Said) -> None:
         connection.send_bytes(pickle.dumps(said, pickle.HIGHEST_PROTOCOL))
@@ -127,9 +129,17 @@ def function_of(name: str) -> Callable[..., Any]:
     return found
 
 
-def _leave_signals_to_the_parent() -> None:
+def begin_worker(niceness: int = 5) -> None:
+    """Make this process one of the service's: it ends with it, leaves signals to it, and gives way to it.
+
+    Args:
+        niceness: on Linux and macOS; on Windows it is below normal.
+    """
     for name in ("SIGINT", "SIGTERM"):
         signal.signal(getattr(signal, name), signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
+    with suppress(psutil.Error, OSError):
+        psutil.Process().nice(getattr(psutil, "BELOW_NORMAL_PRIORITY_CLASS", niceness))
 
 
 def _end_with_parent() -> None:

@@ -11,12 +11,13 @@ from server.service.schemas.bench_view import FINGER_EXAMPLE, STATE_EXAMPLE, Ben
 from server.service.schemas.common import InCase, ModelName, Posture, SessionId, documented
 from server.service.services import of
 from server.service.sessions.bench_view import bench_view
-from server.service.web.strict_requests import StrictRoute
+from server.service.web.strict_requests import ReadingRoute, StrictRoute
 
-router = APIRouter(route_class=StrictRoute, prefix="/sessions/{session}/bench", tags=["bench"])
+states = APIRouter(route_class=StrictRoute, prefix="/sessions/{session}/bench", tags=["bench"])
+drawn = APIRouter(route_class=ReadingRoute, prefix="/sessions/{session}/bench", tags=["bench"])
 
 
-@router.get("/state", responses=documented(BenchShown, example=STATE_EXAMPLE))
+@states.get("/state", responses=documented(BenchShown, example=STATE_EXAMPLE))
 def state(session: SessionId, request: Request) -> JsonAnswer:
     """Return how a bench stands: its steps, what to do now, the tare in force and its drift, and what is wrong now.
 
@@ -29,7 +30,7 @@ def state(session: SessionId, request: Request) -> JsonAnswer:
     return JsonAnswer(out | {"control": connected[0]["body"] if connected else None})
 
 
-@router.get("/finger", responses=documented(FingerDrawn, example=FINGER_EXAMPLE))
+@drawn.get("/finger", responses=documented(FingerDrawn, example=FINGER_EXAMPLE))
 def finger(
     session: SessionId, request: Request, posture: Posture = None, case: InCase = None, model: ModelName = None
 ) -> JsonAnswer:
@@ -41,3 +42,8 @@ def finger(
     parts = of(request)
     held = held_finger(parts, parts.measuring.of(session), posture, case, model)
     return JsonAnswer({"schema": "fingertwin/bench-finger/1", "session": session} | bench_finger(held))
+
+
+router = APIRouter()
+router.include_router(states)
+router.include_router(drawn)

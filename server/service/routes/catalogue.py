@@ -13,9 +13,9 @@ from server.service.answers import JsonAnswer
 from server.service.schemas.common import Form, Plain, Shown, documented
 from server.service.services import of
 from server.service.web.problems import not_found
-from server.service.web.strict_requests import StrictRoute
+from server.service.web.strict_requests import ReadingRoute
 
-router = APIRouter(route_class=StrictRoute, tags=["catalogue"])
+router = APIRouter(route_class=ReadingRoute, tags=["catalogue"])
 
 Name = Annotated[str, Path(max_length=100)]
 

@@ -15,10 +15,10 @@ from server.service.schemas.common import ModelName, RevisionId, SessionId, Show
 from server.service.schemas.figures import PlotlyFigure
 from server.service.services import of
 from server.service.web.downloads import FileAnswer, attachment, download
-from server.service.web.strict_requests import StrictRoute
+from server.service.web.strict_requests import ReadingRoute
 from server.service.web.workers import run
 
-router = APIRouter(route_class=StrictRoute, tags=["exports"])
+router = APIRouter(route_class=ReadingRoute, tags=["exports"])
 
 SessionFormat = Annotated[
     Literal["csv", "columns", "parquet", "xlsx", "hdf5", "c3d", "mat", "supplement", "folder"],

@@ -33,14 +33,14 @@ from server.service.schemas.figures import EXAMPLE, FigureList, FigureShown
 from server.service.services import Services, of
 from server.service.sessions.blinding import blinded, require_closed, seen
 from server.service.web.problems import ProblemError, not_found
-from server.service.web.strict_requests import StrictRoute
+from server.service.web.strict_requests import ReadingRoute
 
 Draw = Callable[[], dict[str, Any]]
 
 COMPARISON = ("scatter", "scatter_validation", "vectors", "bone", "errors", "z")
 REVISIONS = ("waterfall",)
 
-router = APIRouter(route_class=StrictRoute, prefix="/figures", tags=["figures"])
+router = APIRouter(route_class=ReadingRoute, prefix="/figures", tags=["figures"])
 
 Name = Annotated[str, Path(max_length=100, description="Of the figure, as listed.")]
 Effect = Annotated[

@@ -32,9 +32,9 @@ from server.service.schemas.fingers import (
     Scaled,
 )
 from server.service.web.downloads import attachment
-from server.service.web.strict_requests import ApartRoute, StrictRoute
+from server.service.web.strict_requests import ApartRoute, ReadingRoute
 
-quick = APIRouter(route_class=StrictRoute, prefix="/fingers", tags=["fingers"])
+quick = APIRouter(route_class=ReadingRoute, prefix="/fingers", tags=["fingers"])
 slow = APIRouter(route_class=ApartRoute, prefix="/fingers", tags=["fingers"])
 
 Name = Annotated[str, Path(max_length=100, description="Of the finger.", examples=["an1979_middle"])]

@@ -32,9 +32,9 @@ from server.service.schemas.forces import (
 from server.service.services import of
 from server.service.sessions.blinding import require_closed
 from server.service.web.problems import not_found
-from server.service.web.strict_requests import ApartRoute, StrictRoute
+from server.service.web.strict_requests import ApartRoute, ReadingRoute
 
-quick = APIRouter(route_class=StrictRoute, tags=["forces"])
+quick = APIRouter(route_class=ReadingRoute, tags=["forces"])
 slow = APIRouter(route_class=ApartRoute, tags=["forces"])
 
 By = Annotated[

@@ -22,9 +22,9 @@ from server.service.services import of
 from server.service.sessions.records import WINDOWS
 from server.service.storage.schema import events
 from server.service.web.problems import ProblemError, not_found
-from server.service.web.strict_requests import StrictRoute
+from server.service.web.strict_requests import ReadingRoute
 
-router = APIRouter(route_class=StrictRoute, prefix="/sessions/{session}", tags=["readings"])
+router = APIRouter(route_class=ReadingRoute, prefix="/sessions/{session}", tags=["readings"])
 
 CHANNELS = HEADERS[1:]
 _LATEST = 1e9

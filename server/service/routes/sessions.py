@@ -40,10 +40,10 @@ from server.service.sessions.sizes import require_case_id
 from server.service.storage.schema import streams
 from server.service.uploads.importing import import_example, import_folder
 from server.service.web.problems import ProblemError
-from server.service.web.strict_requests import StrictRoute
+from server.service.web.strict_requests import ReadingRoute, StrictRoute
 from server.service.web.workers import run
 
-kept = APIRouter(route_class=StrictRoute, prefix="/sessions", tags=["sessions"])
+kept = APIRouter(route_class=ReadingRoute, prefix="/sessions", tags=["sessions"])
 imports = APIRouter(route_class=StrictRoute, prefix="/imports", tags=["sessions"])
 
 EditNumber = Annotated[int, Path(ge=1, le=1 << 53, description="Number of the edit.")]

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import datetime as dt
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from sqlalchemy import Connection, Engine, create_engine, event, make_url, text
 from sqlalchemy.engine import URL
-from sqlalchemy.exc import ArgumentError, DatabaseError, OperationalError
+from sqlalchemy.exc import ArgumentError, DatabaseError, OperationalError, SQLAlchemyError
 
 from daq.errors import InputError
 
@@ -20,11 +20,55 @@ _BUSY_MS = 10_000
 # As many connections as there are threads that may want one: nobody waits for what a slow reader holds.
 _POOL: dict[str, Any] = {"pool_size": 10, "max_overflow": 40}
 _WRITES = "fingertwin_writes"
+T = TypeVar("T")
 
 
 def now_utc() -> str:
     """Return the time in UTC, as kept."""
     return dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds")
+
+
+class _Share(Generic[T]):
+    """Somebody's part of a transaction that is shared.
+
+    Attributes:
+        ended: whether its transaction is over.
+    """
+
+    def __init__(self, work: Callable[[Connection], T]) -> None:
+        self._work, self._results = work, list[T]()
+        self._error: Exception | None = None
+        self.ended = False
+
+    def within(self, connection: Connection) -> None:
+        """Do the work beside others'; of what is refused nothing is left.
+
+        Raises:
+            SQLAlchemyError: the database failed; the whole transaction may be gone.
+        """
+        try:
+            with connection.begin_nested():
+                self._results = [self._work(connection)]
+        except SQLAlchemyError:
+            raise
+        except Exception as error:
+            self._error = error
+
+    def alone(self, database: Database) -> None:
+        """Do the work in a transaction of its own."""
+        self._results, self._error = [], None
+        try:
+            with database.writing() as connection:
+                result = self._work(connection)
+            self._results = [result]
+        except Exception as error:
+            self._error = error
+
+    def answer(self) -> T:
+        """Return what the work returned, or raise what it raised."""
+        if self._error is not None:
+            raise self._error
+        return self._results[0]
 
 
 class Database:
@@ -49,6 +93,10 @@ class Database:
         self.engine = _engine(parsed)
         # One writer at a time: SQLite has no more, and the numbers of messages are to grow with the commits.
         self._writer = threading.Lock()
+        # Shares of the next transaction, and whether somebody is committing one.
+        self._turn = threading.Condition()
+        self._waiting: list[_Share[Any]] = []
+        self._leading = False
 
     @property
     def file(self) -> Path | None:
@@ -73,6 +121,44 @@ class Database:
             connection.begin(),
         ):
             yield connection
+
+    def together(self, work: Callable[[Connection], T]) -> T:
+        """Do work in one transaction with that of others who wait: the disk is synced once for all of them.
+
+        Nobody is answered before the commit. What one raises leaves nothing of it, and all of the others'.
+
+        Args:
+            work: may be done in another's thread, and again where the database failed.
+        """
+        mine = _Share(work)
+        with self._turn:
+            self._waiting.append(mine)
+            self._turn.wait_for(lambda: mine.ended or not self._leading)
+            batch = [] if mine.ended else self._waiting
+            if batch:
+                self._leading, self._waiting = True, []
+        if batch:
+            try:
+                self._commit(batch)
+            finally:
+                with self._turn:
+                    for share in batch:
+                        share.ended = True
+                    self._leading = False
+                    self._turn.notify_all()
+        return mine.answer()
+
+    def _commit(self, batch: Sequence[_Share[Any]]) -> None:
+        if len(batch) > 1:
+            try:
+                with self.writing() as connection:
+                    for share in batch:
+                        share.within(connection)
+                return
+            except SQLAlchemyError:
+                pass  # nothing is kept; alone, each is told what is wrong
+        for share in batch:
+            share.alone(self)
 
     def alive(self) -> bool:
         """Return whether it answers."""

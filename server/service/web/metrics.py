@@ -22,6 +22,7 @@ class Metrics:
 
     Attributes:
         live_clients: WebSockets that are open.
+        reader_process: 1 while the readers' process answers.
     """
 
     def __init__(self) -> None:
@@ -34,6 +35,7 @@ class Metrics:
         self._samples = Counter("fingertwin_ingest_samples", "Samples stored.", registry=own)
         self._bytes = Counter("fingertwin_ingest_bytes", "Bytes of chunks stored.", registry=own)
         self.live_clients = Gauge("fingertwin_live_clients", "WebSockets that are open.", registry=own)
+        self.reader_process = Gauge("fingertwin_reader_process", "1 while the readers' process answers.", registry=own)
         # Of this process; on Linux only, the others do not say it in this form.
         ProcessCollector(registry=own)
         # A label is looked up once, then kept.

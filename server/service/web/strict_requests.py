@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Coroutine, Iterable
-from typing import Any
+from typing import Any, Protocol
 
 import orjson
 from fastapi import Request, Response
@@ -81,6 +81,13 @@ def _require_json(headers: Headers) -> None:
     raise ProblemError(415, f"a body of type {shortened(kind or 'unknown')!r}", "Content-Type: application/json")
 
 
+class Elsewhere(Protocol):
+    """Something that may answer a request in the place of this process."""
+
+    async def answer(self, request: Request) -> Response | None:
+        """Return its answer; None where it gives none."""
+
+
 class StrictRoute(APIRoute):
     """A route that reads its requests strictly, and answers in a thread of its kind.
 
@@ -89,6 +96,10 @@ class StrictRoute(APIRoute):
     """
 
     workers: Kind = "readers"
+
+    def only_reads(self, request: Request) -> bool:
+        """Return whether a request needs what is stored, and nothing else of the running service."""
+        return False
 
     def __init__(self, path: str, endpoint: Callable[..., Any], **more: Any) -> None:
         super().__init__(path, threaded(self.workers, endpoint), **more)
@@ -108,13 +119,26 @@ class StrictRoute(APIRoute):
                 await asked.body()
             except ClientDisconnect as error:
                 raise GoneError from error
+            elsewhere: Elsewhere | None = getattr(request.app.state, "reader_process", None)
+            if elsewhere is not None and self.only_reads(asked):
+                answer = await elsewhere.answer(asked)
+                if answer is not None:
+                    return answer
             async with watched(asked.receive):
                 return await handle(asked)
 
         return strictly
 
 
-class ApartRoute(StrictRoute):
+class ReadingRoute(StrictRoute):
+    """A route of which whatever is asked with GET is answered by the readers' process, where there is one."""
+
+    def only_reads(self, request: Request) -> bool:
+        """Return whether it asks."""
+        return request.method == "GET"
+
+
+class ApartRoute(ReadingRoute):
     """A route whose work takes seconds."""
 
     workers = "apart"

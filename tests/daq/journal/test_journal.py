@@ -357,6 +357,8 @@ def test_commands_answer_in_text_and_json(path: Path, capsys: pytest.CaptureFixt
     stream = written(path, 3)
     assert commands.journal_check(path, None) == 0
     assert "150 samples in 3 sound chunks" in capsys.readouterr().out
+    assert commands.journal_recover(path, path.with_name("whole.journal"), None) == 0
+    assert "3 chunks recovered; no losses\n" in capsys.readouterr().out
     altered(path, "DELETE FROM chunks WHERE id = 2")
     assert commands.journal_check(path, "-") == 2
     answer = json.loads(capsys.readouterr().out)
@@ -365,8 +367,8 @@ def test_commands_answer_in_text_and_json(path: Path, capsys: pytest.CaptureFixt
         "kind": "gap", "text": "50 samples from 50 on are missing", "stream": stream, "first_seq": 50, "n": 50,
     }  # fmt: skip
     out = path.with_name("out.journal")
-    commands.journal_recover(path, out, None)
-    assert "2 chunks recovered; 1 loss\n" in capsys.readouterr().out
+    assert commands.journal_recover(path, out, None) == 2
+    assert "2 chunks recovered; 1 loss: 50 readings are missing\n" in capsys.readouterr().out
     commands.journal_export(out, path.with_name("run.csv"), None, "csv", "-")
     assert json.loads(capsys.readouterr().out)["samples"] == 100
 

@@ -74,7 +74,8 @@ def test_every_altered_row_is_found_and_the_rest_recovered(path: Path, statement
         with JournalReader.open(path) as journal, pytest.raises(JournalError, match="damaged"):
             _ = list(journal.read(stream)), journal.events(), journal.streams()
     out = path.with_name("out.journal")
-    recover(path, out)
+    # Of the outbox, all is known by the chunks themselves.
+    assert bool(recover(path, out).losses) is (kind != "outbox")
     wanted = [
         i * COUNT for i in range(10) if kind in ("outbox", "event", "stream") or i != (9 if "10" in statement else 2)
     ]

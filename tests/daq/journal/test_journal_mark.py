@@ -100,14 +100,56 @@ def test_a_recovery_counts_what_the_log_took_with_it_and_the_new_journal_remembe
     missing = COUNT * CHUNKS - check(path).samples.get(stream, 0)
     new = path.with_name("new.journal")
     answer = run("journal", "recover", path, "--out", new)
-    assert answer.code == 0
+    assert answer.code == 2
     assert f"{missing} readings" in answer.out
-    assert answer.out.splitlines()[-1].endswith("; 1 loss")
-    assert check(new).faults == ()
+    assert answer.out.splitlines()[-1].endswith(f"; 1 loss: {missing} readings are missing")
+    assert (check(new).faults, check(new).known_gaps) == ((), 1)
     with JournalReader.open(new) as journal:
         [warning] = [e for e in journal.events() if e.kind == "warning"]
     assert warning.value["code"] == "lost"
     assert warning.value["text"].startswith(f"{missing} readings")
+
+
+def test_nothing_is_made_of_a_journal_that_lost_readings_before_it_is_recovered(crashed: tuple[Path, str]) -> None:
+    path, stream = crashed
+    _cut(0.5)(log_file(path))
+    missing = COUNT * CHUNKS - check(path).samples.get(stream, 0)
+    out = path.with_name("run.csv")
+    replayed = ("log", "--driver", "replay", "--port", path, "--set", "speed=0", "--out", path.with_name("again"))
+    for command in (("journal", "export", path, "--out", out), replayed):
+        answer = run(*command)
+        assert answer.code == 2
+        assert f"{missing} readings" in answer.err
+        assert "journal recover" in answer.err
+    assert not out.exists()
+    assert not path.with_name("again").exists()
+    recovered = path.with_name("recovered.journal")
+    assert run("journal", "recover", path, "--out", recovered).code == 2
+    assert run("journal", "export", recovered, "--out", out).code == 0
+    assert len(out.read_text("utf-8").splitlines()) == COUNT * CHUNKS - missing + 1
+
+
+def test_a_log_that_writes_on_and_a_requeue_end_with_what_is_missing(crashed: tuple[Path, str]) -> None:
+    path, stream = crashed
+    log_file(path).unlink()
+    missing = COUNT * CHUNKS - check(path).samples.get(stream, 0)
+    folder = path.with_name("log")
+    folder.mkdir()
+    for made, name in ((path, "journal.sqlite3"), (mark_file(path), "journal.sqlite3-mark")):
+        shutil.copyfile(made, folder / name)
+    recorded = path.with_name("run.csv")
+    rows = [f"{k / 100},0,0,0,0,0,0" for k in range(50)]
+    recorded.write_text("\n".join(["t_s,Fx_N,Fy_N,Fz_N,Tx_Nmm,Ty_Nmm,Tz_Nmm", *rows, ""]), "utf-8")
+    logged = ("log", "--driver", "replay", "--port", recorded, "--set", "speed=0", "--out", folder)
+    for command in (("journal", "requeue", path), logged):
+        answer = run(*command)
+        assert answer.code == 2
+        assert f"{missing} readings" in answer.err.splitlines()[-1]
+    assert "50 readings" in answer.out
+    # Told once; from then on the journal itself says so.
+    again = run(*logged)
+    assert (again.code, again.err) == (0, "")
+    assert check(folder / "journal.sqlite3").known_gaps == 1
 
 
 def test_whoever_writes_on_is_told_and_begins_anew(crashed: tuple[Path, str]) -> None:

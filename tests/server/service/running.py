@@ -26,7 +26,7 @@ class ServiceReceiver:
     """
 
     def __init__(self, folder: Path, **settings: Any) -> None:
-        self._settings = Settings(data=folder, **settings)
+        self._settings = Settings(data=folder, **({"reader_process": False} | settings))
         self._sessions = 0
         self._client = self._started()
 

@@ -29,6 +29,9 @@ def test_the_finger_holds_the_weights_and_forces_of_its_case(service: ServiceRec
         weights = {t["meta"]["tendon"]: t["meta"]["mass_g"] for t in traces(body, "weight")}
         assert weights == {m: g for m, g in found.masses_g.items() if g}
         place = body["figure"]["layout"]["meta"]
+        # In a report nothing breaks its lines: each has room beside the other, at 6.1 px a letter.
+        title, room = body["figure"]["layout"]["title"], body["figure"]["layout"]["width"] - 36
+        assert max(6.1 * len(line) for line in title["subtitle"]["text"].split("<br>")) <= room
         rotation = np.array(place[found.location]["rotation"])
         for kind, force in (("measured", found.measured_N), ("predicted", found.predicted_N)):
             (arrow,) = traces(body, kind)
