@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,7 +127,7 @@ class Bench:
 
     def play(
         self, script: Sequence[Line], cell: SimulatedCell = QUIET, seed: int = 1, block_s: float = BLOCK_S
-    ) -> Bench:
+    ) -> Self:
         """Play on; readings come in chunks of `block_s`, and waits last until the end of one where these are long."""
         steps, pressed, end_s = [LoadStep(0.0, self._rests)], [], 0.0
         for line in script:

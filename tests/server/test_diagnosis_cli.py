@@ -9,11 +9,10 @@ from typing import Any
 
 import pytest
 
-from fingermodel.api import Diagnosis
+from fingermodel.api import Diagnosis, diagnose
 from fingermodel.effects.catalogue import CATALOGUE
 from fingermodel.effects.user import effect_document, load_effect
 from fingermodel.session import Session
-from server.application import diagnosing
 from server.application.refitting import refit_compared
 from server.commands.additions import print_history
 from server.commands.diagnosis import _print_verdict
@@ -33,7 +32,7 @@ KEYS = {
 @pytest.fixture(autouse=True, scope="module")
 def _each_session_is_diagnosed_once() -> Iterator[None]:
     """`next` plans from the diagnosis that `diagnose` shows: the same readings under the same model give the same."""
-    diagnose, known = diagnosing.diagnose, dict[tuple[str, str, bytes], Diagnosis]()
+    known: dict[tuple[str, str, bytes], Diagnosis] = {}
 
     def once(session: Session, **options: Any) -> Diagnosis:
         observed = session.observations
@@ -44,7 +43,7 @@ def _each_session_is_diagnosed_once() -> Iterator[None]:
         return known[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(diagnosing, "diagnose", once)
+        patch.setattr("server.application.diagnosing.diagnose", once)
         yield
 
 
