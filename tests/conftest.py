@@ -29,7 +29,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 os.environ.pop("COLUMNS", None)
 # Most services of tests do no jobs; compiling for them would take the machine from those that do.
 os.environ.setdefault("FINGERTWIN_WARM_WORKERS", "false")
-# A run starts a hundred processes and more: each would compile all of our modules, and workers rewrite all tests.
+# A run starts many processes: each would compile all of our modules, and workers rewrite all tests.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Small programs are many: each is compiled once for all workers and subprocesses, too.
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
