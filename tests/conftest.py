@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
-import sys
+import zlib
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,8 @@ QUICK = Path(__file__).parent / "daq"
 # Most programs run once or twice: by these, which the product has for its largest, they compile in two thirds of the
 # time. A run with the tests marked `full` leaves them out.
 HURRIED = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1 "
+# Of compiled programs of earlier runs; a run leaves 26 MB.
+CACHE_BYTES = 500_000_000
 
 load_profile()
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -26,6 +29,8 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 os.environ.pop("COLUMNS", None)
 # Most services of tests do no jobs; compiling for them would take the machine from those that do.
 os.environ.setdefault("FINGERTWIN_WARM_WORKERS", "false")
+# A run starts many processes: each would compile all of our modules, and workers rewrite all tests.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Small programs are many: each is compiled once for all workers and subprocesses, too.
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "0")
@@ -35,6 +40,7 @@ def pytest_configure(config: pytest.Config) -> None:
     # Workers have it from the process that started them.
     if config.getoption("markexpr") == "not full" and HURRIED not in os.environ["XLA_FLAGS"]:
         os.environ["XLA_FLAGS"] = HURRIED + os.environ["XLA_FLAGS"]
+    _compiled_once(config)
     # Only the process that started the workers of pytest-xdist has where to write.
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
         config.pluginmanager.register(Progress(), "progress")
@@ -45,13 +51,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.path.is_relative_to(QUICK))
 
 
-@pytest.fixture(autouse=True, scope="session")
-def _compiled_once(tmp_path_factory: pytest.TempPathFactory) -> None:
-    # One cache for all workers and subprocesses: a model is compiled once a run.
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        folder = tmp_path_factory.getbasetemp()
-        shared = folder.parent if os.environ.get("PYTEST_XDIST_WORKER") else folder
-        os.environ["JAX_COMPILATION_CACHE_DIR"] = str(shared / "compiled")
-        if "jax" in sys.modules:
-            # It has read its environment already, with the first test that was collected.
-            sys.modules["jax"].config.update("jax_compilation_cache_dir", str(shared / "compiled"))
+def _compiled_once(config: pytest.Config) -> None:
+    """Share one cache among workers, subprocesses and runs: a program is found by all that it follows from."""
+    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return
+    folder = config.cache.mkdir("compiled")
+    if sum(file.stat().st_size for file in folder.rglob("*")) > CACHE_BYTES:
+        shutil.rmtree(folder)
+    for file in folder.glob("*-cache"):
+        # JAX writes them in place: a process that was killed may have left half of one.
+        try:
+            zlib.decompress(file.read_bytes())
+        except zlib.error:
+            file.unlink()
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)

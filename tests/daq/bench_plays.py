@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,9 @@ from daq.standins.simulated import LoadStep, SimulatedCell, readings
 Floats = NDArray[np.float64]
 
 RATE_HZ = 100.0
+BLOCK_S = 0.1
+# Each chunk is a request to a service, which costs more than what is in it.
+LONG_BLOCK_S = 0.5
 REST = np.array([0.8, -0.4, 0.3, 5.0, -3.0, 2.0])
 NOTHING = np.zeros(6)
 # Force on the cell for each gram, tip and bone, of the finger that these tests embody.
@@ -122,16 +125,20 @@ class Bench:
         self._now_s, self._first, self._rests = now_s, first, REST
         self._keep(run.start())
 
-    def play(self, script: Sequence[Line], cell: SimulatedCell = QUIET, seed: int = 1) -> Bench:
+    def play(
+        self, script: Sequence[Line], cell: SimulatedCell = QUIET, seed: int = 1, block_s: float = BLOCK_S
+    ) -> Self:
+        """Play on; readings come in chunks of `block_s`, and waits last until the end of one where these are long."""
         steps, pressed, end_s = [LoadStep(0.0, self._rests)], [], 0.0
         for line in script:
             if isinstance(line, str):
                 pressed.append((self._now_s + end_s, line))
             elif line[0] == "wait":
-                end_s += line[1]
+                whole_blocks = block_s * float(np.ceil(line[1] / block_s))
+                end_s += line[1] if block_s == BLOCK_S else whole_blocks
             else:
                 steps.append(LoadStep(end_s, REST + line[1]))
-        for chunk in chunks(cell, steps, end_s, seed, self._now_s, self._first):
+        for chunk in chunks(cell, steps, end_s, seed, self._now_s, self._first, block_s):
             while pressed and pressed[0][0] <= chunk.t_s[0]:
                 self.press(pressed.pop(0)[1])
             if self.journal is not None:
@@ -162,9 +169,15 @@ class Bench:
 
 
 def chunks(
-    cell: SimulatedCell, steps: Sequence[LoadStep], end_s: float, seed: int, start_s: float = 0.0, first: int = 0
+    cell: SimulatedCell,
+    steps: Sequence[LoadStep],
+    end_s: float,
+    seed: int,
+    start_s: float = 0.0,
+    first: int = 0,
+    block_s: float = BLOCK_S,
 ) -> Iterator[Chunk]:
-    for block in readings(cell, steps, end_s, seed, block_s=0.1):
+    for block in readings(cell, steps, end_s, seed, block_s=block_s):
         n = len(block)
         over = np.asarray((np.abs(block.wrench) >= np.array(cell.full_scale)).any(axis=1))
         yield Chunk(first, start_s + block.t_s, block.wrench, np.zeros(n, np.int64), over, b"", (), 0.0)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from fingermodel.api import Diagnosis, diagnose
 from fingermodel.effects.catalogue import CATALOGUE
 from fingermodel.effects.user import effect_document, load_effect
 from fingermodel.session import Session
@@ -25,6 +27,24 @@ KEYS = {
     "before", "after", "next_cases", "seconds", "suspects", "session_faults", "repeatability", "beyond",
     "budget_multiple", "noise_multiple", "predictive_check", "probability_of", "size",
 }  # fmt: skip
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _each_session_is_diagnosed_once() -> Iterator[None]:
+    """`next` plans from the diagnosis that `diagnose` shows: the same readings under the same model give the same."""
+    known: dict[tuple[str, str, bytes], Diagnosis] = {}
+
+    def once(session: Session, **options: Any) -> Diagnosis:
+        observed = session.observations
+        said = repr((session.model.structure, session.loaded.added, observed.ids, observed.roles, options["thorough"]))
+        key = (session.measured.session.id, said, observed.wrench.tobytes() + session.theta.tobytes())
+        if key not in known:
+            known[key] = diagnose(session, **options)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("server.application.diagnosing.diagnose", once)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,7 @@ from server.commands.files import export_source
 from server.figures.report import Section
 from server.service.exports import exporting
 from server.service.storage.database import now_utc
-from tests.daq.bench_plays import case, tared, whole
+from tests.daq.bench_plays import LONG_BLOCK_S, case, tared, whole
 from tests.server.service.exported import OF_PREDICTIONS, cells, datasets, exported, from_csv, from_mat, members
 from tests.server.service.recorded import STREAM, upload
 from tests.server.service.running import ServiceReceiver
@@ -212,7 +212,7 @@ def tables(service: ServiceReceiver) -> dict[str, Mapping[str, Any]]:
 
 
 def test_while_a_bench_runs_no_export_holds_a_prediction_of_its_validation_cases(played: Played) -> None:
-    played.bench.play(whole()[:-1])
+    played.bench.play(whole()[:-1], block_s=LONG_BLOCK_S)
     played.send()
     for kind, columns in tables(played.service).items():
         assert predictions(columns, "c003") == [], kind

@@ -26,7 +26,7 @@ from server.service.routes.figures import COMPARISON
 from server.service.sessions.blinding import HIDDEN
 from server.service.storage.database import now_utc
 from server.service.storage.schema import jobs
-from tests.daq.bench_plays import PROTOCOL, case, tared, whole
+from tests.daq.bench_plays import LONG_BLOCK_S, PROTOCOL, case, tared, whole
 from tests.server.diagnosis_answers import found as missing_effect
 from tests.server.service.figures_asked import AT, shown, traces
 from tests.server.service.recorded import holding
@@ -279,7 +279,7 @@ def test_on_the_finger_all_roles_means_all(service: ServiceReceiver) -> None:
 
 
 def test_while_a_bench_runs_no_figure_says_anything_of_its_validation_cases(played: Played) -> None:
-    played.bench.play(whole()[:-1])
+    played.bench.play(whole()[:-1], block_s=LONG_BLOCK_S)
     played.send()
     hidden = "c003"
     service = played.service

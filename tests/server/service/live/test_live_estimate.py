@@ -20,12 +20,11 @@ from daq.journal.rows import Event
 from daq.recordings.plateaus import Plateau, reduce_window
 from daq.recordings.windows import Span
 from daq.sessions.models import LoadCase
-from daq.standins.simulated import SimulatedCell
 from server.service.live.estimate import Predictions, SessionEstimate
 from server.service.live.estimates import Estimates
 from server.service.live.traces import rows_of_chunk
 from server.service.storage.messages import Message, Messages
-from tests.daq.bench_plays import QUIET, Bench, Line, case, hung, load, predicted, setup, tared, truth, wait, whole
+from tests.daq.bench_plays import Bench, Line, case, hung, load, predicted, setup, tared, truth, wait, whole
 from tests.server.service.live_sockets import PATIENCE_S, hub_of, keep, messages_in
 
 STREAM = "a"
@@ -80,10 +79,6 @@ class Watched(Bench):
         run = WatchedRun(run_setup or setup(), None, STREAM)
         run.seen = self._see
         super().__init__(run)
-
-    def play(self, script: Sequence[Line], cell: SimulatedCell = QUIET, seed: int = 1) -> Watched:
-        super().play(script, cell, seed)
-        return self
 
     def of(self, name: str) -> list[Told]:
         return [e for e in self.estimates if e["case"] == name]

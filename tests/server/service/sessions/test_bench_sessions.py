@@ -11,7 +11,7 @@ import pytest
 from daq.journal.reader import JournalReader
 from daq.uplink.thread import Uplink
 from server.service.answers import dumps
-from tests.daq.bench_plays import Bench, case, gone_on, hung, journalled, load, tared, truth, wait, whole
+from tests.daq.bench_plays import LONG_BLOCK_S, Bench, case, gone_on, hung, journalled, load, tared, truth, wait, whole
 from tests.server.service.running import ServiceReceiver
 
 AT = "/api/v1/sessions"
@@ -59,7 +59,7 @@ def without_end() -> list[Any]:
 
 
 def test_a_bench_is_at_the_service_what_it_is_in_its_folder(played: Played) -> None:
-    played.bench.play(whole())
+    played.bench.play(whole(), block_s=LONG_BLOCK_S)
     played.send()
     assert played.get("")["closed"] is True
     assert played.get("/document")["cases"] == played.bench.run.record.document()["cases"]
@@ -90,7 +90,7 @@ def test_each_case_has_its_force_in_the_next_moment(played: Played) -> None:
 
 
 def test_nothing_tells_of_a_validation_case_before_the_bench_closes_the_session(played: Played) -> None:
-    played.bench.play(without_end())
+    played.bench.play(without_end(), block_s=LONG_BLOCK_S)
     played.send()
     assert played.get("")["closed"] is False
     hidden = next(c for c in played.get("/cases")["cases"] if c["role"] == "validation")
@@ -132,7 +132,7 @@ def test_a_bench_that_crashed_and_went_on_is_one_session(played: Played) -> None
 
 
 def test_everything_that_the_bench_wrote_is_at_the_service_once(played: Played) -> None:
-    played.bench.play(whole())
+    played.bench.play(whole(), block_s=LONG_BLOCK_S)
     played.send()
     played.send()
     assert played.bench.journal is not None

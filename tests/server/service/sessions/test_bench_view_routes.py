@@ -12,7 +12,7 @@ from jsonschema_rs import Draft202012Validator
 
 from daq.signals.calibration import intrinsic_xyz
 from server.service.sessions.blinding import HIDDEN
-from tests.daq.bench_plays import REST, case, load, setup, tared, truth, wait, whole
+from tests.daq.bench_plays import LONG_BLOCK_S, REST, case, load, setup, tared, truth, wait, whole
 from tests.server.service.recorded import upload
 from tests.server.service.running import ServiceReceiver
 from tests.server.service.sessions.test_bench_sessions import Played
@@ -142,7 +142,7 @@ def test_live_readings_are_laid_into_the_drawing_as_the_measured_force_is(tmp_pa
 
 
 def test_a_validation_case_is_drawn_without_its_prediction_until_the_session_is_closed(played: Played) -> None:
-    played.bench.play(whole()[:-1])
+    played.bench.play(whole()[:-1], block_s=LONG_BLOCK_S)
     played.send()
     hidden = played.get("/bench/finger?case=c003")
     assert hidden["measured_N"] is not None
