@@ -99,9 +99,7 @@ class Priors:
     def _readings(self, rng: Rng, explanation: Explanation, node: Node, theta: Floats) -> Observations:
         session = self._session.seen_from(theta)
         values = self._hyper.values(node)
-        fit = Fitter(session, self._candidates, self._hyper).linearised(
-            explanation, theta, node, frozenset(), 0.0, converged=True
-        )
+        fit = Fitter(session, self._candidates, self._hyper).linearised(explanation, theta, node, frozenset(), 0.0)
         reading = np.asarray(self.model.predict(self.entered.inputs, theta).reading).reshape(-1)[session.rows]
         smooth = [width * session.smooth(name) for name, width in self._hyper.smooth_blocks(node).items()]
         blocks = [session.tares, values.budget * session.nuisances, *smooth]
