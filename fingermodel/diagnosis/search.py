@@ -271,7 +271,7 @@ class Searcher:
         values = host.promises(given, nodes)
         if host.log_prior < 0.0:
             lacking = host.log_posterior - (values[0] + host.log_prior)
-            values = values[1:] + max(lacking, -0.5 * host.unkept)
+            values = values[1:] + max(lacking, 0.0)
         return {e: float(v) + self._log_prior(e) for e, v in zip(offers, values, strict=True)}
 
     def _nodes(self, host: Optimum) -> list[Node]:
@@ -345,7 +345,7 @@ class Searcher:
 
     def _until_none_promises(self, most: int) -> None:
         """Fit neighbours of the leader that promise to come near it, and more than they have, until none is left."""
-        while len(self._fits) < most:
+        while self._kept < most:
             leader = self._leader
             offers = [e for e in self._candidates.neighbours(leader.explanation) if (e, leader) not in self._asked]
             promised = self._promised(leader, offers, self._nodes(leader))

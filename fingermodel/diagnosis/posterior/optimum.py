@@ -231,7 +231,7 @@ class Optimum(Linearised):
                     sets = [tuple(position[i] for i in explanations[int(k)].parameters) for k in which]
                     one_sided = self.session.model.parameters.one_sided[index]
                     value = screened(quadratic, sets, self.x[index], one_sided) + of_noise + self.hyper.log_prior(node)
-                    out[which] = np.maximum(out[which], value)
+                    out[which] = np.maximum(out[which], value - 0.5 * self.unkept)
         return out
 
     def everything(self, node: Node, explanation: Explanation | None = None) -> Everything:

@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.gaussian import log_mass_apart, marginal_evidence
-from fingermodel.diagnosis.posterior.hyper import Hyperparameters
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, Hyperparameters
 from fingermodel.diagnosis.posterior.marginals import Posterior, Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
@@ -66,7 +66,9 @@ def test_the_steepest_slopes_leave_the_misfit_that_they_have(nothing: Optimum) -
     own = np.concatenate([nothing.parameters_of["budget"], nothing.parameters_of["anatomy"]])
     rng, slopes = np.random.default_rng(1), nothing.slopes.copy()
     slopes[:, own] += 1e5 * np.outer(rng.normal(size=len(slopes)), rng.normal(size=len(own)))
-    steep, node = replace(nothing, slopes=slopes), (0, 0, 0, 5, 0, 0, 0, 0)
+    # The anatomy spreads as widely as it may.
+    widest = len(nothing.hyper.axes[ANATOMY].values) - 1
+    steep, node = replace(nothing, slopes=slopes), (0, 0, 0, widest, 0, 0, 0, 0)
     names = steep.acting(node)
     columns, residual, _ = steep.whitened_at(names, node, None)
     widths, places = steep.widths(names, node), steep.places(names)
@@ -217,11 +219,11 @@ def test_the_prior_counts_in_full_and_the_evidence_to_a_power(hanger: Optimum, n
         assert np.log(found[key] / found[least]) == pytest.approx(value - expected[least], rel=1e-9)
 
 
-def test_a_law_that_is_off_by_more_than_a_tenth_is_not_named(sheath: Optimum, nothing: Optimum) -> None:
-    index = int(np.argmax(sheath.hyper.form.values > FORM_NAMED))
-    off = (*sheath.best[:-1], index)
-    fits = {sheath.explanation: sheath, NOTHING: nothing}
-    other = Posterior.of(fits, nodes={sheath.explanation: {off: 0.0}, NOTHING: nothing.nodes})
+def test_a_law_that_is_off_by_more_than_a_tenth_is_not_named(hanger: Optimum, nothing: Optimum) -> None:
+    index = int(np.argmax(hanger.hyper.form.values > FORM_NAMED))
+    off = (*hanger.best[:-1], index)
+    fits = {hanger.explanation: hanger, NOTHING: nothing}
+    other = Posterior.of(fits, nodes={hanger.explanation: {off: 0.0}, NOTHING: nothing.nodes})
     entry = next(e for e in other.entries if e.node == off)
     assert not entry.named
     assert entry.beyond_newton > 0.0
