@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
 
 from fingermodel.fitting.solver import CONVERGED, NOT_FINITE, STALLED, Solution, minimise
 
@@ -229,3 +229,35 @@ def test_no_step_is_taken_to_where_slopes_have_no_bound() -> None:
     kept = end(steepest=1e6)
     assert 2.9 < kept.x[0] <= 3.0
     assert np.abs(kept.jacobian).max() == 1.0
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 10_000), alike=st.sampled_from([1e-1, 1e-2, 1e-3]))
+def test_a_step_that_meets_a_bound_keeps_its_balance(seed: int, alike: float) -> None:
+    # Columns that are nearly the same balance each other: to cut one off at its bound alone would lead uphill.
+    rng = np.random.default_rng(seed)
+    columns = rng.normal(size=(30, 1)) + alike * rng.normal(size=(30, 8))
+    measured = columns @ rng.normal(size=8) + 0.01 * rng.normal(size=30)
+    weight, lower, upper = np.full(8, 1e-3), np.full(8, -0.5), np.full(8, 0.5)
+
+    def minimised(evaluations: int) -> Solution:
+        return minimise(
+            lambda x: columns @ x - measured,
+            lambda _: columns,
+            np.zeros(8),
+            np.zeros(8),
+            weight,
+            lower,
+            upper,
+            np.ones(8, bool),
+            max_evaluations=evaluations,
+        )
+
+    stacked = np.concatenate([columns, np.diag(np.sqrt(weight))])
+    best = lsq_linear(stacked, np.concatenate([measured, np.zeros(8)]), (lower, upper), method="bvls", tol=1e-14)
+    ours = minimised(40)
+    assert ours.objective <= 2.0 * best.cost * (1.0 + 1e-6)
+    # What the linearised problem promises is there, and nothing is left in the end.
+    assert ours.decrement <= 1e-6 * ours.objective
+    early = minimised(2)
+    assert early.decrement <= early.objective - 2.0 * best.cost + 1e-9
