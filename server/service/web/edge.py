@@ -18,6 +18,8 @@ from server.service.web.problems import ProblemError, failure, problem_answer, s
 from server.service.web.workers import GoneError
 
 _LOG = logging.getLogger("fingertwin.request")
+# What went wrong is told by whichever process it went wrong in, the request itself by the service alone.
+_FAULTS = logging.getLogger(__name__)
 _ID = re.compile(rb"[A-Za-z0-9._-]{1,64}")
 # Successes that come many times a second, or that nobody asked for by hand.
 _QUIET = re.compile(r"/(chunks|events|streams)/|/(live|health|live/[a-z]+|ready|metrics)$")
@@ -68,7 +70,7 @@ class Edge:
             pass
         except Exception as error:
             if scope["type"] == "websocket" or answer.status:
-                _LOG.exception("failed")
+                _FAULTS.exception("failed")
                 raise
             await _failed(error)(scope, receive, answer.send)
         finally:
@@ -140,7 +142,7 @@ def _failed(error: Exception) -> ASGIApp:
     ours = isinstance(error, IntegrityError | DataError | ProgrammingError)
     if isinstance(error, PoolTimeoutError) or (isinstance(error, DBAPIError) and not ours):
         said = " ".join(str(getattr(error, "orig", "") or "it is too busy").split())
-        _LOG.error("the database cannot be used: %s", said)
+        _FAULTS.error("the database cannot be used: %s", said)
         problem = ProblemError(
             503,
             f"the database cannot be used now ({shortened(cleaned(said))})",
@@ -149,5 +151,5 @@ def _failed(error: Exception) -> ASGIApp:
             headers={"Retry-After": str(RETRY_S)},
         )
         return problem_answer(503, problem.body, problem.headers)
-    _LOG.error("failed", exc_info=error)
+    _FAULTS.error("failed", exc_info=error)
     return failure()
