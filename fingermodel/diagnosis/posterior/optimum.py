@@ -99,13 +99,13 @@ class Optimum(Linearised):
         widths[len(widths) - own :] *= width
         count = len(widths)
         right = np.concatenate([residual + blocks @ self.places(names), np.zeros(count)])
-        q, r = np.linalg.qr(np.concatenate([blocks * widths, np.eye(count)]))
-        turned = q.T @ right
-        inverse = np.linalg.inv(r[count - own :, count - own :])
-        left = right - q @ turned
-        log_det = 2.0 * float(np.log(np.abs(np.diag(r))).sum())
-        mean, covariance = inverse @ turned[count - own :], inverse @ inverse.T
-        return Freed(float(left @ left), log_det, width * mean, width**2 * covariance), of_noise
+        stacked = np.concatenate([blocks * widths, np.eye(count)])
+        # The orthogonal factor itself is not needed: its transpose turns the right-hand side beside the columns.
+        r = np.linalg.qr(np.column_stack([stacked, right]), mode="r")
+        inverse, turned = np.linalg.inv(r[count - own : count, count - own : count]), r[count - own : count, count]
+        log_det = 2.0 * float(np.log(np.abs(np.diag(r)[:count])).sum())
+        mean, covariance = inverse @ turned, inverse @ inverse.T
+        return Freed(float(r[count, count] ** 2), log_det, width * mean, width**2 * covariance), of_noise
 
     def log_joint(self, node: Node, bad: frozenset[int] | None = None, width: float = 1.0) -> float:
         """Log of prior times likelihood at a node, everything linear integrated out.
