@@ -23,8 +23,6 @@ _ROUNDS, _FLOOR = 3, 0.02
 _ROUGH, _EVALUATIONS = 40, 80
 # What is far from fitting need not be known to the last digit (see `minimise`).
 _CRAWL = 3e-3
-# Units of chi-square that may be promised beyond where a fit ends.
-_SETTLED = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +64,7 @@ class Fitter:
             theta, unkept = self._solved(explanation, start, at, bad, found, most if left else _EVALUATIONS)
             found = self.linearised(explanation, theta, at, bad, prior, unkept)
             stands = self.hyper.near(at, found.mode)
-            if stands and unkept <= _SETTLED:
+            if stands and found.settled:
                 break
             start, at, most = found.theta, found.mode, _EVALUATIONS if stands else _ROUGH
         assert found is not None  # noqa: S101 - there is at least one round

@@ -47,10 +47,20 @@ class Axis:
     values: Floats
     log_weight: Floats
 
-    @property
+    @cached_property
     def mode(self) -> int:
         """Index of the most probable value."""
         return int(np.argmax(self.log_weight))
+
+    @cached_property
+    def value(self) -> list[float]:
+        """The values as plain numbers: thousands of nodes ask for one each."""
+        return self.values.tolist()
+
+    @cached_property
+    def weight(self) -> list[float]:
+        """Their log probabilities as plain numbers."""
+        return self.log_weight.tolist()
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,30 +155,44 @@ class Hyperparameters:
 
     def log_prior(self, node: Node) -> float:
         """Of a node."""
-        axes = (*self.axes, *[self.form] * (len(node) - FORMS))
-        weights = [axis.log_weight[i] for axis, i in zip(axes, node, strict=True)]
+        weights = [axis.weight[i] for axis, i in zip(self._axes_of(node), node, strict=True)]
         if not self._carried(node):
             weights[CARRIER] = 0.0
-        return float(sum(weights))
+        return sum(weights)
+
+    def _axes_of(self, node: Node) -> tuple[Axis, ...]:
+        return (*self.axes, *[self.form] * (len(node) - FORMS))
 
     def log_prior_of_smooth(self, node: Node) -> float:
         """Of what is smooth at a node, whatever its amplitudes: which families are, and what carries them."""
-        families = self.axes[SMOOTH].log_weight
-        there = [np.log(-np.expm1(families[0])) if i else families[0] for i in node[SMOOTH:CARRIER]]
-        return float(sum(there)) + (float(self.axes[CARRIER].log_weight[node[CARRIER]]) if self._carried(node) else 0.0)
+        none = self.axes[SMOOTH].weight[0]
+        some = float(np.log(-np.expm1(none)))
+        there = sum(some if i else none for i in node[SMOOTH:CARRIER])
+        return there + (self.axes[CARRIER].weight[node[CARRIER]] if self._carried(node) else 0.0)
 
     def values(self, node: Node) -> Values:
         """What a node stands for."""
-        at = [float(axis.values[i]) for axis, i in zip(self.axes, node, strict=False)]
+        at = [axis.value[i] for axis, i in zip(self.axes, node, strict=False)]
         errors = self.form.values[list(node[FORMS:])]
         return Values(at[SCATTER], at[NOISE], at[BUDGET], at[ANATOMY], np.array(at[SMOOTH:CARRIER]), errors)
 
+    def smooth_newton(self, node: Node) -> float:
+        """Largest amplitude [N] of what is smooth at a node."""
+        return max(self.axes[k].value[node[k]] for k in range(SMOOTH, CARRIER))
+
     def smooth_blocks(self, node: Node) -> dict[str, float]:
         """Amplitudes [N] of what is smooth at a node, by the block of its columns (see `Session.smooth`)."""
-        carrier, values = self.carrier(node), self.values(node).smooth_N
-        of_tendon = 0 < node[CARRIER] <= self.tendons
-        of_family = (carrier, carrier if of_tendon else "", "")
-        return {f"{f}:{c}": float(v) for f, c, v in zip(FAMILIES, of_family, values, strict=True) if v > 0.0}
+        key = node[SMOOTH:FORMS]
+        if key not in self._smooth:
+            carrier, of_tendon = self.carrier(node), 0 < node[CARRIER] <= self.tendons
+            of_family = (carrier, carrier if of_tendon else "", "")
+            sizes = [self.axes[k].value[node[k]] for k in range(SMOOTH, CARRIER)]
+            self._smooth[key] = {f"{f}:{c}": v for f, c, v in zip(FAMILIES, of_family, sizes, strict=True) if v > 0.0}
+        return self._smooth[key]
+
+    @cached_property
+    def _smooth(self) -> dict[Node, dict[str, float]]:
+        return {}
 
     def block_widths(self, node: Node) -> dict[str, float]:
         """Widths of the priors of the weights that act at a node, by their block (see `Linearised`).
@@ -202,12 +226,11 @@ class Hyperparameters:
 
     def neighbours(self, node: Node) -> list[Node]:
         """One step along one axis, or back to where it is most probable before any reading."""
-        axes = (*self.axes, *[self.form] * (len(node) - FORMS))
         steps = [
             (*node[:k], index, *node[k + 1 :])
-            for k, axis in enumerate(axes)
+            for k, axis in enumerate(self._axes_of(node))
             for index in sorted({axis.mode} if k == CARRIER else {node[k] - 1, node[k] + 1, axis.mode})
-            if 0 <= index < len(axis.values) and index != node[k]
+            if 0 <= index < len(axis.value) and index != node[k]
         ]
         return list(dict.fromkeys(self.plainly(step) for step in steps))
 

@@ -90,7 +90,7 @@ class Promise:
         has = set(host.explanation.members)
         known, beyond = _named(host, host.best, host.sizes_newton)
         if not has <= set(explanation.members):
-            has, known, beyond = set(), frozenset(), float(host.hyper.values(host.best).smooth_N.max())
+            has, known, beyond = set(), frozenset(), host.hyper.smooth_newton(host.best)
         new = frozenset(m.candidate.name for m in explanation.members if m not in has and not m.candidate.outside)
         smooth = host.hyper.log_prior_of_smooth(host.best)
         return cls(log_posterior, log_prior + smooth, known | new, beyond)
@@ -250,11 +250,11 @@ class Posterior:
 
 def _named(fit: Optimum, node: Node, sizes: dict[str, float]) -> tuple[frozenset[str], float]:
     """Which members act by their name at a node, and how large what no name describes is [N]."""
-    beyond, right = float(fit.hyper.values(node).smooth_N.max()), list[str]()
+    beyond, right = fit.hyper.smooth_newton(node), list[str]()
     errors = iter(node[FORMS:])
     for member in fit.explanation.members:
         name = member.candidate.name
-        error = float(fit.hyper.form.values[next(errors)]) if member.candidate.has_form else 0.0
+        error = fit.hyper.form.value[next(errors)] if member.candidate.has_form else 0.0
         if member.candidate.outside:
             beyond = max(beyond, sizes[name])
         elif error > FORM_NAMED:

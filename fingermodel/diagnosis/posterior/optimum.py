@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import qr, solve_triangular
 from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.gaussian import (
@@ -33,6 +33,8 @@ Ints = NDArray[np.intp]
 _AWAY = 0.5
 # Elements of covariances that are made at once: 32 MB.
 _AT_ONCE = 4_000_000
+# Units of chi-square that may be promised beyond where a fit ends.
+_SETTLED = 1.0
 # Information of a weight from which rounding of inner products counts.
 _STEEP = 1e12
 
@@ -71,6 +73,11 @@ class Optimum(Linearised):
     node: Node
     unkept: float
 
+    @property
+    def settled(self) -> bool:
+        """Whether the fit ended where hardly anything more is promised."""
+        return self.unkept <= _SETTLED
+
     @cached_property
     def _one_sided(self) -> NDArray[np.bool_]:
         return np.asarray(self.session.model.parameters.one_sided[self.parameters_of[OWN]])
@@ -101,7 +108,7 @@ class Optimum(Linearised):
         right = np.concatenate([residual + blocks @ self.places(names), np.zeros(count)])
         stacked = np.concatenate([blocks * widths, np.eye(count)])
         # The orthogonal factor itself is not needed: its transpose turns the right-hand side beside the columns.
-        r = np.linalg.qr(np.column_stack([stacked, right]), mode="r")
+        r = np.asarray(qr(np.column_stack([stacked, right]), mode="r", check_finite=False)[0], dtype=np.float64)
         inverse, turned = np.linalg.inv(r[count - own : count, count - own : count]), r[count - own : count, count]
         log_det = 2.0 * float(np.log(np.abs(np.diag(r)[:count])).sum())
         mean, covariance = inverse @ turned, inverse @ inverse.T

@@ -179,11 +179,12 @@ class _Specimen:
     def _fitted(self, explanation: Explanation) -> Optimum:
         known = self._fits.get(explanation)
         if known is None:
-            leader = self.posterior.leader
-            bad = leader.bad
-            starts = [leader.expected(explanation, leader.best), self.posterior.nothing.theta]
-            # Its prior is that of what acts here alone, added by whoever asks.
-            found = [self._fitter.fit(explanation, s, leader.best, bad, 0.0) for s in starts]
+            leader, found = self.posterior.leader, list[Optimum]()
+            for start in (leader.expected(explanation, leader.best), self.posterior.nothing.theta):
+                # Its prior is that of what acts here alone, added by whoever asks.
+                found.append(self._fitter.fit(explanation, start, leader.best, leader.bad, 0.0))
+                if found[-1].settled:
+                    break
             # By their peaks: to sum over hyperparameters takes longer than the fit.
             known = self._fits[explanation] = max(found, key=lambda f: f.log_joint(f.mode))
         return known
