@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fingermodel.diagnosis.posterior.fitting import Fitter
-from fingermodel.diagnosis.posterior.hyper import Hyperparameters
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates
+from fingermodel.diagnosis.search import Searcher
+from fingermodel.diagnosis.session_model.candidates import Candidates
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.several_sessions.shared_finding import SharedFinding, shared_finding
 from tests.shared_specimens import TorqueLaw, specimen
@@ -20,11 +19,11 @@ OTHERS = (TorqueLaw("DIP", "FDP", "", 0.8), TorqueLaw("MCP", "EDC", "PIP", 2.0))
 
 
 def base_fit(folder: Path, seed: int, laws: tuple[TorqueLaw, ...]) -> Optimum:
+    """The base model as a diagnosis of the session has it."""
     bench, observations = specimen(folder, seed, laws)
-    session = session_of(bench.model, observations)
-    hyper = Hyperparameters.of(session)
-    fitter = Fitter(session, Candidates.of(bench.model), hyper)
-    return fitter.fit(NOTHING, session.problem.centre, hyper.start(0))
+    searcher = Searcher(session_of(bench.model, observations), Candidates.of(bench.model))
+    searcher.begin()
+    return searcher.nothing
 
 
 def found_in(tmp_path: Path, laws: dict[int, tuple[TorqueLaw, ...]]) -> SharedFinding:
