@@ -85,7 +85,7 @@ class ReaderProcess:
         await self._client.aclose()
 
     async def answer(self, request: Request) -> Response | None:
-        """Pass a request on; None where the process does not answer.
+        """Pass a request on; None where the process does not answer, or has failed.
 
         Raises:
             GoneError: the client has gone.
@@ -99,7 +99,12 @@ class ReaderProcess:
         try:
             target = httpx.URL(url).copy_with(raw_path=path + b"?" + scope["query_string"])
             asked = self._client.build_request("GET", target, headers=headers)
-            return _Passed(await _unless_gone(request, self._client.send(asked, stream=True)))
+            answer = await _unless_gone(request, self._client.send(asked, stream=True))
+            if answer.status_code < 500:
+                return _Passed(answer)
+            await answer.aclose()
+            _LOG.warning("the readers' process failed with %d; the service answers by itself", answer.status_code)
+            return None
         except (httpx.TransportError, httpx.InvalidURL) as error:
             _LOG.warning("the readers' process does not answer (%s)", type(error).__name__)
             return None

@@ -120,6 +120,13 @@ def test_a_process_that_dies_is_replaced_and_meanwhile_the_service_answers(servi
     assert client.get("/api/v1/sessions").status_code == 200
 
 
+def test_what_it_fails_in_is_answered_by_the_service(service: ServiceReceiver, monkeypatch: pytest.MonkeyPatch) -> None:
+    client, process = service.client(), process_of(service)
+    failing = httpx.AsyncClient(transport=httpx.MockTransport(lambda _: httpx.Response(500)))
+    monkeypatch.setattr(process, "_client", failing)
+    assert client.get("/api/v1/sessions").status_code == 200
+
+
 def test_nothing_goes_on_for_a_client_that_has_gone() -> None:
     async def receive() -> dict[str, Any]:
         return {"type": "http.disconnect"}
