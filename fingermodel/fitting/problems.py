@@ -26,8 +26,6 @@ EQ5_WEIGHT = {"DIP": 10.0, "PIP": 10.0, "MCP": 1.0}
 
 # Rows too are rounded up (see `stages`).
 ROWS_STEP = 64
-# Share of the way between a segment's two points that a fit may move either towards the other.
-_APPROACH = 0.45
 
 
 class Whitener(Protocol):
@@ -211,7 +209,6 @@ def weighted_problem(
     """
     table = model.parameters
     free = table.free & (~table.of_kind("effect") | np.isin(table.names, list(effects)))
-    lower, upper = _kept_apart(model)
     return Problem(
         model=model,
         observations=observations,
@@ -221,34 +218,10 @@ def weighted_problem(
         start=table.centre.copy(),
         centre=table.centre,
         sd=table.sd,
-        lower=lower,
-        upper=upper,
+        lower=table.lower,
+        upper=table.upper,
         free=free & ~out_of_plane(model) if plane == "sagittal" else free,
     )
-
-
-def _kept_apart(model: Model) -> tuple[Floats, Floats]:
-    """Bounds (parameters,) within which no tendon point passes the segment's other one.
-
-    Where the two meet, the tendon has no direction, and beyond it would pull backwards. Fits end there by chance.
-    """
-    table, values, topology = model.parameters, model.values, model.finger.topology
-    joints = [joint.name for joint in topology.joints]
-    lower, upper = table.lower.copy(), table.upper.copy()
-    for k, segment in enumerate(topology.segments):
-        if segment.distal_bone != segment.proximal_bone + 1:
-            continue
-        # In the distal bone's frame, the joint straight.
-        proximal = np.asarray(values.proximal_point[k]) - np.asarray(values.centre[joints.index(segment.joint)])
-        way = _APPROACH * (np.asarray(values.distal_point[k]) - proximal)
-        axis = int(np.argmax(np.abs(way)))
-        for end, step in (("proximal", float(way[axis])), ("distal", -float(way[axis]))):
-            i = table.index[f"point.{segment.name}.{end}.{'xyz'[axis]}"]
-            if step > 0.0:
-                upper[i] = min(upper[i], table.initial[i] + step)
-            else:
-                lower[i] = max(lower[i], table.initial[i] + step)
-    return lower, upper
 
 
 def out_of_plane(model: Model) -> NDArray[np.bool_]:
