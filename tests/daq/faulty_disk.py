@@ -18,6 +18,11 @@ from typing import Any
 
 OK, FULL = 0, 13
 IOERR_READ, IOERR_WRITE, IOERR_FSYNC, IOERR_TRUNCATE, IOERR_SHMSIZE = (10 | k << 8 for k in (1, 3, 4, 6, 19))
+# What fails, and what SQLite is told then.
+FAULTS = (
+    ("write", FULL), ("write", IOERR_WRITE), ("sync", IOERR_FSYNC), ("truncate", IOERR_TRUNCATE),
+    ("read", IOERR_READ), ("map", IOERR_SHMSIZE),
+)  # fmt: skip
 _POINTER, _INT, _LONG = ctypes.c_void_p, ctypes.c_int, ctypes.c_int64
 _METHODS = (
     "close", "read", "write", "truncate", "sync", "size", "lock", "unlock", "reserved", "control", "sector", "device",

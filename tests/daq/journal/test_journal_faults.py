@@ -3,95 +3,59 @@
 from __future__ import annotations
 
 import random
-import shutil
-import tempfile
 from collections import Counter
-from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
 from typing import ClassVar
 
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule, run_state_machine_as_test
+from hypothesis.stateful import initialize, precondition, rule, run_state_machine_as_test
 
 from daq.errors import JournalError
 from daq.journal.check import check
 from daq.journal.writer import Event, Journal, JournalReader
-from tests.daq.faulty_disk import (
-    FULL,
-    IOERR_FSYNC,
-    IOERR_READ,
-    IOERR_SHMSIZE,
-    IOERR_TRUNCATE,
-    IOERR_WRITE,
-    Disk,
-    available,
-    faulty,
-)
+from tests.daq.failing_disk import OnFailingDisk
+from tests.daq.faulty_disk import FAULTS, FULL, Disk, available, faulty
 from tests.daq.journal_writer import made_chunk
 
 pytestmark = pytest.mark.skipif(not available(), reason="SQLite's way to the disk cannot be taken over here")
 
-# What fails, and what SQLite is told then.
-FAULTS = (
-    ("write", FULL), ("write", IOERR_WRITE), ("sync", IOERR_FSYNC), ("truncate", IOERR_TRUNCATE),
-    ("read", IOERR_READ), ("map", IOERR_SHMSIZE),
-)  # fmt: skip
 
-
-class FailingDisk(RuleBasedStateMachine):
+class FailingDisk(OnFailingDisk):
     """Chunks, events and notes about the outbox go into a journal while its disk fails, is mended and loses power."""
 
-    # What came to pass in all runs together, for the benchmark.
     tally: ClassVar[Counter[str]] = Counter()
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.held, self.taken = ExitStack(), ExitStack()
-        self.folder = Path(self.held.enter_context(tempfile.TemporaryDirectory()))
-        self.lives = 0
+    refusal = JournalError
 
     @initialize()
     def begin(self) -> None:
-        home = self.folder / "0"
-        home.mkdir()
+        home = self.first_home()
         Journal.create(home / "bench.journal", "bench", 0).close()
         self.stream, self.seq, self.asked = "", 0, (0, 0)
         self.acknowledged: list[tuple[int, int]] = []
         self.noted: list[int] = []
-        self.attempts = 0
         self.live_in(home)
         self.stream = self.journal.add_stream("made", {}, {})
-
-    def live_in(self, home: Path) -> None:
-        """Go on with the files of a folder, on a disk that works."""
-        self.disk = Disk(home)
-        self.taken.enter_context(faulty(self.disk))
-        self.journal = Journal.open(home / "bench.journal", 0)
 
     @property
     def path(self) -> Path:
         return self.disk.folder / "bench.journal"
 
-    def tried(self, do: Callable[[], object]) -> bool:
-        """Whether something is acknowledged; only a line that says why not may come instead."""
-        try:
-            do()
-        except JournalError:
-            return False
-        return True
+    def open(self) -> None:
+        self.journal = Journal.open(self.path, 0)
+
+    def close(self) -> None:
+        self.journal.close()
+
+    def look_at(self, home: Path) -> None:
+        # Nothing is said to be missing.
+        assert check(home / "bench.journal").faults == ()
 
     @rule(fault=st.sampled_from(FAULTS), after=st.integers(0, 12), short=st.sampled_from([0.0, 0.5, 1.0]))
     def fail(self, fault: tuple[str, int], after: int, short: float) -> None:
-        self.disk.fails, self.disk.code = fault
-        self.disk.after, self.disk.short = after, short
+        self.spoil(fault, after, short)
         self.append(700, 3)
-
-    @rule()
-    def mend(self) -> None:
-        self.disk.mend()
 
     @rule(count=st.integers(1, 900), times=st.integers(1, 6))
     def append(self, count: int, times: int) -> None:
@@ -120,27 +84,14 @@ class FailingDisk(RuleBasedStateMachine):
     @rule()
     def reopen(self) -> None:
         self.tally["journals closed and opened again"] += 1
-        self.tried(self.journal.close)
-        reopened = self.tried(lambda: setattr(self, "journal", Journal.open(self.path, 0)))
+        self.tried(self.close)
+        reopened = self.tried(self.open)
         self.disk.mend()
         if not reopened:
-            self.journal = Journal.open(self.path, 0)
-        self.same()
-
-    @rule(draw=st.randoms(use_true_random=False))
-    def cut_power(self, draw: random.Random) -> None:
-        self.lives += 1
-        self.tally["power cuts"] += 1
-        home = self.folder / str(self.lives)
-        self.disk.cut_power(home, draw)
-        self.leave()
-        # Before anybody writes on: what is there, and that nothing is said to be missing.
-        assert check(home / "bench.journal").faults == ()
-        self.live_in(home)
+            self.open()
         self.same()
 
     def same(self) -> None:
-        """Whether all that was acknowledged is there, with nothing else but what was asked for and not refused."""
         with JournalReader.open(self.path) as reader:
             chunks = list(reader.read(self.stream))
             notes = [e.value["number"] for e in reader.events() if e.kind == "note"]
@@ -152,19 +103,6 @@ class FailingDisk(RuleBasedStateMachine):
         assert [n for n in notes if n in self.noted] == self.noted
         assert set(notes) <= set(range(1, self.attempts + 1))
         assert check(self.path).faults == ()
-
-    def leave(self) -> None:
-        self.disk.mend()
-        self.tally.update(self.disk.failed)
-        self.journal.close()
-        self.taken.close()
-        shutil.rmtree(self.disk.folder)
-
-    def teardown(self) -> None:
-        # Whatever failed before, the disk is let go of.
-        with self.held, self.taken:
-            self.reopen()
-            self.leave()
 
 
 def test_nothing_acknowledged_is_lost_and_nothing_made_up() -> None:

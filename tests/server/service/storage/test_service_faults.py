@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import random
-import shutil
 import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
 from typing import ClassVar
@@ -18,7 +14,7 @@ from typing import ClassVar
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
+from hypothesis.stateful import initialize, rule, run_state_machine_as_test
 from sqlalchemy import select, text
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -30,8 +26,8 @@ from server.service.storage.checksums import digest_of
 from server.service.storage.database import Database
 from server.service.storage.messages import Messages
 from server.service.storage.schema import chunks, events, messages, streams
-from tests.daq.faulty_disk import Disk, available, faulty
-from tests.daq.journal.test_journal_faults import FAULTS
+from tests.daq.failing_disk import OnFailingDisk
+from tests.daq.faulty_disk import FAULTS, available
 from tests.daq.journal_writer import made_chunk
 
 pytestmark = pytest.mark.skipif(not available(), reason="SQLite's way to the disk cannot be taken over here")
@@ -57,17 +53,15 @@ def sent(body: bytes) -> Sent:
     return Sent(body, digest_of(body), EPOCH)
 
 
-class FailingService(RuleBasedStateMachine):
+class FailingService(OnFailingDisk):
     """Three benches send chunks, at once, and events, while the disk fails, is mended and loses power."""
 
-    # What came to pass in all runs together, for the benchmark.
     tally: ClassVar[Counter[str]] = Counter()
+    # Only that the database cannot be used now.
+    refusal = SQLAlchemyError
 
     def __init__(self) -> None:
         super().__init__()
-        self.held, self.taken = ExitStack(), ExitStack()
-        self.folder = Path(self.held.enter_context(tempfile.TemporaryDirectory()))
-        self.lives = self.attempts = 0
         self.acknowledged: dict[str, list[tuple[int, int]]] = {bench: [] for bench in BENCHES}
         # What was not acknowledged is sent again as it was: it may be there.
         self.asked = dict.fromkeys(BENCHES, (0, 0))
@@ -75,39 +69,21 @@ class FailingService(RuleBasedStateMachine):
 
     @initialize()
     def begin(self) -> None:
-        home = self.folder / "0"
-        home.mkdir()
+        home = self.first_home()
         (home / FILE).write_bytes(begun())
         self.live_in(home)
-
-    def live_in(self, home: Path) -> None:
-        """Go on with the files of a folder, on a disk that works."""
-        self.disk = Disk(home)
-        self.taken.enter_context(faulty(self.disk))
-        self.open()
 
     def open(self) -> None:
         self.database = Database(f"sqlite:///{self.disk.folder / FILE}")
         self.ingest = Ingest(self.database, Messages(self.database))
 
-    @staticmethod
-    def tried(do: Callable[[], object]) -> bool:
-        """Whether something is acknowledged; only that the database cannot be used now may come instead."""
-        try:
-            do()
-        except SQLAlchemyError:
-            return False
-        return True
+    def close(self) -> None:
+        self.database.close()
 
     @rule(fault=st.sampled_from(FAULTS), after=st.integers(0, 30), short=st.sampled_from([0.0, 0.5, 1.0]))
     def fail(self, fault: tuple[str, int], after: int, short: float) -> None:
-        self.disk.fails, self.disk.code = fault
-        self.disk.after, self.disk.short = after, short
+        self.spoil(fault, after, short)
         self.put(700, 2)
-
-    @rule()
-    def mend(self) -> None:
-        self.disk.mend()
 
     @rule(count=st.integers(1, 900), times=st.integers(1, 4))
     def put(self, count: int, times: int) -> None:
@@ -152,23 +128,12 @@ class FailingService(RuleBasedStateMachine):
     @rule()
     def reopen(self) -> None:
         self.tally["databases closed and opened again"] += 1
-        self.database.close()
+        self.close()
         self.disk.mend()
         self.open()
         self.same()
 
-    @rule(draw=st.randoms(use_true_random=False))
-    def cut_power(self, draw: random.Random) -> None:
-        self.lives += 1
-        self.tally["power cuts"] += 1
-        home = self.folder / str(self.lives)
-        self.disk.cut_power(home, draw)
-        self.leave()
-        self.live_in(home)
-        self.same()
-
     def same(self) -> None:
-        """Whether all that was acknowledged is there, with nothing else but what was asked for and not refused."""
         with self.database.reading() as connection:
             assert connection.execute(text("PRAGMA integrity_check")).scalar() == "ok"
             for bench in BENCHES:
@@ -187,19 +152,6 @@ class FailingService(RuleBasedStateMachine):
             assert [body["number"] for body in told] == numbers
         assert damage_of(self.database) == []
 
-    def leave(self) -> None:
-        self.disk.mend()
-        self.tally.update(self.disk.failed)
-        self.database.close()
-        self.taken.close()
-        shutil.rmtree(self.disk.folder)
-
-    def teardown(self) -> None:
-        # Whatever failed before, the disk is let go of.
-        with self.held, self.taken:
-            self.reopen()
-            self.leave()
-
 
 def test_nothing_acknowledged_is_lost_and_nothing_made_up() -> None:
     run_state_machine_as_test(FailingService, settings=settings(max_examples=8, stateful_step_count=15, deadline=None))
@@ -212,7 +164,7 @@ def test_each_fault_comes_to_pass(fault: tuple[str, int]) -> None:
         machine.begin()
         machine.put(700, 1)
         if fault[0] in ("read", "map"):
-            machine.database.close()
+            machine.close()
             machine.disk.fails, machine.disk.code = fault
             machine.open()
         machine.disk.fails, machine.disk.code = fault
