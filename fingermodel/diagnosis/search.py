@@ -215,6 +215,7 @@ class Searcher:
         self._fitter = replace(self._fitter, session=self._session.seen_from(rough.theta))
         every = self._fitter.fit(explanation, rough.theta, node, self._bad, 0.0)
         self._fits.clear()
+        self._asked.clear()
         for one in [
             problem.centre,
             np.where(problem.free, every.theta, problem.centre),

@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import qr, solve_triangular
 from scipy.linalg.lapack import dtrtrs
 from scipy.special import log_ndtr, ndtri_exp
 
@@ -117,6 +117,37 @@ class Freed:
     def log_evidence(self) -> float:
         """Without the constant and the noise's own determinant."""
         return -0.5 * self.misfit - 0.5 * self.log_det
+
+
+def freed_by_columns(columns: Floats, left: Floats, last: int) -> Freed:
+    """What weights with N(0, 1) priors may be, by an orthogonal factor of their columns.
+
+    That loses nothing where inner products lose what is small beside the largest, and takes some times as long.
+
+    Args:
+        columns: (n, k) change of readings whose noise is 1, by each weight.
+        left: (n,) readings with every weight at 0.
+        last: how many of the last weights are wanted.
+    """
+    count = columns.shape[1]
+    stacked = np.concatenate([np.column_stack([columns, left]), np.eye(count, count + 1)])
+    # The orthogonal factor itself is not needed: its transpose turns the readings beside the columns.
+    r = np.asarray(qr(stacked, mode="r", check_finite=False)[0], dtype=np.float64)
+    inverse = np.asarray(np.linalg.inv(r[count - last : count, count - last : count]), dtype=np.float64)
+    log_det = 2.0 * float(np.log(np.abs(np.diag(r)[:count])).sum())
+    return Freed(float(r[count, count] ** 2), log_det, inverse @ r[count - last : count, count], inverse @ inverse.T)
+
+
+def blocks_by_case(across: Floats, rows: Ints) -> Floats:
+    """Blocks (g, L, L) of 1 - Vᵀ V by case.
+
+    Args:
+        across: (k, n) V.
+        rows: (g, L) of the cases.
+    """
+    mine = across[:, rows].transpose(1, 2, 0)
+    out: Floats = np.eye(rows.shape[1]) - mine @ mine.swapaxes(1, 2)
+    return out
 
 
 def screened(quadratic: Quadratic, sets: list[tuple[int, ...]], x: Floats, one_sided: Mask) -> Floats:

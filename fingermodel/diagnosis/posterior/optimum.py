@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.gaussian import (
     Freed,
     Quadratic,
+    blocks_by_case,
+    freed_by_columns,
     log_mass,
     log_mass_apart,
     marginal_evidence,
@@ -104,15 +106,8 @@ class Optimum(Linearised):
         blocks, residual, of_noise = self.whitened_at(names, node, bad)
         widths = self.widths(names, node)
         widths[len(widths) - own :] *= width
-        count = len(widths)
-        right = np.concatenate([residual + blocks @ self.places(names), np.zeros(count)])
-        stacked = np.concatenate([blocks * widths, np.eye(count)])
-        # The orthogonal factor itself is not needed: its transpose turns the right-hand side beside the columns.
-        r = np.asarray(qr(np.column_stack([stacked, right]), mode="r", check_finite=False)[0], dtype=np.float64)
-        inverse, turned = np.linalg.inv(r[count - own : count, count - own : count]), r[count - own : count, count]
-        log_det = 2.0 * float(np.log(np.abs(np.diag(r)[:count])).sum())
-        mean, covariance = inverse @ turned, inverse @ inverse.T
-        return Freed(float(r[count, count] ** 2), log_det, width * mean, width**2 * covariance), of_noise
+        freed = freed_by_columns(blocks * widths, residual + blocks @ self.places(names), own)
+        return replace(freed, mean=width * freed.mean, covariance=width**2 * freed.covariance), of_noise
 
     def log_joint(self, node: Node, bad: frozenset[int] | None = None, width: float = 1.0) -> float:
         """Log of prior times likelihood at a node, everything linear integrated out.
@@ -364,7 +359,7 @@ class Optimum(Linearised):
         moved = plain[:, None] - u * (new.T @ plain / np.sqrt(more))
         out = np.zeros(columns.shape[1])
         for rows, _ in self.noise_roots(node):
-            inverse = np.linalg.inv(_blocks(across, rows) + 1e-12 * np.eye(rows.shape[1]))
+            inverse = np.linalg.inv(blocks_by_case(across, rows) + 1e-12 * np.eye(rows.shape[1]))
             before = np.einsum("gi,gij,gj->", plain[rows], inverse, plain[rows])
             cross = np.einsum("gik,gij,gjk->gk", u[rows], inverse, moved[rows])
             kept = np.maximum(1.0 - np.einsum("gik,gij,gjk->gk", u[rows], inverse, u[rows]), 1e-12)
@@ -378,7 +373,7 @@ class Optimum(Linearised):
         a = left - across.T @ (across @ left)
         out = []
         for rows, inverse in self.noise_roots(node):
-            precision = _blocks(across, rows)
+            precision = blocks_by_case(across, rows)
             turned = inverse.swapaxes(1, 2)
             out.append((rows, turned @ precision @ inverse, (turned @ a[rows][..., None])[..., 0]))
         return out
@@ -402,15 +397,3 @@ class Optimum(Linearised):
             for rows, precision, scores in self._precision(node)
             for own, block, score, case in zip(rows, precision, scores, noise.cases[rows[:, 0]].tolist(), strict=True)
         }
-
-
-def _blocks(across: Floats, rows: Ints) -> Floats:
-    """Blocks (g, L, L) of 1 - Vᵀ V by case.
-
-    Args:
-        across: (k, n) V.
-        rows: (g, L) of the cases.
-    """
-    mine = across[:, rows].transpose(1, 2, 0)
-    out: Floats = np.eye(rows.shape[1]) - mine @ mine.swapaxes(1, 2)
-    return out
