@@ -260,14 +260,14 @@ def minimise(
     while True:
         # A point without finite slopes offers no step however much it is damped.
         step = normal.step(memory, box) if np.isfinite(normal.gradient).all() else None
-        decrement = np.inf if step is None else abs(step[1])
+        by_step = np.inf if step is None else abs(step[1])
         # At a kink of the model (a tendon coming to rest on a bone) steps go on to promise what they cannot keep.
         counted = evaluations % PATIENCE == 0
         beyond, far_beyond = (max(best - limit * len(residual), 0.0) for limit in (OFF, FAR))
         crawling = counted and milestone - best < 10.0 * floor + crawl * max(OFF_CRAWL * beyond, far_beyond)
         milestone = best if counted else milestone
         status = -1
-        if decrement <= tolerance * best + floor:
+        if by_step <= tolerance * best + floor:
             status = CONVERGED
         elif memory.damping > MOST_DAMPING or crawling:
             status = STALLED
