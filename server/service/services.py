@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from starlette.requests import HTTPConnection
@@ -98,6 +100,15 @@ def live_predictor(fingers: frozenset[str]) -> MakePredict:
     return make
 
 
+def _load_pandas() -> None:
+    """Load pandas before there are threads, where it is installed.
+
+    Arrow loads it at its first array. Plotly, in another thread, would take it half loaded and fail.
+    """
+    with suppress(ImportError):
+        import_module("pandas")
+
+
 def build(settings: Settings) -> Services:
     """Put a service together; nothing runs yet.
 
@@ -105,6 +116,7 @@ def build(settings: Settings) -> Services:
         InputError: the database cannot be used.
     """
     prepare_jax()
+    _load_pandas()
     if settings.database_url is None:
         settings.data.mkdir(parents=True, exist_ok=True)
     database = Database(settings.url)
