@@ -33,10 +33,13 @@ P_SCATTER = 0.7
 SCATTERS = np.array([0.0, 0.0025, 0.005, 0.0075, 0.01, 0.014, 0.02, 0.028, 0.04, 0.056])
 SCATTER_SCALE = 0.015
 STATED_FACTOR = 1.5
-# Multiple of the stated noise: an atom at 1, else falling; where the noise is assumed, log-normal about 1.
-NOISE_MULTIPLES = np.array([1.0, 1.41, 2.0, 2.83, 4.0, 5.66, 8.0])
+# Noise that plateau and tare do not show, of each reading by itself [N]: drift, what settles late. An atom at none,
+# else half-normal: some mN. Where the noise is assumed, a multiple of it instead, log-normal about 1.
+EXTRA_NOISE_N = np.array([0.0, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064])
+EXTRA_SCALE_N = 0.005
+P_EXTRA = 0.5
+USUAL_EXTRA_N = 2.0 * EXTRA_SCALE_N
 ASSUMED_NOISE_MULTIPLES = np.array([0.18, 0.25, 0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83])
-P_NOISE = 0.05
 # Power to which the evidence counts when explanations are weighed against each other. No model of a bench is complete,
 # and what it lacks is alike in neighbouring readings: they say less than as many independent ones.
 EVIDENCE_POWER = 0.7

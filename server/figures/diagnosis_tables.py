@@ -65,25 +65,26 @@ def suspects_table(answer: Answer) -> list[Table]:
 
 def rig_table(answer: Answer) -> list[Table]:
     """Tabulate what the readings say of the rig against what is stated: repeatability, budget, noise."""
-    keys = ("repeatability", "budget_multiple", "anatomy_multiple", "noise_multiple")
-    repeat, budget, anatomy, noise = (part(answer, k) for k in keys)
+    keys = ("repeatability", "budget_multiple", "anatomy_multiple", "noise_multiple", "extra_noise_N")
+    repeat, budget, anatomy, noise, extra = (part(answer, k) for k in keys)
     carried = ", ".join(words(budget.get("carried_by")))
     stated = value(repeat.get("stated_pct"))
     lines = [
         ["repeatability of the tensions [%]", *_both(repeat, "_pct"), fixed(stated, 1) if stated else "none", ""],
         ["multiple of the budget", *_both(budget), "1", f"bent most: {carried}" if carried else ""],
         ["multiple of the anatomy's spread", *_both(anatomy), "1", ""],
-        ["multiple of the noise", *_both(noise), "1", "no uncertainty stated" if noise.get("assumed") is True else ""],
+        ["multiple of the assumed noise", *_both(noise if noise.get("assumed") is True else {}), "1", ""],
+        ["noise beside the measured one [N]", *_both(extra, digits=3), "0", ""],
     ]
     lines = [line for line in lines if line[1] != "–"]
     header = ["of the rig", "by the readings", "sd", "stated", "remarks"]
     return [Table(header, lines, "What the readings say of the rig, whatever effect acts.")] if lines else []
 
 
-def _both(found: Answer, unit: str = "") -> tuple[str, str]:
-    """Write a value and its standard deviation with two decimals; both may be as good as nothing."""
+def _both(found: Answer, unit: str = "", digits: int = 2) -> tuple[str, str]:
+    """Write a value and its standard deviation with so many decimals; both may be as good as nothing."""
     v, sd = value(found.get(f"value{unit}")), value(found.get(f"sd{unit}"))
-    return "–" if v is None else fixed(v, 2), "–" if sd is None else fixed(sd, 2)
+    return "–" if v is None else fixed(v, digits), "–" if sd is None else fixed(sd, digits)
 
 
 def where_table(answer: Answer) -> list[Table]:

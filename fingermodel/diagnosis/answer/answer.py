@@ -45,6 +45,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
     rows = len(nothing.residual)
     alone = d.stated.misfit(d.stated.node)
     added = best.misfit(stated_node(best)) if best.explanation.size else alone
+    assumed = d.session.observations.noise_assumed
     budget, noise, scatter = posterior.budget, posterior.noise, posterior.scatter
     after_where = where(d.session.problem, d.theta_of(best)) | {"added": list(best.explanation.names)}
     return {
@@ -82,7 +83,12 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             "carried_by": [row["name"] for row in after_where["bent"]],
         },
         "anatomy_multiple": {"value": posterior.anatomy[0], "sd": posterior.anatomy[1]},
-        "noise_multiple": {"value": noise[0], "sd": noise[1], "assumed": d.session.observations.noise_assumed},
+        "noise_multiple": {
+            "value": noise[0] if assumed else 1.0,
+            "sd": noise[1] if assumed else 0.0,
+            "assumed": assumed,
+        },
+        "extra_noise_N": None if assumed else {"value": noise[0], "sd": noise[1]},
         "predictive_check": predictive(d),
         "size": effect_size(d) if verdict.kind == "found" else None,
         # Of all cases but the suspects.

@@ -33,6 +33,6 @@ def remarks(d: Diagnosis) -> list[str]:
             f"The readings state no uncertainty; this rests on {noise * d.session.model.budget.reading_sd_N:.3f} N a "
             "component, as the readings have it."
         )
-    elif noise > 1.5:
-        out.append(f"The readings scatter {noise:.1f} times as much as their stated noise.")
+    elif noise >= 0.002:
+        out.append(f"Each reading scatters by {1000.0 * noise:.0f} mN beside the noise of its plateau and its tare.")
     return out

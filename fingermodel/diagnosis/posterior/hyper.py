@@ -30,7 +30,7 @@ _USUAL_SCATTER = 0.01
 
 
 class Values(NamedTuple):
-    """Hyperparameters of a node: scatter (relative), multiples, amplitudes by family [N], and errors of form."""
+    """Of a node: scatter (relative), noise (see `CaseNoise`), multiples, amplitudes by family [N], errors of form."""
 
     scatter: float
     noise: float
@@ -68,7 +68,7 @@ class Hyperparameters:
     """The axes of one session.
 
     Attributes:
-        axes: scatter, multiple of the noise, multiples of the budget and of the anatomy, amplitude of each family of
+        axes: scatter, noise (see `CaseNoise`), multiples of the budget and of the anatomy, amplitude of each family of
             something smooth [N], and what carries it: the index among the carriers.
         form: error of an effect's form.
         carriers: of something smooth (see `Session.carriers`).
@@ -89,8 +89,11 @@ class Hyperparameters:
             scatter = _normal(np.log(np.maximum(scatters, 1e-4) / stated) / np.log(settings.STATED_FACTOR))
         else:
             scatter = _with_atom(_cells(scatters, settings.SCATTER_SCALE, _half_normal), settings.P_SCATTER)
-        noises = settings.ASSUMED_NOISE_MULTIPLES if assumed else settings.NOISE_MULTIPLES
-        noise = _normal(np.log(noises)) if assumed else _with_atom(1.0 / noises, settings.P_NOISE)
+        noises = settings.ASSUMED_NOISE_MULTIPLES if assumed else settings.EXTRA_NOISE_N
+        if assumed:
+            noise = _normal(np.log(noises))
+        else:
+            noise = _with_atom(_cells(noises, settings.EXTRA_SCALE_N, _half_normal), settings.P_EXTRA)
         smooths, forms = settings.SMOOTH_N, settings.FORM_ERRORS
         multiple = Axis(settings.MULTIPLES, _normal(np.log(settings.MULTIPLES) / settings.MULTIPLE_SPREAD))
         smooth = Axis(smooths, _with_atom(np.ones(len(smooths)), settings.P_SMOOTH / len(FAMILIES)))

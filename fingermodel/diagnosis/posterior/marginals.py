@@ -244,7 +244,7 @@ class Posterior:
 
     @property
     def noise(self) -> tuple[float, float]:
-        """Multiple of the stated noise: mean and standard deviation."""
+        """How large noise is (see `CaseNoise`): mean and standard deviation."""
         return self.hyperparameter(NOISE)
 
 

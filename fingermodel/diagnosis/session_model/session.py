@@ -155,13 +155,14 @@ class Session:
         # Tip and bone together carry what is pulled, and neither more than twice that.
         most_N = 2.0 * float(np.asarray(self.observations.inputs.tension).sum(axis=1).max())
         size = bad_size(moment, measured, most_N)
-        return CaseNoise.of(self.observations.noise.alone, self.rows[chosen], self._by_tension[chosen], moment, size)
+        own, assumed = self.observations.noise.alone, self.observations.noise_assumed
+        return CaseNoise.of(own, self.rows[chosen], self._by_tension[chosen], moment, size, assumed)
 
-    def whitened_smooth(self, scatter: float, multiple: float, bad: frozenset[int]) -> WhitenedSmooth:
+    def whitened_smooth(self, scatter: float, noise: float, bad: frozenset[int]) -> WhitenedSmooth:
         """The fitted smooth columns under some noise by case; kept, since every explanation asks for them."""
-        key = (scatter, multiple, bad)
+        key = (scatter, noise, bad)
         if key not in self._kept:
-            roots, log_det = self.fitted_noise.whitening(scatter, multiple, bad)
+            roots, log_det = self.fitted_noise.whitening(scatter, noise, bad)
             self._kept[key] = WhitenedSmooth(roots, log_det, lambda block: self.smooth(block)[self.fitted])
         return self._kept[key]
 

@@ -18,6 +18,7 @@ from fingermodel.comparison.reading_noise import Noise
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, feasible, information, inputs_of
 from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.case_noise import as_read
 from fingermodel.diagnosis.settings import LEVER_MM, SEED, WORTH_NAT
 from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw
 from fingermodel.diagnosis.verdict.hints import library
@@ -136,10 +137,9 @@ def _ranked(
         slopes[:, :, k] = (both[0] - both[1]) / (2.0 * _STEP)
     values = fit.hyper.values(fit.best)
     mean = np.asarray(model.predict(filled, theta).reading)[: len(cases)]
-    force = values.noise * np.sqrt(
-        np.nanmedian(np.diagonal(session.observations.case_covariance, axis1=1, axis2=2)[:, :3])
-    )
-    noise = np.diag([force**2] * 3 + [(LEVER_MM * force) ** 2] * 3)
+    force = np.nanmedian(np.diagonal(session.observations.case_covariance, axis1=1, axis2=2)[:, :3])
+    unit = np.array([1.0, 1.0, 1.0, LEVER_MM, LEVER_MM, LEVER_MM])
+    noise = as_read(np.diag(force * unit**2), unit, values.noise, session.observations.noise_assumed)
     of_angle = np.array([model.parameters.names[i].startswith("posture_angle.") for i in index])
     rng = np.random.default_rng(SEED)
     out = []

@@ -106,7 +106,12 @@ def sensitivity(posterior: Posterior, verdict: Verdict) -> Sensitivity:
     for step in _NOISES:
         index = min(posterior.leader.best[NOISE] + step, len(noises) - 1)
         p = said(_again(asked, _fixed(NOISE, index)))
-        out.append(Assumption("noise", f"the noise is {noises[index]:.2g} times as stated", p))
+        size = noises[index]
+        assumed = posterior.nothing.session.observations.noise_assumed
+        words = (
+            f"the noise is {size:.2g} times as assumed" if assumed else f"the noise is {1000.0 * size:.0f} mN larger"
+        )
+        out.append(Assumption("noise", words, p))
     few = list(dict.fromkeys([*ranked[:_ASKED_OF_PARTS], posterior.nothing]))
     for words, gone in _parts(posterior.nothing):
         out.append(Assumption("without", words, said(_less(few, gone))))

@@ -13,7 +13,7 @@ from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, NOISE
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Candidates
-from fingermodel.diagnosis.settings import LEAST_CASES, NOTHING_SURE, P_VALUE, SURE
+from fingermodel.diagnosis.settings import LEAST_CASES, NOTHING_SURE, P_VALUE, SURE, USUAL_EXTRA_N
 from fingermodel.diagnosis.verdict.confounding import Confounding
 
 Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undecided"]
@@ -139,8 +139,12 @@ def _nothing(posterior: Posterior, fit: Optimum) -> Verdict:
     p, misfit = posterior.p_nothing, fit.misfit(fit.node)
     n = len(fit.residual)
     if chdtrc(n, misfit) < P_VALUE:
-        wanted = {"budget": posterior.budget[0], "spread of anatomy": posterior.anatomy[0], "noise": posterior.noise[0]}
+        wanted = {"budget": posterior.budget[0], "spread of anatomy": posterior.anatomy[0]}
         more = [f"a {what} {times:.1f} times as large" for what, times in wanted.items() if times >= _LARGER]
+        if fit.session.observations.noise_assumed:
+            more += [f"a noise {posterior.noise[0]:.1f} times as large"] if posterior.noise[0] >= _LARGER else []
+        elif posterior.noise[0] > USUAL_EXTRA_N:
+            more.append(f"{1000.0 * posterior.noise[0]:.0f} mN of noise beside the measured one")
         want = f"; the readings want {words(more)}" if more else ""
         short = f"noise, scatter and budget as stated leave a misfit of {misfit:.0f} for {n} readings{want}"
         return Verdict("undecided", (), (), p, (), (short,))
@@ -152,11 +156,15 @@ def _nothing(posterior: Posterior, fit: Optimum) -> Verdict:
 
 
 def stated_node(fit: Optimum) -> tuple[int, ...]:
-    """The node where budget, anatomy and noise are as stated and nothing smooth acts; scatter is as it reads."""
+    """The node where budget, anatomy and noise are as stated and nothing smooth acts.
+
+    Scatter is as it reads, and so is noise that plateau and tare do not show, as far as it is usual.
+    """
     axes, node = fit.hyper.axes, list(fit.hyper.without_smooth(fit.best))
     node[BUDGET], node[ANATOMY] = axes[BUDGET].mode, axes[ANATOMY].mode
     if not fit.session.observations.noise_assumed:
-        node[NOISE] = axes[NOISE].mode
+        usual = np.searchsorted(axes[NOISE].values, USUAL_EXTRA_N, side="right") - 1
+        node[NOISE] = min(node[NOISE], int(usual))
         return tuple(node)
     # An assumed noise is as the readings have it, too: where nothing smooth acts, that is more.
     offers = [(*node[:NOISE], k, *node[NOISE + 1 :]) for k in range(len(axes[NOISE].values))]

@@ -51,22 +51,40 @@ def test_validation_cases_are_predicted_and_never_fitted(session: SessionModel) 
     assert (roles[session.fitted] != "validation").all()
 
 
-def test_whitening_undoes_the_noise_of_every_case(session: SessionModel) -> None:
-    noise = session.fitted_noise
-    roots, log_det = noise.whitening(0.02, 1.5, frozenset({int(noise.cases[0])}))
+@pytest.mark.parametrize(("assumed", "size"), [(True, 1.5), (False, 0.004)])
+def test_whitening_undoes_the_noise_of_every_case(session: SessionModel, assumed: bool, size: float) -> None:
+    noise = replace(session.fitted_noise, assumed=assumed)
+    roots, log_det = noise.whitening(0.02, size, frozenset({int(noise.cases[0])}))
     n = len(noise.cases)
     covariance = np.zeros((n, n))
-    for rows, blocks in noise.covariances(0.02, 1.5, frozenset({int(noise.cases[0])})):
+    for rows, blocks in noise.covariances(0.02, size, frozenset({int(noise.cases[0])})):
         covariance[rows[:, :, None], rows[:, None, :]] = blocks
     np.testing.assert_allclose(whitened(roots, whitened(roots, covariance).T), np.eye(n), atol=1e-8)
     assert log_det == pytest.approx(np.linalg.slogdet(covariance)[1])
+
+
+def test_measured_noise_gets_more_of_each_reading_by_itself_and_assumed_noise_is_multiplied(
+    session: SessionModel,
+) -> None:
+    measured = session.fitted_noise
+    assumed = replace(measured, assumed=True)
+    for (rows, plain), (_, more), (_, same), (_, twice) in zip(
+        measured.covariances(0.01, 0.0, ()),
+        measured.covariances(0.01, 0.004, ()),
+        assumed.covariances(0.0, 1.0, ()),
+        assumed.covariances(0.0, 2.0, ()),
+        strict=True,
+    ):
+        added = np.where(session.places.moment[session.fitted], 0.04, 0.004)[rows] ** 2
+        np.testing.assert_allclose(more - plain, added[:, :, None] * np.eye(rows.shape[1]), atol=1e-12)
+        np.testing.assert_allclose(twice, 4.0 * same)
 
 
 def test_a_bad_case_may_be_anything_and_the_others_are_as_before(session: SessionModel) -> None:
     noise = session.fitted_noise
     case = int(noise.cases[0])
     for (rows, plain), (_, bad) in zip(
-        noise.covariances(0.01, 1.0, ()), noise.covariances(0.01, 1.0, (case,)), strict=True
+        noise.covariances(0.01, 0.0, ()), noise.covariances(0.01, 0.0, (case,)), strict=True
     ):
         is_bad = noise.cases[rows[:, 0]] == case
         np.testing.assert_array_equal(plain[~is_bad], bad[~is_bad])
