@@ -183,7 +183,7 @@ def ranks(fit: Optimum, node: Node, theta: Floats, rng: Rng) -> dict[str, float]
 
 SAID = {
     "scatter": "scatter from case to case",
-    "noise": "multiple of the noise",
+    "noise": "noise beside the measured one",
     "budget_multiple": "multiple of the budget",
     "anatomy_multiple": "multiple of the anatomy's spread",
     "budget": "one parameter of the budget",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 import yaml
 
+from fingermodel.diagnosis.answer.remarks import remarks
+from fingermodel.diagnosis.diagnose import diagnose
 from fingermodel.session import Session
 from server.application.diagnosing import diagnosis_answer, run_diagnosis
 from tests.simulator import draw_session
@@ -50,6 +53,23 @@ def test_a_clean_bench_that_repeats_to_two_percent_stays_clean(tmp_path: Path) -
     assert found["verdict"] == "nothing_missing"
     assert found["repeatability"]["value_pct"] == pytest.approx(2.0, abs=0.7)
     assert not found["suspects"]
+
+
+@pytest.mark.parametrize(("extra_N", "verdict"), [(0.005, "nothing_missing"), (0.03, "undecided")])
+def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_it_is_large(
+    tmp_path: Path, extra_N: float, verdict: str
+) -> None:
+    draw_session(tmp_path, 44, {}, nuisance_scale=0.8)
+    bench = Session.open(tmp_path)
+    rng, o = np.random.default_rng(44), bench.observations
+    unit = np.array([1.0, 1.0, 1.0, 10.0, 10.0, 10.0])
+    noisy = replace(o, wrench=o.wrench + extra_N * unit * rng.normal(size=o.wrench.shape))
+    d = diagnose(bench.model, noisy)
+    assert d.verdict.kind == verdict
+    assert d.verdict.effects == ()
+    assert d.posterior.noise[0] == pytest.approx(extra_N, rel=0.4)
+    assert ("mN of noise beside the measured one" in "".join(d.verdict.short)) == (verdict == "undecided")
+    assert any(f"scatters by {1000.0 * d.posterior.noise[0]:.0f} mN" in line for line in remarks(d))
 
 
 def test_an_effect_is_found_beside_scatter(tmp_path: Path) -> None:

@@ -95,6 +95,7 @@ def found() -> Answer:
         "beyond": {"probability": 0.034, "amplitude_N": 0.021},
         "budget_multiple": {"value": 1.62, "sd": 0.3, "carried_by": ["zero.bone.z"]},
         "noise_multiple": {"value": 1.0, "sd": 0.0, "assumed": False},
+        "extra_noise_N": {"value": 0.0041, "sd": 0.0008},
         "predictive_check": {
             "log_density_before": -210.0,
             "p_value_before": 1e-9,

@@ -25,7 +25,7 @@ from tests.simulator import draw_session
 KEYS = {
     "verdict", "effects", "probability", "confirmed", "robustness", "ranking", "inclusion", "where", "hints",
     "before", "after", "next_cases", "seconds", "suspects", "session_faults", "repeatability", "beyond",
-    "budget_multiple", "noise_multiple", "predictive_check", "probability_of", "size",
+    "budget_multiple", "noise_multiple", "extra_noise_N", "predictive_check", "probability_of", "size",
 }  # fmt: skip
 
 
