@@ -49,7 +49,7 @@ class Entry:
         fit: its optimum; None for one that was only promised.
         node: of the hyperparameters; None for one that was only promised.
         named: candidates that act by their name: no error of form above `FORM_NAMED`, and nothing unknown beside them
-            that is larger than what they change themselves.
+            that is larger, of what neither anatomy nor budget could do as well.
         beyond_newton: what acts that no name describes [N]: something smooth, an error of form above `FORM_NAMED`, or a
             known thing outside the catalogue.
         probability: of it.
@@ -88,7 +88,7 @@ class Promise:
     def of(cls, explanation: Explanation, host: Optimum, log_posterior: float, log_prior: float) -> Promise:
         """At a host's most probable node: something smooth acts there, and the host's errors of form as it has them."""
         has = set(host.explanation.members)
-        known, beyond = _named(host, host.best, host.sizes_newton)
+        known, beyond = _named(host, host.best)
         if not has <= set(explanation.members):
             has, known, beyond = set(), frozenset(), host.hyper.smooth_newton(host.best)
         new = frozenset(m.candidate.name for m in explanation.members if m not in has and not m.candidate.outside)
@@ -131,9 +131,8 @@ class Posterior:
         weights |= {e: weighed(p.log_posterior, p.log_prior) for e, p in promised.items()}
         total, entries = float(logsumexp(list(weights.values()))), []
         for explanation, fit in fits.items():
-            sizes = fit.sizes_newton
             for node, value in of_fits[explanation][1].items():
-                named, beyond = _named(fit, node, sizes)
+                named, beyond = _named(fit, node)
                 entries.append(Entry(explanation, fit, node, named, beyond, float(np.exp(value - total))))
         for e, p in promised.items():
             entries.append(Entry(e, None, None, p.named, p.beyond_newton, float(np.exp(weights[e] - total))))
@@ -248,17 +247,23 @@ class Posterior:
         return self.hyperparameter(NOISE)
 
 
-def _named(fit: Optimum, node: Node, sizes: dict[str, float]) -> tuple[frozenset[str], float]:
-    """Which members act by their name at a node, and how large what no name describes is [N]."""
-    beyond, right = fit.hyper.smooth_newton(node), list[str]()
+def _named(fit: Optimum, node: Node) -> tuple[frozenset[str], float]:
+    """Which members act by their name at a node, and how large what no name describes is [N].
+
+    Held against each other is what neither anatomy nor budget could make of both: an effect may be large because a bent
+    finger undoes nearly all of it.
+    """
+    sizes, own = fit.sizes_newton, fit.own_newton
+    unknown, right = [(fit.hyper.smooth_newton(node), fit.own_smooth_newton(node))], list[str]()
     errors = iter(node[FORMS:])
     for member in fit.explanation.members:
         name = member.candidate.name
         error = fit.hyper.form.value[next(errors)] if member.candidate.has_form else 0.0
         if member.candidate.outside:
-            beyond = max(beyond, sizes[name])
+            unknown.append((sizes[name], own[name]))
         elif error > FORM_NAMED:
-            beyond = max(beyond, error * sizes[name])
+            unknown.append((error * sizes[name], error * own[name]))
         else:
             right.append(name)
-    return frozenset(name for name in right if sizes[name] > beyond), beyond
+    beyond, largest = (max(each) for each in zip(*unknown, strict=True))
+    return frozenset(name for name in right if own[name] > largest), beyond

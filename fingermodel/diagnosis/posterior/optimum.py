@@ -298,6 +298,37 @@ class Optimum(Linearised):
         columns = blocks * self.widths(names, node)
         return solve_triangular(root_of_one_plus(columns.T @ columns), columns.T, lower=True, check_finite=False), left
 
+    def own_share(self, columns: Floats) -> float:
+        """How much of changes (fitted readings, k) neither anatomy nor budget could make: a share between 0 and 1."""
+        new = self.whitened_columns(columns, self.best)
+        whole, absorbed = float((new**2).sum()), float(((self._absorbing @ new) ** 2).sum())
+        return float(np.sqrt(max(1.0 - absorbed / whole, 0.0))) if whole > 0.0 else 0.0
+
+    @cached_property
+    def _absorbing(self) -> Floats:
+        """V (k, n), such that 1 - Vᵀ V is the inverse covariance of the whitened readings by anatomy and budget."""
+        names = [ALWAYS, BUDGET, ANATOMY]
+        columns = self.whitened_blocks(names, self.best) * self.widths(names, self.best)
+        return solve_triangular(root_of_one_plus(columns.T @ columns), columns.T, lower=True, check_finite=False)
+
+    @cached_property
+    def own_newton(self) -> dict[str, float]:
+        """What of each member's size [N] neither anatomy nor budget could make."""
+        rows = self.session.rows[self.session.fitted]
+        each = zip(self.explanation.names, self.changes, strict=True)
+        return {n: self.sizes_newton[n] * self.own_share(c.reshape(-1)[rows, None]) for n, c in each}
+
+    def own_smooth_newton(self, node: Node) -> float:
+        """The same of what is smooth at a node."""
+        blocks = self.hyper.smooth_blocks(node)
+        for name in blocks.keys() - self._own_shares.keys():
+            self._own_shares[name] = self.own_share(self.block(name, self.session.fitted, self.slopes))
+        return max((size * self._own_shares[name] for name, size in blocks.items()), default=0.0)
+
+    @cached_property
+    def _own_shares(self) -> dict[str, float]:
+        return {}
+
     def log_joints_of(self, residuals: Floats, node: Node) -> Floats:
         """Log of prior times likelihood (k,) at a node that other readings would have here.
 

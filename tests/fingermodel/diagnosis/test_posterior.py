@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.gaussian import log_mass_apart, marginal_evidence
-from fingermodel.diagnosis.posterior.hyper import ANATOMY, Hyperparameters
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, FORMS, SMOOTH, Hyperparameters
 from fingermodel.diagnosis.posterior.marginals import Posterior, Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
@@ -227,3 +227,36 @@ def test_a_law_that_is_off_by_more_than_a_tenth_is_not_named(hanger: Optimum, no
     entry = next(e for e in other.entries if e.node == off)
     assert not entry.named
     assert entry.beyond_newton > 0.0
+
+
+def test_of_a_change_counts_what_neither_anatomy_nor_budget_could_do(nothing: Optimum) -> None:
+    names = ["always", "budget", "anatomy"]
+    blocks = np.concatenate([nothing.block(n, nothing.session.fitted, nothing.slopes) for n in names], axis=1)
+    columns = blocks * nothing.widths(names, nothing.best)
+    for one in columns.T[[0, len(columns.T) // 2, -1]]:
+        information = float((nothing.whitened_columns(one[:, None], nothing.best) ** 2).sum())
+        assert nothing.own_share(one[:, None]) ** 2 <= 1.0 / (1.0 + information) + 1e-9
+    # What their readings could not be at all is wholly its own.
+    whitened = nothing.whitened_columns(np.column_stack([columns, np.eye(len(columns))]), nothing.best)
+    apart = np.linalg.svd(whitened[:, : len(columns.T)])[0][:, -1]
+    other = np.linalg.solve(whitened[:, len(columns.T) :], apart)
+    assert nothing.own_share(other[:, None]) == pytest.approx(1.0, abs=1e-6)
+    assert nothing.own_share(0.0 * other[:, None]) == 0.0
+
+
+def test_an_effect_that_anatomy_undoes_is_not_named_beside_something_smooth(hanger: Optimum, nothing: Optimum) -> None:
+    (name,) = hanger.explanation.names
+    smooth = (*hanger.best[:SMOOTH], 0, 2, 0, 0, *hanger.best[FORMS:])
+    fits = {hanger.explanation: hanger, NOTHING: nothing}
+
+    def named(fit: Optimum) -> frozenset[str]:
+        told = Posterior.of(
+            {**fits, hanger.explanation: fit}, nodes={hanger.explanation: {smooth: 0.0}, NOTHING: nothing.nodes}
+        )
+        return next(e.named for e in told.entries if e.node == smooth)
+
+    assert named(hanger) == {name}
+    assert hanger.sizes_newton[name] > hanger.hyper.smooth_newton(smooth) > 0.0
+    undone = replace(hanger)
+    undone.__dict__["own_newton"] = {name: 0.5 * hanger.own_smooth_newton(smooth)}
+    assert named(undone) == frozenset()
