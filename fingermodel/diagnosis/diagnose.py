@@ -153,7 +153,8 @@ def diagnose(
     shares = holding(posterior, fit)
     asked_of = [fit, posterior.leader, posterior.nothing, *(posterior.fits[e] for e in shares)]
     checked = checks(posterior, dict.fromkeys(asked_of))
-    verdict = judge(posterior, stated, candidates, alike, together(checked, shares), fit.explanation.names)
+    missed = [observations.ids[case] for case in checked[fit.explanation].missed]
+    verdict = judge(posterior, stated, candidates, alike, together(checked, shares), fit.explanation.names, missed)
     asked = sensitivity(posterior, verdict)
     found: tuple[Hint, ...] = ()
     curves: tuple[SmoothCurve, ...] = ()

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.verdict.predictive import check, predicted
 from fingermodel.fitting.identification import drawn_starts, slopes_of
 from fingermodel.session import Session
 from server.application.diagnosing import run_diagnosis
+from tests.simulator import draw_session
 
 
 def test_slopes_of_validation_readings_are_those_of_the_prediction() -> None:
@@ -47,7 +50,10 @@ def test_validation_readings_of_unknown_uncertainty_do_not_count() -> None:
     assert np.isin(6 * held, session.rows[~session.fitted]).all()
 
 
-def test_a_validation_case_that_is_spoilt_is_named_and_the_others_still_speak() -> None:
+@pytest.mark.parametrize("unlike", [False, True])
+def test_a_validation_case_that_is_spoilt_is_named_unless_something_may_act_that_no_fitted_case_shows(
+    unlike: bool,
+) -> None:
     bench = Session.open("DEV-08")
     found = run_diagnosis(bench)
     sound = check(found.best)
@@ -55,15 +61,17 @@ def test_a_validation_case_that_is_spoilt_is_named_and_the_others_still_speak() 
     assert not sound.vetoes
     fit = found.best
     observations = bench.observations
-    spoilt = int(observations.where("validation")[3])
+    apart = fit.session.unlike_fitted
+    spoilt = next(int(case) for case in observations.where("validation") if (int(case) in apart) == unlike)
     wrench = observations.wrench.copy()
     wrench[spoilt, :3] += 1.0
     session = replace(
         fit.session, problem=replace(fit.session.problem, observations=replace(observations, wrench=wrench))
     )
     told = check(replace(fit, session=session))
-    assert list(told.bad) == [spoilt]
-    assert not told.vetoes
+    assert list(told.bad) == ([] if unlike else [spoilt])
+    assert list(told.missed) == ([spoilt] if unlike else [])
+    assert told.vetoes == unlike
     assert predicted(fit).covariance.shape == (len(predicted(fit).away),) * 2
 
 
@@ -73,3 +81,17 @@ def test_without_validation_cases_nothing_is_vetoed() -> None:
     found = run_diagnosis(replace(bench, observations=replace(bench.observations, roles=roles)))
     assert found.verdict.effects == ("zero_offset",)
     assert check(found.best).p_value is None
+
+
+def test_what_only_a_validation_case_shows_is_no_slip(tmp_path: Path) -> None:
+    draw_session(tmp_path, 63, {"volar_plate": 0.6}, nuisance_scale=0.8)
+    bench = Session.open(tmp_path)
+    found = run_diagnosis(bench)
+    # The plate is tight in hyperextension under an extending torque: these tendons are together there alone.
+    shows = [c for c, m in enumerate(bench.observations.masses_g) if bench.observations.postures[c] == "hyperextension"]
+    only = next(c for c in shows if {m for m, g in bench.observations.masses_g[c].items() if g} == {"FDP", "EDC"})
+    assert bench.observations.roles[only] == "validation"
+    assert only in found.session.unlike_fitted
+    assert found.suspects == {}
+    assert found.verdict.kind == "undecided"
+    assert bench.observations.ids[only] in found.verdict.short[0]

@@ -202,6 +202,7 @@ def predictive(d: Diagnosis) -> dict[str, Any]:
         "p_value_before": before.p_value,
         "log_density_after": after.log_density,
         "p_value_after": after.p_value,
+        "missed_after": [d.session.observations.ids[case] for case in after.missed],
     }
 
 

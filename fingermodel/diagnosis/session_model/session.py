@@ -33,6 +33,8 @@ Mask = NDArray[np.bool_]
 
 # Step of a derivative by the logarithm of a tension.
 _STEP = 1e-3
+# Loads that differ by less are alike, relative.
+_ALIKE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +176,19 @@ class Session:
     @cached_property
     def _kept(self) -> dict[tuple[float, float, frozenset[int]], WhitenedSmooth]:
         return {}
+
+    @cached_property
+    def unlike_fitted(self) -> frozenset[int]:
+        """Validation cases in a posture, with tendons loaded together, or under a load that no fitted case has."""
+        tension, postures = np.asarray(self.observations.inputs.tension), self.observations.postures
+        fitted, unseen = (np.unique(self.rows[chosen] // 6).tolist() for chosen in (self.fitted, ~self.fitted))
+        known = {postures[i] for i in fitted}
+        loads, most = {tuple(tension[i] > 0.0) for i in fitted}, tension[fitted].max(axis=0) * (1.0 + _ALIKE)
+        return frozenset(
+            i
+            for i in unseen
+            if postures[i] not in known or tuple(tension[i] > 0.0) not in loads or (tension[i] > most).any()
+        )
 
     @cached_property
     def tares(self) -> Floats:

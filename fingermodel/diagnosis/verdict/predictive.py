@@ -21,7 +21,7 @@ from fingermodel.diagnosis.session_model.bad_cases import (
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slips import Explained, Slips
-from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED, P_VALUE
+from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED, P_UNLIKE, P_VALUE
 from fingermodel.fitting.roots import root_of
 
 Floats = NDArray[np.float64]
@@ -30,6 +30,7 @@ Floats = NDArray[np.float64]
 _WEIGHT = 0.02
 # So often the validation readings are linearised anew at most; and an error of that [N] which no reading notices.
 _TIMES, _LINEAR_N = 4, 1e-3
+_LOG_UNLIKE = float(np.log(P_UNLIKE))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +59,7 @@ class PredictiveCheck:
         p_value: that they would be missed so far; None where there are none.
         bad: log odds of the cases that are more probably bad than not, by index of the case.
         slips: what may have been done in these instead of what was entered.
+        missed: those that are not bad, and by themselves out of the question.
         log_evidence: for the explanation by all of them, whichever are bad.
         predictions: of them, with the weight of each node of the hyperparameters.
     """
@@ -66,6 +68,7 @@ class PredictiveCheck:
     p_value: float | None
     bad: dict[int, float]
     slips: dict[int, Explained]
+    missed: tuple[int, ...] = ()
     log_evidence: float = 0.0
     predictions: tuple[tuple[float, Prediction], ...] = field(default=(), repr=False)
 
@@ -86,7 +89,8 @@ class PredictiveCheck:
         exchanged = {frozenset((c, s.partner)) for c, s in slips.items() if s.partner in bad}
         many = float(chance_of(len(bad) - len(exchanged), len(np.unique(cases))))
         p_value = min(sum(w * float(chdtrc(int(sound.sum()), misfit)) for w, _, misfit in each), many)
-        return replace(self, log_density=log_density, p_value=p_value, bad=bad, slips=slips)
+        missed = tuple(case for case in _standing_apart(self.predictions[0][1]) if case not in bad)
+        return replace(self, log_density=log_density, p_value=p_value, bad=bad, slips=slips, missed=missed)
 
 
 def _log_normal(away: Floats, covariance: Floats) -> tuple[float, float]:
@@ -202,29 +206,51 @@ def check(fit: Optimum, slips: Slips | None = None) -> PredictiveCheck:
     predictions = _predictions(fit)
     p = predictions[0][1]
     slips, scatter = slips or Slips(session), fit.hyper.values(fit.best).scatter
-    bad: set[int] = set()
+    bad, strange = set[int](), set[int]()
     for _ in range(1 + len(np.unique(p.cases)) // 4):
-        sound = _apart(session, p, bad, set(p.cases.tolist()) - bad)
+        apart = bad | strange
+        sound = _apart(session, p, apart, set(p.cases.tolist()) - apart)
         could = {case: one for case, one in sound.items() if one.misfit > -LOG_PRIOR_ODDS}
         found = slips.explain(could, fit.theta, scatter)
         odds = {case: LOG_PRIOR_ODDS + could[case].anything + found[case].gain for case in could}
-        worst = max(odds, key=lambda c: odds[c], default=None)
-        if worst is None or odds[worst] < SUSPECT_LOG_ODDS:
+        unlike = {case: _LOG_UNLIKE + could[case].anything for case in could.keys() & session.unlike_fitted}
+        worst = max(odds, key=lambda c: max(odds[c], unlike.get(c, odds[c])), default=None)
+        if worst is None or max(odds[worst], unlike.get(worst, odds[worst])) < SUSPECT_LOG_ODDS:
             break
         partner = found[worst].partner
-        bad |= {worst} if partner is None else {worst, partner}
+        if unlike.get(worst, -np.inf) > odds[worst]:
+            strange.add(worst)
+        else:
+            bad |= {worst} if partner is None else {worst, partner}
     # Held against one another while all seemed sound, bad cases make each other look worse, or better.
     while True:
-        apart = _apart(session, p, bad, bad)
-        explained = slips.explain(apart, fit.theta, scatter)
-        odds = {case: LOG_PRIOR_ODDS + apart[case].anything + explained[case].gain for case in apart}
+        held = _apart(session, p, bad | strange, bad)
+        explained = slips.explain(held, fit.theta, scatter)
+        odds = {case: _log_odds(session, held[case], explained[case].gain) for case in held}
         least = min(odds, key=lambda c: odds[c], default=None)
         if least is None or odds[least] >= SUSPECT_LOG_ODDS:
             break
         bad.remove(least)
-    each = [np.log(w) + _log_normal(q.away, q.covariance + _spoilt(q, bad))[0] for w, q in predictions]
-    log_evidence = float(logsumexp(each)) + sum(LOG_PRIOR_ODDS + one.gain for one in explained.values())
-    return PredictiveCheck(None, None, {}, {}, log_evidence, predictions).setting_apart(odds, explained)
+    log_evidence = _log_density(predictions, bad) + sum(LOG_PRIOR_ODDS + one.gain for one in explained.values())
+    if new := session.unlike_fitted - bad:
+        more = _log_density(predictions, bad | new) - _log_density(predictions, bad)
+        log_evidence += float(np.logaddexp(0.0, _LOG_UNLIKE + more))
+    return PredictiveCheck(None, None, {}, {}, (), log_evidence, predictions).setting_apart(odds, explained)
+
+
+def _log_density(predictions: Iterable[tuple[float, Prediction]], spoilt: Collection[int]) -> float:
+    """Log density of all readings, of which those of some cases may be anything."""
+    each = [np.log(w) + _log_normal(p.away, p.covariance + _spoilt(p, spoilt))[0] for w, p in predictions]
+    return float(logsumexp(each))
+
+
+def _log_odds(session: Session, case: Apart, gain: float) -> float:
+    """Log odds of a case to be bad, with what a slip gains over anything.
+
+    In a case unlike any fitted one something may act that none of these shows: that is no fault of the case.
+    """
+    sound = float(np.logaddexp(0.0, _LOG_UNLIKE + case.anything)) if case.case in session.unlike_fitted else 0.0
+    return LOG_PRIOR_ODDS + case.anything + gain - sound
 
 
 def _spoilt(prediction: Prediction, bad: Collection[int]) -> Floats:

@@ -50,6 +50,7 @@ def judge(
     classes: Confounding,
     p_value: float | None,
     checked: Sequence[str],
+    missed: Sequence[str],
 ) -> Verdict:
     """Read the verdict.
 
@@ -60,6 +61,7 @@ def judge(
         classes: what the load cases cannot tell apart.
         p_value: predictive check of the validation cases, under all that has what the verdict would add.
         checked: names of what was checked.
+        missed: validation cases that are out of the question under these.
     """
     verdict = _undisputed(posterior, stated, candidates, classes)
     cases = _cases(posterior)
@@ -69,7 +71,8 @@ def judge(
     if p_value is not None and p_value < P_VALUE and verdict.kind in ("found", "nothing_missing", "one_of"):
         what = words(checked) or "the model without any effect"
         short = (
-            f"the validation cases are not as {what} predicts them (predictive check: p = {p_value:.1g}); "
+            f"the validation cases are not as {what} predicts them (predictive check: p = {p_value:.1g}"
+            f"{f', most of all {words(missed[:3])}' if missed else ''}); "
             "something acts there that the fitted cases do not show"
         )
         return Verdict("undecided", verdict.names, (), verdict.probability, verdict.reasons, (short,))
