@@ -2,8 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# Longest files first; more workers than two would make jobs of services miss what tests wait for on two cores.
-SPREAD := -n 2 --dist loadfile --no-loadscope-reorder
+# Longest files first. One worker more than the two cores: tests in a browser wait for much of their time.
+SPREAD := -n 3 --dist loadfile --no-loadscope-reorder
 
 .PHONY: help demo test test-full check style types spread docs bench lock sbom clean
 help:  ## List the tasks

@@ -42,6 +42,11 @@ def to_do(answer: Answer) -> list[str]:
         like = next((str(r.get("words")) for r in rows(suspect, "reads_like") if r.get("words")), "")
         look = f"it reads like this: {like}. Amend it" if like else "nothing known explains it. Read its notes"
         out.append(f"Look at load case {suspect.get('case') or '?'}: {look}, or leave it out, and search again.")
+    if missed := words(part(answer, "predictive_check").get("missed_after"))[:3]:
+        out.append(
+            f"Measure {' and '.join(missed)} again. If the reading comes again, fit cases like it: something acts "
+            "there that no fitted case shows."
+        )
     names = words(answer.get("candidates")) or words(answer.get("effects"))
     told = dict.fromkeys(found for n in names if (found := remedy(n)) is not None)
     if verdict in ("found", "one_of"):

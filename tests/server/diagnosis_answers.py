@@ -101,6 +101,7 @@ def found() -> Answer:
             "p_value_before": 1e-9,
             "log_density_after": 40.5,
             "p_value_after": 0.31,
+            "missed_after": [],
         },
         "size": {"curves": size_curves()},
         "ranking": [hanger, *rest],

@@ -137,6 +137,10 @@ def test_what_to_do_follows_from_the_verdict_the_suspects_and_the_rig() -> None:
     assert "to confirm it" in steps[3]
     sound = nothing_missing() | {"suspects": [], "session_faults": []}
     assert to_do(sound) == ["Nothing: no measurement and no change of the model is asked for."]
+    assert to_do(sound | {"predictive_check": {"missed_after": ["c048", "c016"]}}) == [
+        "Measure c048 and c016 again. If the reading comes again, fit cases like it: something acts there that no "
+        "fitted case shows."
+    ]
     far = {
         "where_after": {
             "added": [],
