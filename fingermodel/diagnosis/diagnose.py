@@ -89,25 +89,37 @@ class Diagnosis:
 
         The likeliest first. Verdict and errors are of the others.
         """
+        apart = self._standing_apart.items()
+        found = {case: (p * (slip.is_slip if slip else 1.0), slip) for case, (p, slip) in apart}
+        return {case: (p, slip) for case, (p, slip) in sorted(found.items(), key=lambda e: -e[1][0]) if p >= SUSPECT}
+
+    @property
+    def outliers(self) -> tuple[int, ...]:
+        """Cases that stand apart and are no suspects: noise with a long tail explains them."""
+        return tuple(sorted(self._standing_apart.keys() - self.suspects.keys()))
+
+    @property
+    def _standing_apart(self) -> dict[int, tuple[float, Explained | None]]:
+        """Cases that are more probably apart from the rest than not, by a slip or by noise."""
         odds, slips = dict(self.searched.bad), dict(self.searched.slips)
         checked = self.checks.get(self.posterior.leader.explanation)
         # So many among the validation cases as slips can hardly be say that the prediction is wrong, not the cases.
         if checked is not None and not checked.vetoes:
             odds |= checked.bad
             slips |= checked.slips
-        found = sorted(((float(expit(o)), case) for case, o in odds.items()), reverse=True)
-        return {case: (p, slips.get(case)) for p, case in found if p >= SUSPECT}
+        return {case: (p, slips.get(case)) for case, o in odds.items() if (p := float(expit(o))) >= SUSPECT}
 
     def comparison(self, fit: Optimum) -> Comparison:
-        """Measured and predicted forces of a fit, suspects left out."""
-        return self.comparisons[fit.explanation].without([self.session.observations.ids[c] for c in self.suspects])
+        """Measured and predicted forces of a fit, cases that stand apart left out."""
+        apart = [self.session.observations.ids[c] for c in self._standing_apart]
+        return self.comparisons[fit.explanation].without(apart)
 
     def theta_of(self, fit: Optimum) -> Floats:
         """Parameters (p,) with which an explanation's fit is compared: of no effect those with the budget as stated."""
         return fit.theta if fit.explanation.size else self.stated.theta
 
     def validation_rmse(self, fit: Optimum) -> float | None:
-        """RMSE [N] of the validation cases, in the plane that the finger is judged in, suspects left out."""
+        """RMSE [N] of the validation cases that do not stand apart, in the plane that the finger is judged in."""
         return validation_rmse(self.session.model, self.comparison(fit))
 
 

@@ -46,6 +46,9 @@ EVIDENCE_POWER = 0.7
 # A bad case: how often, and how far its force may then be off [N].
 P_BAD = 0.002
 BAD_N = 1.5
+# Noise has a long tail: so many cases are off by some hundredths of a newton, and nobody made a slip [N].
+P_TAIL = 0.02
+TAIL_N = 0.05
 # That something acts which shows only in a validation case unlike any fitted one: by as much as in a bad case.
 P_UNLIKE = 0.05
 # What a bad case is: a slip of a kind, or anything. How far a load may then be off that is none of those in use,

@@ -72,6 +72,23 @@ def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_i
     assert any(f"scatters by {1000.0 * d.posterior.noise[0]:.0f} mN" in line for line in remarks(d))
 
 
+@pytest.mark.parametrize(("off_N", "suspect"), [(0.06, False), (0.8, True)])
+def test_a_case_that_noise_puts_off_is_not_counted_and_accused_of_nothing(
+    tmp_path: Path, off_N: float, suspect: bool
+) -> None:
+    draw_session(tmp_path, 45, {}, nuisance_scale=0.8)
+    bench = Session.open(tmp_path)
+    o = bench.observations
+    case = next(i for i, role in enumerate(o.roles) if role == "identification" and o.locations[i] == "tip")
+    wrench = o.wrench.copy()
+    wrench[case, :3] += off_N * np.array([0.6, -0.5, 0.6])
+    d = diagnose(bench.model, replace(o, wrench=wrench))
+    assert d.verdict.kind == "nothing_missing"
+    assert list(d.suspects) == ([case] if suspect else [])
+    assert d.outliers == (() if suspect else (case,))
+    assert any("Not counted" in line and o.ids[case] in line for line in remarks(d)) != suspect
+
+
 def test_an_effect_is_found_beside_scatter(tmp_path: Path) -> None:
     rough(tmp_path, 42, {"hanger_mass": 40.0}, 0.015)
     found = diagnosed(tmp_path)

@@ -66,6 +66,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "curve": curve_answer(d.curves),
         "ready_made": ready_made(d),
         "suspects": suspects(d),
+        "outliers": [d.session.observations.ids[case] for case in d.outliers],
         "session_faults": [asdict(f) | {"amend": [asdict(a) for a in f.amend]} for f in d.faults],
         "repeatability": {
             "value_pct": 100.0 * scatter[0],

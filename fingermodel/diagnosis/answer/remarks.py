@@ -27,6 +27,9 @@ def remarks(d: Diagnosis) -> list[str]:
             f"The specimen differs {posterior.anatomy[0]:.1f} times as much from the finger of its file as the "
             "anatomy's priors say."
         )
+    if d.outliers:
+        ids = ", ".join(d.session.observations.ids[case] for case in d.outliers)
+        out.append(f"Not counted: {ids}, off by more than usual noise, and by less than a slip would explain.")
     noise = posterior.noise[0]
     if d.session.observations.noise_assumed:
         out.append(

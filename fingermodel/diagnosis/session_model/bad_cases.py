@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc
 
-from fingermodel.diagnosis.settings import BAD_N, LEVER_MM, LONGEST_MM, P_BAD, SUSPECT
+from fingermodel.diagnosis.settings import BAD_N, LEVER_MM, LONGEST_MM, P_BAD, SUSPECT, TAIL_N
 
 Floats = NDArray[np.float64]
 
@@ -41,6 +41,7 @@ class Apart:
         away: (L,) reading less prediction [N, N mm].
         covariance: (L, L) of it, the case taken for a sound one.
         anything: log evidence gained by a reading that may be anything.
+        tail: the same by one that noise may have put some hundredths of a newton off.
     """
 
     case: int
@@ -48,6 +49,7 @@ class Apart:
     away: Floats
     covariance: Floats
     anything: float
+    tail: float
 
     @classmethod
     def of(cls, case: int, rows: NDArray[np.intp], size: Floats, precision: Floats, score: Floats, bad: bool) -> Apart:
@@ -67,8 +69,11 @@ class Apart:
             values, vectors = np.linalg.eigh(covariance - np.diag(size**2))
             covariance = np.asarray((vectors * np.maximum(values, 1e-6)) @ vectors.T, dtype=np.float64)
             precision = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
-        gain = gain_if_bad(size[:, None] * precision * size, size * (precision @ away))
-        return cls(case, rows, away, covariance, float(gain))
+        gains = [
+            float(gain_if_bad(off[:, None] * precision * off, off * (precision @ away)))
+            for off in (size, size * TAIL_N / BAD_N)
+        ]
+        return cls(case, rows, away, covariance, *gains)
 
     @cached_property
     def misfit(self) -> float:

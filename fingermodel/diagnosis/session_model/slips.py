@@ -13,11 +13,12 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.settings import AMOUNT, FORM_SCALE, SLIP_SHARES
+from fingermodel.diagnosis.settings import AMOUNT, FORM_SCALE, P_TAIL, SLIP_SHARES
 from fingermodel.model import Model
 from fingermodel.stages import LoadCaseInput
 
@@ -65,10 +66,12 @@ class Explained:
 
     Attributes:
         gain: log evidence gained over a bad case of which nothing is known.
+        is_slip: probability that the case stands apart by a slip, and not by the tail of the noise.
         slips: with their probability and chi-square, the most probable first; one whose `kind` is amount among them.
     """
 
     gain: float
+    is_slip: float
     slips: tuple[tuple[Slip, float, float], ...]
 
     @property
@@ -319,4 +322,5 @@ def _all_together(apart: Apart, slips: Sequence[tuple[Slip, float, float]]) -> f
 def _weighed(apart: Apart, slips: Sequence[tuple[Slip, float, float]]) -> Explained:
     total = _all_together(apart, slips)
     order = sorted(((s, float(np.exp(log - total)), chi) for s, log, chi in slips), key=lambda e: -e[1])
-    return Explained(total - apart.anything, tuple(order))
+    is_slip = float(expit(LOG_PRIOR_ODDS + total - np.log(P_TAIL) - apart.tail))
+    return Explained(total - apart.anything, is_slip, tuple(order))
