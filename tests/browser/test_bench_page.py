@@ -213,6 +213,14 @@ def test_the_page_keeps_the_last_minutes_in_arrays_that_never_grow(browser: Any,
     assert found["anew"] == [1, 3.5]
 
 
+def until_stored(seen: Watched, readings: str) -> None:
+    """Wait until the service has stored some: a busy one may have none yet when the bench begins."""
+    deadline = time.monotonic() + PATIENCE_MS / 1000.0
+    while not ((answer := seen.page.request.get(readings)).ok and answer.json()["samples"]):
+        assert time.monotonic() < deadline
+        seen.page.wait_for_timeout(100)
+
+
 def test_a_page_that_is_there_before_the_live_stream_goes_live_with_it(
     browser: Any, rig: dict[str, list[float]], tmp_path: Path
 ) -> None:
@@ -235,6 +243,7 @@ def test_a_page_that_is_there_before_the_live_stream_goes_live_with_it(
     with served(tmp_path / "service") as (url, _), bench(tmp_path / "bench", url, wrench=rig) as story:
         story.wait_for("bench started")
         seen = watched(browser, url)
+        until_stored(seen, f"{url}/api/v1/sessions/{story.session}/readings")
         seen.page.route_web_socket(re.compile("/live"), hold)
         seen.open(f"sessions/{story.session}/bench", f"{story.session}: the bench")
         seen.page.get_by_text(re.compile(r"s until \d")).wait_for()
