@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from typing import Any
 
@@ -58,3 +59,38 @@ def hung(seen: Watched, story: Story, case: str, what: str | None = None) -> Non
     until(seen, "(c) => document.querySelector('.now-kind').textContent === `${c} now`", case)
     # The model is compiled once.
     until(seen, "() => !document.querySelector('.now-prediction').textContent.includes('being computed')")
+
+
+def to_the_report(seen: Watched, session: str) -> None:
+    """Compare, diagnose, add, see the error fall, open the report."""
+    seen.open(f"sessions/{session}/compare", f"{session}: predicted against measured")
+    seen.page.locator(".js-plotly-plot").first.wait_for()
+    seen.open(f"sessions/{session}/find", f"{session}: find the missing effect")
+    seen.page.get_by_role("button", name="Find the missing effect").click()
+    seen.page.get_by_role("heading", name="The verdict").wait_for(timeout=240_000)
+    assert "the hanger was not weighed" in seen.text()
+    seen.page.get_by_role("button", name="Add hanger_mass").first.click()
+    seen.page.get_by_role("heading", level=1, name=f"{session}: the fall of the error").wait_for(timeout=240_000)
+    seen.page.get_by_role("heading", name=re.compile("with hanger_mass")).first.wait_for()
+    seen.page.get_by_role("link", name=re.compile("^Report")).first.click()
+    seen.page.get_by_role("heading", level=1, name=f"{session}: report").wait_for()
+    seen.page.locator("article.sheet").get_by_text(re.compile("hanger")).first.wait_for()
+
+
+def traces_drawn(seen: Watched) -> list[int]:
+    """How many pixels of each trace have ink of its colour."""
+    found: list[int] = seen.page.evaluate("""() => [...document.querySelectorAll('.trace canvas')].map((c) => {
+        const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+        let n = 0;
+        for (let i = 0; i < d.length; i += 4) if (d[i + 3] > 100 && d[i + 2] > d[i] + 60) n++;
+        return n;
+    })""")
+    return found
+
+
+def until_stored(seen: Watched, readings: str) -> None:
+    """Wait until the service has stored some: a busy one may have none yet when the bench begins."""
+    deadline = time.monotonic() + PATIENCE_MS / 1000.0
+    while not ((answer := seen.page.request.get(readings)).ok and answer.json()["samples"]):
+        assert time.monotonic() < deadline
+        seen.page.wait_for_timeout(100)

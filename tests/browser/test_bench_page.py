@@ -10,7 +10,21 @@ from typing import Any
 
 import pytest
 
-from tests.browser.bench_pages import KEY_PX, LARGE_PX, PATIENCE_MS, aged, hung, key, now, opened, tared, until
+from tests.browser.bench_pages import (
+    KEY_PX,
+    LARGE_PX,
+    PATIENCE_MS,
+    aged,
+    hung,
+    key,
+    now,
+    opened,
+    tared,
+    to_the_report,
+    traces_drawn,
+    until,
+    until_stored,
+)
 from tests.browser.bench_story import HOLD_ANSWERS, Story, bench, cases, wrenches
 from tests.browser.pages import BEYOND, Watched, require_browser, served, shade, violations, watched
 from tests.server.service.processes import Process
@@ -75,33 +89,6 @@ def test_the_whole_story_from_the_first_tare_to_the_report(
         seen.page.close()
         assert seen.complaints == []
         assert seen.elsewhere == []
-
-
-def to_the_report(seen: Watched, session: str) -> None:
-    """Compare, diagnose, add, see the error fall, open the report."""
-    seen.open(f"sessions/{session}/compare", f"{session}: predicted against measured")
-    seen.page.locator(".js-plotly-plot").first.wait_for()
-    seen.open(f"sessions/{session}/find", f"{session}: find the missing effect")
-    seen.page.get_by_role("button", name="Find the missing effect").click()
-    seen.page.get_by_role("heading", name="The verdict").wait_for(timeout=240_000)
-    assert "the hanger was not weighed" in seen.text()
-    seen.page.get_by_role("button", name="Add hanger_mass").first.click()
-    seen.page.get_by_role("heading", level=1, name=f"{session}: the fall of the error").wait_for(timeout=240_000)
-    seen.page.get_by_role("heading", name=re.compile("with hanger_mass")).first.wait_for()
-    seen.page.get_by_role("link", name=re.compile("^Report")).first.click()
-    seen.page.get_by_role("heading", level=1, name=f"{session}: report").wait_for()
-    seen.page.locator("article.sheet").get_by_text(re.compile("hanger")).first.wait_for()
-
-
-def traces_drawn(seen: Watched) -> list[int]:
-    """How many pixels of each trace have ink of its colour."""
-    found: list[int] = seen.page.evaluate("""() => [...document.querySelectorAll('.trace canvas')].map((c) => {
-        const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
-        let n = 0;
-        for (let i = 0; i < d.length; i += 4) if (d[i + 3] > 100 && d[i + 2] > d[i] + 60) n++;
-        return n;
-    })""")
-    return found
 
 
 def test_what_goes_wrong_is_said_while_the_weight_hangs_and_leaves_with_its_cause(
@@ -211,14 +198,6 @@ def test_the_page_keeps_the_last_minutes_in_arrays_that_never_grow(browser: Any,
     assert found["silent"] is None
     # The bench's clock began anew.
     assert found["anew"] == [1, 3.5]
-
-
-def until_stored(seen: Watched, readings: str) -> None:
-    """Wait until the service has stored some: a busy one may have none yet when the bench begins."""
-    deadline = time.monotonic() + PATIENCE_MS / 1000.0
-    while not ((answer := seen.page.request.get(readings)).ok and answer.json()["samples"]):
-        assert time.monotonic() < deadline
-        seen.page.wait_for_timeout(100)
 
 
 def test_a_page_that_is_there_before_the_live_stream_goes_live_with_it(

@@ -119,6 +119,25 @@ class Freed:
         return -0.5 * self.misfit - 0.5 * self.log_det
 
 
+@dataclass(frozen=True, eq=False)
+class Everything:
+    """All weights of a linearised session at their posterior.
+
+    Attributes:
+        names: of the blocks.
+        mean: (k,) in units of a width of 1.
+        covariance: (k, k).
+        place: (k,) where they stand in the linearisation.
+        parameters: (p,) indices of those that are parameters, and where among the k they stand.
+    """
+
+    names: tuple[str, ...]
+    mean: Floats
+    covariance: Floats
+    place: Floats
+    parameters: tuple[Ints, Ints]
+
+
 def freed_by_columns(columns: Floats, left: Floats, last: int) -> Freed:
     """What weights with N(0, 1) priors may be, by an orthogonal factor of their columns.
 

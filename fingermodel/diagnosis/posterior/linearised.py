@@ -93,7 +93,7 @@ class Linearised:
 
     def forget(self) -> None:
         """Let go of inner products; what is asked of them again is made again."""
-        for name in ("_inner", "_latest", "_fitted", "_known", "_unseen", "_absorbing"):
+        for name in ("_inner", "_latest", "_fitted", "_known", "_unseen"):
             self.__dict__.pop(name, None)
 
     @cached_property

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, FORMS, NOISE, SCATTER, Node
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, NOISE, SCATTER, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
-from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED
+from fingermodel.diagnosis.settings import EVIDENCE_POWER
 
 Floats = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ class Promise:
     def of(cls, explanation: Explanation, host: Optimum, log_posterior: float, log_prior: float) -> Promise:
         """At a host's most probable node: something smooth acts there, and the host's errors of form as it has them."""
         has = set(host.explanation.members)
-        known, beyond = _named(host, host.best)
+        known, beyond = host.own.named(host.best)
         if not has <= set(explanation.members):
             has, known, beyond = set(), frozenset(), host.hyper.smooth_newton(host.best)
         new = frozenset(m.candidate.name for m in explanation.members if m not in has and not m.candidate.outside)
@@ -132,7 +132,7 @@ class Posterior:
         total, entries = float(logsumexp(list(weights.values()))), []
         for explanation, fit in fits.items():
             for node, value in of_fits[explanation][1].items():
-                named, beyond = _named(fit, node)
+                named, beyond = fit.own.named(node)
                 entries.append(Entry(explanation, fit, node, named, beyond, float(np.exp(value - total))))
         for e, p in promised.items():
             entries.append(Entry(e, None, None, p.named, p.beyond_newton, float(np.exp(weights[e] - total))))
@@ -245,25 +245,3 @@ class Posterior:
     def noise(self) -> tuple[float, float]:
         """How large noise is (see `CaseNoise`): mean and standard deviation."""
         return self.hyperparameter(NOISE)
-
-
-def _named(fit: Optimum, node: Node) -> tuple[frozenset[str], float]:
-    """Which members act by their name at a node, and how large what no name describes is [N].
-
-    Held against each other is what neither anatomy nor budget could make of both: an effect may be large because a bent
-    finger undoes nearly all of it.
-    """
-    sizes, own = fit.sizes_newton, fit.own_newton
-    unknown, right = [(fit.hyper.smooth_newton(node), fit.own_smooth_newton(node))], list[str]()
-    errors = iter(node[FORMS:])
-    for member in fit.explanation.members:
-        name = member.candidate.name
-        error = fit.hyper.form.value[next(errors)] if member.candidate.has_form else 0.0
-        if member.candidate.outside:
-            unknown.append((sizes[name], own[name]))
-        elif error > FORM_NAMED:
-            unknown.append((error * sizes[name], error * own[name]))
-        else:
-            right.append(name)
-    beyond, largest = (max(each) for each in zip(*unknown, strict=True))
-    return frozenset(name for name in right if own[name] > largest), beyond

@@ -12,6 +12,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.gaussian import (
+    Everything,
     Freed,
     Quadratic,
     blocks_by_case,
@@ -23,6 +24,7 @@ from fingermodel.diagnosis.posterior.gaussian import (
 )
 from fingermodel.diagnosis.posterior.hyper import CARRIER, NOISE, Node, climbed, explored
 from fingermodel.diagnosis.posterior.linearised import ALWAYS, ANATOMY, BUDGET, OTHERS, OWN, Linearised
+from fingermodel.diagnosis.posterior.own_part import OwnPart
 from fingermodel.diagnosis.session_model.bad_cases import Apart, gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.settings import NODES_WITHIN
@@ -39,25 +41,6 @@ _AT_ONCE = 4_000_000
 _SETTLED = 1.0
 # Information of a weight from which rounding of inner products counts.
 _STEEP = 1e12
-
-
-@dataclass(frozen=True, eq=False)
-class Everything:
-    """All weights of a linearised session at their posterior.
-
-    Attributes:
-        names: of the blocks.
-        mean: (k,) in units of a width of 1.
-        covariance: (k, k).
-        place: (k,) where they stand in the linearisation.
-        parameters: (p,) indices of those that are parameters, and where among the k they stand.
-    """
-
-    names: tuple[str, ...]
-    mean: Floats
-    covariance: Floats
-    place: Floats
-    parameters: tuple[Ints, Ints]
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,6 +180,11 @@ class Optimum(Linearised):
         return max(self.nodes, key=lambda n: self.nodes[n])
 
     @cached_property
+    def own(self) -> OwnPart:
+        """What of all that acts neither anatomy nor budget could do, and what it makes of names."""
+        return OwnPart(self, self.best)
+
+    @cached_property
     def log_posterior(self) -> float:
         """Of the explanation, hyperparameters summed; without a constant that all explanations share."""
         return float(logsumexp(list(self.nodes.values())))
@@ -297,37 +285,6 @@ class Optimum(Linearised):
         left = residual + blocks @ self.places(names)
         columns = blocks * self.widths(names, node)
         return solve_triangular(root_of_one_plus(columns.T @ columns), columns.T, lower=True, check_finite=False), left
-
-    def own_share(self, columns: Floats) -> float:
-        """How much of changes (fitted readings, k) neither anatomy nor budget could make: a share between 0 and 1."""
-        new = self.whitened_columns(columns, self.best)
-        whole, absorbed = float((new**2).sum()), float(((self._absorbing @ new) ** 2).sum())
-        return float(np.sqrt(max(1.0 - absorbed / whole, 0.0))) if whole > 0.0 else 0.0
-
-    @cached_property
-    def _absorbing(self) -> Floats:
-        """V (k, n), such that 1 - Vᵀ V is the inverse covariance of the whitened readings by anatomy and budget."""
-        names = [ALWAYS, BUDGET, ANATOMY]
-        columns = self.whitened_blocks(names, self.best) * self.widths(names, self.best)
-        return solve_triangular(root_of_one_plus(columns.T @ columns), columns.T, lower=True, check_finite=False)
-
-    @cached_property
-    def own_newton(self) -> dict[str, float]:
-        """What of each member's size [N] neither anatomy nor budget could make."""
-        rows = self.session.rows[self.session.fitted]
-        each = zip(self.explanation.names, self.changes, strict=True)
-        return {n: self.sizes_newton[n] * self.own_share(c.reshape(-1)[rows, None]) for n, c in each}
-
-    def own_smooth_newton(self, node: Node) -> float:
-        """The same of what is smooth at a node."""
-        blocks = self.hyper.smooth_blocks(node)
-        for name in blocks.keys() - self._own_shares.keys():
-            self._own_shares[name] = self.own_share(self.block(name, self.session.fitted, self.slopes))
-        return max((size * self._own_shares[name] for name, size in blocks.items()), default=0.0)
-
-    @cached_property
-    def _own_shares(self) -> dict[str, float]:
-        return {}
 
     def log_joints_of(self, residuals: Floats, node: Node) -> Floats:
         """Log of prior times likelihood (k,) at a node that other readings would have here.

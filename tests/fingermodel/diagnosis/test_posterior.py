@@ -235,13 +235,13 @@ def test_of_a_change_counts_what_neither_anatomy_nor_budget_could_do(nothing: Op
     columns = blocks * nothing.widths(names, nothing.best)
     for one in columns.T[[0, len(columns.T) // 2, -1]]:
         information = float((nothing.whitened_columns(one[:, None], nothing.best) ** 2).sum())
-        assert nothing.own_share(one[:, None]) ** 2 <= 1.0 / (1.0 + information) + 1e-9
+        assert nothing.own.shares([one[:, None]])[0] ** 2 <= 1.0 / (1.0 + information) + 1e-9
     # What their readings could not be at all is wholly its own.
     whitened = nothing.whitened_columns(np.column_stack([columns, np.eye(len(columns))]), nothing.best)
     apart = np.linalg.svd(whitened[:, : len(columns.T)])[0][:, -1]
     other = np.linalg.solve(whitened[:, len(columns.T) :], apart)
-    assert nothing.own_share(other[:, None]) == pytest.approx(1.0, abs=1e-6)
-    assert nothing.own_share(0.0 * other[:, None]) == 0.0
+    assert nothing.own.shares([other[:, None]]) == pytest.approx([1.0], abs=1e-6)
+    assert nothing.own.shares([0.0 * other[:, None]]) == [0.0]
 
 
 def test_an_effect_that_anatomy_undoes_is_not_named_beside_something_smooth(hanger: Optimum, nothing: Optimum) -> None:
@@ -258,5 +258,5 @@ def test_an_effect_that_anatomy_undoes_is_not_named_beside_something_smooth(hang
     assert named(hanger) == {name}
     assert hanger.sizes_newton[name] > hanger.hyper.smooth_newton(smooth) > 0.0
     undone = replace(hanger)
-    undone.__dict__["own_newton"] = {name: 0.5 * hanger.own_smooth_newton(smooth)}
+    undone.own.__dict__["newton"] = {name: 0.5 * hanger.own.smooth_newton(smooth)}
     assert named(undone) == frozenset()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable, MutableMapping
+from collections.abc import AsyncIterator, Callable, Coroutine, MutableMapping
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -136,3 +136,17 @@ def posted(
         "most": six, "mean": six, "overload": False,
     }  # fmt: skip
     return {"dropped": dropped, "envelopes": [envelope]}
+
+
+Play = Callable[[Served, Messages], Coroutine[Any, Any, None]]
+
+
+def played(folder: Path, play: Play, **options: Any) -> None:
+    """Serve a hub on a database in a folder, and play something with it."""
+    messages = messages_in(folder)
+
+    async def run() -> None:
+        async with hub_of(messages, **options) as served:
+            await play(served, messages)
+
+    asyncio.run(run())

@@ -16,6 +16,7 @@ from daq.sessions import find_session, read_session, read_yaml
 from daq.uplink.wire import COUNT, EPOCH, SHA256, stream_path
 from tests.server.service.running import ServiceReceiver
 
+PUBLISHED = "synek2019_H01"
 STREAM, EPOCH_1 = "a" * 32, "1" * 32
 DESCRIPTION: dict[str, Any] = {"driver": "replay", "settings": {}, "cell": {}, "clock": "device"}
 
@@ -24,6 +25,12 @@ def document_of(name: str) -> dict[str, Any]:
     """Plain data of a shipped session."""
     found: dict[str, Any] = read_yaml(find_session(name))
     return found
+
+
+def small(name: str = "S1", cases: int = 3) -> dict[str, Any]:
+    """A published session with few cases."""
+    document = document_of(PUBLISHED)
+    return document | {"id": name, "cases": document["cases"][:cases]}
 
 
 def chunks_of(name: str, size: int = 250) -> Iterator[Chunk]:

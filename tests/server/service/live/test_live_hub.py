@@ -5,9 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import threading
-from collections.abc import Callable, Coroutine
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,19 +17,7 @@ from server.service.live.clients import FRAMES_WAITING, TRY_AGAIN
 from server.service.live.connection import MOST_CLIENTS
 from server.service.storage.checksums import sealed
 from server.service.storage.messages import Message, Messages
-from tests.server.service.live_sockets import FakeSocket, Served, hub_of, keep, messages_in, posted
-
-Play = Callable[[Served, Messages], Coroutine[Any, Any, None]]
-
-
-def played(folder: Path, play: Play, **options: Any) -> None:
-    messages = messages_in(folder)
-
-    async def run() -> None:
-        async with hub_of(messages, **options) as served:
-            await play(served, messages)
-
-    asyncio.run(run())
+from tests.server.service.live_sockets import FakeSocket, Served, hub_of, keep, messages_in, played, posted
 
 
 def told(number: int) -> Message:

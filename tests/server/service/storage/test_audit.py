@@ -14,8 +14,8 @@ from daq.audit import Entry, faults
 from server.service.security.tokens import create, revoke
 from server.service.storage.audit import entries, faults_of
 from tests.server.command_line import run
+from tests.server.service.recorded import small
 from tests.server.service.running import ServiceReceiver
-from tests.server.service.sessions.test_sessions import small
 
 AT = "/api/v1/sessions/S1"
 
