@@ -92,7 +92,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "extra_noise_N": None if assumed else {"value": noise[0], "sd": noise[1]},
         "predictive_check": predictive(d),
         "size": effect_size(d) if verdict.kind == "found" else None,
-        # Of all cases but the suspects.
+        # Of all cases but suspects and outliers.
         "before": d.comparison(nothing).summary(),
         "after": d.comparison(best).summary(),
         "chi_square": {

@@ -8,12 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.settings import LEVER_MM
 from fingermodel.fitting.roots import root_of
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 # A reading is never better known than this [N; a tenth of it a N mm].
 _LEAST_N = 1e-3
@@ -42,7 +40,7 @@ class CaseNoise:
 
     @classmethod
     def of(
-        cls, blocks: Floats, rows: Rows, scatter: Floats, moment: Mask, bad_size: Floats, assumed: bool
+        cls, blocks: Floats, rows: Rows, scatter: Floats, unit: Floats, bad_size: Floats, assumed: bool
     ) -> CaseNoise:
         """Sort readings by case.
 
@@ -50,12 +48,11 @@ class CaseNoise:
             blocks: (cases, 6, 6) covariance of each case.
             rows: (n,) indices of the readings into the flattened (cases, 6) wrench.
             scatter: (n, t) change of each reading when a tendon's tension doubles, to first order.
-            moment: (n,) whether the reading is a moment.
+            unit: (n,).
             bad_size: (n,).
             assumed: whether the blocks are.
         """
         cases, axis = rows // 6, rows % 6
-        unit = np.where(moment, LEVER_MM, 1.0)
         by_size: dict[int, list[Rows]] = {}
         for case in np.unique(cases):
             of_case = np.flatnonzero(cases == case)

@@ -158,7 +158,7 @@ class Session:
         most_N = 2.0 * float(np.asarray(self.observations.inputs.tension).sum(axis=1).max())
         size = bad_size(moment, measured, most_N)
         own, assumed = self.observations.noise.alone, self.observations.noise_assumed
-        return CaseNoise.of(own, self.rows[chosen], self._by_tension[chosen], moment, size, assumed)
+        return CaseNoise.of(own, self.rows[chosen], self._by_tension[chosen], self.places.unit[chosen], size, assumed)
 
     def whitened_smooth(self, scatter: float, noise: float, bad: frozenset[int]) -> WhitenedSmooth:
         """The fitted smooth columns under some noise by case; kept, since every explanation asks for them."""

@@ -214,11 +214,12 @@ def check(fit: Optimum, slips: Slips | None = None) -> PredictiveCheck:
         found = slips.explain(could, fit.theta, scatter)
         odds = {case: LOG_PRIOR_ODDS + could[case].anything + found[case].gain for case in could}
         unlike = {case: _LOG_UNLIKE + could[case].anything for case in could.keys() & session.unlike_fitted}
-        worst = max(odds, key=lambda c: max(odds[c], unlike.get(c, odds[c])), default=None)
-        if worst is None or max(odds[worst], unlike.get(worst, odds[worst])) < SUSPECT_LOG_ODDS:
+        either = {case: max(o, unlike.get(case, o)) for case, o in odds.items()}
+        worst = max(either, key=lambda c: either[c], default=None)
+        if worst is None or either[worst] < SUSPECT_LOG_ODDS:
             break
         partner = found[worst].partner
-        if unlike.get(worst, -np.inf) > odds[worst]:
+        if either[worst] > odds[worst]:
             strange.add(worst)
         else:
             bad |= {worst} if partner is None else {worst, partner}
@@ -231,10 +232,10 @@ def check(fit: Optimum, slips: Slips | None = None) -> PredictiveCheck:
         if least is None or odds[least] >= SUSPECT_LOG_ODDS:
             break
         bad.remove(least)
-    log_evidence = _log_density(predictions, bad) + sum(LOG_PRIOR_ODDS + one.gain for one in explained.values())
+    log_density = _log_density(predictions, bad)
     if new := session.unlike_fitted - bad:
-        more = _log_density(predictions, bad | new) - _log_density(predictions, bad)
-        log_evidence += float(np.logaddexp(0.0, _LOG_UNLIKE + more))
+        log_density = float(np.logaddexp(log_density, _LOG_UNLIKE + _log_density(predictions, bad | new)))
+    log_evidence = log_density + sum(LOG_PRIOR_ODDS + one.gain for one in explained.values())
     return PredictiveCheck(None, None, {}, {}, (), log_evidence, predictions).setting_apart(odds, explained)
 
 
