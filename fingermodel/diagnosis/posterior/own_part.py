@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from fingermodel.diagnosis.posterior.hyper import FORMS, Node
+from fingermodel.diagnosis.posterior.hyper import FORMS, SMOOTH, Node
 from fingermodel.diagnosis.posterior.linearised import ALWAYS, ANATOMY, BUDGET, Linearised
 from fingermodel.diagnosis.settings import FORM_NAMED
 from fingermodel.fitting.roots import root_of_one_plus
@@ -69,9 +69,11 @@ class OwnPart:
         Held against each other is the own part of both: an effect may be large because a bent finger undoes nearly all
         of it.
         """
-        if node not in self._named:
-            self._named[node] = self._names_at(node)
-        return self._named[node]
+        # Scatter, noise and widths change the size of nothing.
+        key = node[SMOOTH:]
+        if key not in self._named:
+            self._named[key] = self._names_at(node)
+        return self._named[key]
 
     def _names_at(self, node: Node) -> tuple[frozenset[str], float]:
         fit, sizes, own = self._fit, self._fit.sizes_newton, self.newton

@@ -164,10 +164,7 @@ def _again(fits: Sequence[Optimum], value: Value) -> Posterior:
 
 def _less(fits: Sequence[Optimum], gone: Mask) -> Posterior:
     """The posterior of some explanations without some of the fitted readings (n,), at their best nodes."""
-    less = [_without(f, gone) for f in fits]
-    return Posterior.of(
-        {f.explanation: f for f in less}, nodes={f.explanation: {f.node: f.log_joint(f.node)} for f in less}
-    )
+    return Posterior.of({f.explanation: _without(f, gone) for f in fits})
 
 
 def _prior(p: float) -> Value:
@@ -196,7 +193,8 @@ def _without(fit: Optimum, gone: Mask) -> Optimum:
     less = replace(session, fitted=kept)
     less.__dict__.update({k: v for k, v in session.__dict__.items() if k not in _OF_THE_FITTED})
     other = replace(fit, session=less, residual=fit.residual[~gone], slopes=fit.slopes[~gone], node=fit.best)
-    other.__dict__["form_errors"] = fit.form_errors
+    # Other nodes are not looked for: that would take as long as a search.
+    other.__dict__.update(form_errors=fit.form_errors, nodes={fit.best: other.log_joint(fit.best)})
     return other
 
 
