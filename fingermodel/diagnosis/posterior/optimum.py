@@ -35,8 +35,8 @@ Ints = NDArray[np.intp]
 
 # Prior widths from its null at which a parameter begins of which nothing is known.
 _AWAY = 0.5
-# Elements of covariances that are made at once: 32 MB.
-_AT_ONCE = 4_000_000
+# Elements of covariances that are made at once: 4 MB, which stay in a core's cache.
+_AT_ONCE = 500_000
 # Units of chi-square that may be promised beyond where a fit ends.
 _SETTLED = 1.0
 # Information of a weight from which rounding of inner products counts.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterable
 from functools import cached_property
 
@@ -26,7 +27,9 @@ class OwnPart:
     """
 
     def __init__(self, fit: Linearised, node: Node) -> None:
-        self._fit, self._node = fit, node
+        # The fit keeps this: kept by it in turn, both would stay until the garbage collector comes, large as they are.
+        self._fit: Linearised = weakref.proxy(fit)
+        self._node = node
         self._shares: dict[str, float] = {}
         self._named: dict[Node, tuple[frozenset[str], float]] = {}
 

@@ -141,6 +141,10 @@ class WhitenedSmooth:
             self._whitened[block] = whitened(self.roots, self.part(block))
         return self._whitened[block]
 
+    def let_go(self) -> None:
+        """Forget the columns, not their inner products."""
+        self._whitened.clear()
+
     def inner(self, a: str, b: str) -> Floats:
         """(k, k) inner products of two blocks."""
         if (a, b) not in self._inner:

@@ -6,6 +6,7 @@ N(0, 1) weights is one draw.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,15 +91,13 @@ def loaded_columns(at: Places) -> Floats:
     Each muscle pulls in proportion to its load, smoothly over postures; smaller parts bend with the load, or have the
     same size at any.
     """
-    blocks = []
+    varying = []
     for rows in at.kinds:
         for load in at.load.T:
             own = load * rows
             if own.any():
-                blocks.append(own[:, None] * at.smooth)
-                blocks.append(_BENDS * (own * (1.0 - load))[:, None] * at.smooth)
-                blocks.append(_ANY_LOAD * (own > 0.0)[:, None] * at.smooth)
-    return reduced(np.concatenate(blocks, axis=1) * at.unit[:, None], at.unit)
+                varying += [own, _BENDS * own * (1.0 - load), _ANY_LOAD * (own > 0.0)]
+    return _root(at, varying)
 
 
 def torque_columns(at: Places, answer: Floats) -> Floats:
@@ -112,23 +111,20 @@ def torque_columns(at: Places, answer: Floats) -> Floats:
         answer: (n, rotations) change of each reading per N mm of torque.
     """
     total = at.load.max(axis=1)
-    blocks = []
-    for per_torque in LEVER_MM * answer.T:
-        smooth = per_torque[:, None] * at.smooth
-        blocks += [(total > 0.0)[:, None] * smooth, total[:, None] * smooth]
+    varying = []
+    for per_torque in LEVER_MM * answer.T / at.unit:
+        varying += [(total > 0.0) * per_torque, total * per_torque]
         for load in at.load.T:
             if (load > 0.0).any():
-                blocks += [load[:, None] * smooth, (_BENDS * load * (1.0 - load))[:, None] * smooth]
-                blocks.append(_ANY_LOAD * (load > 0.0)[:, None] * smooth)
-    return reduced(np.concatenate(blocks, axis=1), at.unit)
+                parts = load, _BENDS * load * (1.0 - load), _ANY_LOAD * (load > 0.0)
+                varying += [part * per_torque for part in parts]
+    return _root(at, varying)
 
 
 def constant_columns(at: Places) -> Floats:
     """Columns (n, k) of something that no load changes: 1 N, smoothly over postures, and a part of each setting."""
-    blocks = []
-    for rows in at.kinds:
-        blocks += [rows[:, None] * at.smooth, _OF_SETTING * rows[:, None] * at.settings]
-    return reduced(np.concatenate(blocks, axis=1) * at.unit[:, None], at.unit)
+    of_settings = [_OF_SETTING * rows[:, None] * at.settings for rows in at.kinds]
+    return _root(at, [rows.astype(float) for rows in at.kinds], np.concatenate(of_settings, axis=1))
 
 
 def form_columns(at: Places, change: Floats, rows: Rows) -> Floats:
@@ -142,39 +138,44 @@ def form_columns(at: Places, change: Floats, rows: Rows) -> Floats:
     force, moment = np.linalg.norm(change[:, :3], axis=1), np.linalg.norm(change[:, 3:], axis=1)
     # An effect that shows in moments alone may still be a little off in forces, and the other way round.
     size = np.where(at.moment, np.maximum(moment, LEVER_MM * force)[at.cases], force[at.cases])
-    own = change.reshape(-1)[rows]
+    own, size = change.reshape(-1)[rows] / at.unit, size / at.unit
     heavy = at.load.max(axis=1) - 0.5
     # Along the change: of all tendons alike, of each, by posture; and each of these bent with the load.
-    blocks = [own[:, None], (own * heavy)[:, None], own[:, None] * at.smooth]
+    alike, varying = [own, own * heavy], [own]
     for load in at.load.T:
         pulled = own * (load > 0.0)
         if pulled.any():
-            blocks += [pulled[:, None], (pulled * heavy)[:, None], pulled[:, None] * at.smooth]
+            alike += [pulled, pulled * heavy]
+            varying.append(pulled)
     # And a little in any direction.
     for kind in at.kinds:
         for load in at.load.T:
             loaded = _ASIDE * size * (load > 0.0) * kind
             if loaded.any():
-                blocks += [loaded[:, None] * at.smooth, (loaded * (load - 0.5))[:, None] * at.smooth]
-    return reduced(np.concatenate(blocks, axis=1), at.unit)
+                varying += [loaded, loaded * (load - 0.5)]
+    return _root(at, varying, np.stack(alike, axis=1))
 
 
-def reduced(columns: Floats, unit: Floats) -> Floats:
-    """Fewer columns (n, r) of nearly the same covariance: a pivoted Cholesky factor, which any covariance has.
+def _root(at: Places, varying: Sequence[Floats], alike: Floats | None = None) -> Floats:
+    """Columns (n, r) of a covariance, as few as say nearly all of it: its pivoted Cholesky factor.
 
     Args:
-        columns: (n, k).
-        unit: (n,) in which each row's variance is compared.
+        at: places of the readings.
+        varying: changes (n,), in `Places.unit`, each of which has a size of its own in any posture, smoothly.
+        alike: changes (n, k) that have one size throughout.
     """
-    scaled = columns / unit[:, None]
-    largest = float((scaled**2).sum(axis=1).max(initial=0.0))
+    # Of so many products of a change with a column over postures, only the sum of squares is ever made.
+    covariance = dsyrk(1.0, np.array(varying), trans=1, lower=1)
+    covariance *= dsyrk(1.0, at.smooth.T, trans=1, lower=1)
+    if alike is not None:
+        covariance = dsyrk(1.0, alike.T, trans=1, lower=1, beta=1.0, c=covariance, overwrite_c=1)
+    largest = float(covariance.diagonal().max(initial=0.0))
     if largest <= 0.0:
-        return np.zeros((len(columns), 0))
-    covariance = dsyrk(1.0, scaled.T, trans=1, lower=1)
+        return np.zeros((len(covariance), 0))
     factor, pivots, rank, _ = dpstrf(covariance, tol=_LEFT_OUT * largest, lower=1, overwrite_a=1)
-    root = np.empty((len(columns), rank))
+    root = np.empty((len(factor), rank))
     root[pivots - 1] = np.tril(factor[:, :rank])
-    out: Floats = root * unit[:, None]
+    out: Floats = root * at.unit[:, None]
     return out
 
 

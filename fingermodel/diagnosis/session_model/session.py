@@ -8,6 +8,7 @@ are independent by case; everything else is a column with a Gaussian weight.
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -162,10 +163,15 @@ class Session:
 
     def whitened_smooth(self, scatter: float, noise: float, bad: frozenset[int]) -> WhitenedSmooth:
         """The fitted smooth columns under some noise by case; kept, since every explanation asks for them."""
+        # Columns are many times as large as their inner products, and made again in no time.
+        for made in self._kept.values():
+            made.let_go()
         key = (scatter, noise, bad)
         if key not in self._kept:
             roots, log_det = self.fitted_noise.whitening(scatter, noise, bad)
-            self._kept[key] = WhitenedSmooth(roots, log_det, lambda block: self.smooth(block)[self.fitted])
+            # This keeps them: kept by them in turn, all would stay until the garbage collector comes.
+            session = weakref.proxy(self)
+            self._kept[key] = WhitenedSmooth(roots, log_det, lambda block: session.smooth(block)[session.fitted])
         return self._kept[key]
 
     def forget(self) -> None:
