@@ -6,7 +6,6 @@ import os
 import shutil
 import signal
 import zlib
-from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -15,9 +14,7 @@ import server  # noqa: F401 - settles the number of threads before anything nume
 from tests.progress import Progress
 from tests.settings import load_profile
 
-HERE = Path(__file__).parent
-# Of what waits for a browser and of what computes, files run in turns: neither leaves the cores idle, or has too few.
-IN_TURNS, QUICK = ("browser", "recovery"), "daq"
+QUICK = Path(__file__).parent / "daq"
 # Most programs run once or twice: by these, which the product has for its largest, they compile in two thirds of the
 # time. A run with the tests marked `full` leaves them out.
 HURRIED = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1 "
@@ -50,14 +47,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with what takes longest, and leave what is quick for the end: no worker is left alone with a long file."""
-    turn: dict[Path, tuple[int, int]] = {}
-    seen: Counter[str] = Counter()
-    for path in dict.fromkeys(item.path for item in items):
-        folder = path.relative_to(HERE).parts[0]
-        seen[folder] += 1
-        turn[path] = (0, seen[folder]) if folder in IN_TURNS else (2 if folder == QUICK else 1, 0)
-    items.sort(key=lambda item: turn[item.path])
+    """Leave what is quick for the end, so that no worker is left alone with a long file."""
+    items.sort(key=lambda item: item.path.is_relative_to(QUICK))
 
 
 def _compiled_once(config: pytest.Config) -> None:

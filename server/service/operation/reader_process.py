@@ -36,8 +36,9 @@ _SECRET = b"x-fingertwin-reader"
 # A process that ended is replaced after so long, each time after twice as long while none gets ready [s].
 _FIRST_WAIT_S, _MOST_WAIT_S = 1.0, 60.0
 _CONNECT_S = 5.0
-# Of a request: what the answer depends on. Of an answer: what holds for one connection, or is added on the way.
-_ASKED = frozenset({b"accept", b"if-none-match"})
+# Of a request: what the answer depends on, and what its body is.
+# Of an answer: what holds for one connection, or is added on the way.
+_ASKED = frozenset({b"accept", b"content-type", b"if-none-match"})
 _OWN = frozenset({b"connection", b"date", b"keep-alive", b"server", b"transfer-encoding", b"x-request-id"})
 
 
@@ -98,7 +99,8 @@ class ReaderProcess:
         headers += [(_SECRET, self._secret.encode()), (b"x-request-id", logs.REQUEST_ID.get().encode())]
         try:
             target = httpx.URL(url).copy_with(raw_path=path + b"?" + scope["query_string"])
-            asked = self._client.build_request("GET", target, headers=headers)
+            body = await request.body() or None
+            asked = self._client.build_request(request.method, target, headers=headers, content=body)
             answer = await _unless_gone(request, self._client.send(asked, stream=True))
             if answer.status_code < 500:
                 return _Passed(answer)

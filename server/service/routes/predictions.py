@@ -14,9 +14,9 @@ from server.service.schemas.common import Matched, ModelName, SessionId, Shown, 
 from server.service.schemas.predictions import Asked, Compared, Predicted
 from server.service.services import of
 from server.service.web.problems import ProblemError
-from server.service.web.strict_requests import ReadingRoute
+from server.service.web.strict_requests import AskingRoute
 
-router = APIRouter(route_class=ReadingRoute, tags=["comparison"])
+router = APIRouter(route_class=AskingRoute, tags=["comparison"])
 
 
 @router.post("/predictions", responses=documented(Predicted))

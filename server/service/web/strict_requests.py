@@ -138,8 +138,16 @@ class ReadingRoute(StrictRoute):
         return request.method == "GET"
 
 
-class ApartRoute(ReadingRoute):
-    """A route whose work takes seconds."""
+class AskingRoute(ReadingRoute):
+    """A route that keeps nothing, however it is asked: POST where a question is too long for an address."""
+
+    def only_reads(self, request: Request) -> bool:
+        """Return that it only answers."""
+        return True
+
+
+class ApartRoute(AskingRoute):
+    """The same, whose work takes seconds."""
 
     workers = "apart"
 
