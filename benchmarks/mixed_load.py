@@ -49,6 +49,8 @@ READERS = {
 }
 WATCHED = ("/api/v1/health", "/metrics", "/api/v1/health/live")
 BENCHES, WATCHERS, THOUGHT_S = 4, 2, 0.5
+# Load cases of a request for predictions.
+PREDICTED = 50_000
 EPOCH_1 = "1" * 32
 Times = dict[str, list[float]]
 
@@ -64,6 +66,14 @@ async def _asked(took: Times, kind: str, ask: Callable[[], Awaitable[httpx.Respo
 async def _reader(client: httpx.AsyncClient, took: Times, address: str, until: float) -> None:
     while time.monotonic() < until:
         await _asked(took, "readers", lambda: client.get(address))
+        await asyncio.sleep(THOUGHT_S)
+
+
+async def _predicting(client: httpx.AsyncClient, took: Times, until: float) -> None:
+    angles = np.linspace(5.0, 60.0, PREDICTED).tolist()
+    body = {"postures_deg": {"MCP": angles, "PIP": angles}, "masses_g": {"FDP": [950.0]}}
+    while time.monotonic() < until:
+        await _asked(took, "predicting", lambda: client.post("/api/v1/predictions", json=body))
         await asyncio.sleep(THOUGHT_S)
 
 
@@ -95,7 +105,7 @@ async def _bench(client: httpx.AsyncClient, took: Times, name: str, until: float
         k += 1
 
 
-def clients(url: str, seconds: float, which: str, end: multiprocessing.connection.Connection) -> None:
+def clients(url: str, seconds: float, which: str, predicting: int, end: multiprocessing.connection.Connection) -> None:
     """Be the readers, or the others; send how long each answer took [s]."""
 
     async def main() -> Times:
@@ -106,6 +116,7 @@ def clients(url: str, seconds: float, which: str, end: multiprocessing.connectio
         ) as client:
             if which == "readers":
                 work = [_reader(client, took, a, until) for a, count in READERS.items() for _ in range(count)]
+                work += [_predicting(client, took, until) for _ in range(predicting)]
             else:
                 work = [_bench(client, took, f"bench{k}", until) for k in range(BENCHES)]
                 work += [_watcher(client, took, until) for _ in range(WATCHERS)]
@@ -115,13 +126,13 @@ def clients(url: str, seconds: float, which: str, end: multiprocessing.connectio
     end.send(dict(asyncio.run(main())))
 
 
-def under_load(url: str, seconds: float) -> Times:
+def under_load(url: str, seconds: float, predicting: int = 0) -> Times:
     """All clients at once; readers are another process than benches, whose waiting is told alone."""
     context = multiprocessing.get_context("spawn")
     ends, processes = [], []
     for which in ("readers", "others"):
         ours, theirs = context.Pipe()
-        processes.append(context.Process(target=clients, args=(url, seconds, which, theirs)))
+        processes.append(context.Process(target=clients, args=(url, seconds, which, predicting, theirs)))
         processes[-1].start()
         ends.append(ours)
     took = {kind: times for end in ends for kind, times in end.recv().items()}
@@ -156,6 +167,7 @@ def main() -> None:
     """Run and write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--predicting", type=int, default=0, help=f"more clients, for {PREDICTED} load cases each time")
     parser.add_argument("--out", type=Path, default=HERE / "mixed_load.md")
     given = parser.parse_args()
     from fingertwin.client import Client
@@ -169,7 +181,7 @@ def main() -> None:
         with httpx.Client(base_url=url) as client:
             wait_for_readers(client)
         before = _cores(pid)
-        took = under_load(url, given.seconds)
+        took = under_load(url, given.seconds, given.predicting)
         own, reading, asking, busy, ran, waited, wall = _cores(pid) - before
     cores = (os.cpu_count() or 1) * wall
     aims = {"readers": "p99 1000 ms", "benches": "p99 100 ms", "watchers": "p99 100 ms"}
@@ -185,7 +197,8 @@ def main() -> None:
             f"Made by `python -m benchmarks.mixed_load --seconds {given.seconds:g}`",
             f"on {dt.datetime.now(dt.UTC).date()}, commit {commit()}, {os.cpu_count()} cores; load {load_before:.1f}.",
             "",
-            f"{sum(READERS.values())} readers, {BENCHES} benches, {WATCHERS} watchers; clients run on the same cores.",
+            f"{sum(READERS.values())} readers, {given.predicting} that ask for predictions, {BENCHES} benches,",
+            f"{WATCHERS} watchers; clients run on the same cores.",
             "",
             "| who | answers | p50 [ms] | p99 [ms] | longest [ms] | aim |",
             "|---|---|---|---|---|---|",
