@@ -184,7 +184,7 @@ def main() -> None:
         took = under_load(url, given.seconds, given.predicting)
         own, reading, asking, busy, ran, waited, wall = _cores(pid) - before
     cores = (os.cpu_count() or 1) * wall
-    aims = {"readers": "p99 1000 ms", "benches": "p99 100 ms", "watchers": "p99 100 ms"}
+    aims = {"readers": "p99 1000 ms", "benches": "p99 100 ms", "watchers": "p99 100 ms", "predicting": ""}
     rows = []
     for kind, times in sorted(took.items()):
         p50, p99, most = (1e3 * float(v) for v in (*np.percentile(times, [50, 99]), max(times)))
@@ -194,7 +194,7 @@ def main() -> None:
         [
             "# Fifty clients at once",
             "",
-            f"Made by `python -m benchmarks.mixed_load --seconds {given.seconds:g}`",
+            f"Made by `python -m benchmarks.mixed_load --seconds {given.seconds:g} --predicting {given.predicting}`",
             f"on {dt.datetime.now(dt.UTC).date()}, commit {commit()}, {os.cpu_count()} cores; load {load_before:.1f}.",
             "",
             f"{sum(READERS.values())} readers, {given.predicting} that ask for predictions, {BENCHES} benches,",

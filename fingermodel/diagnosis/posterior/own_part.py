@@ -27,7 +27,7 @@ class OwnPart:
     """
 
     def __init__(self, fit: Linearised, node: Node) -> None:
-        # The fit keeps this: kept by it in turn, both would stay until the garbage collector comes, large as they are.
+        # The fit refers to this. A cycle of references would keep its arrays until the garbage collector runs.
         self._fit: Linearised = weakref.proxy(fit)
         self._node = node
         self._shares: dict[str, float] = {}

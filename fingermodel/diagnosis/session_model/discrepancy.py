@@ -164,7 +164,8 @@ def _root(at: Places, varying: Sequence[Floats], alike: Floats | None = None) ->
         varying: changes (n,), in `Places.unit`, each of which has a size of its own in any posture, smoothly.
         alike: changes (n, k) that have one size throughout.
     """
-    # Of so many products of a change with a column over postures, only the sum of squares is ever made.
+    # One column would be a change times one of those over postures. All of them together are thousands, and their
+    # covariance is the product, element by element, of the two covariances.
     covariance = dsyrk(1.0, np.array(varying), trans=1, lower=1)
     covariance *= dsyrk(1.0, at.smooth.T, trans=1, lower=1)
     if alike is not None:

@@ -169,7 +169,7 @@ class Session:
         key = (scatter, noise, bad)
         if key not in self._kept:
             roots, log_det = self.fitted_noise.whitening(scatter, noise, bad)
-            # This keeps them: kept by them in turn, all would stay until the garbage collector comes.
+            # A cycle of references would keep all columns until the garbage collector runs.
             session = weakref.proxy(self)
             self._kept[key] = WhitenedSmooth(roots, log_det, lambda block: session.smooth(block)[session.fitted])
         return self._kept[key]
