@@ -289,6 +289,25 @@ def information(
     return max(float(prior @ told), 0.0), min(float(prior @ rightly), 1.0)
 
 
+def most_information(means: Floats, covariances: Floats, prior: Floats) -> Floats:
+    """What `information` [nat] cannot exceed, by case, without a draw (Kolchinsky and Tracey 2017).
+
+    Args:
+        means: (cases, explanations, components) of the reading by every explanation.
+        covariances: (cases, explanations, components, components).
+        prior: (explanations,) probability of each.
+    """
+    factors = root_of(covariances)
+    inverse, log_det = np.linalg.inv(factors), 2.0 * np.log(np.diagonal(factors, axis1=2, axis2=3)).sum(axis=2)
+    # Divergence of each explanation (first) from each other (second).
+    turned = inverse[:, None] @ factors[:, :, None]
+    away = np.einsum("cjab,cijb->cija", inverse, means[:, :, None] - means[:, None])
+    squares = (turned**2).sum(axis=(3, 4)) + (away**2).sum(axis=3)
+    divergence = 0.5 * (squares - means.shape[2] + log_det[:, None, :] - log_det[:, :, None])
+    out: Floats = -logsumexp(np.log(np.maximum(prior, 1e-300)) - divergence, axis=2) @ prior
+    return out
+
+
 def _parted(names: Sequence[str], each: dict[str, tuple[Floats, Floats]], prior: Floats) -> tuple[str, ...]:
     """The two explanations that a case parts best, weighed by how probable both are."""
     best: tuple[str, ...] = (names[0],)

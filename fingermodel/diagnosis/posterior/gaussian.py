@@ -194,23 +194,24 @@ def screened(quadratic: Quadratic, sets: list[tuple[int, ...]], x: Floats, one_s
     return _freed_evidence(value, score, inner, real & one_sided[index]) - 0.5 * at_null.log_det
 
 
-def marginal_evidence(covariance: Floats, left: Floats, own: Floats, one_sided: Mask) -> Floats:
+def marginal_evidence(covariance: Floats, right: Floats, one_sided: Mask, width: float = 1.0) -> Floats:
     """Log evidence (S,) of readings whose noise is 1, under each of some covariances of what else acts.
 
     Args:
         covariance: (S, n, n) positive semidefinite; overwritten.
-        left: (S, n) readings less what is expected of them.
-        own: (S, n, k) columns of weights with N(0, 1) priors.
+        right: (S, n, 1 + k) readings less what is expected of them, and columns of weights with priors.
         one_sided: (k,) whose prior is cut at 0.
+        width: of their priors.
 
     Returns:
         Without the constant and the noise's own determinant; masses of cut priors taken one by one.
     """
-    right, root = np.concatenate([left[..., None], own], axis=2), root_of_one_plus(covariance)
+    root = root_of_one_plus(covariance)
     turned = np.array([dtrtrs(factor, columns, lower=1)[0] for factor, columns in zip(root, right, strict=True)])
     inner = turned.swapaxes(1, 2) @ turned
     log_det = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-    return _freed_evidence(inner[:, 0, 0], inner[:, 1:, 0], inner[:, 1:, 1:], one_sided) - log_det
+    own = width**2 * inner[:, 1:, 1:]
+    return _freed_evidence(inner[:, 0, 0], width * inner[:, 1:, 0], own, one_sided) - log_det
 
 
 def _freed_evidence(misfit: Floats, score: Floats, inner: Floats, cut: Mask) -> Floats:

@@ -203,9 +203,10 @@ class Hyperparameters:
         Effects' own parameters have a width of 1, and are no hyperparameter's.
         """
         if node not in self._widths:
-            v = self.values(node)
-            forms = {f"form{k}": float(width) for k, width in enumerate(v.forms) if width > 0.0}
-            always = dict(zip(ACTING, (1.0, v.budget, v.anatomy), strict=True))
+            errors = [self.form.value[i] for i in node[FORMS:]]
+            forms = {f"form{k}": width for k, width in enumerate(errors) if width > 0.0}
+            multiples = [self.axes[k].value[node[k]] for k in (BUDGET, ANATOMY)]
+            always = dict(zip(ACTING, (1.0, *multiples), strict=True))
             self._widths[node] = always | self.smooth_blocks(node) | forms
         return self._widths[node]
 
@@ -228,14 +229,19 @@ class Hyperparameters:
         return of_axes + [len(self.form.values)] * (len(node) - FORMS)
 
     def neighbours(self, node: Node) -> list[Node]:
-        """One step along one axis, or back to where it is most probable before any reading."""
+        """One step along one axis."""
         steps = [
             (*node[:k], index, *node[k + 1 :])
-            for k, axis in enumerate(self._axes_of(node))
-            for index in sorted({axis.mode} if k == CARRIER else {node[k] - 1, node[k] + 1, axis.mode})
-            if 0 <= index < len(axis.value) and index != node[k]
+            for k, size in enumerate(self.sizes(node))
+            for index in (node[k] - 1, node[k] + 1)
+            if 0 <= index < size and k != CARRIER
         ]
-        return list(dict.fromkeys(self.plainly(step) for step in steps))
+        return list(dict.fromkeys(map(self.plainly, steps)))
+
+    def returned(self, node: Node) -> list[Node]:
+        """The same node with one axis back to where it is most probable before any reading."""
+        steps = [(*node[:k], axis.mode, *node[k + 1 :]) for k, axis in enumerate(self._axes_of(node))]
+        return list(dict.fromkeys(map(self.plainly, steps)))
 
     def widened(self, node: Node) -> list[Node]:
         """This node, and those with more scatter, noise or something smooth: there a bad case may be a sound one."""

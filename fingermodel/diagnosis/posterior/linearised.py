@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,8 +50,8 @@ class Inner:
         beside: the same with the weights of what always acts left open.
         across: (always, k) of each block, turned by the root of what always acts.
         always: (always, n) whitened columns of what always acts, transposed.
-        outer: (n, n) covariance that each block gives the whitened readings by weights of a width of 1.
-        left: (n,) whitened readings less the model with every parameter at its null.
+        outer: (blocks, n²) covariance that each of some blocks gives the whitened readings.
+        right: (n, 1 + k) whitened readings and columns of the explanation's own parameters (see `among_readings`).
     """
 
     smooth: WhitenedSmooth
@@ -59,8 +60,8 @@ class Inner:
     beside: dict[tuple[str, str], Floats] = field(default_factory=dict)
     across: dict[str, Floats] = field(default_factory=dict)
     always: csr_array | None = None
-    outer: dict[str, Floats] = field(default_factory=dict)
-    left: Floats | None = None
+    outer: dict[tuple[str, ...], Floats] = field(default_factory=dict)
+    right: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,44 +249,53 @@ class Linearised:
             del self._latest[next(iter(self._latest))]
         return found, -0.5 * inner.smooth.log_det
 
-    def among_readings(
-        self, nodes: Sequence[Node], bad: frozenset[int] | None
-    ) -> tuple[Floats, Floats, Floats, Floats]:
+    def among_readings(self, nodes: Sequence[Node], bad: frozenset[int] | None) -> tuple[Floats, Floats, Floats]:
         """The whitened readings at some nodes, with what acts there as a covariance of theirs.
 
         Where there are fewer readings than weights, this is the smaller way to say the same as `quadratic`.
+        Nodes of one noise are best asked one after another.
 
         Returns:
             Covariance (s, n, n) that all weights that act give the readings, without the noise's own, which is 1;
-            readings (s, n) less the model with every parameter at its null; columns (s, n, k) of the explanation's own
-            parameters; and (s,) minus half the noise's ln det.
+            readings (s, n, 1) less the model with every parameter at its null, and beside them the columns (s, n, k) of
+            the explanation's own parameters; and (s,) minus half the noise's ln det.
         """
         count, n = len(nodes), len(self.residual)
-        covariance, left = np.empty((count, n, n)), np.empty((count, n))
-        own, of_noise = np.empty((count, n, self.size(OWN))), np.empty(count)
-        for noise in dict.fromkeys((node[SCATTER], node[NOISE]) for node in nodes):
-            alike = [k for k, node in enumerate(nodes) if (node[SCATTER], node[NOISE]) == noise]
-            inner = self._inner_at(nodes[alike[0]], self.bad if bad is None else bad)
-            blocks = [self.hyper.block_widths(nodes[k]) for k in alike]
-            names = list(dict.fromkeys(name for block in blocks for name in block))
-            variances = np.array([[block.get(name, 0.0) ** 2 for name in names] for block in blocks])
-            covariance[alike] = np.tensordot(variances, np.array([self._outer(inner, name) for name in names]), 1)
-            left[alike], own[alike] = self._left(inner), self._whitened(inner, OWN)
-            of_noise[alike] = -0.5 * inner.smooth.log_det
-        return covariance, left, own, of_noise
+        covariance, right, of_noise = (
+            np.empty((count, n * n)),
+            np.empty((count, n, 1 + self.size(OWN))),
+            np.empty(count),
+        )
+        end = 0
+        for _, group in groupby(nodes, lambda node: (node[SCATTER], node[NOISE])):
+            alike = list(group)
+            here = slice(end, end := end + len(alike))
+            inner = self._inner_at(alike[0], self.bad if bad is None else bad)
+            blocks = [self.hyper.block_widths(node) for node in alike]
+            names = tuple(dict.fromkeys(name for block in blocks for name in block))
+            variances = np.array([[block.get(name, 0.0) for name in names] for block in blocks]) ** 2
+            np.dot(variances, self._outer(inner, names), out=covariance[here])
+            right[here], of_noise[here] = self._right(inner), -0.5 * inner.smooth.log_det
+        return covariance.reshape(count, n, n), right, of_noise
 
-    def _outer(self, inner: Inner, name: str) -> Floats:
-        if name not in inner.outer:
-            columns = self._whitened(inner, name)
-            inner.outer[name] = columns @ columns.T
-        return inner.outer[name]
+    def _outer(self, inner: Inner, names: tuple[str, ...]) -> Floats:
+        """(blocks, n²) covariance that each block gives the whitened readings by weights of a width of 1."""
+        if names not in inner.outer:
+            for name in names:
+                if (name,) not in inner.outer:
+                    columns = self._whitened(inner, name)
+                    inner.outer[(name,)] = (columns @ columns.T).reshape(1, -1)
+            inner.outer[names] = np.concatenate([inner.outer[(name,)] for name in names])
+        return inner.outer[names]
 
-    def _left(self, inner: Inner) -> Floats:
-        if inner.left is None:
-            inner.left = self._whitened(inner, "residual")[:, 0]
+    def _right(self, inner: Inner) -> Floats:
+        """(n, 1 + k) readings less the model with every parameter at its null, and columns of the own parameters."""
+        if inner.right is None:
+            left = self._whitened(inner, "residual")[:, 0]
             for name in (ALWAYS, BUDGET, ANATOMY, OWN):
-                inner.left = inner.left + self._whitened(inner, name) @ self.place(name)
-        return inner.left
+                left = left + self._whitened(inner, name) @ self.place(name)
+            inner.right = np.column_stack([left, self._whitened(inner, OWN)])
+        return inner.right
 
     def _assembled(self, inner: Inner, names: Sequence[str]) -> Quadratic:
         sizes = [self.size(name) for name in names]

@@ -114,8 +114,8 @@ class Optimum(Linearised):
             found[node] = freed.log_evidence + of_noise + log_mass_apart(freed.mean, freed.covariance, self._one_sided)
         most = max(_AT_ONCE // len(self.residual) ** 2, 1)
         for some in (together[first : first + most] for first in range(0, len(together), most)):
-            covariance, left, own, of_each = self.among_readings(some, bad)
-            values = marginal_evidence(covariance, left, width * own, self._one_sided) + of_each
+            covariance, right, of_each = self.among_readings(some, bad)
+            values = marginal_evidence(covariance, right, self._one_sided, width) + of_each
             found |= zip(some, values.tolist(), strict=True)
         return [self.log_prior - 0.5 * self.unkept + self.hyper.log_prior(node) + found[node] for node in nodes]
 
@@ -164,8 +164,10 @@ class Optimum(Linearised):
     @cached_property
     def nodes(self) -> dict[Node, float]:
         """Log joint of the nodes that matter, exact masses of cut priors included."""
-        starts = [self.mode, *(self.hyper.with_carriers(self.mode) if self.mode[CARRIER] else [])]
-        known = explored(self._asked_together, starts, self.hyper.neighbours, NODES_WITHIN)
+        mode, hyper = self.mode, self.hyper
+        carried = hyper.with_carriers(mode) if mode[CARRIER] else []
+        starts = list(dict.fromkeys([mode, *hyper.returned(mode), *carried]))
+        known = explored(self._asked_together, starts, hyper.neighbours, NODES_WITHIN)
         best = max(known, key=lambda n: known[n])
         # Together or one by one makes the same difference at every node, near enough.
         further, cut = 0.0, self._one_sided

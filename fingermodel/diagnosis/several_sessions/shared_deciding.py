@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from fingermodel.comparison.comparison import muscles_of
 from fingermodel.comparison.reading_noise import Noise
 from fingermodel.diagnosis.diagnose import Diagnosis
-from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, feasible, information, inputs_of
+from fingermodel.diagnosis.next_cases.next_cases import (
+    PlannedReading,
+    feasible,
+    information,
+    inputs_of,
+    most_information,
+)
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.case_noise import as_read
 from fingermodel.diagnosis.settings import LEVER_MM, SEED, WORTH_NAT
@@ -141,25 +147,48 @@ def _ranked(
     unit = np.array([1.0, 1.0, 1.0, LEVER_MM, LEVER_MM, LEVER_MM])
     noise = as_read(np.diag(force * unit**2), unit, values.noise, session.observations.noise_assumed)
     of_angle = np.array([model.parameters.names[i].startswith("posture_angle.") for i in index])
-    rng = np.random.default_rng(SEED)
-    out = []
-    for k, case in enumerate(cases):
-        for reading in READINGS:
-            if reading != READINGS[0] and case.location != "tip":
-                continue
-            read = [0, 1, *([] if session.plane == "sagittal" else [2]), *([_MZ] if reading == READINGS[1] else [])]
-            # The posture will be set anew: its angles are as unknown as the budget has it, or read from a radiograph.
-            of_case = slopes[k][read]
-            known = of_case[:, ~of_angle] @ covariance[np.ix_(~of_angle, ~of_angle)] @ of_case[:, ~of_angle].T
-            anew = 0.0 if reading == READINGS[2] else values.budget**2 * of_case[:, of_angle] @ of_case[:, of_angle].T
-            scatter = values.scatter**2 * np.outer(mean[k, read], mean[k, read])
-            plain = known + anew + scatter + noise[np.ix_(read, read)]
-            each = [
-                (mean[k, read] + change[k, read], plain + np.outer(sd[k, read], sd[k, read])) for change, sd in changes
-            ]
-            told, _ = information(each, prior, rng, _DRAWS)
-            out.append(Deciding(case, reading, told))
+    change, sd = (np.array(both).swapaxes(0, 1) for both in zip(*changes, strict=True))
+    offers: list[_Offer] = []
+    for reading in READINGS:
+        read = [0, 1, *([] if session.plane == "sagittal" else [2]), *([_MZ] if reading == READINGS[1] else [])]
+        which = [k for k, case in enumerate(cases) if reading == READINGS[0] or case.location == "tip"]
+        rest, angles = (slopes[np.ix_(which, read, np.flatnonzero(chosen))] for chosen in (~of_angle, of_angle))
+        # The posture will be set anew: its angles are as unknown as the budget has it, or read from a radiograph.
+        anew = 0.0 if reading == READINGS[2] else values.budget
+        plain = rest @ covariance[np.ix_(~of_angle, ~of_angle)] @ rest.swapaxes(1, 2)
+        plain += anew**2 * angles @ angles.swapaxes(1, 2) + noise[np.ix_(read, read)]
+        plain += values.scatter**2 * _outer(mean[which][:, read])
+        means = (mean[:, None] + change)[which][..., read]
+        spreads = plain[:, None] + _outer(sd[which][..., read])
+        most = most_information(means, spreads, prior)
+        offers += [_Offer(cases[k], reading, *of_case) for k, *of_case in zip(which, means, spreads, most, strict=True)]
+    return _best(offers, prior)
+
+
+class _Offer(NamedTuple):
+    """A reading with what each law expects of it: (laws, components), (laws, components, components)."""
+
+    case: PlannedReading
+    reading: str
+    mean: Floats
+    covariance: Floats
+    most_nat: float
+
+
+def _best(offers: Sequence[_Offer], prior: Floats) -> tuple[Deciding, ...]:
+    """The most telling of those that load the same tendons; what cannot be among them is not drawn."""
     best: dict[tuple[str, str, str, str], Deciding] = {}
-    for one in sorted(out, key=lambda d: -d.information_nat):
-        best.setdefault((one.case.posture, one.case.location, muscles_of(one.case.masses_g), one.reading), one)
-    return tuple(d for d in best.values() if d.information_nat >= WORTH_NAT)[:_SHOWN]
+    rng = np.random.default_rng(SEED)
+    for offer in sorted(offers, key=lambda o: -o.most_nat):
+        if sum(d.information_nat >= offer.most_nat for d in best.values()) >= _SHOWN or offer.most_nat < WORTH_NAT:
+            break
+        told, _ = information(list(zip(offer.mean, offer.covariance, strict=True)), prior, rng, _DRAWS)
+        key = (offer.case.posture, offer.case.location, muscles_of(offer.case.masses_g), offer.reading)
+        if key not in best or told > best[key].information_nat:
+            best[key] = Deciding(offer.case, offer.reading, told)
+    ranked = sorted(best.values(), key=lambda d: -d.information_nat)
+    return tuple(d for d in ranked if d.information_nat >= WORTH_NAT)[:_SHOWN]
+
+
+def _outer(x: Floats) -> Floats:
+    return x[..., :, None] * x[..., None, :]

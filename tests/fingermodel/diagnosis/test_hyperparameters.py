@@ -62,7 +62,10 @@ def test_where_nothing_is_smooth_nobody_carries_it(recorded: SessionModel) -> No
         none = hyper.without_smooth(node)
         assert hyper.log_prior(none) == pytest.approx(hyper.log_prior(hyper.without_smooth(smooth)))
         assert not hyper.smooth_blocks(none)
-        assert all(hyper.plainly(near) == near for near in hyper.neighbours(node))
+        assert all(hyper.plainly(near) == near for near in [*hyper.neighbours(node), *hyper.returned(node)])
+        # Tendons are in no order: none is a step from another, and each may give way to all.
+        assert {hyper.carrier(near) for near in hyper.neighbours(node)} <= {"", hyper.carrier(node)}
+        assert hyper.of_all(node) in hyper.returned(node)
 
 
 def quadratic_hill(node: Node) -> float:

@@ -82,9 +82,9 @@ def test_the_steepest_slopes_leave_the_misfit_that_they_have(nothing: Optimum) -
 def test_readings_and_weights_say_the_same(hanger: Optimum, width: float) -> None:
     forms = [0] * len(hanger.form_errors)
     nodes = [(0, 0, 0, 0, 0, 0, 0, 0, *forms), (4, 1, 2, 3, 3, 0, 0, 0, *forms), (4, 1, 1, 0, 0, 3, 2, 5, *forms)]
-    covariance, left, own, of_noise = hanger.among_readings(nodes, None)
+    covariance, right, of_noise = hanger.among_readings(nodes, None)
     cut = hanger.session.model.parameters.one_sided[list(hanger.explanation.parameters)]
-    found = marginal_evidence(covariance, left, width * own, cut) + of_noise
+    found = marginal_evidence(covariance, right, cut, width) + of_noise
     for node, value in zip(nodes, found, strict=True):
         freed, noise = hanger.freed(node, None, width)
         expected = freed.log_evidence + noise + log_mass_apart(freed.mean, freed.covariance, cut)
