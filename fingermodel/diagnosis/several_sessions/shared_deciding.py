@@ -152,7 +152,7 @@ def _ranked(
     for reading in READINGS:
         read = [0, 1, *([] if session.plane == "sagittal" else [2]), *([_MZ] if reading == READINGS[1] else [])]
         which = [k for k, case in enumerate(cases) if reading == READINGS[0] or case.location == "tip"]
-        rest, angles = (slopes[np.ix_(which, read, np.flatnonzero(chosen))] for chosen in (~of_angle, of_angle))
+        rest, angles = (slopes[which][:, read][..., chosen] for chosen in (~of_angle, of_angle))
         # The posture will be set anew: its angles are as unknown as the budget has it, or read from a radiograph.
         anew = 0.0 if reading == READINGS[2] else values.budget
         plain = rest @ covariance[np.ix_(~of_angle, ~of_angle)] @ rest.swapaxes(1, 2)
