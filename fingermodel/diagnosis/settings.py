@@ -95,7 +95,8 @@ P_VALUE = 1e-4
 # Below this an effect as large as its prior hardly stands out; canonical correlation from which two are one class.
 DETECTABLE = 2.0
 ALIKE = 0.9
-# An explanation less probable than this is not tested by a next load case, which is worth proposing from [nat].
+# An explanation less probable than this is not tested by a next load case, which is worth proposing from [nat]. Of two
+# effects that sessions may share, what promises less is not fitted.
 LIVE = 0.01
 WORTH_NAT = 0.05
 

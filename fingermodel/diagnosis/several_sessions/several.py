@@ -23,7 +23,7 @@ from fingermodel.diagnosis.posterior.gaussian import Quadratic, log_mass
 from fingermodel.diagnosis.posterior.marginals import Posterior, weighed
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
-from fingermodel.diagnosis.settings import EVIDENCE_POWER, P_NOTHING, PERMUTATIONS, SURE
+from fingermodel.diagnosis.settings import EVIDENCE_POWER, LIVE, P_NOTHING, PERMUTATIONS, SURE
 from fingermodel.diagnosis.several_sessions.several_verdict import (
     InSession,
     PooledVerdict,
@@ -219,18 +219,22 @@ class _Pooling:
 
     def search(self, tell: Callable[[float], None]) -> list[Explanation]:
         """Fit the singles that promise most in all sessions together, and pairs of the best of them."""
+        everyone = range(len(self._sessions))
         self._fit(self._candidates.singles, _SINGLES)
         tell(0.6)
-        best = sorted(self._each, key=lambda e: -self.log_weight(e, range(len(self._sessions))))[:_PAIRS]
+        weights = {e: self.log_weight(e, everyone) for e in self._each}
+        best = sorted(weights, key=lambda e: -weights[e])[:_PAIRS]
         pairs = [self._candidates.joined((*a.members, *b.members)) for a, b in combinations(best, 2)]
-        self._fit([p for p in pairs if p is not None], _PAIRS)
+        live = max(self.apart(everyone), *weights.values()) + float(np.log(LIVE))
+        self._fit([p for p in pairs if p is not None], _PAIRS, live)
         tell(1.0)
         return list(self._each)
 
-    def _fit(self, offers: Sequence[Explanation], most: int) -> None:
+    def _fit(self, offers: Sequence[Explanation], most: int, least: float = -np.inf) -> None:
+        """Fit those that promise most, and more than the least, in every session."""
         inside = [e for e in offers if not any(m.candidate.outside for m in e.members)]
         promise = {e: sum(s.promise(e) for s in self._sessions) + self._candidates.log_prior(e) for e in inside}
-        ranked = [e for e in sorted(promise, key=lambda e: -promise[e]) if np.isfinite(promise[e])]
+        ranked = [e for e in sorted(promise, key=lambda e: -promise[e]) if promise[e] > least]
         chosen: dict[tuple[str, ...], Explanation] = {}
         for explanation in ranked:
             chosen.setdefault(explanation.names, explanation)
