@@ -50,7 +50,7 @@ class Inner:
         beside: the same with the weights of what always acts left open.
         across: (always, k) of each block, turned by the root of what always acts.
         always: (always, n) whitened columns of what always acts, transposed.
-        outer: (blocks, n²) covariance that each of some blocks gives the whitened readings.
+        outer: (n²,) covariance that each block gives the whitened readings by weights of a width of 1.
         right: (n, 1 + k) whitened readings and columns of the explanation's own parameters (see `among_readings`).
     """
 
@@ -60,7 +60,7 @@ class Inner:
     beside: dict[tuple[str, str], Floats] = field(default_factory=dict)
     across: dict[str, Floats] = field(default_factory=dict)
     always: csr_array | None = None
-    outer: dict[tuple[str, ...], Floats] = field(default_factory=dict)
+    outer: dict[str, Floats] = field(default_factory=dict)
     right: Floats | None = None
 
 
@@ -272,21 +272,17 @@ class Linearised:
             here = slice(end, end := end + len(alike))
             inner = self._inner_at(alike[0], self.bad if bad is None else bad)
             blocks = [self.hyper.block_widths(node) for node in alike]
-            names = tuple(dict.fromkeys(name for block in blocks for name in block))
+            names = list(dict.fromkeys(name for block in blocks for name in block))
             variances = np.array([[block.get(name, 0.0) for name in names] for block in blocks]) ** 2
-            np.dot(variances, self._outer(inner, names), out=covariance[here])
+            np.dot(variances, np.array([self._outer(inner, name) for name in names]), out=covariance[here])
             right[here], of_noise[here] = self._right(inner), -0.5 * inner.smooth.log_det
         return covariance.reshape(count, n, n), right, of_noise
 
-    def _outer(self, inner: Inner, names: tuple[str, ...]) -> Floats:
-        """(blocks, n²) covariance that each block gives the whitened readings by weights of a width of 1."""
-        if names not in inner.outer:
-            for name in names:
-                if (name,) not in inner.outer:
-                    columns = self._whitened(inner, name)
-                    inner.outer[(name,)] = (columns @ columns.T).reshape(1, -1)
-            inner.outer[names] = np.concatenate([inner.outer[(name,)] for name in names])
-        return inner.outer[names]
+    def _outer(self, inner: Inner, name: str) -> Floats:
+        if name not in inner.outer:
+            columns = self._whitened(inner, name)
+            inner.outer[name] = (columns @ columns.T).reshape(-1)
+        return inner.outer[name]
 
     def _right(self, inner: Inner) -> Floats:
         """(n, 1 + k) readings less the model with every parameter at its null, and columns of the own parameters."""
