@@ -261,12 +261,8 @@ class Linearised:
             the explanation's own parameters; and (s,) minus half the noise's ln det.
         """
         count, n = len(nodes), len(self.residual)
-        covariance, right, of_noise = (
-            np.empty((count, n * n)),
-            np.empty((count, n, 1 + self.size(OWN))),
-            np.empty(count),
-        )
-        end = 0
+        covariance, right = np.empty((count, n * n)), np.empty((count, n, 1 + self.size(OWN)))
+        of_noise, end = np.empty(count), 0
         for _, group in groupby(nodes, lambda node: (node[SCATTER], node[NOISE])):
             alike = list(group)
             here = slice(end, end := end + len(alike))
