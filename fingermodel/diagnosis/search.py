@@ -6,9 +6,10 @@ is said is read from fits, and from promises only of what they leave far behind.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,9 @@ from fingermodel.diagnosis.settings import MOST_FITS, P_VALUE, WITHIN
 
 Floats = NDArray[np.float64]
 
-# Explanations of each size that are fitted whatever the promise, by each of the two first linearisations.
-_FIRST = 3
+# Singles that are fitted whatever they promise about the base, and from which pairs are made; most pairs that are
+# fitted first; and singles that are fitted whatever they promise about where all candidates fit.
+_FIRST, _FIRST_OF_ALL = 8, 3
 # Units of chi-square that a step of the fit must promise at which the columns of scatter are made.
 _ROUGH = 2.0
 # Share of the work that is left by every fit, as far as anybody knows: most searches take some 14.
@@ -38,6 +40,13 @@ _SHAPES = (-1.6, -1.0, -0.4, 0.4, 1.0, 1.6)
 _SMOOTH = 0.08
 # Log posterior by which a promise must exceed what a fit has, for it to be fitted anew.
 _MORE = 1.0
+
+
+class _Offer(NamedTuple):
+    """Log posterior that an explanation is promised, and where the session was linearised."""
+
+    value: float
+    host: Optimum
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,28 +297,39 @@ class Searcher:
 
     def _first_fits(self, every: Optimum) -> None:
         """Fit what promises to come near the leader about the base, and about where all candidates fit."""
-        base = self.nothing
-        offers: dict[Explanation, tuple[float, Optimum]] = {}
-        for host in (base, every):
-            nodes = self._nodes(host)
-            promised = self._promised(host, self._singles, nodes)
-            firsts = _best_forms(promised)[: 3 * _FIRST]
-            # The best singles are fitted whatever they promise: the base is bent to do without them.
-            for explanation in firsts[:_FIRST]:
-                self._fit(explanation, host)
-            promised |= self._promised(host, self._candidates.pairs(firsts), nodes)
-            for e, v in promised.items():
-                if e not in offers or v > offers[e][0]:
-                    offers[e] = (v, host)
-        for e, (v, host) in self._shaped(base).items():
-            if v > offers[e][0]:
-                offers[e] = (v, host)
-        for explanation in _best_forms({e: v for e, (v, _) in offers.items()})[: 3 * _FIRST]:
-            promise, host = offers[explanation]
-            if not self._near(promise):
+        about_base = _better(self._offered(self.nothing, self._singles), self._shaped(self.nothing))
+        about_all = self._offered(every, self._singles)
+        pairs: dict[Explanation, _Offer] = {}
+        for host, offers, most in ((self.nothing, about_base, _FIRST), (every, about_all, _FIRST_OF_ALL)):
+            firsts = _best_forms(offers)[:_FIRST]
+            # The best are fitted whatever they promise: the base is bent to do without them.
+            for explanation in firsts[:most]:
+                self._fit(explanation, offers[explanation].host)
+            pairs = _better(pairs, self._offered(host, self._candidates.pairs(firsts)))
+        self._fit_singles(_better(about_base, about_all))
+        for explanation in _best_forms(pairs)[:_FIRST]:
+            if not self._near(pairs[explanation].value):
                 break
-            if explanation not in self._fits:
-                self._fit(explanation, host)
+            self._fit(explanation, pairs[explanation].host)
+
+    def _fit_singles(self, offers: Mapping[Explanation, _Offer]) -> None:
+        """Fit singles until the next one's promise would not do, however far promises have fallen short here.
+
+        A straight line from the base falls short where the model bends, or where an effect has a form of its own.
+        """
+        for explanation in sorted(offers, key=lambda e: -offers[e].value):
+            short = max(0.0, *(fit.log_posterior - offers[e].value for e, fit in self._fits.items() if e in offers))
+            if not self._near(offers[explanation].value + short):
+                break
+            # One form of an effect may do where another does not, by as much.
+            forms = [fit.log_posterior for e, fit in self._fits.items() if e.names == explanation.names]
+            if explanation not in self._fits and self._near(max(forms, default=np.inf) + short):
+                self._fit(explanation, offers[explanation].host)
+
+    def _offered(self, host: Optimum, explanations: Sequence[Explanation]) -> dict[Explanation, _Offer]:
+        """What a host promises."""
+        promised = self._promised(host, explanations, self._nodes(host))
+        return {e: _Offer(value, host) for e, value in promised.items()}
 
     def _near(self, log_posterior: float) -> bool:
         return log_posterior >= self._leader.log_posterior - WITHIN
@@ -318,14 +338,14 @@ class Searcher:
     def _leader(self) -> Optimum:
         return max(self._fits.values(), key=lambda o: o.log_posterior)
 
-    def _shaped(self, base: Optimum) -> dict[Explanation, tuple[float, Optimum]]:
+    def _shaped(self, base: Optimum) -> dict[Explanation, _Offer]:
         """What forms promise that have a parameter without slope at its null (a moment, a time constant).
 
         Such a parameter says where or how an effect acts, so the base is linearised with it at several values.
         """
         flat = ~base.slopes.any(axis=0) & (self._session.problem.sd > 0.0) & ~self._session.problem.free
         offers = [e for e in self._singles if flat[list(e.parameters)].any()]
-        best: dict[Explanation, tuple[float, Optimum]] = {}
+        best: dict[Explanation, _Offer] = {}
         problem = self._session.problem
         for widths in _SHAPES if offers else ():
             theta = np.where(
@@ -333,10 +353,9 @@ class Searcher:
             )
             host = self._fitter.linearised(NOTHING, theta, base.best, self._bad, base.log_prior)
             values = host.promises(offers, self._nodes(base))
-            for e, v in zip(offers, values, strict=True):
-                promise = float(v) + self._log_prior(e)
-                if e not in best or promise > best[e][0]:
-                    best[e] = (promise, host)
+            best = _better(
+                best, {e: _Offer(float(v) + self._log_prior(e), host) for e, v in zip(offers, values, strict=True)}
+            )
         return best
 
     def _fit(self, explanation: Explanation, host: Optimum) -> None:
@@ -349,10 +368,10 @@ class Searcher:
         while self._kept < most:
             leader = self._leader
             offers = [e for e in self._candidates.neighbours(leader.explanation) if (e, leader) not in self._asked]
-            promised = self._promised(leader, offers, self._nodes(leader))
+            promised = self._offered(leader, offers)
             limit = leader.log_posterior - WITHIN
             known = {e: self._fits[e].log_posterior + _MORE for e in promised if e in self._fits}
-            chosen = [e for e in _best_forms(promised) if promised[e] > max(limit, known.get(e, -np.inf))][:3]
+            chosen = [e for e in _best_forms(promised) if promised[e].value > max(limit, known.get(e, -np.inf))][:3]
             if not chosen:
                 break
             for explanation in chosen:
@@ -387,9 +406,15 @@ class Searcher:
         return {e: Promise.of(e, leader, min(value, most), self._log_prior(e)) for e, value in promised.items()}
 
 
-def _best_forms(promised: dict[Explanation, float]) -> list[Explanation]:
+def _better(some: Mapping[Explanation, _Offer], others: Mapping[Explanation, _Offer]) -> dict[Explanation, _Offer]:
+    """Of each explanation what promises more."""
+    new = {e: offer for e, offer in others.items() if e not in some or offer.value > some[e].value}
+    return {**some, **new}
+
+
+def _best_forms(promised: Mapping[Explanation, _Offer]) -> list[Explanation]:
     """Of each set of names the form that promises most; the most promising first."""
     best: dict[tuple[str, ...], Explanation] = {}
-    for explanation in sorted(promised, key=lambda e: -promised[e]):
+    for explanation in sorted(promised, key=lambda e: -promised[e].value):
         best.setdefault(explanation.names, explanation)
     return list(best.values())
