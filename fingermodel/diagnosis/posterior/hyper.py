@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 # carries it; then one error of form for each member that has a form.
 Node = tuple[int, ...]
 SCATTER, NOISE, BUDGET, ANATOMY, SMOOTH = range(5)
-FAMILIES = ("torque", "loaded", "constant")
+FAMILIES = ("torque", "tension", "loaded", "constant")
 CARRIER = SMOOTH + len(FAMILIES)
 FORMS = CARRIER + 1
 # Blocks of weights that act at every node (see `Linearised`).
@@ -125,15 +125,33 @@ class Hyperparameters:
 
     def with_smooth(self, node: Node) -> Node:
         """The same node with the stated noise, and a moderate amplitude of every family of something smooth."""
-        middle = len(self.axes[SMOOTH].values) // 2
-        smooth = [middle] * len(FAMILIES)
+        return self._with_amplitudes(node, [len(self.axes[SMOOTH].values) // 2] * len(FAMILIES))
+
+    def with_one_family(self, node: Node) -> list[Node]:
+        """The same node with the stated noise, and a small or a large amplitude of one family of something smooth."""
+        count = len(self.axes[SMOOTH].values)
+        sizes = count // 3, 2 * count // 3
+        return [
+            self._with_amplitudes(node, [size * (f == own) for f in FAMILIES]) for own in FAMILIES for size in sizes
+        ]
+
+    def _with_amplitudes(self, node: Node, smooth: Sequence[int]) -> Node:
         return (node[SCATTER], self.axes[NOISE].mode, node[BUDGET], node[ANATOMY], *smooth, 0, *node[FORMS:])
 
     def with_carriers(self, node: Node) -> list[Node]:
-        """The same node with each other carrier of what is smooth; where nothing is, with a moderate torque of each."""
+        """The same node with each other carrier of what is smooth.
+
+        Where nothing is, with a moderate torque of each, or a moderate error of each tension.
+        """
         middle = len(self.axes[SMOOTH].values) // 2
-        smooth = node[SMOOTH:CARRIER] if self._carried(node) else (middle, 0, 0)
-        nodes = [(*node[:SMOOTH], *smooth, c, *node[FORMS:]) for c in range(1, len(self.carriers))]
+        torque, tension = [tuple(middle * (f == family) for family in FAMILIES) for f in FAMILIES[:2]]
+        begun = [node[SMOOTH:CARRIER]] if self._carried(node) else [torque, tension]
+        nodes = [
+            (*node[:SMOOTH], *smooth, c, *node[FORMS:])
+            for c in range(1, len(self.carriers))
+            for smooth in begun
+            if smooth is not tension or c <= self.tendons
+        ]
         return [other for other in nodes if other != node]
 
     def carrier(self, node: Node) -> str:
@@ -146,7 +164,7 @@ class Hyperparameters:
 
     def _carried(self, node: Node) -> bool:
         """Whether anything is smooth that a carrier may have alone."""
-        return node[SMOOTH] > 0 or node[SMOOTH + 1] > 0
+        return any(node[SMOOTH : CARRIER - 1])
 
     def plainly(self, node: Node) -> Node:
         """The same node; where nothing is smooth, nothing carries it."""
@@ -187,8 +205,9 @@ class Hyperparameters:
         """Amplitudes [N] of what is smooth at a node, by the block of its columns (see `Session.smooth`)."""
         key = node[SMOOTH:FORMS]
         if key not in self._smooth:
-            carrier, of_tendon = self.carrier(node), 0 < node[CARRIER] <= self.tendons
-            of_family = (carrier, carrier if of_tendon else "", "")
+            carrier = self.carrier(node)
+            tendon = carrier if 0 < node[CARRIER] <= self.tendons else ""
+            of_family = (carrier, tendon, tendon, "")
             sizes = [self.axes[k].value[node[k]] for k in range(SMOOTH, CARRIER)]
             self._smooth[key] = {f"{f}:{c}": v for f, c, v in zip(FAMILIES, of_family, sizes, strict=True) if v > 0.0}
         return self._smooth[key]

@@ -139,22 +139,24 @@ class Optimum(Linearised):
     @cached_property
     def mode(self) -> Node:
         """The node to which the one that it was fitted under leads upwards."""
-        sizes = self.hyper.sizes(self.node)
-        best = climbed(self._asked, self.node, sizes)
+        best = self._climbed_from([self.node])
         if best[NOISE] != self.hyper.axes[NOISE].mode and best == self.hyper.without_smooth(best):
             # What is taken for noise may be something smooth.
-            best = max(best, climbed(self._asked, self.hyper.with_smooth(best), sizes), key=self._asked)
+            best = max(best, self._climbed_from(self.hyper.with_one_family(best)), key=self._asked)
         return self.hyper.plainly(best)
+
+    def _climbed_from(self, starts: Sequence[Node]) -> Node:
+        """Where the best of some nodes leads upwards."""
+        start = starts[int(np.argmax(self._asked_together(starts)))]
+        return climbed(self._asked, start, self.hyper.sizes(start))
 
     @cached_property
     def of_one(self) -> Node:
         """The mode, or a better node where what is smooth is of one tendon or of one rotation alone."""
         nodes = self.hyper.with_carriers(self.mode)
-        values = self._asked_together(nodes)
-        if max(values) < self._asked(self.mode) - NODES_WITHIN:
+        if max(self._asked_together(nodes)) < self._asked(self.mode) - NODES_WITHIN:
             return self.mode
-        start = nodes[int(np.argmax(values))]
-        return max(self.mode, climbed(self._asked, start, self.hyper.sizes(start)), key=self._asked)
+        return max(self.mode, self._climbed_from(nodes), key=self._asked)
 
     @cached_property
     def promise_of_one(self) -> float:

@@ -121,6 +121,23 @@ def torque_columns(at: Places, answer: Floats) -> Floats:
     return _root(at, varying)
 
 
+def tension_columns(at: Places, by_tension: Floats) -> Floats:
+    """Columns (n, k) of something smooth in what gets through of each tension: 1 N where a tension changes most.
+
+    In proportion to the load, with a smaller part that bends with it.
+
+    Args:
+        at: places of the readings.
+        by_tension: (n, muscles) change of each reading by the logarithm of each tension.
+    """
+    own = by_tension.T / at.unit
+    own /= np.abs(own).max(initial=1e-9)
+    varying = [
+        part for change, load in zip(own, at.load.T, strict=True) for part in (change, _BENDS * change * (1.0 - load))
+    ]
+    return _root(at, varying)
+
+
 def constant_columns(at: Places) -> Floats:
     """Columns (n, k) of something that no load changes: 1 N, smoothly over postures, and a part of each setting."""
     of_settings = [_OF_SETTING * rows[:, None] * at.settings for rows in at.kinds]

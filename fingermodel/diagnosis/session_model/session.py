@@ -21,7 +21,13 @@ from daq.errors import SessionError
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.session_model.bad_cases import bad_size
 from fingermodel.diagnosis.session_model.case_noise import CaseNoise, WhitenedSmooth
-from fingermodel.diagnosis.session_model.discrepancy import Places, constant_columns, loaded_columns, torque_columns
+from fingermodel.diagnosis.session_model.discrepancy import (
+    Places,
+    constant_columns,
+    loaded_columns,
+    tension_columns,
+    torque_columns,
+)
 from fingermodel.diagnosis.settings import CLAMP_SHARE, LEVER_MM
 from fingermodel.fingers import Plane
 from fingermodel.fitting.problems import Problem, weighted_problem
@@ -36,6 +42,11 @@ Mask = NDArray[np.bool_]
 _STEP = 1e-3
 # Loads that differ by less are alike, relative.
 _ALIKE = 0.05
+# What does not depend on where the scatter's columns are made.
+_THE_SAME_FROM_ANYWHERE = (
+    *("places", "tares", "nuisances", "_smooth", "_by_stated_tension", "torque_answer", "_answer_by_row"),
+    *("_tips", "_filled"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,9 +87,7 @@ class Session:
     def seen_from(self, theta: Floats) -> Session:
         """The same with the scatter's columns made at a parameter vector (parameters,)."""
         other = replace(self, about=theta)
-        kept = ("places", "_smooth", "torque_answer", "_answer_by_row", "_tips", "tares", "nuisances", "_filled")
-        for name in kept:
-            # What does not depend on it need not be made again.
+        for name in _THE_SAME_FROM_ANYWHERE:
             other.__dict__[name] = getattr(self, name)
         return other
 
@@ -100,7 +109,8 @@ class Session:
 
         Args:
             block: its family and what carries it (see `carriers`), as in `torque:FDP`. Families are `torque` of joints;
-                `loaded`: readings, growing with the load; `constant`: readings, whatever the load.
+                `tension`: what gets through of each; `loaded`: readings, growing with the load; `constant`: readings,
+                whatever the load.
         """
         if block not in self._smooth:
             family, carrier = block.split(":")
@@ -109,6 +119,9 @@ class Session:
             if family == "torque":
                 only = [rotations.index(carrier)] if carrier in rotations else range(len(rotations))
                 self._smooth[block] = torque_columns(at, self._answer_by_row[:, list(only)])
+            elif family == "tension":
+                only = [muscles.index(carrier)] if carrier in muscles else range(len(muscles))
+                self._smooth[block] = tension_columns(at, self._by_stated_tension[:, list(only)])
             else:
                 self._smooth[block] = (loaded_columns if family == "loaded" else constant_columns)(at)
         return self._smooth[block]
@@ -207,6 +220,11 @@ class Session:
         """(n, muscles) change of every reading by the logarithm of each tension."""
         theta = self.problem.centre if self.about is None else self.about
         return self.by_tension(theta)[self.rows // 6, self.rows % 6]
+
+    @cached_property
+    def _by_stated_tension(self) -> Floats:
+        """The same about the priors' centre, wherever it is linearised."""
+        return self.by_tension(self.problem.centre)[self.rows // 6, self.rows % 6]
 
     def by_tension(self, theta: Floats) -> Floats:
         """(cases, 6, muscles) change of every reading by the logarithm of each tension, about some parameters."""

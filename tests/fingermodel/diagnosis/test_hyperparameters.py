@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from fingermodel.diagnosis import settings
-from fingermodel.diagnosis.posterior.hyper import BUDGET, SCATTER, SMOOTH, Hyperparameters, Node, climbed, explored
+from fingermodel.diagnosis.posterior.hyper import (
+    BUDGET,
+    FAMILIES,
+    SCATTER,
+    SMOOTH,
+    Hyperparameters,
+    Node,
+    climbed,
+    explored,
+)
 from fingermodel.diagnosis.session_model.session import Session as SessionModel
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.session import Session
@@ -35,7 +44,7 @@ def test_every_axis_is_a_probability(recorded: SessionModel, published: SessionM
 def test_priors_say_what_the_explanation_says(recorded: SessionModel) -> None:
     hyper = Hyperparameters.of(recorded)
     budget, form = hyper.axes[BUDGET], hyper.form
-    assert np.exp(hyper.axes[SMOOTH].log_weight[0]) == pytest.approx(1.0 - settings.P_SMOOTH / 3.0)
+    assert np.exp(hyper.axes[SMOOTH].log_weight[0]) == pytest.approx(1.0 - settings.P_SMOOTH / len(FAMILIES))
     assert np.exp(budget.log_weight[budget.values >= 2.8]).sum() == pytest.approx(0.1, abs=0.05)
     assert np.exp(form.log_weight[form.values > settings.FORM_NAMED]).sum() == pytest.approx(0.2, abs=0.06)
 

@@ -112,6 +112,7 @@ def test_a_discrepancy_spares_the_checks(session: SessionModel) -> None:
     checks = np.array(session.observations.roles)[session.rows // 6] == "check"
     for carrier in session.carriers:
         assert not session.smooth(f"torque:{carrier}")[checks].any()
+        assert not session.smooth(f"tension:{carrier}")[checks].any()
         assert not session.smooth(f"loaded:{carrier}")[checks].any()
     assert not session.smooth("constant:")[checks].any()
 
@@ -123,10 +124,25 @@ def test_what_one_tendon_carries_is_in_its_cases_alone(session: SessionModel) ->
     assert len(tendons) == np.count_nonzero(tension.any(axis=0))
     for name in tendons:
         loaded = tension[:, muscles.index(name)] > 0.0
-        for family in ("torque", "loaded"):
+        for family in ("torque", "tension", "loaded"):
             columns = session.smooth(f"{family}:{name}")
             assert columns[loaded].any()
             assert not columns[~loaded].any()
+
+
+def test_a_tension_that_gets_lost_by_posture_is_something_smooth_of_its_tendon(session: SessionModel) -> None:
+    cases, components = session.rows // 6, session.rows % 6
+    by_tension = session.by_tension(session.problem.centre)[cases, components]
+    names, postures = list(session.observations.posture_angles), session.observations.postures
+    lost = np.array([0.1 * np.cos(session.observations.posture_angles[n][0]) for n in names])
+    at = np.array([lost[names.index(postures[c])] if postures[c] else 0.0 for c in cases])
+    for k, name in enumerate(session.model.finger.topology.muscles):
+        change = (at * by_tension[:, k] / session.places.unit)[:, None]
+        columns = session.smooth(f"tension:{name}") / session.places.unit[:, None]
+        left = change - columns @ np.linalg.lstsq(columns, change, rcond=None)[0]
+        assert np.abs(left).max() < 0.05 * np.abs(change).max()
+        # Amplitudes are in newtons at the reading that changes most.
+        assert np.sqrt((columns**2).sum(axis=1)).max() == pytest.approx(1.0, abs=0.1)
 
 
 def test_what_one_rotation_carries_turns_about_it_alone(session: SessionModel) -> None:
