@@ -147,7 +147,9 @@ class ReaderProcess:
         with self._changed:
             self._url, self._process = "", None
         process.join()
-        process.close()
+        # Who else waited for it (a supervisor, a test) has its exit status, and it seems to run for ever.
+        with suppress(ValueError):
+            process.close()
         ours.close()
         return bool(port)
 
