@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.case_odds import CaseOdds
+from fingermodel.diagnosis.offers import Offer, best_forms, better
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import CARRIER, FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.marginals import Promise
@@ -40,13 +40,6 @@ _SHAPES = (-1.6, -1.0, -0.4, 0.4, 1.0, 1.6)
 _SMOOTH = 0.08
 # Log posterior by which a promise must exceed what a fit has, for it to be fitted anew.
 _MORE = 1.0
-
-
-class _Offer(NamedTuple):
-    """Log posterior that an explanation is promised, and where the session was linearised."""
-
-    value: float
-    host: Optimum
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,22 +290,22 @@ class Searcher:
 
     def _first_fits(self, every: Optimum) -> None:
         """Fit what promises to come near the leader about the base, and about where all candidates fit."""
-        about_base = _better(self._offered(self.nothing, self._singles), self._shaped(self.nothing))
+        about_base = better(self._offered(self.nothing, self._singles), self._shaped(self.nothing))
         about_all = self._offered(every, self._singles)
-        pairs: dict[Explanation, _Offer] = {}
+        pairs: dict[Explanation, Offer] = {}
         for host, offers, most in ((self.nothing, about_base, _FIRST), (every, about_all, _FIRST_OF_ALL)):
-            firsts = _best_forms(offers)[:_FIRST]
+            firsts = best_forms(offers)[:_FIRST]
             # The best are fitted whatever they promise: the base is bent to do without them.
             for explanation in firsts[:most]:
                 self._fit(explanation, offers[explanation].host)
-            pairs = _better(pairs, self._offered(host, self._candidates.pairs(firsts)))
-        self._fit_singles(_better(about_base, about_all))
-        for explanation in _best_forms(pairs)[:_FIRST]:
+            pairs = better(pairs, self._offered(host, self._candidates.pairs(firsts)))
+        self._fit_singles(better(about_base, about_all))
+        for explanation in best_forms(pairs)[:_FIRST]:
             if not self._near(pairs[explanation].value):
                 break
             self._fit(explanation, pairs[explanation].host)
 
-    def _fit_singles(self, offers: Mapping[Explanation, _Offer]) -> None:
+    def _fit_singles(self, offers: Mapping[Explanation, Offer]) -> None:
         """Fit singles until the next one's promise would not do, however far promises have fallen short here.
 
         A straight line from the base falls short where the model bends, or where an effect has a form of its own.
@@ -326,10 +319,10 @@ class Searcher:
             if explanation not in self._fits and self._near(max(forms, default=np.inf) + short):
                 self._fit(explanation, offers[explanation].host)
 
-    def _offered(self, host: Optimum, explanations: Sequence[Explanation]) -> dict[Explanation, _Offer]:
+    def _offered(self, host: Optimum, explanations: Sequence[Explanation]) -> dict[Explanation, Offer]:
         """What a host promises."""
         promised = self._promised(host, explanations, self._nodes(host))
-        return {e: _Offer(value, host) for e, value in promised.items()}
+        return {e: Offer(value, host) for e, value in promised.items()}
 
     def _near(self, log_posterior: float) -> bool:
         return log_posterior >= self._leader.log_posterior - WITHIN
@@ -338,14 +331,14 @@ class Searcher:
     def _leader(self) -> Optimum:
         return max(self._fits.values(), key=lambda o: o.log_posterior)
 
-    def _shaped(self, base: Optimum) -> dict[Explanation, _Offer]:
+    def _shaped(self, base: Optimum) -> dict[Explanation, Offer]:
         """What forms promise that have a parameter without slope at its null (a moment, a time constant).
 
         Such a parameter says where or how an effect acts, so the base is linearised with it at several values.
         """
         flat = ~base.slopes.any(axis=0) & (self._session.problem.sd > 0.0) & ~self._session.problem.free
         offers = [e for e in self._singles if flat[list(e.parameters)].any()]
-        best: dict[Explanation, _Offer] = {}
+        best: dict[Explanation, Offer] = {}
         problem = self._session.problem
         for widths in _SHAPES if offers else ():
             theta = np.where(
@@ -353,8 +346,8 @@ class Searcher:
             )
             host = self._fitter.linearised(NOTHING, theta, base.best, self._bad, base.log_prior)
             values = host.promises(offers, self._nodes(base))
-            best = _better(
-                best, {e: _Offer(float(v) + self._log_prior(e), host) for e, v in zip(offers, values, strict=True)}
+            best = better(
+                best, {e: Offer(float(v) + self._log_prior(e), host) for e, v in zip(offers, values, strict=True)}
             )
         return best
 
@@ -371,7 +364,7 @@ class Searcher:
             promised = self._offered(leader, offers)
             limit = leader.log_posterior - WITHIN
             known = {e: self._fits[e].log_posterior + _MORE for e in promised if e in self._fits}
-            chosen = [e for e in _best_forms(promised) if promised[e].value > max(limit, known.get(e, -np.inf))][:3]
+            chosen = [e for e in best_forms(promised) if promised[e].value > max(limit, known.get(e, -np.inf))][:3]
             if not chosen:
                 break
             for explanation in chosen:
@@ -404,17 +397,3 @@ class Searcher:
         offers = dict.fromkeys([*self._candidates.neighbours(leader.explanation), *self._singles])
         promised = self._promised(leader, [e for e in offers if e not in self._fits], [leader.best])
         return {e: Promise.of(e, leader, min(value, most), self._log_prior(e)) for e, value in promised.items()}
-
-
-def _better(some: Mapping[Explanation, _Offer], others: Mapping[Explanation, _Offer]) -> dict[Explanation, _Offer]:
-    """Of each explanation what promises more."""
-    new = {e: offer for e, offer in others.items() if e not in some or offer.value > some[e].value}
-    return {**some, **new}
-
-
-def _best_forms(promised: Mapping[Explanation, _Offer]) -> list[Explanation]:
-    """Of each set of names the form that promises most; the most promising first."""
-    best: dict[tuple[str, ...], Explanation] = {}
-    for explanation in sorted(promised, key=lambda e: -promised[e].value):
-        best.setdefault(explanation.names, explanation)
-    return list(best.values())
