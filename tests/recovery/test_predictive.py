@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fingermodel.diagnosis.session_model.session import session_of
-from fingermodel.diagnosis.verdict.predictive import check, predicted
+from fingermodel.diagnosis.verdict.predictive import check, most_evidence, predicted
 from fingermodel.fitting.identification import drawn_starts, slopes_of
 from fingermodel.session import Session
 from server.application.diagnosing import run_diagnosis
@@ -57,6 +57,9 @@ def test_a_validation_case_that_is_spoilt_is_named_unless_something_may_act_that
     bench = Session.open("DEV-08")
     found = run_diagnosis(bench)
     sound = check(found.best)
+    # Of what it could say at most, it says less, whatever acts.
+    most = most_evidence(found.posterior)
+    assert all(check(one).log_evidence <= most for one in found.posterior.fits.values())
     assert sound.bad == {}
     assert not sound.vetoes
     fit = found.best

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, expit, logit, logsumexp
 
-from fingermodel.diagnosis.posterior.hyper import Node
+from fingermodel.diagnosis.posterior.hyper import NOISE, SCATTER, Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import (
@@ -274,7 +274,7 @@ def _apart(session: Session, prediction: Prediction, bad: Collection[int], cases
 
 
 def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation, PredictiveCheck]:
-    """Check some explanations; bad are cases that are so whichever explanation holds, all fitted ones weighed.
+    """Check some explanations; bad are cases that are so whichever explanation holds, all weighed that could count.
 
     A case may be as one explanation expects it and a slip under another. How probable each is, it says itself.
     """
@@ -282,7 +282,12 @@ def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation,
     out = {fit.explanation: check(fit, slips_of) for fit in chosen}
     if not any(c.bad for c in out.values()):
         return out
-    asked = out | {e: check(fit, slips_of) for e, fit in posterior.fits.items() if e not in out}
+    asked = dict(out)
+    least = float(np.log(_WEIGHT)) + max(posterior.weights[e] + EVIDENCE_POWER * c.log_evidence for e, c in out.items())
+    most = EVIDENCE_POWER * most_evidence(posterior)
+    for e, fit in posterior.fits.items():
+        if e not in asked and posterior.weights[e] + most >= least:
+            asked[e] = check(fit, slips_of)
     log = {e: posterior.weights[e] + EVIDENCE_POWER * c.log_evidence for e, c in asked.items()}
     top = float(logsumexp(list(log.values())))
     bad: dict[int, float] = {}
@@ -294,6 +299,17 @@ def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation,
             bad[case] = odds
             slips[case] = max(p, key=lambda entry: entry[0] * entry[1])[2].slips[case]
     return {e: c.setting_apart(bad, slips) for e, c in out.items()}
+
+
+def most_evidence(posterior: Posterior) -> float:
+    """What the validation cases can say for an explanation at most: if it predicts all of them exactly."""
+    session, axes = posterior.nothing.session, posterior.nothing.hyper.axes
+    nodes = [node for fit in posterior.fits.values() for node in fit.nodes]
+    scatter, noise = (axes[k].value[min(node[k] for node in nodes)] for k in (SCATTER, NOISE))
+    unseen = ~session.fitted
+    log_det = session.noise_of(unseen).whitening(scatter, noise, ())[1]
+    # Either nothing acts that no fitted case shows, or something does.
+    return -0.5 * (log_det + int(unseen.sum()) * float(np.log(2.0 * np.pi))) + float(np.log1p(P_UNLIKE))
 
 
 def holding(posterior: Posterior, fit: Optimum) -> dict[Explanation, float]:
