@@ -8,12 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.verdict.predictive import check, most_evidence, predicted
 from fingermodel.fitting.identification import drawn_starts, slopes_of
 from fingermodel.session import Session
 from server.application.diagnosing import run_diagnosis
 from tests.simulator import draw_session
+
+
+@pytest.fixture(scope="module")
+def found() -> Diagnosis:
+    return run_diagnosis(Session.open("DEV-08"))
 
 
 def test_slopes_of_validation_readings_are_those_of_the_prediction() -> None:
@@ -50,20 +56,20 @@ def test_validation_readings_of_unknown_uncertainty_do_not_count() -> None:
     assert np.isin(6 * held, session.rows[~session.fitted]).all()
 
 
+def test_validation_cases_say_no_more_for_an_explanation_than_if_it_predicted_them_exactly(found: Diagnosis) -> None:
+    most = most_evidence(found.posterior)
+    assert all(check(fit).log_evidence <= most for fit in found.posterior.fits.values())
+
+
 @pytest.mark.parametrize("unlike", [False, True])
 def test_a_validation_case_that_is_spoilt_is_named_unless_something_may_act_that_no_fitted_case_shows(
-    unlike: bool,
+    unlike: bool, found: Diagnosis
 ) -> None:
-    bench = Session.open("DEV-08")
-    found = run_diagnosis(bench)
     sound = check(found.best)
-    # Of what it could say at most, it says less, whatever acts.
-    most = most_evidence(found.posterior)
-    assert all(check(one).log_evidence <= most for one in found.posterior.fits.values())
     assert sound.bad == {}
     assert not sound.vetoes
     fit = found.best
-    observations = bench.observations
+    observations = fit.session.observations
     apart = fit.session.unlike_fitted
     spoilt = next(int(case) for case in observations.where("validation") if (int(case) in apart) == unlike)
     wrench = observations.wrench.copy()

@@ -131,9 +131,7 @@ class Hyperparameters:
         """The same node with the stated noise, and a small or a large amplitude of one family of something smooth."""
         count = len(self.axes[SMOOTH].values)
         sizes = count // 3, 2 * count // 3
-        return [
-            self._with_amplitudes(node, [size * (f == own) for f in FAMILIES]) for own in FAMILIES for size in sizes
-        ]
+        return [self._with_amplitudes(node, _of_one_family(own, size)) for own in FAMILIES for size in sizes]
 
     def _with_amplitudes(self, node: Node, smooth: Sequence[int]) -> Node:
         return (node[SCATTER], self.axes[NOISE].mode, node[BUDGET], node[ANATOMY], *smooth, 0, *node[FORMS:])
@@ -143,15 +141,11 @@ class Hyperparameters:
 
         Where nothing is, with a moderate torque of each, or a moderate error of each tension.
         """
-        middle = len(self.axes[SMOOTH].values) // 2
-        torque, tension = [tuple(middle * (f == family) for family in FAMILIES) for f in FAMILIES[:2]]
-        begun = [node[SMOOTH:CARRIER]] if self._carried(node) else [torque, tension]
-        nodes = [
-            (*node[:SMOOTH], *smooth, c, *node[FORMS:])
-            for c in range(1, len(self.carriers))
-            for smooth in begun
-            if smooth is not tension or c <= self.tendons
-        ]
+        middle, nodes = len(self.axes[SMOOTH].values) // 2, list[Node]()
+        for c in range(1, len(self.carriers)):
+            families = ("torque", "tension") if c <= self.tendons else ("torque",)
+            begun = [node[SMOOTH:CARRIER]] if self._carried(node) else [_of_one_family(f, middle) for f in families]
+            nodes += [(*node[:SMOOTH], *smooth, c, *node[FORMS:]) for smooth in begun]
         return [other for other in nodes if other != node]
 
     def carrier(self, node: Node) -> str:
@@ -270,6 +264,11 @@ class Hyperparameters:
             for index in range(node[axis] + 1, len(self.axes[axis].values))
         ]
         return list(dict.fromkeys([node, *more, *map(self.of_all, [node, *more])]))
+
+
+def _of_one_family(own: str, size: int) -> tuple[int, ...]:
+    """Amplitudes by family of what is smooth in one of them alone, as indices on their axes."""
+    return tuple(size * (family == own) for family in FAMILIES)
 
 
 def is_smooth(block: str) -> bool:

@@ -44,8 +44,15 @@ _STEP = 1e-3
 _ALIKE = 0.05
 # What does not depend on where the scatter's columns are made.
 _THE_SAME_FROM_ANYWHERE = (
-    *("places", "tares", "nuisances", "_smooth", "_by_stated_tension", "torque_answer", "_answer_by_row"),
-    *("_tips", "_filled"),
+    "places",
+    "tares",
+    "nuisances",
+    "torque_answer",
+    "_answer_by_row",
+    "_by_stated_tension",
+    "_filled",
+    "_smooth",
+    "_tips",
 )
 
 
@@ -218,8 +225,9 @@ class Session:
     @cached_property
     def _by_tension(self) -> Floats:
         """(n, muscles) change of every reading by the logarithm of each tension."""
-        theta = self.problem.centre if self.about is None else self.about
-        return self.by_tension(theta)[self.rows // 6, self.rows % 6]
+        if self.about is None:
+            return self._by_stated_tension
+        return self.by_tension(self.about)[self.rows // 6, self.rows % 6]
 
     @cached_property
     def _by_stated_tension(self) -> Floats:

@@ -282,13 +282,15 @@ def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation,
     out = {fit.explanation: check(fit, slips_of) for fit in chosen}
     if not any(c.bad for c in out.values()):
         return out
-    asked = dict(out)
-    least = float(np.log(_WEIGHT)) + max(posterior.weights[e] + EVIDENCE_POWER * c.log_evidence for e, c in out.items())
-    most = EVIDENCE_POWER * most_evidence(posterior)
-    for e, fit in posterior.fits.items():
-        if e not in asked and posterior.weights[e] + most >= least:
-            asked[e] = check(fit, slips_of)
-    log = {e: posterior.weights[e] + EVIDENCE_POWER * c.log_evidence for e, c in asked.items()}
+
+    def weight(explanation: Explanation, log_evidence: float) -> float:
+        return posterior.weights[explanation] + EVIDENCE_POWER * log_evidence
+
+    least = float(np.log(_WEIGHT)) + max(weight(e, c.log_evidence) for e, c in out.items())
+    most = most_evidence(posterior)
+    further = [fit for e, fit in posterior.fits.items() if e not in out and weight(e, most) >= least]
+    asked = out | {fit.explanation: check(fit, slips_of) for fit in further}
+    log = {e: weight(e, c.log_evidence) for e, c in asked.items()}
     top = float(logsumexp(list(log.values())))
     bad: dict[int, float] = {}
     slips: dict[int, Explained] = {}
@@ -302,7 +304,10 @@ def checks(posterior: Posterior, chosen: Iterable[Optimum]) -> dict[Explanation,
 
 
 def most_evidence(posterior: Posterior) -> float:
-    """What the validation cases can say for an explanation at most: if it predicts all of them exactly."""
+    """Log evidence [nat] by the validation cases that no explanation exceeds: all of them are predicted exactly.
+
+    What is then left is their own noise and scatter, the least of any fit.
+    """
     session, axes = posterior.nothing.session, posterior.nothing.hyper.axes
     nodes = [node for fit in posterior.fits.values() for node in fit.nodes]
     scatter, noise = (axes[k].value[min(node[k] for node in nodes)] for k in (SCATTER, NOISE))
