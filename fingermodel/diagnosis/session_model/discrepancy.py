@@ -11,8 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyrk
-from scipy.linalg.lapack import dpstrf
 
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.settings import LEVER_MM, POSTURE_RAD
@@ -26,6 +24,8 @@ _BENDS, _ANY_LOAD, _OF_SETTING = 0.3, 0.2, 0.5
 _ASIDE = 0.4
 # Largest variance, as a share of the largest, that a reduced set of columns leaves out.
 _LEFT_OUT = 1e-2
+# Columns for which there is room at first.
+_ROWS = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,18 +182,20 @@ def _root(at: Places, varying: Sequence[Floats], alike: Floats | None = None) ->
         alike: changes (n, k) that have one size throughout.
     """
     # One column would be a change times one of those over postures. All of them together are thousands, and their
-    # covariance is the product, element by element, of the two covariances.
-    covariance = dsyrk(1.0, np.array(varying), trans=1, lower=1)
-    covariance *= dsyrk(1.0, at.smooth.T, trans=1, lower=1)
-    if alike is not None:
-        covariance = dsyrk(1.0, alike.T, trans=1, lower=1, beta=1.0, c=covariance, overwrite_c=1)
-    largest = float(covariance.diagonal().max(initial=0.0))
-    if largest <= 0.0:
-        return np.zeros((len(covariance), 0))
-    factor, pivots, rank, _ = dpstrf(covariance, tol=_LEFT_OUT * largest, lower=1, overwrite_a=1)
-    root = np.empty((len(factor), rank))
-    root[pivots - 1] = np.tril(factor[:, :rank])
-    out: Floats = root * at.unit[:, None]
+    # covariance is the product, element by element, of the two covariances. A row of it is made when it is a pivot.
+    changes, smooth = np.array(varying), np.ascontiguousarray(at.smooth.T)
+    same = np.zeros((0, len(at.unit))) if alike is None else np.ascontiguousarray(alike.T)
+    left = (changes**2).sum(axis=0) * (smooth**2).sum(axis=0) + (same**2).sum(axis=0)
+    least, root, rank = _LEFT_OUT * left.max(initial=0.0), np.empty((_ROWS, len(left))), 0
+    while left[pivot := int(left.argmax())] > least:
+        if rank == len(root):
+            root = np.concatenate([root, np.empty_like(root)])
+        row = (changes[:, pivot] @ changes) * (smooth[:, pivot] @ smooth) + same[:, pivot] @ same
+        row -= root[:rank, pivot] @ root[:rank]
+        row /= np.sqrt(left[pivot])
+        left -= row**2
+        left[pivot], root[rank], rank = 0.0, row, rank + 1
+    out: Floats = root[:rank].T * at.unit[:, None]
     return out
 
 
