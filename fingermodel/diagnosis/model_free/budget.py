@@ -146,9 +146,8 @@ class Readings:
         flat = weights.reshape(len(weights), -1)
         used = np.flatnonzero(flat.any(axis=0))
         w = flat[:, used]
-        own = self.observations.noise.of(used) + np.diag(_FLOOR[used % 6] ** 2)
-        own += self._noise_by_lever[np.ix_(used, used)]
-        noise = w @ own @ w.T
+        own, tared = (weights.swapaxes(0, 1) @ self._noise_by_case).swapaxes(0, 1), flat @ self.observations.noise.tares
+        noise = own.reshape(flat.shape) @ flat.T + tared @ tared.T
         spread = [w @ self.spread[used], *self._by_angles(weights, w, used)]
         if extra is not None:
             spread.append(extra)
@@ -186,14 +185,13 @@ class Readings:
         return np.hstack(columns)
 
     @cached_property
-    def _noise_by_lever(self) -> Floats:
-        """(6 n, 6 n) covariance of the moments at the tip: the noise of each force has the cell's offset for a lever.
+    def _noise_by_case(self) -> Floats:
+        """(n, 6, 6) covariance of each case's readings, without the tares that it shares with others.
 
-        Moments are read so finely that this may be the most of it. The offset is that of which the moments speak which
-        the clamp does not carry.
+        In the moments at the tip, the noise of each force has the cell's offset for a lever. Moments are read so finely
+        that this may be the most of it. The offset is that of which the moments speak which the clamp does not carry.
         """
-        b, n = self.model.budget, len(self.wrench)
-        out = np.zeros((n, 6, n, 6))
+        b, out = self.model.budget, self.observations.noise.alone + np.diag(_FLOOR**2)
         free = [c for c in range(3) if c + 3 not in self.model.finger.topology.reactions]
         widths = np.repeat([np.deg2rad(b.cell_rotation_sd_deg), b.mount_offset_sd_mm], 3)
         tips = [i for i in self.at("tip") if self.read[i, 3:].all()]
@@ -209,8 +207,8 @@ class Readings:
             flat, read = h.reshape(-1, 6), (self.wrench[cases, 3:][:, free] / noise).reshape(-1)
             offset = (widths * np.linalg.solve(np.eye(6) + flat.T @ flat, flat.T @ read))[3:]
             lever = np.einsum("abc,a->bc", _CROSS, offset)
-            out[cases, 3:, cases, 3:] = lever @ covariance[:, :3, :3] @ lever.T
-        return out.reshape(6 * n, 6 * n)
+            out[cases, 3:, 3:] += lever @ covariance[:, :3, :3] @ lever.T
+        return out
 
     @cached_property
     def _turned(self) -> Floats:

@@ -111,12 +111,11 @@ class Fitter:
         """
         problem, session = self.session.problem, self.session
         values, fitted = self.hyper.values(node), session.fitted
-        blocks = [session.tares[fitted], values.budget * session.nuisances[fitted]]
+        blocks = [values.budget * session.nuisances[fitted]]
         blocks += [width * session.smooth(name)[fitted] for name, width in self.hyper.smooth_blocks(node).items()]
         if before is not None:
             blocks += [e * f[fitted] for e, f in zip(values.forms, before.form_errors, strict=True) if e > 0.0]
-        roots, _ = session.fitted_noise.whitening(values.scatter, values.noise, bad)
-        whitening = Whitening.of(roots, np.concatenate(blocks, axis=1))
+        whitening = Whitening.of(session.whitening(values.scatter, values.noise, bad), np.concatenate(blocks, axis=1))
         free = problem.free | free_mask(problem.model, explanation)
         weighed = replace(problem, sd=self._multiple(values) * problem.sd, free=free)
         begin = np.where(free, np.clip(start, problem.lower, problem.upper), problem.centre)

@@ -157,18 +157,6 @@ def freed_by_columns(columns: Floats, left: Floats, last: int) -> Freed:
     return Freed(float(r[count, count] ** 2), log_det, inverse @ r[count - last : count, count], inverse @ inverse.T)
 
 
-def blocks_by_case(across: Floats, rows: Ints) -> Floats:
-    """Blocks (g, L, L) of 1 - Vᵀ V by case.
-
-    Args:
-        across: (k, n) V.
-        rows: (g, L) of the cases.
-    """
-    mine = across[:, rows].transpose(1, 2, 0)
-    out: Floats = np.eye(rows.shape[1]) - mine @ mine.swapaxes(1, 2)
-    return out
-
-
 def screened(quadratic: Quadratic, sets: list[tuple[int, ...]], x: Floats, one_sided: Mask) -> Floats:
     """Log evidence of many sets of weights, each freed with widths of 1 and all others moved to their null.
 

@@ -24,7 +24,7 @@ FAMILIES = ("torque", "tension", "loaded", "constant")
 CARRIER = SMOOTH + len(FAMILIES)
 FORMS = CARRIER + 1
 # Blocks of weights that act at every node (see `Linearised`).
-ACTING = ("always", "budget", "anatomy")
+ACTING = ("held", "budget", "anatomy")
 # Scatter of a usual bench, relative.
 _USUAL_SCATTER = 0.01
 

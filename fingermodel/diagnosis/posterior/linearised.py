@@ -12,25 +12,22 @@ from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.sparse import csr_array
 
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
 from fingermodel.diagnosis.posterior.hyper import ACTING, NOISE, SCATTER, Hyperparameters, Node, is_smooth
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
-from fingermodel.diagnosis.session_model.case_noise import Rows, WhitenedSmooth, whitened
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Session
+from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, WhitenedSmooth
 from fingermodel.fitting.fit_report import held_at_bound
 from fingermodel.fitting.identification import slopes_of
-from fingermodel.fitting.roots import root_of_one_plus
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 # Names of the blocks; `torque:`, … of something smooth and `form0`, … besides.
-ALWAYS, BUDGET, ANATOMY = ACTING
+HELD, BUDGET, ANATOMY = ACTING
 OWN, OTHERS = "own", "others"
 
 # Quadratics that are kept, those asked for last: about as many as the nodes around one have noises and sets of blocks.
@@ -41,15 +38,12 @@ _TOUCHED = 0.05
 
 @dataclass(eq=False)
 class Inner:
-    """Inner products of one linearisation's blocks under one noise by case.
+    """Inner products of one linearisation's blocks under one noise.
 
     Attributes:
         smooth: columns that every explanation shares.
         blocks: (n, k) whitened columns.
         products: (k, l) of two blocks.
-        beside: the same with the weights of what always acts left open.
-        across: (always, k) of each block, turned by the root of what always acts.
-        always: (always, n) whitened columns of what always acts, transposed.
         outer: (n²,) covariance that each block gives the whitened readings by weights of a width of 1.
         right: (n, 1 + k) whitened readings and columns of the explanation's own parameters (see `among_readings`).
     """
@@ -57,9 +51,6 @@ class Inner:
     smooth: WhitenedSmooth
     blocks: dict[str, Floats] = field(default_factory=dict)
     products: dict[tuple[str, str], Floats] = field(default_factory=dict)
-    beside: dict[tuple[str, str], Floats] = field(default_factory=dict)
-    across: dict[str, Floats] = field(default_factory=dict)
-    always: csr_array | None = None
     outer: dict[str, Floats] = field(default_factory=dict)
     right: Floats | None = None
 
@@ -106,14 +97,14 @@ class Linearised:
 
     @cached_property
     def parameters_of(self) -> dict[str, Ints]:
-        """Indices of the parameters in each block that has some; they come first in it, or after the tares."""
+        """Indices of the parameters in each block that has some; they come first in it."""
         problem, table = self.session.problem, self.session.model.parameters
         base = problem.free & ~held_at_bound(problem, self.theta)
         effects = table.of_kind("effect")
         own = np.array(self.explanation.parameters, dtype=np.intp)
         return {
             # Effects that the model has already.
-            ALWAYS: np.flatnonzero(base & effects),
+            HELD: np.flatnonzero(base & effects),
             BUDGET: np.flatnonzero(base & table.of_kind("budget")),
             ANATOMY: np.flatnonzero(base & table.of_kind("anatomy")),
             OWN: own,
@@ -193,8 +184,6 @@ class Linearised:
         if is_smooth(name):
             return session.smooth(name)[rows]
         own = slopes[:, self.parameters_of[name]]
-        if name == ALWAYS:
-            return np.concatenate([own, session.tares[rows]], axis=1)
         return np.concatenate([own, session.nuisances[rows]], axis=1) if name == BUDGET else own
 
     def place(self, name: str) -> Floats:
@@ -218,8 +207,7 @@ class Linearised:
             return int(self.form_errors[int(name.removeprefix("form"))].shape[1])
         if is_smooth(name):
             return int(session.smooth(name).shape[1])
-        more = {ALWAYS: session.tares.shape[1], BUDGET: session.nuisances.shape[1]}.get(name, 0)
-        return len(self.parameters_of[name]) + int(more)
+        return len(self.parameters_of[name]) + (int(session.nuisances.shape[1]) if name == BUDGET else 0)
 
     def widths(self, names: Sequence[str], node: Node) -> Floats:
         """(k,) widths of the priors of all weights of some blocks at a node."""
@@ -235,11 +223,7 @@ class Linearised:
         return list(self.hyper.block_widths(node))
 
     def quadratic(self, names: Sequence[str], node: Node, bad: frozenset[int] | None = None) -> tuple[Quadratic, float]:
-        """Misfit as a function of the weights of some blocks, in their order; and minus half the noise's ln det.
-
-        What always acts is eliminated where it is not among the blocks. That depends on the noise alone, and is done
-        once for all nodes that share it.
-        """
+        """Misfit as a function of the weights of some blocks, in their order; and minus half the noise's ln det."""
         inner = self._inner_at(node, self.bad if bad is None else bad)
         # Nodes near each other mostly differ in the widths of the priors alone.
         key = (id(inner), *names)
@@ -247,7 +231,7 @@ class Linearised:
         self._latest[key] = found
         if len(self._latest) > _KEPT:
             del self._latest[next(iter(self._latest))]
-        return found, -0.5 * inner.smooth.log_det
+        return found, -0.5 * inner.smooth.noise.log_det
 
     def among_readings(self, nodes: Sequence[Node], bad: frozenset[int] | None) -> tuple[Floats, Floats, Floats]:
         """The whitened readings at some nodes, with what acts there as a covariance of theirs.
@@ -271,7 +255,7 @@ class Linearised:
             names = list(dict.fromkeys(name for block in blocks for name in block))
             variances = np.array([[block.get(name, 0.0) for name in names] for block in blocks]) ** 2
             np.dot(variances, np.array([self._outer(inner, name) for name in names]), out=covariance[here])
-            right[here], of_noise[here] = self._right(inner), -0.5 * inner.smooth.log_det
+            right[here], of_noise[here] = self._right(inner), -0.5 * inner.smooth.noise.log_det
         return covariance.reshape(count, n, n), right, of_noise
 
     def _outer(self, inner: Inner, name: str) -> Floats:
@@ -284,7 +268,7 @@ class Linearised:
         """(n, 1 + k) readings less the model with every parameter at its null, and columns of the own parameters."""
         if inner.right is None:
             left = self._whitened(inner, "residual")[:, 0]
-            for name in (ALWAYS, BUDGET, ANATOMY, OWN):
+            for name in (HELD, BUDGET, ANATOMY, OWN):
                 left = left + self._whitened(inner, name) @ self.place(name)
             inner.right = np.column_stack([left, self._whitened(inner, OWN)])
         return inner.right
@@ -294,45 +278,16 @@ class Linearised:
         ends = np.cumsum(sizes, dtype=int).tolist()
         spans = [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
         hessian, gradient = np.empty((sum(sizes), sum(sizes))), np.empty(sum(sizes))
-        if ALWAYS in names:
-            product, value, log_det = self._product, float(self._product(inner, "residual", "residual")[0, 0]), 0.0
-        else:
-            product, (value, log_det) = self._beside, self._always(inner)
         for k, (a, of_a) in enumerate(zip(names, spans, strict=True)):
-            gradient[of_a] = product(inner, a, "residual")[:, 0]
+            gradient[of_a] = self._product(inner, a, "residual")[:, 0]
             for b, of_b in zip(names[: k + 1], spans[: k + 1], strict=True):
-                hessian[of_a, of_b] = product(inner, a, b)
+                hessian[of_a, of_b] = self._product(inner, a, b)
                 hessian[of_b, of_a] = hessian[of_a, of_b].T
-        return Quadratic(value, gradient, hessian, log_det)
+        return Quadratic(float(self._product(inner, "residual", "residual")[0, 0]), gradient, hessian, 0.0)
 
     @cached_property
     def _latest(self) -> dict[tuple[object, ...], Quadratic]:
         return {}
-
-    def _always(self, inner: Inner) -> tuple[float, float]:
-        """Misfit with the weights of what always acts at their best, and ln det of these."""
-        place = self.place(ALWAYS)
-        step = self._turned(inner, "residual")[:, 0]
-        misfit = float(self._product(inner, "residual", "residual")[0, 0]) + float(place @ place) - float(step @ step)
-        return misfit, 2.0 * float(np.log(np.diag(inner.across["factor"])).sum())
-
-    def _turned(self, inner: Inner, name: str) -> Floats:
-        if not inner.across:
-            inner.across["factor"] = root_of_one_plus(self._product(inner, ALWAYS, ALWAYS).copy())
-        if name not in inner.across:
-            product = self._product(inner, ALWAYS, name)
-            if name == "residual":
-                product = product - self.place(ALWAYS)[:, None]
-            inner.across[name] = np.asarray(
-                solve_triangular(inner.across["factor"], product, lower=True, check_finite=False), dtype=np.float64
-            )
-        return inner.across[name]
-
-    def _beside(self, inner: Inner, a: str, b: str) -> Floats:
-        if (a, b) not in inner.beside:
-            plain = self._product(inner, a, b)
-            inner.beside[a, b] = plain - self._turned(inner, a).T @ self._turned(inner, b)
-        return inner.beside[a, b]
 
     def _inner_at(self, node: Node, bad: frozenset[int]) -> Inner:
         key = (node[SCATTER], node[NOISE], bad)
@@ -340,7 +295,6 @@ class Linearised:
             # Columns are many times as large as their inner products, and made again in no time.
             for made in self._inner.values():
                 made.blocks.clear()
-                made.always = None
             scatter, noise = (float(self.hyper.axes[axis].values[node[axis]]) for axis in (SCATTER, NOISE))
             self._inner[key] = Inner(self.session.whitened_smooth(scatter, noise, bad))
         return self._inner[key]
@@ -350,7 +304,7 @@ class Linearised:
             return inner.smooth.of(name)
         if name not in inner.blocks:
             plain = self.residual[:, None] if name == "residual" else self._plain(name)
-            inner.blocks[name] = whitened(inner.smooth.roots, plain)
+            inner.blocks[name] = inner.smooth.noise @ plain
         return inner.blocks[name]
 
     def _plain(self, name: str) -> Floats:
@@ -368,19 +322,12 @@ class Linearised:
         if (b, a) in inner.products:
             return inner.products[b, a].T
         if (a, b) not in inner.products:
-            right = self._whitened(inner, b)
-            if a == ALWAYS:
-                if inner.always is None:
-                    # A tare is one of a few cases: of the columns hardly anything is not zero.
-                    inner.always = csr_array(self._whitened(inner, a).T)
-                inner.products[a, b] = inner.always @ right
-            else:
-                inner.products[a, b] = self._whitened(inner, a).T @ right
+            inner.products[a, b] = self._whitened(inner, a).T @ self._whitened(inner, b)
         return inner.products[a, b]
 
-    def noise_roots(self, node: Node) -> list[tuple[Rows, Floats]]:
-        """Rows of the fitted readings and inverse roots of their noise by case at a node."""
-        return self._inner_at(node, self.bad).smooth.roots
+    def whitening(self, node: Node) -> NoiseWhitening:
+        """Noise of the fitted readings at a node, by case and of the tares."""
+        return self._inner_at(node, self.bad).smooth.noise
 
     def whitened_blocks(self, names: Sequence[str], node: Node) -> Floats:
         """(n, k) whitened columns of some blocks at a node."""
@@ -390,8 +337,4 @@ class Linearised:
         """(n, k) whitened columns of some blocks, (n,) whitened residual, and minus half the noise's ln det."""
         inner = self._inner_at(node, self.bad if bad is None else bad)
         columns = np.concatenate([self._whitened(inner, name) for name in names], axis=1)
-        return columns, self._whitened(inner, "residual")[:, 0], -0.5 * inner.smooth.log_det
-
-    def whitened_columns(self, columns: Floats, node: Node) -> Floats:
-        """Other columns (n, k) of the fitted readings, whitened at a node."""
-        return whitened(self.noise_roots(node), columns)
+        return columns, self._whitened(inner, "residual")[:, 0], -0.5 * inner.smooth.noise.log_det

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +15,6 @@ from fingermodel.diagnosis.posterior.gaussian import (
     Everything,
     Freed,
     Quadratic,
-    blocks_by_case,
     freed_by_columns,
     log_mass,
     log_mass_apart,
@@ -23,7 +22,7 @@ from fingermodel.diagnosis.posterior.gaussian import (
     screened,
 )
 from fingermodel.diagnosis.posterior.hyper import CARRIER, NOISE, Node, climbed, explored
-from fingermodel.diagnosis.posterior.linearised import ALWAYS, ANATOMY, BUDGET, OTHERS, OWN, Linearised
+from fingermodel.diagnosis.posterior.linearised import ANATOMY, BUDGET, HELD, OTHERS, OWN, Linearised
 from fingermodel.diagnosis.posterior.own_part import OwnPart
 from fingermodel.diagnosis.session_model.bad_cases import Apart, gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import Explanation
@@ -71,7 +70,7 @@ class Optimum(Linearised):
         """The explanation's own parameters at a node, all else left open; and minus half the noise's ln det."""
         if self._steep:
             return self._freed_by_columns(node, bad, width)
-        names = [*self.acting(node)[1:], OWN]
+        names = [*self.acting(node), OWN]
         quadratic, of_noise = self.quadratic(names, node, bad)
         widths, own = self.widths(names, node), self.size(OWN)
         widths[len(widths) - own :] *= width
@@ -80,7 +79,7 @@ class Optimum(Linearised):
     @cached_property
     def _steep(self) -> bool:
         """Whether slopes are so steep that their inner products lose what is small beside the largest."""
-        columns = self.whitened_blocks([ALWAYS, BUDGET, ANATOMY, OWN], self.node)
+        columns = self.whitened_blocks([HELD, BUDGET, ANATOMY, OWN], self.node)
         return float((columns**2).sum(axis=0).max(initial=0.0)) > _STEEP
 
     def _freed_by_columns(self, node: Node, bad: frozenset[int] | None, width: float) -> tuple[Freed, float]:
@@ -200,7 +199,7 @@ class Optimum(Linearised):
             node: of the hyperparameters.
             forms: whether the errors of form that are found here may act.
         """
-        first = [n for n in self.acting(node)[1:] if forms or not n.startswith("form")]
+        first = [n for n in self.acting(node) if forms or not n.startswith("form")]
         names = [*first, OWN, OTHERS]
         quadratic, of_noise = self.quadratic(names, node)
         widths = self.widths(first, node)
@@ -298,7 +297,7 @@ class Optimum(Linearised):
             node: of the hyperparameters.
         """
         across, left = self._marginal(node)
-        changed = self.whitened_columns(residuals - self.residual[:, None], node)
+        changed = self.whitening(node) @ (residuals - self.residual[:, None])
         turned = np.column_stack([left, left[:, None] + changed])
         misfit = (turned**2).sum(axis=0) - ((across @ turned) ** 2).sum(axis=0)
         out: Floats = self.log_joint(node) - 0.5 * (misfit[1:] - misfit[0])
@@ -314,7 +313,7 @@ class Optimum(Linearised):
         Returns:
             Information (k,) of each weight, and its score (k,).
         """
-        (across, left), new = self._marginal(node), self.whitened_columns(columns, node)
+        (across, left), new = self._marginal(node), self.whitening(node) @ columns
         turned = across @ new
         information = (new**2).sum(axis=0) - (turned**2).sum(axis=0)
         return np.maximum(information, 0.0), new.T @ left - turned.T @ (across @ left)
@@ -329,7 +328,7 @@ class Optimum(Linearised):
         Returns:
             Information (k, k) of the weights, and their score (k,).
         """
-        (across, left), new = self._marginal(node), self.whitened_columns(columns, node)
+        (across, left), new = self._marginal(node), self.whitening(node) @ columns
         turned = across @ new
         return new.T @ new - turned.T @ turned, new.T @ left - turned.T @ (across @ left)
 
@@ -341,17 +340,19 @@ class Optimum(Linearised):
             node: of the hyperparameters.
             spread: factor on all standard uncertainties.
         """
-        (across, left), new = self._marginal(node), self.whitened_columns(columns, node) / spread
+        whitening = self.whitening(node)
+        (across, left), new = self._marginal(node), (whitening @ columns) / spread
         left = left / spread
         turned = new - across.T @ (across @ new)
         plain = left - across.T @ (across @ left)
         more = 1.0 + np.maximum(np.einsum("nk,nk->k", new, turned), 0.0)
         # The column takes u uᵀ from the inverse covariance.
         u = turned / np.sqrt(more)
-        moved = plain[:, None] - u * (new.T @ plain / np.sqrt(more))
+        moved = whitening.by_case((plain[:, None] - u * (new.T @ plain / np.sqrt(more))).T).T
+        u, plain = whitening.by_case(u.T).T, whitening.by_case(plain)
         out = np.zeros(columns.shape[1])
-        for rows, _ in self.noise_roots(node):
-            inverse = np.linalg.inv(blocks_by_case(across, rows) + 1e-12 * np.eye(rows.shape[1]))
+        for rows, _, blocks in self._blocks_by_case(across, node):
+            inverse = np.linalg.inv(blocks + 1e-12 * np.eye(rows.shape[1]))
             before = np.einsum("gi,gij,gj->", plain[rows], inverse, plain[rows])
             cross = np.einsum("gik,gij,gjk->gk", u[rows], inverse, moved[rows])
             kept = np.maximum(1.0 - np.einsum("gik,gij,gjk->gk", u[rows], inverse, u[rows]), 1e-12)
@@ -359,15 +360,27 @@ class Optimum(Linearised):
             out += 0.5 * (before - after + np.log(kept).sum(axis=0))
         return out
 
+    def _blocks_by_case(self, across: Floats, node: Node) -> Iterator[tuple[Ints, Floats, Floats]]:
+        """Rows (g, L), inverse roots of the noise and blocks (g, L, L) of the inverse covariance in its units, by case.
+
+        Args:
+            across: (k, n) of all that acts (see `_marginal`).
+            node: of the hyperparameters.
+        """
+        whitening = self.whitening(node)
+        every = np.concatenate([whitening.right.toarray(), whitening.by_case(across)])
+        for rows, inverse in whitening.roots:
+            mine = every[:, rows].transpose(1, 2, 0)
+            yield rows, inverse, np.eye(rows.shape[1]) - mine @ mine.swapaxes(1, 2)
+
     def _precision(self, node: Node) -> list[tuple[Ints, Floats, Floats]]:
         """Rows (g, L), block (g, L, L) of the inverse covariance of all readings and score (g, L), by case."""
         across, left = self._marginal(node)
-        a = left - across.T @ (across @ left)
+        a = self.whitening(node).by_case(left - across.T @ (across @ left))
         out = []
-        for rows, inverse in self.noise_roots(node):
-            precision = blocks_by_case(across, rows)
+        for rows, inverse, blocks in self._blocks_by_case(across, node):
             turned = inverse.swapaxes(1, 2)
-            out.append((rows, turned @ precision @ inverse, (turned @ a[rows][..., None])[..., 0]))
+            out.append((rows, turned @ blocks @ inverse, (turned @ a[rows][..., None])[..., 0]))
         return out
 
     def log_odds_bad(self, node: Node) -> dict[int, float]:

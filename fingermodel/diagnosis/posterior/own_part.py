@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from fingermodel.diagnosis.posterior.hyper import FORMS, SMOOTH, Node
-from fingermodel.diagnosis.posterior.linearised import ALWAYS, ANATOMY, BUDGET, Linearised
+from fingermodel.diagnosis.posterior.linearised import ANATOMY, BUDGET, HELD, Linearised
 from fingermodel.diagnosis.settings import FORM_NAMED
 from fingermodel.fitting.roots import root_of_one_plus
 
@@ -39,14 +39,16 @@ class OwnPart:
         Args:
             changes: (fitted readings, k) each; of several columns they are those of all together.
         """
-        fit, names = self._fit, [ALWAYS, BUDGET, ANATOMY]
+        fit, names = self._fit, [HELD, BUDGET, ANATOMY]
         columns = fit.whitened_blocks(names, self._node) * fit.widths(names, self._node)
         root, out = root_of_one_plus(columns.T @ columns), list[float]()
+        whitening = fit.whitening(self._node)
         for change in changes:
-            new = fit.whitened_columns(change, self._node)
+            new = whitening @ change
             absorbed = solve_triangular(root, columns.T @ new, lower=True, check_finite=False)
-            whole = float((new**2).sum())
-            out.append(float(np.sqrt(max(1.0 - float((absorbed**2).sum()) / whole, 0.0))) if whole > 0.0 else 0.0)
+            # Of the whole the tares have taken their part already.
+            own, whole = float((new**2).sum() - (absorbed**2).sum()), float((whitening.of_case(change) ** 2).sum())
+            out.append(float(np.sqrt(max(own / whole, 0.0))) if whole > 0.0 else 0.0)
         return out
 
     @cached_property

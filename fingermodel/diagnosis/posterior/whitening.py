@@ -1,4 +1,4 @@
-"""What makes readings independent and of variance 1: noise by case, and weights that all cases share."""
+"""What makes readings independent and of variance 1 in a fit: the noise, and all weights that are integrated out."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
-from fingermodel.diagnosis.session_model.case_noise import Rows, whitened
+from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, shared_root
 from fingermodel.fitting.roots import inverse_of, root_of_one_plus
 from fingermodel.fitting.tiles import Tiles
 
@@ -20,42 +19,38 @@ _MANY = 2
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """A root of the inverse of N + U Uᵀ, of which N is block-diagonal by case.
+    """A root of the inverse of N + U Uᵀ.
 
     Attributes:
-        roots: rows and inverse roots of the noise by case.
+        noise: N, of all that no weight describes.
         left: (n, k) and
         right: (k, n) what the shared weights take away after it; or else
         dense: (n, n) the root of the rest.
     """
 
-    roots: list[tuple[Rows, Floats]]
+    noise: NoiseWhitening
     left: Floats | None = None
     right: Floats | None = None
     dense: Tiles | None = None
 
     @classmethod
-    def of(cls, roots: list[tuple[Rows, Floats]], shared: Floats) -> Whitening:
+    def of(cls, noise: NoiseWhitening, shared: Floats) -> Whitening:
         """Make one.
 
         Args:
-            roots: of the noise by case.
+            noise: by case, and of the tares.
             shared: (n, k) columns U of the shared weights.
         """
-        u = whitened(roots, shared)
+        u = noise @ shared
         count, weights = u.shape
         if weights * _MANY > count:
-            return cls(roots, dense=Tiles.of(inverse_of(root_of_one_plus(u @ u.T))))
-        root = root_of_one_plus(u.T @ u)
-        # With L Lᵀ = 1 + Uᵀ U, 1 − U (L + 1)⁻ᵀ L⁻¹ Uᵀ is a root of the inverse of 1 + U Uᵀ (Potter; Andrews 1968).
-        right = solve_triangular(root, u.T, lower=True, check_finite=False)
-        root.flat[:: weights + 1] += 1.0
-        left = solve_triangular(root, u.T, lower=True, check_finite=False).T
-        return cls(roots, np.ascontiguousarray(left), np.ascontiguousarray(right))
+            return cls(noise, dense=Tiles.of(inverse_of(root_of_one_plus(u @ u.T))))
+        left, right, _ = shared_root(u)
+        return cls(noise, np.ascontiguousarray(left), np.ascontiguousarray(right))
 
     def __matmul__(self, other: Floats) -> Floats:
         """Whiten a vector (n,) or columns (n, k)."""
-        out = whitened(self.roots, other)
+        out = self.noise @ other
         if self.dense is not None:
             return self.dense @ out
         if self.left is not None and self.right is not None:

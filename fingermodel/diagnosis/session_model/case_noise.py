@@ -1,9 +1,9 @@
-"""Noise that is independent by case, and columns in its units."""
+"""Noise that is independent by case."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,46 +107,3 @@ def _each(variance: Floats) -> Floats:
     """Diagonal covariance (…, L, L) of variances (…, L)."""
     out: Floats = variance[..., None] * np.eye(variance.shape[-1])
     return out
-
-
-def whitened(roots: list[tuple[Rows, Floats]], columns: Floats) -> Floats:
-    """Columns (n, k) or (n,) in units in which the noise by case is independent and of size 1."""
-    out = np.empty_like(columns)
-    for rows, inverse in roots:
-        part = columns[rows] if columns.ndim == 2 else columns[rows][..., None]
-        product = inverse @ part
-        out[rows] = product if columns.ndim == 2 else product[..., 0]
-    return out
-
-
-@dataclass(frozen=True, eq=False)
-class WhitenedSmooth:
-    """Smooth columns under one noise by case.
-
-    Attributes:
-        roots: inverse roots of the noise by case.
-        log_det: of the noise.
-        part: (n, k) columns of a block, not whitened.
-    """
-
-    roots: list[tuple[Rows, Floats]]
-    log_det: float
-    part: Callable[[str], Floats]
-    _whitened: dict[str, Floats] = field(default_factory=dict, repr=False)
-    _inner: dict[tuple[str, str], Floats] = field(default_factory=dict, repr=False)
-
-    def of(self, block: str) -> Floats:
-        """(n, k) whitened columns of a block."""
-        if block not in self._whitened:
-            self._whitened[block] = whitened(self.roots, self.part(block))
-        return self._whitened[block]
-
-    def let_go(self) -> None:
-        """Forget the columns, not their inner products."""
-        self._whitened.clear()
-
-    def inner(self, a: str, b: str) -> Floats:
-        """(k, k) inner products of two blocks."""
-        if (a, b) not in self._inner:
-            self._inner[a, b] = self.of(a).T @ self.of(b)
-        return self._inner[a, b]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from daq.errors import SessionError
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.session_model.bad_cases import bad_size
-from fingermodel.diagnosis.session_model.case_noise import CaseNoise, WhitenedSmooth
+from fingermodel.diagnosis.session_model.case_noise import CaseNoise
 from fingermodel.diagnosis.session_model.discrepancy import (
     Places,
     constant_columns,
@@ -28,6 +28,7 @@ from fingermodel.diagnosis.session_model.discrepancy import (
     tension_columns,
     torque_columns,
 )
+from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, WhitenedSmooth
 from fingermodel.diagnosis.settings import CLAMP_SHARE, LEVER_MM
 from fingermodel.fingers import Plane
 from fingermodel.fitting.problems import Problem, weighted_problem
@@ -181,17 +182,25 @@ class Session:
         own, assumed = self.observations.noise.alone, self.observations.noise_assumed
         return CaseNoise.of(own, self.rows[chosen], self._by_tension[chosen], self.places.unit[chosen], size, assumed)
 
+    def whitening(self, scatter: float, noise: float, bad: frozenset[int]) -> NoiseWhitening:
+        """Noise of the fitted readings by case, and of the tares that they share."""
+        return self._whitened_smooth(scatter, noise, bad).noise
+
     def whitened_smooth(self, scatter: float, noise: float, bad: frozenset[int]) -> WhitenedSmooth:
-        """The fitted smooth columns under some noise by case; kept, since every explanation asks for them."""
+        """The fitted smooth columns under some noise."""
         # Columns are many times as large as their inner products, and made again in no time.
         for made in self._kept.values():
             made.let_go()
+        return self._whitened_smooth(scatter, noise, bad)
+
+    def _whitened_smooth(self, scatter: float, noise: float, bad: frozenset[int]) -> WhitenedSmooth:
+        """The same; kept, since every explanation asks for it."""
         key = (scatter, noise, bad)
         if key not in self._kept:
-            roots, log_det = self.fitted_noise.whitening(scatter, noise, bad)
+            whitening = NoiseWhitening.of(*self.fitted_noise.whitening(*key), self.tares[self.fitted])
             # A cycle of references would keep all columns until the garbage collector runs.
             session = weakref.proxy(self)
-            self._kept[key] = WhitenedSmooth(roots, log_det, lambda block: session.smooth(block)[session.fitted])
+            self._kept[key] = WhitenedSmooth(whitening, lambda block: session.smooth(block)[session.fitted])
         return self._kept[key]
 
     def forget(self) -> None:

@@ -137,9 +137,14 @@ def _predicted(
     place = np.zeros(len(found.mean))
     place[at] = about[index]
     away = measured[unseen] - reading - columns @ (found.mean - place)
+    # Tares that they share with fitted readings are known by what these leave.
+    fitted, residual, _ = moved.whitened_at(found.names, node, None)
+    known, tares = moved.whitening(node) @ session.tares[session.fitted], session.tares[unseen]
+    away -= tares @ (known.T @ (residual - fitted @ (found.mean - found.place)))
     values = fit.hyper.values(node)
-    of_weights = columns @ found.covariance
-    covariance = of_weights @ columns.T
+    moving = columns - tares @ (known.T @ fitted)
+    of_weights = moving @ found.covariance
+    covariance = of_weights @ moving.T + tares @ (np.eye(tares.shape[1]) - known.T @ known) @ tares.T
     noise = session.noise_of(unseen)
     for rows, own in noise.covariances(values.scatter, values.noise, ()):
         covariance[rows[:, :, None], rows[:, None, :]] += own

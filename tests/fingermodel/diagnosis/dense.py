@@ -17,6 +17,8 @@ def dense(fit: Optimum, node: tuple[int, ...]) -> tuple[Floats, Floats]:
     covariance, y = np.zeros((n, n)), fit.residual.copy()
     for rows, blocks in fit.session.fitted_noise.covariances(values.scatter, values.noise, ()):
         covariance[rows[:, :, None], rows[:, None, :]] = blocks
+    tares = fit.session.tares[fit.session.fitted]
+    covariance += tares @ tares.T
     for name in [*fit.acting(node), OWN]:
         columns = fit.block(name, fit.session.fitted, fit.slopes)
         covariance += fit.widths([name], node) ** 2 * columns @ columns.T

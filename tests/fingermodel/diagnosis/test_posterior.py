@@ -238,14 +238,15 @@ def test_a_law_that_is_off_by_more_than_a_tenth_is_not_named(hanger: Optimum, no
 
 
 def test_of_a_change_counts_what_neither_anatomy_nor_budget_could_do(nothing: Optimum) -> None:
-    names = ["always", "budget", "anatomy"]
-    blocks = np.concatenate([nothing.block(n, nothing.session.fitted, nothing.slopes) for n in names], axis=1)
-    columns = blocks * nothing.widths(names, nothing.best)
+    names, fitted = ["held", "budget", "anatomy"], nothing.session.fitted
+    blocks = np.concatenate([nothing.block(n, fitted, nothing.slopes) for n in names], axis=1)
+    columns = np.concatenate([nothing.session.tares[fitted], blocks * nothing.widths(names, nothing.best)], axis=1)
+    of_case = nothing.whitening(nothing.best).of_case
     for one in columns.T[[0, len(columns.T) // 2, -1]]:
-        information = float((nothing.whitened_columns(one[:, None], nothing.best) ** 2).sum())
+        information = float((of_case(one) ** 2).sum())
         assert nothing.own.shares([one[:, None]])[0] ** 2 <= 1.0 / (1.0 + information) + 1e-9
     # What their readings could not be at all is wholly its own.
-    whitened = nothing.whitened_columns(np.column_stack([columns, np.eye(len(columns))]), nothing.best)
+    whitened = of_case(np.column_stack([columns, np.eye(len(columns))]))
     apart = np.linalg.svd(whitened[:, : len(columns.T)])[0][:, -1]
     other = np.linalg.solve(whitened[:, len(columns.T) :], apart)
     assert nothing.own.shares([other[:, None]]) == pytest.approx([1.0], abs=1e-6)

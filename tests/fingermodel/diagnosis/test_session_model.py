@@ -10,9 +10,9 @@ import pytest
 
 from daq.errors import SessionError
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
-from fingermodel.diagnosis.session_model.case_noise import whitened
 from fingermodel.diagnosis.session_model.session import Session as SessionModel
 from fingermodel.diagnosis.session_model.session import session_of
+from fingermodel.diagnosis.session_model.whitening import whitened
 from fingermodel.diagnosis.settings import BAD_N, P_NOTHING
 from fingermodel.session import Session
 

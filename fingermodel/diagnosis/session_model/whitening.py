@@ -1,0 +1,115 @@
+"""What makes readings independent and of variance 1: noise by case, and tares that several cases share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.sparse import csr_array
+
+from fingermodel.fitting.roots import root_of_one_plus
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseWhitening:
+    """A root of the inverse of N + T Tᵀ: noise N that is block-diagonal by case, and columns T of the tares.
+
+    Attributes:
+        roots: rows and inverse roots of the noise by case.
+        left: (n, k) and
+        right: (k, n) what the tares take away after it. A tare is one of a few cases: hardly anything is not zero.
+        log_det: of N + T Tᵀ.
+    """
+
+    roots: list[tuple[Rows, Floats]]
+    left: csr_array
+    right: csr_array
+    log_det: float
+
+    @classmethod
+    def of(cls, roots: list[tuple[Rows, Floats]], log_det: float, tares: Floats) -> NoiseWhitening:
+        """Make one.
+
+        Args:
+            roots: of the noise by case.
+            log_det: of the noise by case.
+            tares: (n, k) columns T.
+        """
+        left, right, more = shared_root(whitened(roots, tares))
+        return cls(roots, csr_array(left), csr_array(right), log_det + more)
+
+    def __matmul__(self, other: Floats) -> Floats:
+        """Whiten a vector (n,) or columns (n, k)."""
+        out = self.of_case(other)
+        out -= self.left @ (self.right @ out)
+        return out
+
+    def of_case(self, other: Floats) -> Floats:
+        """The same in units of the noise by case alone, the tares left aside."""
+        return whitened(self.roots, other)
+
+    def by_case(self, rows: Floats) -> Floats:
+        """Whitened rows (k, n), or one (n,), in units of the noise by case alone: times what the tares leave."""
+        out: Floats = rows - (rows @ self.left) @ self.right
+        return out
+
+
+def shared_root(u: Floats) -> tuple[Floats, Floats, float]:
+    """Factors (n, k) and (k, n) such that 1 − left right is a root of the inverse of 1 + U Uᵀ; and ln det of that.
+
+    Args:
+        u: (n, k) columns U.
+    """
+    # With L Lᵀ = 1 + Uᵀ U, 1 − U (L + 1)⁻ᵀ L⁻¹ Uᵀ is such a root (Potter; Andrews 1968).
+    root = root_of_one_plus(u.T @ u)
+    right = solve_triangular(root, u.T, lower=True, check_finite=False)
+    log_det = 2.0 * float(np.log(np.diag(root)).sum())
+    root.flat[:: len(root) + 1] += 1.0
+    return solve_triangular(root, u.T, lower=True, check_finite=False).T, right, log_det
+
+
+def whitened(roots: list[tuple[Rows, Floats]], columns: Floats) -> Floats:
+    """Columns (n, k) or (n,) in units in which the noise by case is independent and of size 1."""
+    out = np.empty_like(columns)
+    for rows, inverse in roots:
+        part = columns[rows] if columns.ndim == 2 else columns[rows][..., None]
+        product = inverse @ part
+        out[rows] = product if columns.ndim == 2 else product[..., 0]
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedSmooth:
+    """Smooth columns under one noise.
+
+    Attributes:
+        noise: by case, and of the tares.
+        part: (n, k) columns of a block, not whitened.
+    """
+
+    noise: NoiseWhitening
+    part: Callable[[str], Floats]
+    _whitened: dict[str, Floats] = field(default_factory=dict, repr=False)
+    _inner: dict[tuple[str, str], Floats] = field(default_factory=dict, repr=False)
+
+    def of(self, block: str) -> Floats:
+        """(n, k) whitened columns of a block."""
+        if block not in self._whitened:
+            self._whitened[block] = self.noise @ self.part(block)
+        return self._whitened[block]
+
+    def let_go(self) -> None:
+        """Forget the columns, not their inner products."""
+        self._whitened.clear()
+
+    def inner(self, a: str, b: str) -> Floats:
+        """(k, k) inner products of two blocks."""
+        if (a, b) not in self._inner:
+            self._inner[a, b] = self.of(a).T @ self.of(b)
+        return self._inner[a, b]
