@@ -123,6 +123,8 @@ def main() -> None:
     parser.add_argument("--resume", action="store_true", help="keep the outcomes that there are")
     parser.add_argument("--against", type=Path, help="outcomes of another run")
     given = parser.parse_args()
+    if given.out.suffix == ".jsonl":
+        parser.error("--out FILE.jsonl: a report, such as FILE.md; the outcomes are kept beside it as FILE.jsonl")
     use_all_cores()
     keep, base = given.out.with_suffix(".jsonl"), base_seed(given.seed_from)
     if not given.resume:

@@ -46,7 +46,7 @@ class Whitening:
         if weights * _MANY > count:
             return cls(noise, dense=Tiles.of(inverse_of(root_of_one_plus(u @ u.T))))
         left, right, _ = shared_root(u)
-        return cls(noise, np.ascontiguousarray(left), np.ascontiguousarray(right))
+        return cls(noise, left, right)
 
     def __matmul__(self, other: Floats) -> Floats:
         """Whiten a vector (n,) or columns (n, k)."""
