@@ -23,7 +23,7 @@ _BENDS, _ANY_LOAD, _OF_SETTING = 0.3, 0.2, 0.5
 # Share of an error of form that does not point along the effect.
 _ASIDE = 0.4
 # Largest variance, as a share of the largest, that a reduced set of columns leaves out.
-_LEFT_OUT = 1e-2
+LEFT_OUT = 1e-2
 # Columns for which there is room at first.
 _ROWS = 64
 
@@ -97,7 +97,7 @@ def loaded_columns(at: Places) -> Floats:
             own = load * rows
             if own.any():
                 varying += [own, _BENDS * own * (1.0 - load), _ANY_LOAD * (own > 0.0)]
-    return _root(at, varying)
+    return reduced(at, varying)
 
 
 def torque_columns(at: Places, answer: Floats) -> Floats:
@@ -118,7 +118,7 @@ def torque_columns(at: Places, answer: Floats) -> Floats:
             if (load > 0.0).any():
                 parts = load, _BENDS * load * (1.0 - load), _ANY_LOAD * (load > 0.0)
                 varying += [part * per_torque for part in parts]
-    return _root(at, varying)
+    return reduced(at, varying)
 
 
 def tension_columns(at: Places, by_tension: Floats) -> Floats:
@@ -135,13 +135,13 @@ def tension_columns(at: Places, by_tension: Floats) -> Floats:
     varying = [
         part for change, load in zip(own, at.load.T, strict=True) for part in (change, _BENDS * change * (1.0 - load))
     ]
-    return _root(at, varying)
+    return reduced(at, varying)
 
 
 def constant_columns(at: Places) -> Floats:
     """Columns (n, k) of something that no load changes: 1 N, smoothly over postures, and a part of each setting."""
     of_settings = [_OF_SETTING * rows[:, None] * at.settings for rows in at.kinds]
-    return _root(at, [rows.astype(float) for rows in at.kinds], np.concatenate(of_settings, axis=1))
+    return reduced(at, [rows.astype(float) for rows in at.kinds], np.concatenate(of_settings, axis=1))
 
 
 def form_columns(at: Places, change: Floats, rows: Rows) -> Floats:
@@ -170,10 +170,10 @@ def form_columns(at: Places, change: Floats, rows: Rows) -> Floats:
             loaded = _ASIDE * size * (load > 0.0) * kind
             if loaded.any():
                 varying += [loaded, loaded * (load - 0.5)]
-    return _root(at, varying, np.stack(alike, axis=1))
+    return reduced(at, varying, np.stack(alike, axis=1))
 
 
-def _root(at: Places, varying: Sequence[Floats], alike: Floats | None = None) -> Floats:
+def reduced(at: Places, varying: Sequence[Floats], alike: Floats | None = None) -> Floats:
     """Columns (n, r) of a covariance, as few as say nearly all of it: its pivoted Cholesky factor.
 
     Args:
@@ -186,7 +186,7 @@ def _root(at: Places, varying: Sequence[Floats], alike: Floats | None = None) ->
     changes, smooth = np.array(varying), np.ascontiguousarray(at.smooth.T)
     same = np.zeros((0, len(at.unit))) if alike is None else np.ascontiguousarray(alike.T)
     left = (changes**2).sum(axis=0) * (smooth**2).sum(axis=0) + (same**2).sum(axis=0)
-    least, root, rank = _LEFT_OUT * left.max(initial=0.0), np.empty((_ROWS, len(left))), 0
+    least, root, rank = LEFT_OUT * left.max(initial=0.0), np.empty((_ROWS, len(left))), 0
     while left[pivot := int(left.argmax())] > least:
         if rank == len(root):
             root = np.concatenate([root, np.empty_like(root)])

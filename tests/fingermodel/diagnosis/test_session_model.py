@@ -7,9 +7,12 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from daq.errors import SessionError
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
+from fingermodel.diagnosis.session_model.discrepancy import LEFT_OUT, Places, reduced
 from fingermodel.diagnosis.session_model.session import Session as SessionModel
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.session_model.whitening import whitened
@@ -106,6 +109,22 @@ def test_something_smooth_in_torque_reaches_tip_and_bone_together(session: Sessi
     strength = np.abs(torque).sum(axis=0)
     both = (np.abs(torque[places == "tip"]).sum(axis=0) > 0) & (np.abs(torque[places == "bone"]).sum(axis=0) > 0)
     assert both[strength > 0.1 * strength.max()].all()
+
+
+@given(st.integers(0, 10**6), st.integers(1, 60), st.integers(1, 9), st.integers(1, 5), st.integers(0, 4))
+def test_reduced_columns_leave_out_a_hundredth_of_the_largest_variance(
+    seed: int, readings: int, changes: int, postures: int, alike: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    varying, smooth = rng.normal(size=(changes, readings)), rng.normal(size=(readings, postures))
+    same, moment = rng.normal(size=(readings, alike)), rng.random(readings) < 0.5
+    nowhere = np.zeros((readings, 0))
+    at = Places([], nowhere, smooth, nowhere, moment, np.zeros(readings, dtype=np.intp))
+    root = reduced(at, list(varying), same) / at.unit[:, None]
+    whole = (varying.T @ varying) * (smooth @ smooth.T) + same @ same.T
+    left = whole - root @ root.T
+    assert np.diag(left).max() <= (LEFT_OUT + 1e-9) * np.diag(whole).max()
+    assert np.linalg.eigvalsh(left).min() >= -1e-9 * np.diag(whole).max()
 
 
 def test_a_discrepancy_spares_the_checks(session: SessionModel) -> None:
