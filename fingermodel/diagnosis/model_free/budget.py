@@ -144,20 +144,18 @@ class Readings:
             extra: (k, errors) what one standard deviation of further errors changes in them.
         """
         flat = weights.reshape(len(weights), -1)
-        used = np.flatnonzero(flat.any(axis=0))
-        w = flat[:, used]
         own, tared = (weights.swapaxes(0, 1) @ self._noise_by_case).swapaxes(0, 1), flat @ self.observations.noise.tares
         noise = own.reshape(flat.shape) @ flat.T + tared @ tared.T
-        spread = [w @ self.spread[used], *self._by_angles(weights, w, used)]
+        spread = [flat @ self.spread, *self._by_angles(weights)]
         if extra is not None:
             spread.append(extra)
         by_budget = np.hstack(spread)
-        value = w @ self.wrench.reshape(-1)[used]
+        value = flat @ self.wrench.reshape(-1)
         if constant is not None:
             value = value - constant
         return Residuals(value, noise + by_budget @ by_budget.T, noise, self.observations.noise_assumed)
 
-    def _by_angles(self, weights: Floats, flat: Floats, used: NDArray[np.intp]) -> list[Floats]:
+    def _by_angles(self, weights: Floats) -> list[Floats]:
         """What wrong angles change in the sums of `residuals`.
 
         Nothing, where a sum stays within one setting and mount: forces that add up then do so at the true angles too.
@@ -170,7 +168,7 @@ class Readings:
         out = []
         for errors, concerned in zip(self.angles, (both | anew, anew), strict=True):
             if concerned.any():
-                out.append(concerned[:, None] * (flat @ errors[used]))
+                out.append(concerned[:, None] * (weights.reshape(len(weights), -1) @ errors))
         return out
 
     @cached_property

@@ -115,7 +115,8 @@ class Fitter:
         blocks += [width * session.smooth(name)[fitted] for name, width in self.hyper.smooth_blocks(node).items()]
         if before is not None:
             blocks += [e * f[fitted] for e, f in zip(values.forms, before.form_errors, strict=True) if e > 0.0]
-        whitening = Whitening.of(session.whitening(values.scatter, values.noise, bad), np.concatenate(blocks, axis=1))
+        noise = session.whitened_smooth(values.scatter, values.noise, bad).noise
+        whitening = Whitening.of(noise, np.concatenate(blocks, axis=1))
         free = problem.free | free_mask(problem.model, explanation)
         weighed = replace(problem, sd=self._multiple(values) * problem.sd, free=free)
         begin = np.where(free, np.clip(start, problem.lower, problem.upper), problem.centre)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.gaussian import (
@@ -22,12 +21,11 @@ from fingermodel.diagnosis.posterior.gaussian import (
     screened,
 )
 from fingermodel.diagnosis.posterior.hyper import CARRIER, NOISE, Node, climbed, explored
-from fingermodel.diagnosis.posterior.linearised import ANATOMY, BUDGET, HELD, OTHERS, OWN, Linearised
+from fingermodel.diagnosis.posterior.integrated import Integrated
+from fingermodel.diagnosis.posterior.linearised import ANATOMY, BUDGET, HELD, OTHERS, OWN
 from fingermodel.diagnosis.posterior.own_part import OwnPart
-from fingermodel.diagnosis.session_model.bad_cases import Apart, gain_if_bad
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.settings import NODES_WITHIN
-from fingermodel.fitting.roots import root_of_one_plus
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -43,7 +41,7 @@ _STEEP = 1e12
 
 
 @dataclass(frozen=True, eq=False)
-class Optimum(Linearised):
+class Optimum(Integrated):
     """An explanation where it explains the readings best.
 
     Attributes:
@@ -277,18 +275,6 @@ class Optimum(Linearised):
         theta = np.clip(theta, problem.lower, problem.upper)
         return theta, found.covariance[np.ix_(at, at)], index
 
-    def _marginal(self, node: Node) -> tuple[Floats, Floats]:
-        """Everything that acts at a node, integrated out of the whitened readings.
-
-        Returns:
-            V (k, n), such that the inverse covariance of the whitened readings is 1 - Vᵀ V, and (n,) what is left.
-        """
-        names = [*self.acting(node), OWN]
-        blocks, residual, _ = self.whitened_at(names, node, None)
-        left = residual + blocks @ self.places(names)
-        columns = blocks * self.widths(names, node)
-        return solve_triangular(root_of_one_plus(columns.T @ columns), columns.T, lower=True, check_finite=False), left
-
     def log_joints_of(self, residuals: Floats, node: Node) -> Floats:
         """Log of prior times likelihood (k,) at a node that other readings would have here.
 
@@ -296,109 +282,9 @@ class Optimum(Linearised):
             residuals: (fitted readings, k) these readings less the model [N, N mm].
             node: of the hyperparameters.
         """
-        across, left = self._marginal(node)
+        across, left = self.marginal(node)
         changed = self.whitening(node) @ (residuals - self.residual[:, None])
         turned = np.column_stack([left, left[:, None] + changed])
         misfit = (turned**2).sum(axis=0) - ((across @ turned) ** 2).sum(axis=0)
         out: Floats = self.log_joint(node) - 0.5 * (misfit[1:] - misfit[0])
         return out
-
-    def asked(self, columns: Floats, node: Node) -> tuple[Floats, Floats]:
-        """What the readings say of further columns, each by itself, beside everything that acts at a node.
-
-        Args:
-            columns: (fitted readings, k) change of the readings [N, N mm] per unit of its weight.
-            node: of the hyperparameters.
-
-        Returns:
-            Information (k,) of each weight, and its score (k,).
-        """
-        (across, left), new = self._marginal(node), self.whitening(node) @ columns
-        turned = across @ new
-        information = (new**2).sum(axis=0) - (turned**2).sum(axis=0)
-        return np.maximum(information, 0.0), new.T @ left - turned.T @ (across @ left)
-
-    def information(self, columns: Floats, node: Node) -> tuple[Floats, Floats]:
-        """What the readings say of further columns together, beside everything that acts at a node.
-
-        Args:
-            columns: (fitted readings, k) change of the readings [N, N mm] per unit of each weight.
-            node: of the hyperparameters.
-
-        Returns:
-            Information (k, k) of the weights, and their score (k,).
-        """
-        (across, left), new = self._marginal(node), self.whitening(node) @ columns
-        turned = across @ new
-        return new.T @ new - turned.T @ turned, new.T @ left - turned.T @ (across @ left)
-
-    def left_out_gains(self, columns: Floats, node: Node, spread: float = 1.0) -> Floats:
-        """Log density (k,) that further columns add to the cases, each case predicted from all others.
-
-        Args:
-            columns: (fitted readings, k) change of the readings [N, N mm] per unit of a weight with prior N(0, 1).
-            node: of the hyperparameters.
-            spread: factor on all standard uncertainties.
-        """
-        whitening = self.whitening(node)
-        (across, left), new = self._marginal(node), (whitening @ columns) / spread
-        left = left / spread
-        turned = new - across.T @ (across @ new)
-        plain = left - across.T @ (across @ left)
-        more = 1.0 + np.maximum(np.einsum("nk,nk->k", new, turned), 0.0)
-        # The column takes u uᵀ from the inverse covariance.
-        u = turned / np.sqrt(more)
-        moved = whitening.by_case((plain[:, None] - u * (new.T @ plain / np.sqrt(more))).T).T
-        u, plain = whitening.by_case(u.T).T, whitening.by_case(plain)
-        out = np.zeros(columns.shape[1])
-        for rows, _, blocks in self._blocks_by_case(across, node):
-            inverse = np.linalg.inv(blocks + 1e-12 * np.eye(rows.shape[1]))
-            before = np.einsum("gi,gij,gj->", plain[rows], inverse, plain[rows])
-            cross = np.einsum("gik,gij,gjk->gk", u[rows], inverse, moved[rows])
-            kept = np.maximum(1.0 - np.einsum("gik,gij,gjk->gk", u[rows], inverse, u[rows]), 1e-12)
-            after = np.einsum("gik,gij,gjk->k", moved[rows], inverse, moved[rows]) + (cross**2 / kept).sum(axis=0)
-            out += 0.5 * (before - after + np.log(kept).sum(axis=0))
-        return out
-
-    def _blocks_by_case(self, across: Floats, node: Node) -> Iterator[tuple[Ints, Floats, Floats]]:
-        """Rows (g, L), inverse roots of the noise and blocks (g, L, L) of the inverse covariance in its units, by case.
-
-        Args:
-            across: (k, n) of all that acts (see `_marginal`).
-            node: of the hyperparameters.
-        """
-        whitening = self.whitening(node)
-        every = np.concatenate([whitening.right.toarray(), whitening.by_case(across)])
-        for rows, inverse in whitening.roots:
-            mine = every[:, rows].transpose(1, 2, 0)
-            yield rows, inverse, np.eye(rows.shape[1]) - mine @ mine.swapaxes(1, 2)
-
-    def _precision(self, node: Node) -> list[tuple[Ints, Floats, Floats]]:
-        """Rows (g, L), block (g, L, L) of the inverse covariance of all readings and score (g, L), by case."""
-        across, left = self._marginal(node)
-        a = self.whitening(node).by_case(left - across.T @ (across @ left))
-        out = []
-        for rows, inverse, blocks in self._blocks_by_case(across, node):
-            turned = inverse.swapaxes(1, 2)
-            out.append((rows, turned @ blocks @ inverse, (turned @ a[rows][..., None])[..., 0]))
-        return out
-
-    def log_odds_bad(self, node: Node) -> dict[int, float]:
-        """Log evidence gained at a node by taking each fitted case (alone) for a bad one, prior not counted."""
-        noise = self.session.fitted_noise
-        out: dict[int, float] = {}
-        for rows, precision, score in self._precision(node):
-            size = noise.bad_size[rows]
-            gain = gain_if_bad(size[:, :, None] * precision * size[:, None, :], size * score)
-            out |= {int(c): float(g) for c, g in zip(noise.cases[rows[:, 0]], gain, strict=True)}
-        return out
-
-    def left_out(self, node: Node) -> dict[int, Apart]:
-        """Each fitted case against what all others predict of it at a node."""
-        session = self.session
-        noise, component = session.fitted_noise, session.rows[session.fitted] % 6
-        return {
-            case: Apart.of(case, component[own], noise.bad_size[own], block, score, case in self.bad)
-            for rows, precision, scores in self._precision(node)
-            for own, block, score, case in zip(rows, precision, scores, noise.cases[rows[:, 0]].tolist(), strict=True)
-        }

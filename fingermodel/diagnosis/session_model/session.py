@@ -182,19 +182,11 @@ class Session:
         own, assumed = self.observations.noise.alone, self.observations.noise_assumed
         return CaseNoise.of(own, self.rows[chosen], self._by_tension[chosen], self.places.unit[chosen], size, assumed)
 
-    def whitening(self, scatter: float, noise: float, bad: frozenset[int]) -> NoiseWhitening:
-        """Noise of the fitted readings by case, and of the tares that they share."""
-        return self._whitened_smooth(scatter, noise, bad).noise
-
     def whitened_smooth(self, scatter: float, noise: float, bad: frozenset[int]) -> WhitenedSmooth:
-        """The fitted smooth columns under some noise."""
+        """The fitted readings' noise, and smooth columns under it; kept, since every explanation asks for them."""
         # Columns are many times as large as their inner products, and made again in no time.
         for made in self._kept.values():
             made.let_go()
-        return self._whitened_smooth(scatter, noise, bad)
-
-    def _whitened_smooth(self, scatter: float, noise: float, bad: frozenset[int]) -> WhitenedSmooth:
-        """The same; kept, since every explanation asks for it."""
         key = (scatter, noise, bad)
         if key not in self._kept:
             whitening = NoiseWhitening.of(*self.fitted_noise.whitening(*key), self.tares[self.fitted])

@@ -12,15 +12,25 @@ Floats = NDArray[np.float64]
 
 
 def dense(fit: Optimum, node: tuple[int, ...]) -> tuple[Floats, Floats]:
-    """Readings (n,) and covariance (n, n) of everything that acts at a node."""
-    values, n = fit.hyper.values(node), len(fit.residual)
-    covariance, y = np.zeros((n, n)), fit.residual.copy()
-    for rows, blocks in fit.session.fitted_noise.covariances(values.scatter, values.noise, ()):
-        covariance[rows[:, :, None], rows[:, None, :]] = blocks
-    tares = fit.session.tares[fit.session.fitted]
-    covariance += tares @ tares.T
+    """Fitted readings (n,) and covariance (n, n) of everything that acts at a node."""
+    y, covariance = dense_of_all(fit, node)
+    fitted = fit.session.fitted
+    return y[fitted], covariance[np.ix_(fitted, fitted)]
+
+
+def dense_of_all(fit: Optimum, node: tuple[int, ...]) -> tuple[Floats, Floats]:
+    """The same of all readings; those of validation cases are linearised about the fit."""
+    session, values, n = fit.session, fit.hyper.values(node), len(fit.session.rows)
+    reading, unseen_slopes = fit.unseen_about(fit.x)
+    y, slopes = np.empty(n), np.empty((n, len(fit.theta)))
+    y[session.fitted], y[~session.fitted] = fit.residual, session.measured[~session.fitted] - reading
+    slopes[session.fitted], slopes[~session.fitted] = fit.slopes, unseen_slopes
+    every = np.ones(n, dtype=bool)
+    covariance = session.tares @ session.tares.T
+    for rows, blocks in session.noise_of(every).covariances(values.scatter, values.noise, ()):
+        covariance[rows[:, :, None], rows[:, None, :]] += blocks
     for name in [*fit.acting(node), OWN]:
-        columns = fit.block(name, fit.session.fitted, fit.slopes)
+        columns = fit.block(name, every, slopes)
         covariance += fit.widths([name], node) ** 2 * columns @ columns.T
         y += columns @ fit.place(name)
     return y, covariance

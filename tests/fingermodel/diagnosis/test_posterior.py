@@ -12,7 +12,6 @@ from scipy.special import logsumexp
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.gaussian import log_mass_apart, marginal_evidence
 from fingermodel.diagnosis.posterior.hyper import ANATOMY, FORMS, SMOOTH, Hyperparameters
-from fingermodel.diagnosis.posterior.linearised import OWN
 from fingermodel.diagnosis.posterior.marginals import Posterior, Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
@@ -20,7 +19,7 @@ from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED
 from fingermodel.diagnosis.verdict.predictive import predicted
 from fingermodel.session import Session
-from tests.fingermodel.diagnosis.dense import dense
+from tests.fingermodel.diagnosis.dense import dense, dense_of_all
 
 Floats = NDArray[np.float64]
 
@@ -108,24 +107,9 @@ def test_the_misfit_is_that_of_the_dense_gaussian(nothing: Optimum) -> None:
 
 def test_validation_readings_are_predicted_as_by_the_dense_gaussian(hanger: Optimum) -> None:
     session, node = hanger.session, (*hanger.best[:SMOOTH], 3, 0, 2, 0, 0, *hanger.best[FORMS:])
-    fitted, values = session.fitted, hanger.hyper.values(node)
-    reading, slopes = hanger.unseen_about(hanger.x)
-    names = [*hanger.acting(node), OWN]
-    columns, place = np.zeros((len(fitted), 0)), np.zeros(0)
-    for name in names:
-        block = np.zeros((len(fitted), hanger.size(name)))
-        block[fitted] = hanger.block(name, fitted, hanger.slopes)
-        block[~fitted] = hanger.block(name, ~fitted, slopes)
-        columns = np.concatenate([columns, hanger.widths([name], node) * block], axis=1)
-        place = np.concatenate([place, hanger.place(name) / hanger.widths([name], node)])
-    covariance = columns @ columns.T + session.tares @ session.tares.T
-    for rows, own in session.noise_of(np.ones(len(fitted), dtype=bool)).covariances(values.scatter, values.noise, ()):
-        covariance[rows[:, :, None], rows[:, None, :]] += own
+    fitted, (left, covariance) = session.fitted, dense_of_all(hanger, node)
     # Some tares are of fitted and of validation cases.
     assert np.any(session.tares[fitted].any(axis=0) & session.tares[~fitted].any(axis=0))
-    left = np.empty(len(fitted))
-    left[fitted], left[~fitted] = hanger.residual, session.measured[~fitted] - reading
-    left += columns @ place
     weight = np.linalg.solve(covariance[np.ix_(fitted, fitted)], covariance[np.ix_(fitted, ~fitted)])
     found, of_form = predicted(hanger, node), FORM_NAMED * hanger.form_errors_of_new_loads
     np.testing.assert_allclose(found.away, left[~fitted] - weight.T @ left[fitted], rtol=1e-5, atol=1e-6)
