@@ -110,10 +110,19 @@ class Noise:
 
 
 class Visibility:
-    """Standard uncertainties of a protocol's readings, all that is known of the rig counted."""
+    """Standard uncertainties of a protocol's readings, all that is known of the rig counted.
 
-    def __init__(self, plan: Plan, scale: float, noise: Noise, budget: float) -> None:
-        self._plan, self._scale, self._finger = plan, scale, plain_finger(scale)
+    Args:
+        plan: protocol.
+        scale: of the finger's lengths.
+        noise: of the readings.
+        budget: multiple of the budget of every rig.
+        held: (cases, 6) what the cell reads where nothing is hidden [N, N mm]; by default of the plain finger. A cell
+            errs by its readings, however the finger made them.
+    """
+
+    def __init__(self, plan: Plan, scale: float, noise: Noise, budget: float, held: Floats | None = None) -> None:
+        self._plan, self._finger = plan, plain_finger(scale)
         self._pulls = pulls(plan)
         self._at = [(i, k) for i, c in enumerate(plan.cases) for k in _USED[c.location]]
         self._rows = ([i for i, _ in self._at], [k for _, k in self._at])
@@ -121,6 +130,7 @@ class Visibility:
         postures = {c.posture: Stance.of(self._finger, stated_angles(plan, c.posture)) for c in plan.cases}
         self._maps = {n: per_newton(self._finger, a) for n, a in postures.items()}
         self.plain = self._readings(self._maps)
+        self._held = self.plain if held is None else held
         jacobian = budget * np.column_stack([c[self._rows] for c in self._budget(postures)])
         self._covariance = self._noise(noise) + jacobian @ jacobian.T
 
@@ -182,17 +192,17 @@ class Visibility:
         return out
 
     def _instrument(self) -> list[Floats]:
-        plain, cases, one = self.plain, self._plan.cases, np.eye(3)
+        held, cases, one = self._held, self._plan.cases, np.eye(3)
         out = []
         for m in range(len(MUSCLES)):
             only = np.zeros(len(MUSCLES))
             only[m] = _PULLEY
             maps = {n: {place: a * only for place, a in by.items()} for n, by in self._maps.items()}
             out.append(self._readings(maps))
-        out += [plain * _GAIN * np.eye(6)[k] for k in range(6)]
+        out += [held * _GAIN * np.eye(6)[k] for k in range(6)]
         for location in _USED:
             here = np.array([c.location == location for c in cases])[:, None]
-            force, torque = plain[:, :3] * here, plain[:, 3:] * here
+            force, torque = held[:, :3] * here, held[:, 3:] * here
             for k in range(3):
                 turned = [cross(np.broadcast_to(one[k], x.shape), x) for x in (force, torque)]
                 out.append(np.concatenate(turned, axis=1) * _TURN)

@@ -103,7 +103,7 @@ def draw_world(seed: Sequence[int], fixed: Settings | None = None) -> World:
         else FirstRig(plan, int(own.integers(2**31)), budget, scale)
     )
     passes = 1.0 + noise.scatter * made.normal(size=(len(plan.cases), len(MUSCLES)))
-    visibility = Visibility(plan, scale, _seen(noise), budget)
+    visibility = Visibility(plan, scale, _seen(noise), budget, loads(engine, []))
     parts = [_of_size(engine, p, visibility, w) for p, w in zip(_hidden(kind, engine, made), wanted, strict=False)]
     slips = draw_slips(pen, plan, visibility, count, everywhere)
     truth = {"seed": list(seed), "engine": which, "kind": kind, "budget_multiple": budget, "finger_scale": scale}
