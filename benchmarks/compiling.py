@@ -26,22 +26,18 @@ def main() -> None:
     jax.config.update("jax_enable_compilation_cache", False)
     problem = map_problem(bench.model, bench.observations)
     model, fitted = problem.model, problem.fitted_readings
-    theta = model.placed(problem.centre)
+    structure, differentiated = model.compact.structure, fitted.differentiated
     none = np.array([effect.always for effect in model.structure.effects])
     few, every = none.copy(), np.ones_like(none)
     few[np.flatnonzero(~none)[[0, -1]]] = True
     rows = []
-    for name, program, before, after in (
-        ("predictions", predict_batch, (fitted.values, theta, fitted.every_case), ()),
-        (
-            "slopes",
-            _slopes,
-            (fitted.values, fitted.inputs, fitted.components, fitted.at, model.placed(problem.scale)),
-            (theta,),
-        ),
+    for name, program, cases, more in (
+        ("predictions", predict_batch, fitted.every_case, ()),
+        ("slopes", _slopes, differentiated.cases, (differentiated.components,)),
     ):
-        stages, compiled = _stages(program, model.compiled, (*before, none, *after))
-        runs = [f"{1e3 * _least(compiled, (*before, active, *after)):.2f}" for active in (none, few, every)]
+        before = (*model.given(cases, problem.centre)[0], *more)
+        stages, compiled = _stages(program, structure, (*before, none))
+        runs = [f"{1e3 * _least(compiled, (*before, active)):.2f}" for active in (none, few, every)]
         rows.append([name, *(f"{wall:.2f} ({own:.2f})" for wall, own in stages), *runs])
     table(
         f"Programs of a first diagnosis of DEV-08 (target: {TARGET:.0f} s for both)",

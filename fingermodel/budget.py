@@ -153,7 +153,7 @@ def budget_effects(budget: Budget) -> tuple[Effect, ...]:
 class TensionFactor(Effect):
     """Each pulley passes a little more or less than the session's friction factor says."""
 
-    budget: Budget = field(compare=False)  # only the declared priors depend on it, not what is compiled
+    budget: Budget = field(compare=False, repr=False)  # only the declared priors depend on it, not what is compiled
     always = True
     name = "tension_factor"
 
@@ -179,9 +179,9 @@ class TensionFactor(Effect):
 class PostureAngles(Effect):
     """Each joint angle was read a little wrong, once for each setting of a posture."""
 
-    budget: Budget = field(compare=False)  # only the declared priors depend on it, not what is compiled
+    budget: Budget = field(compare=False, repr=False)  # only the declared priors depend on it, not what is compiled
     always = True
-    of_each_setting = True
+    of_each = "setting"
     name = "posture_angle"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
@@ -211,8 +211,9 @@ class PostureAngles(Effect):
 class CellMounting(Effect):
     """The cell is turned and offset a little in its clamp, its gains are off a little, its tare missed a little."""
 
-    budget: Budget = field(compare=False)  # only the declared priors depend on it, not what is compiled
+    budget: Budget = field(compare=False, repr=False)  # only the declared priors depend on it, not what is compiled
     always = True
+    of_each = "mounting"
     name = "cell"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import NamedTuple, TypeVar, cast
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -27,15 +27,13 @@ from fingermodel.many_cases import many_cases, suits
 from fingermodel.parameters import ParameterTable
 from fingermodel.stages import Effect, Layout, LoadCaseInput, Stage, State
 from fingermodel.statics import ClampForces, clamp_forces, joint_loads, joint_torques
+from fingermodel.structure import ANY_LAYOUT, Compact, Pieces, Structure
 from fingermodel.tendons import joint_pulls, moment_arms
 
 jax.config.update("jax_enable_x64", True)
 
-Found = TypeVar("Found", bound=NamedTuple)
-
-
-# For predictions without a session: one setting, the cell at either end.
-ANY_LAYOUT = Layout((("posture", 0),), (("tip", 0), ("bone", 0)))
+# Load cases that a program predicts at once: a session has about as many, and fewer cost nearly as much.
+PREDICTED = 128
 
 
 class Prediction(NamedTuple):
@@ -52,23 +50,6 @@ class Prediction(NamedTuple):
     forces: ClampForces
     joint: Array
     torque: Array
-
-
-@dataclass(frozen=True)
-class Structure:
-    """What the compiler keys on: topology, effects and the lengths of their parameter slices."""
-
-    topology: Topology
-    effects: tuple[Effect, ...]
-    slices: tuple[tuple[int, int], ...]
-
-    @cached_property
-    def _hash(self) -> int:
-        return hash((self.topology, self.effects, self.slices))
-
-    def __hash__(self) -> int:
-        """Computed once: every call of a compiled program asks for it."""
-        return self._hash
 
 
 @dataclass(frozen=True, repr=False)
@@ -108,38 +89,18 @@ class Model:
 
     @cached_property
     def _laid_out(self) -> tuple[ParameterTable, Structure]:
-        return self._lay_out(roomy=False)
-
-    @cached_property
-    def _roomy(self) -> tuple[ParameterTable, Structure]:
-        return self._lay_out(roomy=True)
-
-    def _lay_out(self, *, roomy: bool) -> tuple[ParameterTable, Structure]:
-        """Parameters and structure, with spare settings or without."""
         declared, slices = list(anatomy_parameters(self.finger, self.budget)), []
         for effect in self._all:
-            layout = self.layout.roomy if roomy and effect.of_each_setting else self.layout
-            own = effect.parameters(self.finger.topology, layout)
+            own = effect.parameters(self.finger.topology, self.layout)
             slices.append((len(declared), len(declared) + len(own)))
             declared += own
         return ParameterTable(declared), Structure(self.finger.topology, self._all, tuple(slices))
 
-    @property
-    def compiled(self) -> Structure:
-        """The structure that programs are compiled for, which has spare settings; see `placed`."""
-        return self._roomy[1]
-
     @cached_property
-    def places(self) -> NDArray[np.intp]:
-        """(parameters,) where each stands in a vector for `compiled`."""
-        index = self._roomy[0].index
-        return np.array([index[name] for name in self.parameters.names], dtype=np.intp)
-
-    def placed(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A vector for `compiled` from one of this model's parameters (parameters,); what is spare changes nothing."""
-        out = self._roomy[0].initial.copy()
-        out[self.places] = vector
-        return out
+    def compact(self) -> Compact:
+        """The same parameters as compiled programs take them."""
+        anatomy = self.structure.slices[0][0]
+        return Compact(self.finger.topology, self._all, self.layout, self.parameters, anatomy)
 
     @cached_property
     def values(self) -> FingerValues:
@@ -160,14 +121,44 @@ class Model:
         fitted = with_anatomy(self.finger.topology, self.values, jnp.asarray(theta))
         return FingerValues(*(np.asarray(v) for v in fitted))
 
-    def predict(self, cases: LoadCaseInput, theta: NDArray[np.float64] | None = None) -> Prediction:
-        """Predict a batch of load cases, given with a leading axis on every field."""
+    def pieces(self, cases: LoadCaseInput) -> Pieces:
+        """Load cases ready to be predicted: whoever predicts them again and again makes these once."""
+        return Pieces.of(self.compact, cases, PREDICTED)
+
+    def given(
+        self, cases: Pieces, theta: NDArray[np.float64]
+    ) -> list[tuple[FingerValues, NDArray[np.float64], NDArray[np.float64], LoadCaseInput]]:
+        """What compiled programs take of each piece: numbers, parameters that all share, each case's own, and cases.
+
+        Args:
+            cases: of `pieces`.
+            theta: (parameters,).
+        """
+        shared = self.compact.shared(theta)
+        return [(self.values, shared, theta[own], piece) for piece, own in zip(cases.cases, cases.own, strict=True)]
+
+    def predict(
+        self,
+        cases: LoadCaseInput | Pieces,
+        theta: NDArray[np.float64] | None = None,
+        acting: NDArray[np.bool_] | None = None,
+    ) -> Prediction:
+        """Predict a batch of load cases.
+
+        Args:
+            cases: with a leading axis on every field.
+            theta: (parameters,); by default as they are before any fit.
+            acting: (effects,) which of them are gone through; by default those with a parameter off its null.
+        """
         initial = self.parameters.initial
         vector = initial if theta is None else np.asarray(theta)
+        pieces = cases if isinstance(cases, Pieces) else self.pieces(cases)
         # What is at its null changes nothing, and need not be gone through.
-        acting = self.acting(vector != initial)
-        found = predict_batch(self.compiled, self.values, self.placed(vector), cases.filled(), acting)
-        return _first(cases.posture.shape[0], found)
+        active = self.acting(vector != initial) if acting is None else acting
+        structure = self.compact.structure
+        found = [predict_batch(structure, *given, active) for given in self.given(pieces, vector)]
+        whole: Prediction = jax.tree.map(lambda *parts: _joined(parts, pieces.count), *found)
+        return whole
 
     def jacobian(self, cases: LoadCaseInput, theta: NDArray[np.float64] | None = None) -> Array:
         """Derivative of every reading with respect to every parameter: (cases, 6, parameters)."""
@@ -197,12 +188,6 @@ def with_anatomy(topology: Topology, values: FingerValues, theta: Array) -> Fing
     )
 
 
-def parts_of(structure: Structure, theta: Array) -> tuple[Array, ...]:
-    """Split a parameter vector (…, parameters) into the anatomy's part and each effect's."""
-    first = structure.slices[0][0] if structure.slices else theta.shape[-1]
-    return (theta[..., :first], *(theta[..., a:b] for a, b in structure.slices))
-
-
 def predict_case(structure: Structure, values: FingerValues, theta: Array, case: LoadCaseInput) -> Prediction:
     """Predict one load case.
 
@@ -212,7 +197,7 @@ def predict_case(structure: Structure, values: FingerValues, theta: Array, case:
         theta: (parameters,) in the order of `Model.parameters`.
         case: one load case.
     """
-    return predict_parts(structure, values, parts_of(structure, theta), case)
+    return predict_parts(structure, values, structure.parts(theta), case)
 
 
 def predict_parts(
@@ -222,7 +207,7 @@ def predict_parts(
     case: LoadCaseInput,
     active: Array | None = None,
 ) -> Prediction:
-    """Predict one load case from parameters split by `parts_of`.
+    """Predict one load case from parameters split by `Structure.parts`.
 
     Differentiate this rather than `predict_case`: a slope for each slice of one long vector would be padded to the
     whole length, once for each effect.
@@ -230,7 +215,7 @@ def predict_parts(
     Args:
         structure: topology and effects (static).
         values: the finger's numbers.
-        parts: of `parts_of`.
+        parts: of `Structure.parts`.
         case: one load case.
         active: (effects,) bool; one that is not is skipped, which is right only at its null, where it changes nothing
             and its slopes come out as zero. By default all are computed.
@@ -239,7 +224,7 @@ def predict_parts(
 
     def act(stage: Stage, state: State) -> State:
         changes = {
-            i: partial(getattr(effect, stage), p, case)
+            i: partial(getattr(effect, stage), p, structure.case_of(i, case))
             for i, (effect, p) in enumerate(zip(structure.effects, parts[1:], strict=True))
             if getattr(getattr(effect, stage), "__func__", None) is not getattr(Effect, stage)
         }
@@ -277,8 +262,7 @@ def predict_parts(
 
 def _is_optional(structure: Structure, index: int) -> bool:
     """Whether an effect may be skipped: what is part of every model, or has no parameters here, is not worth asking."""
-    start, end = structure.slices[index]
-    return end > start and not structure.effects[index].always
+    return structure.has_parameters(index) and not structure.effects[index].always
 
 
 def _if(active: Array, change: Callable[[State], State], state: State) -> State:
@@ -302,11 +286,14 @@ def _if(active: Array, change: Callable[[State], State], state: State) -> State:
 
 @stored(Prediction, ClampForces, hurried=True)
 def predict_batch(
-    structure: Structure, values: FingerValues, theta: Array, cases: LoadCaseInput, active: Array
+    structure: Structure, values: FingerValues, theta: Array, own: Array, cases: LoadCaseInput, active: Array
 ) -> Prediction:
-    """Predict many load cases: `predict_parts` over the leading axis of `cases`."""
-    parts = parts_of(structure, theta)
-    return jax.vmap(lambda case: predict_parts(structure, values, parts, case, active))(cases)
+    """Predict many load cases: `predict_parts` over the leading axis of `cases` and of their own parameters."""
+
+    def one(own_of_case: Array, case: LoadCaseInput) -> Prediction:
+        return predict_parts(structure, values, structure.parts(theta, own_of_case), case, active)
+
+    return jax.vmap(one)(own, cases)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -331,15 +318,18 @@ def tip_kinematics_batch(topology: Topology, values: FingerValues, posture: Arra
 
 def tips_of(topology: Topology, values: FingerValues, cases: LoadCaseInput) -> TipKinematics:
     """`tip_kinematics_batch` of the postures of a batch of load cases."""
-    return _first(cases.posture.shape[0], tip_kinematics_batch(topology, values, cases.filled().posture))
+    posture = np.asarray(cases.posture)
+    count = len(posture)
+    filled = posture[np.minimum(np.arange(count + -count % PREDICTED), count - 1)]
+    pieces = [tip_kinematics_batch(topology, values, p) for p in np.split(filled, len(filled) // PREDICTED)]
+    whole: TipKinematics = jax.tree.map(lambda *parts: _joined(parts, count), *pieces)
+    return whole
 
 
-def _first(count: int, found: Found) -> Found:
-    """Cut what a batch was filled up with off its answers."""
-    if jax.tree.leaves(found)[0].shape[0] == count:
-        return found
-    cut: Found = jax.tree.map(lambda x: np.asarray(x)[:count], found)
-    return cut
+def _joined(parts: tuple[Array, ...], count: int) -> NDArray[np.float64]:
+    """Answers of pieces, without those of what fills the last one up."""
+    each = [np.asarray(part) for part in parts]
+    return each[0][:count] if len(each) == 1 else np.concatenate(each)[:count]
 
 
 # Cases a pass: their intermediate values stay in the cache.

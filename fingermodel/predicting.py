@@ -15,10 +15,11 @@ from daq.errors import InputError, ModelError
 from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.fingers import Finger as PlainFinger
 from fingermodel.fingers.files import read_finger
-from fingermodel.model import ANY_LAYOUT, Model, clamp_forces_batch, jax_values, tip_kinematics_batch
+from fingermodel.model import Model, clamp_forces_batch, jax_values, tip_kinematics_batch
 from fingermodel.model_files import load_model, read_revision
 from fingermodel.session import Session
 from fingermodel.stages import LoadCaseInput
+from fingermodel.structure import ANY_LAYOUT
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Finger, Topology

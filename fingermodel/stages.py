@@ -25,10 +25,6 @@ from fingermodel.tendons import Pulls
 Stage = Literal["tension", "geometry", "sharing", "torque", "reading"]
 STAGES: tuple[Stage, ...] = ("tension", "geometry", "sharing", "torque", "reading")
 
-# Shapes are rounded up, so that a session with a few cases or settings more finds its programs compiled: at the bench
-# each further case would else take a compilation.
-CASES_STEP, SETTINGS_STEP = 16, 4
-
 
 @dataclass(frozen=True)
 class Layout:
@@ -41,12 +37,6 @@ class Layout:
 
     settings: tuple[tuple[str, int], ...]
     mountings: tuple[tuple[str, int], ...]
-
-    @property
-    def roomy(self) -> Layout:
-        """The same with spare settings up to a round number, which no case has; see `Effect.of_each_setting`."""
-        spare = range(-len(self.settings) % SETTINGS_STEP)
-        return Layout((*self.settings, *((f"spare {k}", 0) for k in spare)), self.mountings)
 
     def setting_name(self, index: int) -> str:
         """`hook`, or `hook#1` once the posture has been set anew."""
@@ -102,13 +92,6 @@ class LoadCaseInput(NamedTuple):
         """Some load cases of a batch."""
         return self.batch(**{name: np.asarray(column)[index] for name, column in self._asdict().items()})
 
-    def filled(self) -> LoadCaseInput:
-        """The same, its last case repeated up to a round number of cases; a batch of one stays as it is."""
-        n = self.posture.shape[0]
-        if n <= 1 or n % CASES_STEP == 0:
-            return self
-        return self.rows(np.minimum(np.arange(n + -n % CASES_STEP), n - 1))
-
 
 class State(NamedTuple):
     """What the stages hand on. Fields fill in from left to right.
@@ -150,7 +133,8 @@ class Effect:
         tell: what gives it away in the data.
         shown_by: what measurement besides a load case would show it, as an instruction; nothing where none is known.
         always: whether it is part of every model, so that nothing is gained by asking whether it acts.
-        of_each_setting: whether it has parameters for each setting, all alike, so that programs may have room for more.
+        of_each: setting or mounting, if it has parameters for each of them, all alike, after those that all share. A
+            load case sees those of its own only, so that a session of more of them needs no other program.
         after_mounting: whether it is an error of what the cell says, and no force: a mounting that is a little off, as
             the budget allows, neither turns nor levers it.
         rests_on_clamp_assumption: whether only out-of-plane forces can support it, which a real clamp carries in part.
@@ -168,7 +152,7 @@ class Effect:
     rests_on_clamp_assumption: ClassVar[bool] = False
     after_mounting: ClassVar[bool] = False
     always: ClassVar[bool] = False
-    of_each_setting: ClassVar[bool] = False
+    of_each: ClassVar[Literal["", "setting", "mounting"]] = ""
     outside: ClassVar[bool] = False
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:

@@ -28,6 +28,7 @@ class CellRotation(Effect):
     source = "geometry; range assumed: 12 deg about three axes"
     tell = "a constant angle, magnitudes right; the moments turn too"
     shown_by = "hang a known weight on the cell in three directions"
+    of_each = "mounting"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
         """Rotation vector common to all mountings, then one for each mounting [deg]."""

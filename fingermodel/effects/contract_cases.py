@@ -10,8 +10,9 @@ import numpy as np
 from jax import Array
 
 from fingermodel.fingers import FingerValues, Topology
-from fingermodel.model import Structure, predict_parts
+from fingermodel.model import predict_parts
 from fingermodel.stages import STAGES, Effect, Layout, LoadCaseInput, Stage, State
+from fingermodel.structure import Structure
 
 
 @final

@@ -21,8 +21,8 @@ from fingermodel.effects.formula_tree import near
 from fingermodel.effects.python_effect import PYTHON_FORMAT, python_document, python_effect
 from fingermodel.fingers import Topology
 from fingermodel.fingers.files import read_finger
-from fingermodel.model import ANY_LAYOUT
 from fingermodel.stages import Effect, Layout
+from fingermodel.structure import ANY_LAYOUT
 
 __all__ = [
     "contract_faults",

@@ -15,8 +15,9 @@ from daq.errors import ModelError
 from fingermodel.fingers import FingerValues
 from fingermodel.fitting.fit_report import Fit, Optimum, Outcome, describe
 from fingermodel.fitting.problems import Problem, objective_at
-from fingermodel.model import Model, Structure, predict_case
+from fingermodel.model import Model, predict_case
 from fingermodel.stages import LoadCaseInput
+from fingermodel.structure import Structure
 
 Floats = NDArray[np.float64]
 

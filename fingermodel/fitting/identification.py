@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -15,10 +14,11 @@ from numpy.typing import NDArray
 from fingermodel.compiled.programs import stored
 from fingermodel.fingers import FingerValues
 from fingermodel.fitting.fit_report import Fit, Optimum, Outcome, describe
-from fingermodel.fitting.problems import FittedReadings, Problem, Whitener, objective_at
+from fingermodel.fitting.problems import Differentiated, Problem, Whitener, objective_at
 from fingermodel.fitting.solver import CONVERGED, NOT_FINITE, STALLED, Solution, minimise
-from fingermodel.model import Structure, parts_of, predict_batch, predict_parts
+from fingermodel.model import predict_batch, predict_parts
 from fingermodel.stages import LoadCaseInput
+from fingermodel.structure import Structure
 
 Floats = NDArray[np.float64]
 
@@ -102,18 +102,16 @@ def solve(
         whitener: instead of the problem's.
     """
     scale, centre, fitted, model = problem.scale, problem.centre, problem.fitted_readings, problem.model
-    active, at = _active(problem), model.places[problem.free]
-    white = fitted.whitener if whitener is None else whitener
-    # Of all cases, fitted or not: the program that predicts them is there anyway.
-    predict = predict_batch.program(model.compiled, fitted.values, model.placed(centre), fitted.every_case, active)
-    differentiate = _slopes_program(problem, active, fitted, len(problem.rows))
+    active, white = _active(problem), fitted.whitener if whitener is None else whitener
+    _begin_to_compile(problem, active)
 
     def residuals(x: Floats) -> Floats:
-        reading = predict(fitted.values, model.placed(centre + scale * x), fitted.every_case, active).reading
+        # Of all cases, fitted or not: whoever compares them wants the same.
+        reading = model.predict(fitted.every_case, centre + scale * x, active).reading
         return white @ (fitted.measured - np.asarray(reading).reshape(-1)[problem.rows])
 
     def slopes(x: Floats) -> Floats:
-        return white @ np.take(differentiate(centre + scale * x), at, axis=1)
+        return white @ _slopes_at(problem, active, fitted.differentiated, centre + scale * x)[:, problem.free]
 
     return minimise(
         residuals,
@@ -135,10 +133,7 @@ def solve(
 
 def whole_slopes(problem: Problem, theta: Floats) -> Floats:
     """Whitened slopes (residuals, parameters) of all parameters, those of effects that are not free at their null."""
-    every = np.ones(len(problem.model.structure.effects), dtype=bool)
-    fitted = problem.fitted_readings
-    slopes = _slopes_program(problem, every, fitted, len(problem.rows))(theta)
-    return fitted.whitener @ np.take(slopes, problem.model.places, axis=1)
+    return problem.fitted_readings.whitener @ reading_slopes(problem, theta)
 
 
 def reading_slopes(problem: Problem, theta: Floats) -> Floats:
@@ -147,14 +142,11 @@ def reading_slopes(problem: Problem, theta: Floats) -> Floats:
     Of all parameters; those of effects that are not free are at their null.
     """
     every = np.ones(len(problem.model.structure.effects), dtype=bool)
-    slopes = _slopes_program(problem, every, problem.fitted_readings, len(problem.rows))(theta)
-    return np.take(slopes, problem.model.places, axis=1)
+    return _slopes_at(problem, every, problem.fitted_readings.differentiated, theta)
 
 
 def slopes_of(problem: Problem, theta: Floats, rows: NDArray[np.intp], of: LoadCaseInput | None = None) -> Floats:
-    """Slopes (rows, parameters) of any readings, fitted or not, of the components that are; zero for what is held.
-
-    In scaled coordinates [N, N mm], by pieces of the size that is compiled for what is fitted.
+    """Slopes (rows, parameters) of any readings, fitted or not, in scaled coordinates [N, N mm]; zero for what is held.
 
     Args:
         problem: whose parameters and components.
@@ -162,33 +154,27 @@ def slopes_of(problem: Problem, theta: Floats, rows: NDArray[np.intp], of: LoadC
         rows: indices into the flattened (cases, 6) wrench.
         of: load cases that the rows count; by default the session's.
     """
-    every = problem.observations.inputs if of is None else of
-    fitted, model, cases = problem.fitted_readings, problem.model, rows // 6
-    active, components = _active(problem), np.unique(problem.rows % 6)
-    room = min(len(fitted.inputs.setting), len(fitted.at) // len(components))
-    used, out = np.unique(cases), np.empty((len(rows), len(theta)))
-    for first in range(0, len(used), room):
-        piece = used[first : first + room]
-        here = np.isin(cases, piece)
-        inputs = every.rows(np.resize(piece, len(fitted.inputs.setting)))
-        at = np.searchsorted(piece, cases[here]) * len(components) + np.searchsorted(components, rows[here] % 6)
-        places = jax.device_put(np.pad(at, (0, len(fitted.at) - len(at))))
-        own = replace(fitted, inputs=inputs, at=places)
-        out[here] = np.take(_slopes_program(problem, active, own, len(at))(theta), model.places, axis=1)
-    return out * problem.free
+    inputs = problem.observations.inputs if of is None else of
+    if len(rows) == 0:
+        return np.zeros((0, len(theta)))
+    return _slopes_at(problem, _active(problem), Differentiated.of(problem.model, inputs, rows), theta) * problem.free
 
 
-def _slopes_program(
-    problem: Problem, active: NDArray[np.bool_], of: FittedReadings, count: int
-) -> Callable[[Floats], Floats]:
-    """From parameters to slopes (count, places) of the effects that are active; zero for the others.
+def _begin_to_compile(problem: Problem, active: NDArray[np.bool_]) -> None:
+    """Begin to compile what a fit calls: the first program is compiled while the second is traced."""
+    model, fitted, of = problem.model, problem.fitted_readings, problem.fitted_readings.differentiated
+    predicted, differentiated = (model.given(cases, problem.centre)[0] for cases in (fitted.every_case, of.cases))
+    predict_batch.program(model.compact.structure, *predicted, active)
+    _slopes.program(model.compact.structure, *differentiated, of.components, active)
 
-    Of so many readings, without what fills them up. They stand where `Model.places` says.
-    """
-    model = problem.model
-    given = (of.values, of.inputs, of.components, of.at, model.placed(problem.scale), active)
-    program = _slopes.program(model.compiled, *given, model.placed(problem.centre))
-    return lambda theta: np.asarray(program(*given, model.placed(theta)))[:count]
+
+def _slopes_at(problem: Problem, active: NDArray[np.bool_], of: Differentiated, theta: Floats) -> Floats:
+    """Slopes (rows, parameters) of the effects that are active, in scaled coordinates; zero for the others."""
+    compact, given = problem.model.compact, problem.model.given(of.cases, theta)
+    found = [np.asarray(_slopes(compact.structure, *piece, of.components, active)) for piece in given]
+    every = np.concatenate(found).reshape(-1, found[0].shape[-1])
+    own = of.cases.every_own[of.at // len(of.components)]
+    return compact.spread(every[of.at], own) * problem.scale
 
 
 def _active(problem: Problem) -> NDArray[np.bool_]:
@@ -200,21 +186,21 @@ def _active(problem: Problem) -> NDArray[np.bool_]:
 def _slopes(
     structure: Structure,
     values: FingerValues,
+    theta: Array,
+    own: Array,
     cases: LoadCaseInput,
     components: Array,
-    rows: Array,
-    scale: Array,
     active: Array,
-    theta: Array,
 ) -> Array:
-    """Slopes of what is measured less what is predicted (rows, places), in scaled coordinates."""
-    count = cases.setting.shape[0]
+    """Slopes (cases, components, parameters of all parts in a row) of what is measured less what is predicted."""
 
     def readings(parts: tuple[Array, ...]) -> Array:
-        return jax.vmap(lambda own, case: predict_parts(structure, values, own, case, active).reading)(parts, cases)
+        return jax.vmap(lambda of_case, case: predict_parts(structure, values, of_case, case, active).reading)(
+            parts, cases
+        )
 
     # Every case with parameters of its own: one reverse pass a component then differentiates all cases.
-    reading, pull_back = jax.vjp(readings, parts_of(structure, jnp.broadcast_to(theta, (count, theta.shape[0]))))
+    every = structure.parts(jnp.broadcast_to(theta, (own.shape[0], theta.shape[0])), own)
+    reading, pull_back = jax.vjp(readings, every)
     back = jax.vmap(lambda component: pull_back(jnp.broadcast_to(component, reading.shape))[0])(components)
-    slopes = jnp.concatenate(back, axis=-1)
-    return -jnp.swapaxes(slopes, 0, 1).reshape(-1, theta.shape[0])[rows] * scale
+    return -jnp.swapaxes(jnp.concatenate(back, axis=-1), 0, 1)

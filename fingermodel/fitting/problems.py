@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from daq.errors import SessionError
 from fingermodel.comparison.observations import Observations
-from fingermodel.fingers import FingerValues, Plane
+from fingermodel.fingers import Plane
 from fingermodel.fitting.tiles import Tiles
 from fingermodel.model import Model
 from fingermodel.stages import LoadCaseInput
+from fingermodel.structure import Pieces
 
 Floats = NDArray[np.float64]
 
@@ -24,8 +25,8 @@ Floats = NDArray[np.float64]
 EQ5_WEIGHT = {"DIP": 10.0, "PIP": 10.0, "MCP": 1.0}
 
 
-# Rows too are rounded up (see `stages`).
-ROWS_STEP = 64
+# Load cases that are differentiated at once: what that takes grows with their number.
+DIFFERENTIATED = 40
 
 
 class Whitener(Protocol):
@@ -37,47 +38,59 @@ class Whitener(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class Differentiated:
+    """Readings whose slopes are asked for.
+
+    Attributes:
+        cases: that they are of.
+        components: (used components, 6) rows of the unit matrix.
+        at: (rows,) where each stands in the flattened (cases, used components).
+    """
+
+    cases: Pieces
+    components: Array
+    at: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, model: Model, inputs: LoadCaseInput, rows: NDArray[np.intp]) -> Differentiated:
+        """Pick rows (n,) of the flattened (cases, 6) wrench out of all readings."""
+        used, case = np.unique(rows // 6, return_inverse=True)
+        components, component = np.unique(rows % 6, return_inverse=True)
+        return cls(
+            Pieces.of(model.compact, inputs.rows(used), DIFFERENTIATED),
+            jax.device_put(np.eye(6)[components]),
+            case * len(components) + component,
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class FittedReadings:
     """Only the cases and components that are fitted: the others would be differentiated for nothing.
 
-    Cases and rows are filled up to round numbers; what fills them counts for nothing.
-
     Attributes:
         of: rows, whitener, observations and finger that these are made of.
-        every_case: inputs of all cases, with a leading axis (cases filled up,).
-        inputs: of those that are used, with a leading axis (used cases filled up,).
-        components: (used components, 6) rows of the unit matrix.
-        at: (rows filled up,) where each stands in the flattened (used cases, used components).
-        measured: (rows,) without what they are filled up with [N, N mm].
+        every_case: all cases, to be predicted.
+        differentiated: readings that are fitted.
+        measured: (rows,) [N, N mm].
         whitener: (rows, rows), in tiles.
-        values: the finger's numbers.
     """
 
     of: tuple[object, ...]
-    every_case: LoadCaseInput
-    inputs: LoadCaseInput
-    components: Array
-    at: Array
+    every_case: Pieces
+    differentiated: Differentiated
     measured: Floats
     whitener: Tiles
-    values: FingerValues
 
     @classmethod
     def of_problem(cls, problem: Problem) -> FittedReadings:
         """Pick them out of all readings."""
         rows, observations = problem.rows, problem.observations
-        used, case = np.unique(rows // 6, return_inverse=True)
-        components, component = np.unique(rows % 6, return_inverse=True)
-        more = -len(rows) % ROWS_STEP
         return cls(
             problem.source,
-            observations.inputs.filled(),
-            observations.inputs.rows(used).filled(),
-            jax.device_put(np.eye(6)[components]),
-            jax.device_put(np.pad(case * len(components) + component, (0, more))),
+            problem.model.pieces(observations.inputs),
+            Differentiated.of(problem.model, observations.inputs, rows),
             np.nan_to_num(observations.wrench).reshape(-1)[rows],
             Tiles.of(problem.whitener),
-            problem.model.values,
         )
 
 

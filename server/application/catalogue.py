@@ -6,7 +6,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from fingermodel.fingers.files import read_finger
-from fingermodel.model import ANY_LAYOUT
+from fingermodel.structure import ANY_LAYOUT
 
 if TYPE_CHECKING:
     from fingermodel.fingers import Topology

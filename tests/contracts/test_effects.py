@@ -23,9 +23,10 @@ from fingermodel.effects.contract import RESERVED, contract_faults
 from fingermodel.effects.user import load_effect, shipped_effects
 from fingermodel.fingers import FingerValues, Topology
 from fingermodel.fingers.files import read_finger
-from fingermodel.model import Structure, jax_values, predict_parts
+from fingermodel.model import jax_values, predict_parts
 from fingermodel.parameters import Parameter
 from fingermodel.stages import Effect, Layout, LoadCaseInput
+from fingermodel.structure import Structure
 from tests.fingermodel.fingers import random_case, six_axes
 
 Floats = NDArray[np.float64]

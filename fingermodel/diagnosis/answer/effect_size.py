@@ -48,16 +48,12 @@ def effect_size(d: Diagnosis) -> dict[str, Any]:
         moved = theta.copy()
         moved[index[at]] += draw * scale[index[at]]
         vectors.append(np.clip(moved, table.lower, table.upper))
-    size = len(observations.inputs.filled().setting)
-    changes = np.zeros((len(vectors), len(cases)))
-    for first in range(0, len(cases), size):
-        part = cases[first : first + size]
-        inputs = inputs_of(d, [*part, *[part[-1]] * (size - len(part))])
-        for k, vector in enumerate(vectors):
-            without = vector.copy()
-            without[own] = table.initial[own]
-            with_it, plain = (np.asarray(model.predict(inputs, v).reading)[:, :3] for v in (vector, without))
-            changes[k, first : first + len(part)] = np.linalg.norm(with_it - plain, axis=1)[: len(part)]
+    pieces, changes = model.pieces(inputs_of(d, cases)), np.zeros((len(vectors), len(cases)))
+    for k, vector in enumerate(vectors):
+        without = vector.copy()
+        without[own] = table.initial[own]
+        with_it, plain = (np.asarray(model.predict(pieces, v).reading)[:, :3] for v in (vector, without))
+        changes[k] = np.linalg.norm(with_it - plain, axis=1)
     low, high = np.quantile(changes[1:], [0.025, 0.975], axis=0)
     levels = len(_LEVELS)
     return {

@@ -240,23 +240,16 @@ def _predict(diagnosis: Diagnosis, fit: Optimum, cases: Sequence[PlannedReading]
     theta, covariance, index = fit.parameter_posterior(fit.best)
     free = replace(problem, free=problem.free | free_mask(model, fit.explanation))
     read = [c for c in (0, 1, 2, 5) if c in problem.rows % 6]
-    # As many cases a call as the session's are filled up to: no new program is compiled.
-    size = len(session.observations.inputs.filled().setting)
-    mean = np.zeros((len(cases), 4))
-    spread = np.zeros((len(cases), 4, 4))
+    inputs, spread = inputs_of(diagnosis, cases), np.zeros((len(cases), 4, 4))
+    mean = np.asarray(model.predict(inputs, theta).reading)[:, [0, 1, 2, 5]]
+    rows = (6 * np.arange(len(cases))[:, None] + np.array(read)[None, :]).reshape(-1)
+    slopes = slopes_of(free, theta, rows, inputs).reshape(len(cases), len(read), -1)
+    known = np.einsum("nap,pq,nbq->nab", slopes[:, :, index], covariance, slopes[:, :, index], optimize=True)
+    # The posture will be set anew.
     angles = np.array([n.startswith("posture_angle.") for n in model.parameters.names])
+    anew = np.einsum("nap,nbp->nab", slopes[:, :, angles], slopes[:, :, angles])
     at = np.array([(0, 1, 2, 5).index(c) for c in read])
-    for first in range(0, len(cases), size):
-        part = list(cases[first : first + size])
-        inputs = inputs_of(diagnosis, part + [part[-1]] * (size - len(part)))
-        reading = np.asarray(model.predict(inputs, theta).reading)
-        mean[first : first + len(part)] = reading[: len(part), [0, 1, 2, 5]]
-        rows = (6 * np.arange(len(part))[:, None] + np.array(read)[None, :]).reshape(-1)
-        slopes = slopes_of(free, theta, rows, inputs).reshape(len(part), len(read), -1)
-        known = np.einsum("nap,pq,nbq->nab", slopes[:, :, index], covariance, slopes[:, :, index], optimize=True)
-        # The posture will be set anew.
-        anew = np.einsum("nap,nbp->nab", slopes[:, :, angles], slopes[:, :, angles])
-        spread[first : first + len(part), at[:, None], at[None, :]] = known + anew
+    spread[:, at[:, None], at[None, :]] = known + anew
     blocks = session.observations.case_covariance[:, [0, 1, 2, 5]][:, :, [0, 1, 2, 5]]
     values = fit.hyper.values(fit.best)
     usual, unit = np.nan_to_num(np.median(blocks, axis=0), nan=1.0), np.array([1.0, 1.0, 1.0, LEVER_MM])

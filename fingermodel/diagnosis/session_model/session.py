@@ -33,7 +33,7 @@ from fingermodel.diagnosis.settings import CLAMP_SHARE, LEVER_MM
 from fingermodel.fingers import Plane
 from fingermodel.fitting.problems import Problem, weighted_problem
 from fingermodel.model import Model, tips_of
-from fingermodel.stages import LoadCaseInput
+from fingermodel.structure import Pieces
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -51,7 +51,7 @@ _THE_SAME_FROM_ANYWHERE = (
     "torque_answer",
     "_answer_by_row",
     "_by_stated_tension",
-    "_filled",
+    "_pieces",
     "_smooth",
     "_tips",
 )
@@ -248,16 +248,13 @@ class Session:
 
     def readings(self, theta: Floats, tension: Floats | None = None) -> Floats:
         """(cases, 6) what the model predicts [N, N mm], by default of the tensions (cases, muscles) as they were."""
-        inputs, count = self._filled, len(self.observations.ids)
-        if tension is not None:
-            filled = np.minimum(np.arange(len(inputs.setting)), count - 1)
-            inputs = inputs._replace(tension=jax.device_put(tension[filled]))
-        return np.asarray(self.model.predict(inputs, theta).reading)[:count]
+        cases = self._pieces if tension is None else self.observations.inputs._replace(tension=jax.device_put(tension))
+        return np.asarray(self.model.predict(cases, theta).reading)
 
     @cached_property
-    def _filled(self) -> LoadCaseInput:
-        """The load cases in the number for which programs are compiled, filled up once for all predictions."""
-        return self.observations.inputs.filled()
+    def _pieces(self) -> Pieces:
+        """The load cases, made ready once for all predictions."""
+        return self.model.pieces(self.observations.inputs)
 
     @cached_property
     def nuisances(self) -> Floats:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
+import jax
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
@@ -20,7 +20,6 @@ from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.settings import AMOUNT, FORM_SCALE, P_TAIL, SLIP_SHARES
 from fingermodel.model import Model
-from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]
 Kind = Literal["tendon", "mass", "unloaded", "kept", "posture", "exchanged", "window", "amount"]
@@ -109,15 +108,6 @@ class PossibleSlips:
         self._weights = sorted({g for masses in observations.masses_g for g in masses.values()})
         self._known: dict[int, list[Slip]] = {}
 
-    @cached_property
-    def _filled(self) -> LoadCaseInput:
-        """The load cases in the number for which programs are compiled."""
-        return self._observations.inputs.filled()
-
-    @cached_property
-    def _columns(self) -> dict[str, NDArray[Any]]:
-        return {name: np.asarray(column) for name, column in self._filled._asdict().items()}
-
     def of(self, case: int) -> list[Slip]:
         """Every slip of a case, their shares set; none of a check."""
         if case not in self._known:
@@ -138,23 +128,15 @@ class PossibleSlips:
         """(k, 6) reading under each slip less that under the entry [N, N mm], given as (case, slip)."""
         if not slips:
             return np.zeros((0, 6))
-        entered = np.asarray(self._model.predict(self._filled, theta).reading)
-        out = np.empty((len(slips), 6))
-        columns, step = self._columns, len(self._columns["tension"])
-        cases, like = (
-            np.array(column, dtype=np.intp) for column in ([c for c, _ in slips], [s.like for _, s in slips])
+        inputs = self._observations.inputs
+        cases, like = np.array([c for c, _ in slips]), np.array([s.like for _, s in slips])
+        done, other = inputs.rows(cases), inputs.rows(like)
+        tension = jax.device_put(np.array([s.tension for _, s in slips]))
+        changed = self._model.predict(
+            done._replace(posture=other.posture, setting=other.setting, tension=tension), theta
         )
-        tension = np.array([s.tension for _, s in slips])
-        # In batches of the size for which the session's own program is compiled.
-        for start in range(0, len(slips), step):
-            at = np.minimum(np.arange(start, start + step), len(slips) - 1)
-            fields = {name: column[cases[at]] for name, column in columns.items()}
-            fields |= {name: columns[name][like[at]] for name in ("posture", "setting")}
-            changed = self._model.predict(LoadCaseInput.batch(**(fields | {"tension": tension[at]})), theta).reading
-            stop = min(start + step, len(slips))
-            out[start:stop] = np.asarray(changed)[: stop - start]
-        out *= np.array([s.sign for _, s in slips])[:, None]
-        return out - entered[cases]
+        sign = np.array([s.sign for _, s in slips])[:, None]
+        return sign * np.asarray(changed.reading) - np.asarray(self._model.predict(inputs, theta).reading)[cases]
 
     def _all(self, case: int) -> Iterator[Slip]:
         masses, posture = self._observations.masses_g[case], self._observations.postures[case]

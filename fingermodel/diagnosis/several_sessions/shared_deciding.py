@@ -133,16 +133,16 @@ def _ranked(
 ) -> tuple[Deciding, ...]:
     session, model = diagnosis.session, diagnosis.session.model
     theta, covariance, index = fit.parameter_posterior(fit.best)
-    filled, slopes = inputs.filled(), np.empty((len(cases), 6, len(index)))
+    pieces, slopes = model.pieces(inputs), np.empty((len(cases), 6, len(index)))
     for k, i in enumerate(index):
         both = []
         for sign in (1.0, -1.0):
             moved = theta.copy()
             moved[i] += sign * _STEP * session.problem.scale[i]
-            both.append(np.asarray(model.predict(filled, moved).reading)[: len(cases)])
+            both.append(np.asarray(model.predict(pieces, moved).reading))
         slopes[:, :, k] = (both[0] - both[1]) / (2.0 * _STEP)
     values = fit.hyper.values(fit.best)
-    mean = np.asarray(model.predict(filled, theta).reading)[: len(cases)]
+    mean = np.asarray(model.predict(pieces, theta).reading)
     force = np.nanmedian(np.diagonal(session.observations.case_covariance, axis1=1, axis2=2)[:, :3])
     unit = np.array([1.0, 1.0, 1.0, LEVER_MM, LEVER_MM, LEVER_MM])
     noise = as_read(np.diag(force * unit**2), unit, values.noise, session.observations.noise_assumed)

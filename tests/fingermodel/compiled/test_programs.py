@@ -5,21 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import Array
 
+from fingermodel.budget import Budget
+from fingermodel.comparison.observations import Observations
 from fingermodel.compiled.programs import stored
 from fingermodel.effects.user import load_effect
+from fingermodel.fingers import Topology
 from fingermodel.fingers.files import read_finger
 from fingermodel.fitting.identification import solve, whole_slopes
-from fingermodel.fitting.problems import map_problem, residual_at
+from fingermodel.fitting.problems import DIFFERENTIATED, map_problem, residual_at
 from fingermodel.model import Model, predict_case
+from fingermodel.parameters import Parameter, two_sided
 from fingermodel.session import Session
-from fingermodel.stages import LoadCaseInput
+from fingermodel.stages import Effect, Layout, LoadCaseInput, State
 from tests.own_effect import python_file
 from tests.simulator import draw_session
 
@@ -136,51 +141,89 @@ def test_preparing_load_cases_and_readings_compiles_nothing() -> None:
         part = odd.rows(np.arange(61))
         problem = map_problem(bench.model, bench.observations)
         thinner = replace(problem, rows=problem.rows[:77], whitener=problem.whitener[:77, :77], _fitted=[])
-        rows = thinner.fitted_readings.at
+        pieces = thinner.fitted_readings.differentiated.cases
     finally:
         jax.monitoring.unregister_event_duration_listener(listener)
     assert not events
     assert part.tension.shape == (61, len(bench.model.finger.topology.muscles))
     assert part.setting.dtype == inputs.setting.dtype
     np.testing.assert_array_equal(np.asarray(part.posture)[:3], np.asarray(inputs.posture)[[0, 0, 0]])
-    # Rounded up.
-    assert rows.shape == (128,)
+    assert {case.tension.shape[0] for case in pieces.cases} == {DIFFERENTIATED}
 
 
-def test_a_session_that_grows_by_a_few_cases_finds_its_programs_compiled(tmp_path: Path) -> None:
+def test_a_session_of_other_cases_settings_and_mountings_is_no_other_program(tmp_path: Path) -> None:
     further = [("pinch", "tip", {"FDP": 500.0}), ("claw", "bone", {"EDC": 500.0})]
     for name, more in (("before", []), ("after", further)):
         draw_session(tmp_path / name, 1, protocol="three_levels", further=more)
     before, after = (Session.open(str(tmp_path / name)) for name in ("before", "after"))
-    grown = len(after.observations.ids) - len(before.observations.ids)
-    settings = len(after.observations.layout.settings) - len(before.observations.layout.settings)
-    assert (grown, settings) == (2, 2)
-    assert len(after.model.parameters) > len(before.model.parameters)
-    given = []
+    tip_alone = before.model.layout
+    tip_alone = replace(tip_alone, mountings=tuple(m for m in tip_alone.mountings if m[0] == "tip"))
+    models = [before.model, after.model, Model(before.model.finger, tip_alone, Budget(), before.model.effects)]
+    assert len({len(model.parameters) for model in models}) == 3
+    assert len({len(model.layout.settings) for model in models[:2]}) == 2
+    assert len({model.compact.structure for model in models}) == 1
+    # What is kept on disk is found by the structure's text.
+    assert len({repr(model.compact.structure) for model in models}) == 1
+    shapes = set()
     for bench in (before, after):
         fitted = map_problem(bench.model, bench.observations).fitted_readings
-        given.append((fitted.every_case, fitted.inputs, fitted.components, fitted.at, bench.model.placed(bench.theta)))
-    assert before.model.compiled == after.model.compiled
-    assert jax.tree.map(np.shape, given[0]) == jax.tree.map(np.shape, given[1])
-    # From the first cases on, as the service compares them while they are measured; a single prediction stays one.
-    part = before.observations.inputs.rows
-    assert [len(part(np.arange(n)).filled().setting) for n in (1, 2, 5, 16, 17)] == [1, 16, 16, 16, 32]
+        for pieces in (fitted.every_case, fitted.differentiated.cases):
+            shapes |= {
+                str(jax.tree.map(np.shape, (case, own))) for case, own in zip(pieces.cases, pieces.own, strict=True)
+            }
+    assert len(shapes) == 2
 
 
-def test_room_for_more_settings_and_cases_changes_no_answer(tmp_path: Path) -> None:
+def test_each_case_has_the_parameters_of_its_setting_and_mounting(tmp_path: Path) -> None:
     draw_session(tmp_path, 1, protocol="three_levels")
     bench = Session.open(str(tmp_path))
-    model, inputs = bench.model, bench.observations.inputs
-    assert len(model.placed(model.initial)) > len(model.parameters)
-    assert inputs.filled().setting.shape[0] > inputs.setting.shape[0]
-    problem = map_problem(model, bench.observations)
-    theta = np.clip(problem.centre + 0.2 * problem.scale, problem.lower, problem.upper)
-    # Of the model's own structure, case by case.
-    cases = [LoadCaseInput(*(field[i] for field in inputs)) for i in (0, 40, len(inputs.setting) - 1)]
+    model, observations = bench.model, bench.observations
+    # The last ten cases after the cell had been moved.
+    moved = np.arange(len(observations.ids)) >= len(observations.ids) - 10
+    layout = replace(model.layout, mountings=(*model.layout.mountings, *((m, 1) for m, _ in model.layout.mountings)))
+    mounting = np.asarray(observations.inputs.mounting) + len(model.layout.mountings) * moved
+    inputs = observations.inputs._replace(mounting=jnp.asarray(mounting))
+    _agrees_case_by_case(replace(model, layout=layout), replace(observations, inputs=inputs, layout=layout))
+
+
+@final
+@dataclass(frozen=True)
+class LooserInEachSetting(Effect):
+    """An effect of a user's, which has a parameter for each setting and does not say so."""
+
+    name = "looser"
+    stage = "tension"
+
+    def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
+        return tuple(two_sided(f"looser.{k}", "1", 0.2) for k in range(len(layout.settings)))
+
+    def tension(self, p: Array, case: LoadCaseInput, state: State) -> State:
+        return state._replace(tension=state.tension * (1.0 + p[case.setting]))
+
+
+def test_an_effect_with_parameters_of_its_own_for_each_setting_keeps_them_all(tmp_path: Path) -> None:
+    draw_session(tmp_path, 1, protocol="three_levels")
+    bench = Session.open(str(tmp_path))
+    finger, layout = bench.model.finger, bench.model.layout
+    assert len(layout.settings) > 1
+    _agrees_case_by_case(Model(finger, layout, Budget(), (LooserInEachSetting(),)), bench.observations)
+
+
+def _agrees_case_by_case(model: Model, observations: Observations) -> None:
+    """Predictions and slopes are those of the model's own structure, one case at a time."""
+    inputs, problem = observations.inputs, map_problem(model, observations)
+    rng = np.random.default_rng(1)
+    off = problem.centre + 0.2 * problem.scale * rng.uniform(0.5, 1.5, len(problem.centre))
+    theta = np.clip(off, problem.lower, problem.upper)
+    chosen = [0, 40, len(inputs.setting) - 1]
+    cases = [LoadCaseInput(*(field[i] for field in inputs)) for i in chosen]
     alone = [predict_case(model.structure, model.values, jnp.asarray(theta), case).reading for case in cases]
     reading = np.asarray(model.predict(inputs, theta).reading)
-    assert reading.shape == (len(bench.observations.ids), 6)
-    np.testing.assert_allclose(reading[[0, 40, -1]], alone, rtol=1e-9, atol=1e-9)
+    assert reading.shape == (len(observations.ids), 6)
+    np.testing.assert_allclose(reading[chosen], alone, rtol=1e-9, atol=1e-9)
+    # More cases than a program predicts at once.
+    thrice = inputs.rows(np.tile(np.arange(len(reading)), 3))
+    np.testing.assert_array_equal(np.asarray(model.predict(thrice, theta).reading), np.tile(reading, (3, 1)))
     # What the solver picks out of them.
     start = np.where(problem.free, theta, problem.centre)
     free = solve(problem, start, evaluations=1).jacobian[:, problem.free]

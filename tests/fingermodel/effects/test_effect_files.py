@@ -18,8 +18,9 @@ from fingermodel.effects.formula import FORMAT
 from fingermodel.effects.formula_effect import FormulaEffect
 from fingermodel.effects.user import effect_document, effect_from_dict, load_effect, shipped_effects
 from fingermodel.fingers.files import read_finger
-from fingermodel.model import ANY_LAYOUT, Model, jax_values, predict_case, reading_jacobian
+from fingermodel.model import Model, jax_values, predict_case, reading_jacobian
 from fingermodel.stages import LoadCaseInput
+from fingermodel.structure import ANY_LAYOUT
 from tests.fingermodel.effect_documents import K, document, made, one_line
 from tests.fingermodel.fingers import random_case
 from tests.own_effect import CODE, python_file

@@ -14,8 +14,8 @@ from fingermodel.effects.formula_effect import FormulaEffect
 from fingermodel.effects.user import load_effect
 from fingermodel.fingers import Topology
 from fingermodel.fingers.files import read_finger
-from fingermodel.model import ANY_LAYOUT
 from fingermodel.stages import Layout, LoadCaseInput, State
+from fingermodel.structure import ANY_LAYOUT
 from tests.fingermodel.effect_documents import SHARE, made, one_line, with_unit
 
 

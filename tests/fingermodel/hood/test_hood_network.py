@@ -24,8 +24,9 @@ from fingermodel.fingers.files import finger_document, finger_from_dict, read_fi
 from fingermodel.hood.elastic import home
 from fingermodel.hood.sharing import bone_lengths
 from fingermodel.kinematics import joint_poses
-from fingermodel.model import ANY_LAYOUT, jax_values, with_anatomy
+from fingermodel.model import jax_values, with_anatomy
 from fingermodel.statics import clamp_forces, joint_torques
+from fingermodel.structure import ANY_LAYOUT
 from fingermodel.tendons import joint_pulls
 from tests.fingermodel.elastic_hoods import FINGER, HOOD, document_of, rhombus, seeds, shared
 
