@@ -26,16 +26,16 @@ def main() -> None:
     jax.config.update("jax_enable_compilation_cache", False)
     problem = map_problem(bench.model, bench.observations)
     model, fitted = problem.model, problem.fitted_readings
-    structure, differentiated = model.compact.structure, fitted.differentiated
+    structure = model.compact.structure
     none = np.array([effect.always for effect in model.structure.effects])
     few, every = none.copy(), np.ones_like(none)
     few[np.flatnonzero(~none)[[0, -1]]] = True
     rows = []
-    for name, program, cases, more in (
-        ("predictions", predict_batch, fitted.every_case, ()),
-        ("slopes", _slopes, differentiated.cases, (differentiated.components,)),
+    for name, program, cases in (
+        ("predictions", predict_batch, fitted.every_case),
+        ("slopes", _slopes, fitted.differentiated.cases),
     ):
-        before = (*model.given(cases, problem.centre)[0], *more)
+        before = model.given(cases, problem.centre)[0]
         stages, compiled = _stages(program, structure, (*before, none))
         runs = [f"{1e3 * _least(compiled, (*before, active)):.2f}" for active in (none, few, every)]
         rows.append([name, *(f"{wall:.2f} ({own:.2f})" for wall, own in stages), *runs])

@@ -165,15 +165,15 @@ def _begin_to_compile(problem: Problem, active: NDArray[np.bool_]) -> None:
     model, fitted, of = problem.model, problem.fitted_readings, problem.fitted_readings.differentiated
     predicted, differentiated = (model.given(cases, problem.centre)[0] for cases in (fitted.every_case, of.cases))
     predict_batch.program(model.compact.structure, *predicted, active)
-    _slopes.program(model.compact.structure, *differentiated, of.components, active)
+    _slopes.program(model.compact.structure, *differentiated, active)
 
 
 def _slopes_at(problem: Problem, active: NDArray[np.bool_], of: Differentiated, theta: Floats) -> Floats:
     """Slopes (rows, parameters) of the effects that are active, in scaled coordinates; zero for the others."""
     compact, given = problem.model.compact, problem.model.given(of.cases, theta)
-    found = [np.asarray(_slopes(compact.structure, *piece, of.components, active)) for piece in given]
+    found = [np.asarray(_slopes(compact.structure, *piece, active)) for piece in given]
     every = np.concatenate(found).reshape(-1, found[0].shape[-1])
-    own = of.cases.every_own[of.at // len(of.components)]
+    own = of.cases.every_own[of.at // 6]
     return compact.spread(every[of.at], own) * problem.scale
 
 
@@ -189,10 +189,9 @@ def _slopes(
     theta: Array,
     own: Array,
     cases: LoadCaseInput,
-    components: Array,
     active: Array,
 ) -> Array:
-    """Slopes (cases, components, parameters of all parts in a row) of what is measured less what is predicted."""
+    """Slopes (cases, 6, parameters of all parts in a row) of what is measured less what is predicted."""
 
     def readings(parts: tuple[Array, ...]) -> Array:
         return jax.vmap(lambda of_case, case: predict_parts(structure, values, of_case, case, active).reading)(
@@ -202,5 +201,5 @@ def _slopes(
     # Every case with parameters of its own: one reverse pass a component then differentiates all cases.
     every = structure.parts(jnp.broadcast_to(theta, (own.shape[0], theta.shape[0])), own)
     reading, pull_back = jax.vjp(readings, every)
-    back = jax.vmap(lambda component: pull_back(jnp.broadcast_to(component, reading.shape))[0])(components)
+    back = jax.vmap(lambda component: pull_back(jnp.broadcast_to(component, reading.shape))[0])(jnp.eye(6))
     return -jnp.swapaxes(jnp.concatenate(back, axis=-1), 0, 1)

@@ -6,9 +6,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Protocol
 
-import jax
 import numpy as np
-from jax import Array
 from numpy.typing import NDArray
 
 from daq.errors import SessionError
@@ -43,29 +41,22 @@ class Differentiated:
 
     Attributes:
         cases: that they are of.
-        components: (used components, 6) rows of the unit matrix.
-        at: (rows,) where each stands in the flattened (cases, used components).
+        at: (rows,) where each stands in the flattened (cases, 6) wrench of these.
     """
 
     cases: Pieces
-    components: Array
     at: NDArray[np.intp]
 
     @classmethod
     def of(cls, model: Model, inputs: LoadCaseInput, rows: NDArray[np.intp]) -> Differentiated:
         """Pick rows (n,) of the flattened (cases, 6) wrench out of all readings."""
         used, case = np.unique(rows // 6, return_inverse=True)
-        components, component = np.unique(rows % 6, return_inverse=True)
-        return cls(
-            Pieces.of(model.compact, inputs.rows(used), DIFFERENTIATED),
-            jax.device_put(np.eye(6)[components]),
-            case * len(components) + component,
-        )
+        return cls(Pieces.of(model.compact, inputs.rows(used), DIFFERENTIATED), 6 * case + rows % 6)
 
 
 @dataclass(frozen=True, eq=False)
 class FittedReadings:
-    """Only the cases and components that are fitted: the others would be differentiated for nothing.
+    """Only the cases that are fitted: the others would be differentiated for nothing.
 
     Attributes:
         of: rows, whitener, observations and finger that these are made of.
