@@ -23,7 +23,7 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import yaml
 
@@ -32,8 +32,8 @@ from benchmarks.machine import commit, publish, use_all_cores
 from benchmarks.random_worlds_report import comparison, report
 
 HERE = Path(__file__).parent
-# Programs are made for each protocol's shape; a process that ends gives their memory back.
-_SESSIONS_A_PROCESS = 20
+# Sessions after which is said how many are done.
+_TOLD = 20
 
 
 def base_seed(name: str | None) -> int:
@@ -94,23 +94,19 @@ def read_rows(file: Path) -> list[dict[str, Any]]:
 
 def run(jobs: Sequence[tuple[int, int]], workers: int, keep: Path) -> None:
     """Diagnose these sessions and add their outcomes to a file, each as soon as it is there."""
-    spawn, size = multiprocessing.get_context("spawn"), workers * _SESSIONS_A_PROCESS
-    with keep.open("a", encoding="utf-8") as log:
-        for first in range(0, len(jobs), size):
-            with ProcessPoolExecutor(workers, mp_context=spawn) as pool:
-                _run_some(pool, jobs[first : first + size], log)
-            print(f"{min(first + size, len(jobs))} of {len(jobs)}", flush=True)
-
-
-def _run_some(pool: ProcessPoolExecutor, jobs: Sequence[tuple[int, int]], log: TextIO) -> None:
-    for future in as_completed([pool.submit(one_session, job, commit()) for job in jobs]):
-        error = future.exception()
-        if error is not None:
-            pool.shutdown(wait=False, cancel_futures=True)
-            lost = "a process was killed" if isinstance(error, BrokenProcessPool) else "a world was not made"
-            raise SystemExit(f"{lost} ({error}); what was done is kept, --resume goes on")
-        log.write(json.dumps(future.result()) + "\n")
-        log.flush()
+    spawn = multiprocessing.get_context("spawn")
+    with keep.open("a", encoding="utf-8") as log, ProcessPoolExecutor(workers, mp_context=spawn) as pool:
+        asked = [pool.submit(one_session, job, commit()) for job in jobs]
+        for done, future in enumerate(as_completed(asked), 1):
+            error = future.exception()
+            if error is not None:
+                pool.shutdown(wait=False, cancel_futures=True)
+                lost = "a process was killed" if isinstance(error, BrokenProcessPool) else "a world was not made"
+                raise SystemExit(f"{lost} ({error}); what was done is kept, --resume goes on")
+            log.write(json.dumps(future.result()) + "\n")
+            log.flush()
+            if done % _TOLD == 0 or done == len(jobs):
+                print(f"{done} of {len(jobs)}", flush=True)
 
 
 def main() -> None:

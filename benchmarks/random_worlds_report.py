@@ -130,7 +130,7 @@ def report(rows: Sequence[Row], command: str) -> list[str]:
         "",
         f"Made by `{command}` on {dt.datetime.now(dt.UTC).date()}, commit "
         f"{', '.join(dict.fromkeys(r['commit'] for r in rows))}; {len(rows)} sessions of `tests/random_worlds`,",
-        f"{np.median(seconds):.1f} s each (median, new shapes compiled). Everything is drawn: what is hidden and how",
+        f"{np.median(seconds):.1f} s each (median). Everything is drawn: what is hidden and how",
         "large it is, protocol, finger, budget (0.5 to 4 times), scatter (0 to 4 %), noise and slips of the pen.",
         f"What is hidden counts as shown if it changes the fitted readings by {scores.SHOWS:g} standard uncertainties",
         "or more; a law from outside must keep as many beside the one effect of the catalogue that is nearest to it.",
