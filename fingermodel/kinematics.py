@@ -46,13 +46,9 @@ def turn_about(coordinate: int, cosine: Array, sine: Array) -> Array:
 
 def joint_poses(topology: Topology, values: FingerValues, posture: Array) -> tuple[JointPose, ...]:
     """Return every joint's pose, proximal to distal, for a posture (rotations,) in rad."""
-    return poses_of_turns(topology, values, jnp.cos(posture), jnp.sin(posture))
-
-
-def poses_of_turns(topology: Topology, values: FingerValues, cosine: Array, sine: Array) -> tuple[JointPose, ...]:
-    """Return every joint's pose for angles given by their cosines and sines (rotations,)."""
     # All at once: four operations of a kind would each be compiled, and differentiated, by itself.
     every_axis = jnp.asarray(values.axis)
+    cosine, sine = jnp.cos(posture), jnp.sin(posture)
     matrices = turn(every_axis, cosine, sine)
     poses, first = [], 0
     for joint in topology.joints:

@@ -21,13 +21,12 @@ from fingermodel.budget import CERTIFICATE, Budget, anatomy_parameters, budget_e
 from fingermodel.compiled.programs import stored
 from fingermodel.extensor import segment_tensions
 from fingermodel.fingers import Finger, FingerValues, Topology
-from fingermodel.hood.parts import ElasticHood
-from fingermodel.kinematics import TipKinematics, joint_poses, poses_of_turns, tip_kinematics
+from fingermodel.kinematics import TipKinematics, joint_poses, tip_kinematics
 from fingermodel.many_cases import many_cases, suits
 from fingermodel.parameters import ParameterTable
 from fingermodel.stages import Effect, Layout, LoadCaseInput, Stage, State
 from fingermodel.statics import ClampForces, clamp_forces, joint_loads, joint_torques
-from fingermodel.structure import ANY_LAYOUT, Compact, Pieces, Structure
+from fingermodel.structure import ANY_LAYOUT, Compact, Pieces, Structure, in_pieces, joined
 from fingermodel.tendons import joint_pulls, moment_arms
 
 jax.config.update("jax_enable_x64", True)
@@ -157,8 +156,7 @@ class Model:
         active = self.acting(vector != initial) if acting is None else acting
         structure = self.compact.structure
         found = [predict_batch(structure, *given, active) for given in self.given(pieces, vector)]
-        whole: Prediction = jax.tree.map(lambda *parts: _joined(parts, pieces.count), *found)
-        return whole
+        return joined(found, pieces.count)
 
     def jacobian(self, cases: LoadCaseInput, theta: NDArray[np.float64] | None = None) -> Array:
         """Derivative of every reading with respect to every parameter: (cases, 6, parameters)."""
@@ -310,32 +308,15 @@ def posture_moment_arms(topology: Topology, values: FingerValues, posture: Array
     return moment_arms(topology, poses, joint_pulls(topology, values, poses))
 
 
-@partial(jax.jit, static_argnums=0)
-def tip_kinematics_batch(topology: Topology, values: FingerValues, posture: Array) -> TipKinematics:
+def tip_kinematics_batch(topology: Topology, values: FingerValues, posture: ArrayLike) -> TipKinematics:
     """Jacobian of the load point and orientation of the tip for postures (n, rotations) [rad]."""
+    every = np.asarray(posture)
+    return joined([_tips(topology, values, every[k]) for k in in_pieces(len(every), PREDICTED)], len(every))
+
+
+@partial(jax.jit, static_argnums=0)
+def _tips(topology: Topology, values: FingerValues, posture: Array) -> TipKinematics:
     return jax.vmap(lambda q: tip_kinematics(topology, values, joint_poses(topology, values, q)))(posture)
-
-
-def tips_of(topology: Topology, values: FingerValues, cases: LoadCaseInput) -> TipKinematics:
-    """`tip_kinematics_batch` of the postures of a batch of load cases."""
-    posture = np.asarray(cases.posture)
-    count = len(posture)
-    filled = posture[np.minimum(np.arange(count + -count % PREDICTED), count - 1)]
-    pieces = [tip_kinematics_batch(topology, values, p) for p in np.split(filled, len(filled) // PREDICTED)]
-    whole: TipKinematics = jax.tree.map(lambda *parts: _joined(parts, count), *pieces)
-    return whole
-
-
-def _joined(parts: tuple[Array, ...], count: int) -> NDArray[np.float64]:
-    """Answers of pieces, without those of what fills the last one up."""
-    each = [np.asarray(part) for part in parts]
-    return each[0][:count] if len(each) == 1 else np.concatenate(each)[:count]
-
-
-# Cases a pass: their intermediate values stay in the cache.
-CHUNK = 2048
-# An elastic hood takes as many steps as the slowest case of its pass.
-ELASTIC_CHUNK = 128
 
 
 def clamp_forces_batch(topology: Topology, values: FingerValues, posture: ArrayLike, tension: ArrayLike) -> ClampForces:
@@ -350,25 +331,30 @@ def clamp_forces_batch(topology: Topology, values: FingerValues, posture: ArrayL
     Returns:
         Tip wrench (n, 6) and bone force (n, 3).
     """
-    traced = any(isinstance(given, jax.core.Tracer) for given in (*values, posture, tension))
-    if traced or not suits(topology):
-        return forces_of_any(topology, values, posture, tension)
-    finger = many_cases(topology, values)
-    tip, bone = finger.forces(np.asarray(posture, dtype=float), np.asarray(tension, dtype=float))
+    if any(isinstance(given, jax.core.Tracer) for given in (*values, posture, tension)):
+        return _forces(topology, values, jnp.asarray(posture), jnp.asarray(tension))
+    q, t = np.asarray(posture, dtype=float), np.asarray(tension, dtype=float)
+    if not suits(topology):
+        return forces_of_any(topology, values, q, t)
+    tip, bone = many_cases(topology, values).forces(q, t)
     return ClampForces(cast(Array, tip), cast(Array, bone))
 
 
-@stored(ClampForces)
-def forces_of_any(topology: Topology, values: FingerValues, posture: Array, tension: Array) -> ClampForces:
+def forces_of_any(
+    topology: Topology, values: FingerValues, posture: NDArray[np.float64], tension: NDArray[np.float64]
+) -> ClampForces:
     """`clamp_forces_batch` of a finger of any kind, through the stages of `predict_case`."""
+    # An elastic hood takes as many steps as the slowest case of its piece.
+    rows = in_pieces(len(posture), PREDICTED)
+    return joined([_forces(topology, values, posture[k], tension[k]) for k in rows], len(posture))
 
-    def one(case: tuple[Array, Array, Array]) -> ClampForces:
-        cosine, sine, t = case
-        poses = poses_of_turns(topology, values, cosine, sine)
+
+@stored(ClampForces)
+def _forces(topology: Topology, values: FingerValues, posture: Array, tension: Array) -> ClampForces:
+    def one(q: Array, t: Array) -> ClampForces:
+        poses = joint_poses(topology, values, q)
         pulls = joint_pulls(topology, values, poses)
         torque = joint_torques(poses, pulls, segment_tensions(topology, values, t, poses))
         return clamp_forces(topology, values, poses, t, torque)
 
-    # Cosines and sines enter the loop as data: inside it the compiler would compute each of them a dozen times.
-    chunk = ELASTIC_CHUNK if isinstance(topology.hood, ElasticHood) else CHUNK
-    return jax.lax.map(one, (jnp.cos(posture), jnp.sin(posture), tension), batch_size=chunk)
+    return jax.vmap(one)(posture, tension)

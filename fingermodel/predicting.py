@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,8 +29,6 @@ __all__ = ["PredictedForces", "Predictor", "predict"]
 
 Floats = NDArray[np.float64]
 Columns = Mapping[str, ArrayLike]
-# Sizes that are compiled; larger batches go in portions of the last.
-SIZES = (1, 16, 128, 1024, 8192)
 # A straight finger turns any torque into as much force as its rounding errors allow.
 _ABSURD = 20.0
 _STRAIGHT = 1e6
@@ -180,22 +178,13 @@ class Predictor:
             tip_force_N (n, 3), tip_moment_Nmm (n, 3) in the distal phalanx, bone_force_N (n, 3) in the metacarpal's
             axes; NaN where a straight finger leaves them undetermined.
         """
-        n, parts = len(posture_rad), []
-        for a in range(0, n, SIZES[-1]):
-            q, t = posture_rad[a : a + SIZES[-1]], tension_N[a : a + SIZES[-1]]
-            rows = np.minimum(np.arange(next(s for s in SIZES if s >= len(q))), len(q) - 1)
-            tip, bone = self._forces(q[rows], t[rows], weight_N_per_g)
-            parts.append(np.concatenate([tip[: len(q)], bone[: len(q)]], axis=1))
-        out = np.concatenate(parts)
+        if self._plain:
+            forces = clamp_forces_batch(self.topology, self._values, posture_rad, tension_N)
+        else:
+            forces = self._model.predict(_inputs(posture_rad, tension_N, weight_N_per_g), self._theta).forces
+        out = np.concatenate([np.asarray(forces.tip), np.asarray(forces.bone)], axis=1)
         out[self._undetermined(posture_rad, tension_N, out[:, :6])] = np.nan
         return {"tip_force_N": out[:, :3], "tip_moment_Nmm": out[:, 3:6], "bone_force_N": out[:, 6:]}
-
-    def _forces(self, q: Floats, t: Floats, weight: float) -> tuple[Floats, Floats]:
-        if self._plain:
-            forces = clamp_forces_batch(self.topology, self._values, q, t)
-            return np.asarray(forces.tip), np.asarray(forces.bone)
-        forces = self._model.predict(_inputs(q, t, weight), self._theta).forces
-        return np.asarray(forces.tip), np.asarray(forces.bone)
 
     def _undetermined(self, q: Floats, t: Floats, tip: Floats) -> NDArray[np.intp]:
         """Rows whose posture leaves the finger straight; only forces beyond all reason are looked at twice."""
@@ -203,17 +192,16 @@ class Predictor:
         odd = np.flatnonzero(~(force <= _ABSURD * t.sum(axis=1) + 1e-9) | ~np.isfinite(tip).all(axis=1))
         if not len(odd):
             return odd
-        rows = odd[np.minimum(np.arange(-(-len(odd) // SIZES[1]) * SIZES[1]), len(odd) - 1)]
-        jacobian = np.asarray(tip_kinematics_batch(self.topology, self._values, q[rows]).jacobian)
+        jacobian = np.asarray(tip_kinematics_batch(self.topology, self._values, q[odd]).jacobian)
         unit = np.array([[1.0 if c < 3 else 20.0] for c in self.topology.reactions])
-        square = (jacobian[:, list(self.topology.reactions)] * unit)[: len(odd)]
+        square = jacobian[:, list(self.topology.reactions)] * unit
         finite = np.isfinite(square).all(axis=(1, 2))
         condition = np.full(len(odd), np.inf)
         condition[finite] = np.linalg.cond(square[finite])
         return odd[condition > _STRAIGHT]
 
 
-def _inputs(q: Floats, t: Floats, weight: float) -> Any:
+def _inputs(q: Floats, t: Floats, weight: float) -> LoadCaseInput:
     """Load cases at the tip, taken at once after the tare."""
     n = len(q)
     none, no, first = np.zeros(n), np.zeros(n, bool), np.zeros(n, int)

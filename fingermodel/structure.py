@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, TypeVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -18,6 +20,7 @@ from fingermodel.stages import Effect, Layout, LoadCaseInput
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Span = tuple[int, int]
+Answer = TypeVar("Answer", bound=tuple[object, ...])
 
 # For predictions without a session: one setting, the cell at either end.
 ANY_LAYOUT = Layout((("posture", 0),), (("tip", 0), ("bone", 0)))
@@ -164,6 +167,18 @@ def _of_some(of_each: str, count: int) -> Iterator[tuple[tuple[str, int], ...]]:
         yield tuple((name, k) for k in range(count if kind == of_each else 1))
 
 
+def in_pieces(count: int, size: int) -> list[Ints]:
+    """Rows of so many, one or more, in pieces of one size; the last is filled up with the last row."""
+    filled = np.minimum(np.arange(count + -count % size), count - 1)
+    return np.split(filled, len(filled) // size)
+
+
+def joined(answers: Sequence[Answer], count: int) -> Answer:
+    """Named tuples of arrays that pieces were answered with as one, without what fills the last one up."""
+    whole: Answer = jax.tree.map(lambda *parts: np.concatenate([np.asarray(p) for p in parts])[:count], *answers)
+    return whole
+
+
 @dataclass(frozen=True, eq=False)
 class Pieces:
     """Load cases in pieces of the one size for which a program is compiled.
@@ -183,9 +198,8 @@ class Pieces:
         """Cut load cases, one or more, into pieces."""
         count = len(cases.setting)
         # Left where they are: a program takes in as little in no time, to transfer it takes longer than to predict it.
-        columns = [np.asarray(column) for column in cases]
-        filled = np.minimum(np.arange(count + -count % size), count - 1)
-        pieces = [LoadCaseInput(*(c[rows] for c in columns)) for rows in np.split(filled, len(filled) // size)]
+        columns: list[Any] = [np.asarray(column) for column in cases]
+        pieces = [LoadCaseInput(*(c[rows] for c in columns)) for rows in in_pieces(count, size)]
         return cls(tuple(pieces), tuple(compact.own_of(piece) for piece in pieces), count)
 
     @property

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fingermodel.comparison.comparison import Comparison
 from fingermodel.comparison.observations import Observations
-from fingermodel.model import Model, jax_values, tips_of
+from fingermodel.model import Model, jax_values, tip_kinematics_batch
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def superposition(model: Model, observations: Observations, comparison: Comparis
             if total > 0:
                 per_tension[case.posture, case.muscles].append(case.measured_N / total)
     finger = model.finger
-    tips = tips_of(finger.topology, jax_values(finger.values), observations.inputs)
+    tips = tip_kinematics_batch(finger.topology, jax_values(finger.values), observations.inputs.posture)
     to_base = np.asarray(tips.to_base)
     out = []
     muscles = model.finger.topology.muscles

@@ -12,7 +12,7 @@ from fingermodel.comparison.comparison import compare, muscles_of, summarise
 from fingermodel.diagnosis.verdict.instruments import rig_remedy
 from fingermodel.fingers import COMPONENTS, PLANES
 from fingermodel.fitting.problems import Problem
-from fingermodel.model import tips_of
+from fingermodel.model import tip_kinematics_batch
 
 Floats = NDArray[np.float64]
 
@@ -131,7 +131,7 @@ def missing_torque(problem: Problem, residual: Floats, used: list[int]) -> tuple
     tips = [i for i in used if observations.locations[i] == "tip"]
     if not tips:
         return {}, []
-    jacobian = np.asarray(tips_of(topology, model.values, observations.inputs).jacobian)[tips]
+    jacobian = np.asarray(tip_kinematics_batch(topology, model.values, observations.inputs.posture).jacobian)[tips]
     reactions = list(topology.reactions)
     cases, squares = [], []
     for row, i in enumerate(tips):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.answer import Residuals, figure
-from fingermodel.model import Model, jax_values, tips_of
+from fingermodel.model import Model, jax_values, tip_kinematics_batch
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]
@@ -315,7 +315,7 @@ def readings_of(model: Model, observations: Observations) -> Readings:
         observations: of the session.
     """
     finger = model.finger
-    tips = tips_of(finger.topology, jax_values(finger.values), observations.inputs)
+    tips = tip_kinematics_batch(finger.topology, jax_values(finger.values), observations.inputs.posture)
     tension = np.asarray(observations.inputs.tension)
     usable = np.isfinite(observations.wrench[:, :3]).all(axis=1) & (tension.sum(axis=1) > 0.0)
     return Readings(

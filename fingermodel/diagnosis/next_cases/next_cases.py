@@ -166,7 +166,7 @@ def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = Non
     names = list(live)
     prior = np.array([p for _, p in live.values()])
     rng = np.random.default_rng(SEED)
-    predicted = {name: _predict(diagnosis, fit, cases) for name, (fit, _) in live.items()}
+    predicted = {name: _predict(diagnosis, fit, cases) for name, (fit, _) in live.items()} if cases else {}
     out = []
     for i, case in enumerate(cases):
         components = [0, 1, 2, 3] if case.location == "tip" and _reads_moments(diagnosis) else [0, 1, 2]

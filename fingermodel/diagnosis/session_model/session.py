@@ -32,7 +32,7 @@ from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, Whiten
 from fingermodel.diagnosis.settings import CLAMP_SHARE, LEVER_MM
 from fingermodel.fingers import Plane
 from fingermodel.fitting.problems import Problem, weighted_problem
-from fingermodel.model import Model, tips_of
+from fingermodel.model import Model, tip_kinematics_batch
 from fingermodel.structure import Pieces
 
 Floats = NDArray[np.float64]
@@ -156,7 +156,7 @@ class Session:
     @cached_property
     def _tips(self) -> tuple[Floats, Floats]:
         """Jacobian (cases, 6, rotations) of the load point, and (cases, 3, 3) from its axes to the metacarpal's."""
-        tip = tips_of(self.model.finger.topology, self.model.values, self.observations.inputs)
+        tip = tip_kinematics_batch(self.model.finger.topology, self.model.values, self.observations.inputs.posture)
         return np.asarray(tip.jacobian), np.asarray(tip.to_base)
 
     def _as_read(self, wrench: Floats) -> Floats:

@@ -175,9 +175,11 @@ def test_what_one_rotation_carries_turns_about_it_alone(session: SessionModel) -
 def test_a_clamp_that_resists_twist_leaves_joint_torques_as_they_are(session: SessionModel) -> None:
     # Whatever it carries, the joints feel the same torques: what it adds is in the null space of the levers.
     observations, model = session.observations, session.model
-    from fingermodel.model import tips_of
+    from fingermodel.model import tip_kinematics_batch
 
-    jacobian = np.asarray(tips_of(model.finger.topology, model.values, observations.inputs).jacobian)
+    jacobian = np.asarray(
+        tip_kinematics_batch(model.finger.topology, model.values, observations.inputs.posture).jacobian
+    )
     twist = session.nuisances[:, : 2 * len(observations.layout.settings)]
     for column in twist.T:
         wrench = np.zeros((len(observations.ids), 6))
