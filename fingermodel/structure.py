@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
@@ -13,6 +13,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from fingermodel.compiled.programs import is_ours
 from fingermodel.fingers import Topology
 from fingermodel.parameters import Parameter, ParameterTable
 from fingermodel.stages import Effect, Layout, LoadCaseInput
@@ -24,7 +25,6 @@ Answer = TypeVar("Answer", bound=tuple[object, ...])
 
 # For predictions without a session: one setting, the cell at either end.
 ANY_LAYOUT = Layout((("posture", 0),), (("tip", 0), ("bone", 0)))
-_ONE_OF_EACH = Layout((("posture", 0),), (("tip", 0),))
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,8 @@ class Compact:
     """A model's parameters as compiled programs take them: one setting and one mounting to a load case.
 
     A session of other settings or mountings is no other program. Effects that have parameters `of_each` of them are
-    given those of the load case. An effect of a user's that has such parameters without saying so keeps them all.
+    given those of the load case. Others may have some for tip or bone, and have both. An effect of a user's that is not
+    `of_each` has what it has in the session: its code may count on that.
 
     Args:
         topology: of the finger.
@@ -120,11 +121,10 @@ class Compact:
 
     @staticmethod
     def _declared(effect: Effect, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
-        """The effect's parameters for one setting and mounting, or, where these are not its own, in the session."""
+        """The effect's parameters for one setting and mounting, for both locations, or in the session."""
         if effect.of_each:
-            return effect.parameters(topology, _ONE_OF_EACH)
-        of_any, here = (effect.parameters(topology, one) for one in (ANY_LAYOUT, layout))
-        return of_any if {p.name for p in here} <= {p.name for p in of_any} else here
+            return effect.parameters(topology, _layout_of("", 1))
+        return effect.parameters(topology, ANY_LAYOUT if is_ours(effect) else layout)
 
     def shared(self, theta: Floats) -> Floats:
         """Parameters that all load cases share, from those of the session (parameters,)."""
@@ -156,15 +156,15 @@ def _block(effect: Effect, topology: Topology, layout: Layout) -> Ints | None:
     if not effect.of_each:
         return None
     places = len(layout.settings if effect.of_each == "setting" else layout.mountings)
-    one, two = (len(effect.parameters(topology, Layout(*_of_some(effect.of_each, n)))) for n in (1, 2))
+    one, two = (len(effect.parameters(topology, _layout_of(effect.of_each, count))) for count in (1, 2))
     size = two - one
     return one - size + size * np.arange(places)[:, None] + np.arange(size)
 
 
-def _of_some(of_each: str, count: int) -> Iterator[tuple[tuple[str, int], ...]]:
-    """Settings and mountings, one of them so many times."""
-    for kind, name in (("setting", "posture"), ("mounting", "tip")):
-        yield tuple((name, k) for k in range(count if kind == of_each else 1))
+def _layout_of(of_each: str, count: int) -> Layout:
+    """One setting and one mounting, or so many of one kind."""
+    settings, mountings = (count if of_each == kind else 1 for kind in ("setting", "mounting"))
+    return Layout(tuple(("posture", k) for k in range(settings)), tuple(("tip", k) for k in range(mountings)))
 
 
 def in_pieces(count: int, size: int) -> list[Ints]:

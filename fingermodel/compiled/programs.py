@@ -22,8 +22,6 @@ import numpy as np
 
 from daq.files import replacing
 
-# Effects of the user's are traced anew: their sources are not this package's.
-OURS = "fingermodel."
 _known: set[type] = set()
 # What takes long to compile and runs for milliseconds: on a machine that has not compiled it yet, that is most of a
 # first diagnosis. By these it is compiled in two thirds of the time, and runs as fast (see benchmarks/compiling.md).
@@ -125,12 +123,17 @@ def _file(name: str, structure: Any, arguments: tuple[Any, ...]) -> Path | None:
     settings: dict[str, Any] = jax.config.values
     folder, text = settings["jax_compilation_cache_dir"], repr(structure)
     effects = getattr(structure, "effects", ())
-    if not folder or " at 0x" in text or not all(type(e).__module__.startswith(OURS) for e in effects):
+    if not folder or " at 0x" in text or not all(map(is_ours, effects)):
         return None
     leaves, tree = jax.tree.flatten(arguments)
     versions = (jax.__version__, jaxlib.version.__version__, jax.default_backend(), settings["jax_enable_x64"])
     said = repr((name, text, str(tree), _shapes(leaves), versions, _sources()))
     return Path(folder) / "traced" / f"{name.strip('_')}-{hashlib.sha256(said.encode()).hexdigest()}"
+
+
+def is_ours(effect: object) -> bool:
+    """Whether an effect's code is this package's, not a user's, which may change; a formula's is."""
+    return type(effect).__module__.startswith("fingermodel.")
 
 
 def _shape(leaf: Any) -> tuple[Any, Any]:

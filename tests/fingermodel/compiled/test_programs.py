@@ -209,6 +209,32 @@ def test_an_effect_with_parameters_of_its_own_for_each_setting_keeps_them_all(tm
     _agrees_case_by_case(Model(finger, layout, Budget(), (LooserInEachSetting(),)), bench.observations)
 
 
+@final
+@dataclass(frozen=True)
+class LooserAtEachMounting(Effect):
+    """The same for each mounting."""
+
+    name = "looser"
+    stage = "tension"
+
+    def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
+        return tuple(two_sided(f"looser.{layout.mounting_name(k)}", "1", 0.2) for k in range(len(layout.mountings)))
+
+    def tension(self, p: Array, case: LoadCaseInput, state: State) -> State:
+        return state._replace(tension=state.tension * (1.0 + p[case.mounting]))
+
+
+def test_an_effect_with_parameters_of_its_own_for_each_mounting_is_given_those_of_the_session() -> None:
+    bench = Session.open("synek2019_H01", catalogue=False)
+    inputs, settings = bench.observations.inputs, bench.model.layout.settings
+    bone = inputs.rows(np.flatnonzero(np.asarray(inputs.at_bone)))._replace(mounting=jnp.zeros(8, int))
+    assert len(bone.at_bone) == 8
+    model = Model(bench.model.finger, Layout(settings, (("bone", 0),)), Budget(), (LooserAtEachMounting(),))
+    theta = np.where([name == "looser.bone" for name in model.parameters.names], 0.1, model.initial)
+    plain, looser = (np.asarray(model.predict(bone, vector).reading) for vector in (model.initial, theta))
+    np.testing.assert_allclose(looser[:, :3], 1.1 * plain[:, :3], rtol=1e-9)
+
+
 def _agrees_case_by_case(model: Model, observations: Observations) -> None:
     """Predictions and slopes are those of the model's own structure, one case at a time."""
     inputs, problem = observations.inputs, map_problem(model, observations)
