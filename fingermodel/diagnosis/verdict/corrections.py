@@ -215,7 +215,8 @@ class Entries:
                 turned = np.where(here[:, None], np.rad2deg(angles), angles)
                 yield self._one("posture", f"the angles of {name} are in radians", _with(o, posture=turned))
         if len(o.posture_angles) > 1 and 0.0 < np.rad2deg(np.abs(angles).max()) < np.pi:
-            yield self._one("posture", "the angles of all postures are in radians", _with(o, posture=np.rad2deg(angles)))
+            words = "the angles of all postures are in radians"
+            yield self._one("posture", words, _with(o, posture=np.rad2deg(angles)))
 
     def _tares(self) -> Iterator[Corrected]:
         """Readings that were tared already when the tare was taken away; one tare of each mount for all its cases."""
