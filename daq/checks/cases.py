@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.checks.description import case_name
+from daq.checks.description import beyond_weights, case_name
 from daq.findings import Finding, finding
 from daq.measured import MeasuredSession
 from daq.recordings.plateaus import TOLERANCE, Plateau
@@ -122,7 +122,7 @@ def tare_findings(measured: MeasuredSession) -> tuple[list[Finding], dict[str, A
 def sign_findings(measured: MeasuredSession) -> list[Finding]:
     """Look whether FDP pulls the tip distally and palmarly, and the flexors load the bone proximally."""
     session = measured.session
-    tip: list[Floats] = []
+    tip: dict[str, list[float]] = {"x": [], "y": []}
     bone: list[float] = []
     for m in measured.cases:
         posture = session.postures_deg[m.case.posture]
@@ -130,24 +130,24 @@ def sign_findings(measured: MeasuredSession) -> list[Finding]:
         force = m.wrench[:3]
         weight = sum(m.case.masses_g.values()) * 1e-3 * session.gravity_m_s2
         if m.case.location == "tip" and loaded == {"FDP"} and posture.PIP > 20.0 and posture.DIP > 10.0:
-            tip.append(force / weight)
+            tip["y"].append(float(force[1]) / weight)
+            # Of a finger that is less flexed, FDP pushes the tip proximally as well as distally.
+            if posture.PIP >= 60.0 and posture.DIP >= 45.0:
+                tip["x"].append(float(force[0]) / weight)
         if m.case.location == "bone" and loaded and loaded <= {"FDP", "FDS"}:
             bone.append(float(force[0]) / weight)
-    out = []
-    if tip:
-        mean = np.mean(tip, axis=0)
-        out += [
-            finding(
-                "warning",
-                "wrong_sign",
-                "load_cell.mounts.tip",
-                f"FDP alone pushes the tip towards {name} ({mean[k]:+.2f} of its weight in {'xy'[k]})",
-                f"{other}: negative {'xy'[k]}",
-                "Are readings the force on the finger instead of the cell, or the axes exchanged?",
-            )
-            for k, (name, other) in enumerate((("proximal", "distal"), ("dorsal", "palmar")))
-            if mean[k] > 0.03
-        ]
+    out = [
+        finding(
+            "warning",
+            "wrong_sign",
+            "load_cell.mounts.tip",
+            f"FDP alone pushes the tip towards {name} ({np.mean(tip[axis]):+.2f} of its weight in {axis})",
+            f"{other}: negative {axis}",
+            "Are readings the force on the finger instead of the cell, or the axes exchanged?",
+        )
+        for axis, name, other in (("x", "proximal", "distal"), ("y", "dorsal", "palmar"))
+        if tip[axis] and np.mean(tip[axis]) > 0.03
+    ]
     if bone and np.mean(bone) < 0.0:
         out.append(
             finding(
@@ -167,7 +167,7 @@ def force_findings(measured: MeasuredSession) -> Iterator[Finding]:
     for m in measured.cases:
         weight = sum(m.case.masses_g.values()) * 1e-3 * measured.session.gravity_m_s2
         force = float(np.linalg.norm(m.wrench[:3]))
-        if m.plateau is not None and weight > 0.0 and force > 1.5 * weight + 0.5:
+        if m.plateau is not None and beyond_weights(force, weight):
             yield finding(
                 "warning",
                 "force_units",

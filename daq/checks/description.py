@@ -181,18 +181,22 @@ def _cases(session: Session) -> Iterator[Finding]:
         if case.excluded is not None:
             yield finding("note", "excluded", where, f"left out: {case.excluded}")
         weight_N = sum(case.masses_g.values()) * 1e-3 * session.gravity_m_s2
-        if case.force_N is not None and weight_N > 0.0:
-            force = sum(f * f for f in case.force_N) ** 0.5
-            # The bone carries the weights themselves, and friction takes from them.
-            if force > 1.5 * weight_N:
-                yield finding(
-                    "warning",
-                    "force_units",
-                    f"{where}: force_N",
-                    f"{force:.3g} N for {weight_N:.3g} N of weights",
-                    "a force of about the weights or less",
-                    "Is it in other units, or are the masses wrong?",
-                )
+        force = sum(f * f for f in case.force_N or ()) ** 0.5
+        if beyond_weights(force, weight_N):
+            yield finding(
+                "warning",
+                "force_units",
+                f"{where}: force_N",
+                f"{force:.3g} N for {weight_N:.3g} N of weights",
+                "a force of about the weights or less",
+                "Is it in other units, or are the masses wrong?",
+            )
+
+
+def beyond_weights(force_N: float, weight_N: float) -> bool:
+    """Whether a force is more than its weights can make, a hanger and an offset of the zero allowed for."""
+    # The bone carries the weights themselves, and friction takes from them.
+    return 0.0 < weight_N < (force_N - 0.5) / 1.5
 
 
 def _plan(session: Session) -> Iterator[Finding]:

@@ -81,12 +81,15 @@ def noise_of(measured: MeasuredSession, spread: Floats) -> Noise:
 
     Args:
         measured: the session.
-        spread: (6, 6) of cases that state no uncertainty.
+        spread: (6, 6) of averaged readings that state no uncertainty; a case can state that of its force alone.
     """
     cases, count = measured.cases, len(measured.cases)
     blocks = np.zeros((count + len(measured.checks), 6, 6))
     for i, m in enumerate(cases):
-        blocks[i] = m.covariance if m.noise_stated else m.covariance + spread
+        blocks[i] = m.covariance
+        if m.plateau is None:
+            unstated = 3 if m.noise_stated else 0
+            blocks[i, unstated:, unstated:] += spread[unstated:, unstated:]
     for i, check in enumerate(measured.checks):
         blocks[count + i] = check.covariance
     shared = []

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fingermodel.diagnosis.answer.answer import predictive
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.session_model.session import session_of
-from fingermodel.diagnosis.verdict.predictive import check, most_evidence, predicted
+from fingermodel.diagnosis.verdict.predictive import check, holding, most_evidence, predicted, together
 from fingermodel.fitting.identification import drawn_starts, slopes_of
 from fingermodel.session import Session
 from server.application.diagnosing import run_diagnosis
@@ -59,6 +60,16 @@ def test_validation_readings_of_unknown_uncertainty_do_not_count() -> None:
 def test_validation_cases_say_no_more_for_an_explanation_than_if_it_predicted_them_exactly(found: Diagnosis) -> None:
     most = most_evidence(found.posterior)
     assert all(check(fit).log_evidence <= most for fit in found.posterior.fits.values())
+
+
+def test_the_chance_that_is_told_as_judged_is_the_one_that_the_verdict_is_held_against() -> None:
+    found = run_diagnosis(Session.open("DEV-02"))  # where two forms of one effect share the probability
+    best, shares = found.best.explanation, holding(found.posterior, found.best)
+    checks = {e: replace(found.checks[e], p_value=1e-6 if e == best else 0.5) for e in found.checks}
+    judged = together(checks, shares)
+    assert judged is not None
+    assert judged > 1e-6
+    assert predictive(replace(found, checks=checks))["p_value_after"] == judged
 
 
 @pytest.mark.parametrize("unlike", [False, True])

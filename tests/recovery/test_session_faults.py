@@ -28,12 +28,18 @@ from tests.recovery.diagnosed import diagnosed
 from tests.simulator import draw_session
 
 
+def every_angle_in_radians(session: Recorded, _: np.random.Generator) -> None:
+    for angles in session.document["postures_deg"].values():
+        angles.update({joint: float(np.deg2rad(angle)) for joint, angle in angles.items()})
+
+
 @pytest.mark.parametrize(
     ("fault", "kind", "words"),
     [
         (side, "side", "the side is the other one"),
         (sign, "posture", "has the other sign"),
         (radians, "posture", "in radians"),
+        (every_angle_in_radians, "posture", "the angles of all postures are in radians"),
         (tendons_in_a_posture, "tendon_labels", "were exchanged in "),
         (postures, "posture", "were exchanged throughout"),
         (unseen_sign, "posture", "has the other sign"),

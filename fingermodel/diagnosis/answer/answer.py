@@ -20,6 +20,7 @@ from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.slips import Explained
 from fingermodel.diagnosis.settings import LIVE
 from fingermodel.diagnosis.verdict.own_curve import curve_answer
+from fingermodel.diagnosis.verdict.predictive import holding, together
 from fingermodel.diagnosis.verdict.verdict import stated_node
 from fingermodel.parameters import with_unit
 
@@ -127,9 +128,9 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def meaning(d: Diagnosis) -> str:
     """What the verdict's probability is the probability of, in words."""
-    names = " and ".join(d.verdict.names)
+    names, several = " and ".join(d.verdict.names), len(d.verdict.names) > 1
     kinds = {
-        "found": f"{names} acts by its known law, whatever else does",
+        "found": f"{names} {'act by their known laws' if several else 'acts by its known law'}, whatever else does",
         "one_of": f"one or more of {', '.join(d.verdict.names)} acts",
         "none_of_catalogue": "something acts that no effect of the catalogue describes, whatever else does",
         "nothing_missing": "no effect acts, and nothing unknown",
@@ -150,7 +151,9 @@ def nulls_beside(d: Diagnosis, held: Sequence[str]) -> str:
     first = "These tests hold readings against readings, and know of no effect."
     kind, names = d.verdict.kind, " and ".join(dict.fromkeys(n.split(".")[0] for n in held))
     if kind == "found":
-        return f"{first} What fails shows that something acts; {' and '.join(d.verdict.names)} explains it."
+        found = d.verdict.names
+        explain = "explain" if len(found) > 1 else "explains"
+        return f"{first} What fails shows that something acts; {' and '.join(found)} {explain} it."
     if kind != "nothing_missing":
         return f"{first} What fails shows that something acts, not what."
     if names:
@@ -196,13 +199,15 @@ def reads_like(explained: Explained, ids: Sequence[str]) -> list[dict[str, Any]]
 
 def predictive(d: Diagnosis) -> dict[str, Any]:
     """The predictive check on the validation cases, of the model without any effect and of what would be added."""
-    before, after = d.checks[d.posterior.nothing.explanation], d.checks.get(d.best.explanation)
-    after = before if after is None else after
+    before = d.checks[d.posterior.nothing.explanation]
+    judged = d.best if d.best.explanation in d.checks else d.posterior.leader
+    after, shares = d.checks[judged.explanation], holding(d.posterior, judged)
     return {
         "log_density_before": before.log_density,
         "p_value_before": before.p_value,
         "log_density_after": after.log_density,
-        "p_value_after": after.p_value,
+        # As the verdict counts it: whichever explanation with these effects holds.
+        "p_value_after": together(d.checks, shares) if shares.keys() <= d.checks.keys() else after.p_value,
         "missed_after": [d.session.observations.ids[case] for case in after.missed],
     }
 

@@ -201,7 +201,7 @@ class Entries:
         return Corrected(kind, words, _with(o, **columns), there, amend=amend)
 
     def _angles(self) -> Iterator[Corrected]:
-        """One angle of one posture with the other sign; all its angles in radians."""
+        """One angle of one posture with the other sign; all angles of one posture, or of every one, in radians."""
         o, rotations = self.session.observations, self.session.model.finger.topology.rotations
         angles = np.asarray(o.inputs.posture)
         for name, posture in o.posture_angles.items():
@@ -214,6 +214,9 @@ class Entries:
             if 0.0 < np.rad2deg(np.abs(posture).max()) < np.pi:
                 turned = np.where(here[:, None], np.rad2deg(angles), angles)
                 yield self._one("posture", f"the angles of {name} are in radians", _with(o, posture=turned))
+        if len(o.posture_angles) > 1 and 0.0 < np.rad2deg(np.abs(angles).max()) < np.pi:
+            words = "the angles of all postures are in radians"
+            yield self._one("posture", words, _with(o, posture=np.rad2deg(angles)))
 
     def _tares(self) -> Iterator[Corrected]:
         """Readings that were tared already when the tare was taken away; one tare of each mount for all its cases."""

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import yaml
 from numpy.typing import NDArray
 
+from fingermodel import refit
 from fingermodel.comparison.reading_noise import Noise, SharedTare
 from fingermodel.session import Session
+
+DATA = Path(__file__).parents[3] / "data"
 
 
 @pytest.fixture(scope="module", params=["DEV-01", "synek2019_H01"])
@@ -28,6 +34,18 @@ def test_the_parts_are_the_covariance_of_the_measured_session(bench: Session) ->
     every = np.arange(6)
     for k, own in enumerate(observations.noise.alone):
         np.testing.assert_allclose(apart[6 * k + every[:, None], 6 * k + every], own, atol=1e-15)
+
+
+def test_an_averaged_moment_beside_a_stated_force_has_the_uncertainty_of_the_budget(tmp_path: Path) -> None:
+    document = yaml.safe_load((DATA / "sessions/synek2019_H01/session.yaml").read_text(encoding="utf-8"))
+    for case in document["cases"]:
+        case.update(force_sd_N=0.05, torque_Nmm=[0.1, -0.2, 3.0])
+    (tmp_path / "session.yaml").write_text(yaml.safe_dump(document), encoding="utf-8")
+    session = Session.open(tmp_path, catalogue=False)
+    sd = 10 * session.model.budget.reading_sd_N
+    variance = session.observations.noise.variance.reshape(-1, 6)
+    np.testing.assert_allclose(variance, np.tile([0.05**2] * 3 + [sd**2] * 3, (len(variance), 1)))
+    assert refit(session).outcome == "converged"
 
 
 def test_some_readings_have_their_part_of_the_covariance(bench: Session) -> None:
