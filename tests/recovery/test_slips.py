@@ -43,6 +43,26 @@ def test_the_case_is_named_and_what_was_done(
     assert set(found["effects"]) == set(effects)
 
 
+@pytest.mark.parametrize("location", ["tip", "bone"])
+def test_a_zero_too_many_on_a_heavy_weight_is_named_and_makes_no_effect(tmp_path: Path, location: str) -> None:
+    draw_session(tmp_path, 54, {"hanger_mass": 40.0})
+    file = tmp_path / "session.yaml"
+    document = yaml.safe_load(file.read_text(encoding="utf-8"))
+    wrong = next(
+        c
+        for c in document["cases"]
+        if c["role"] == "identification" and c["location"] == location and c["masses_g"] == {"FDP": 950.0}
+    )
+    wrong["masses_g"]["FDP"] = 9500.0
+    file.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    found = diagnosed(tmp_path)
+    (suspect,) = found["suspects"]
+    assert suspect["case"] == wrong["id"]
+    assert suspect["probability"] > 0.9
+    assert suspect["reads_like"][0]["masses_g"]["FDP"] == pytest.approx(950.0, rel=0.1)
+    assert (found["verdict"], found["effects"]) == ("found", ["hanger_mass"])
+
+
 def test_a_slip_that_another_effect_would_explain_is_named_beside_the_true_one(tmp_path: Path) -> None:
     draw_session(tmp_path, 62, {"cell_rotation": (-3.5, 4.0, 0.3)}, nuisance_scale=1.5)
     file = tmp_path / "session.yaml"

@@ -18,16 +18,23 @@ LOG_PRIOR_ODDS = float(np.log(P_BAD / (1.0 - P_BAD)))
 SUSPECT_LOG_ODDS = float(np.log(SUSPECT / (1.0 - SUSPECT)))
 
 
-def bad_size(moment: NDArray[np.bool_], reading: Floats, most_N: float) -> Floats:
+def bad_size(moment: NDArray[np.bool_], reading: Floats, pulled_N: Floats, usual_N: float) -> Floats:
     """How far each reading of a bad case may be off [N, N mm].
+
+    What reads more than any usual load can make may be off by as much as it reads. What was entered to pull more than
+    that may be off by as much as it was entered to pull: a zero too many.
 
     Args:
         moment: (n,) whether the reading is a moment.
         reading: (n,) [N, N mm].
-        most_N: force that no load of the session can exceed; what reads more may be off by as much as it reads.
+        pulled_N: (n,) sum of the tensions of its case, as entered.
+        usual_N: such a sum of the session's heavy cases.
     """
-    most = most_N * np.where(moment, LONGEST_MM, 1.0)
-    out: Floats = np.where(np.abs(reading) > most, np.abs(reading), BAD_N * np.where(moment, LEVER_MM, 1.0))
+    # Tip and bone together carry what is pulled, and neither more than twice that.
+    most, lever = 2.0 * usual_N, np.where(moment, LEVER_MM, 1.0)
+    read = np.where(np.abs(reading) > most * np.where(moment, LONGEST_MM, 1.0), np.abs(reading), 0.0)
+    entered = np.where(pulled_N > most, pulled_N * lever, 0.0)
+    out: Floats = np.maximum(np.maximum(read, entered), BAD_N * lever)
     return out
 
 

@@ -41,6 +41,8 @@ Mask = NDArray[np.bool_]
 
 # Step of a derivative by the logarithm of a tension.
 _STEP = 1e-3
+# Share of the loads that a heavy one exceeds.
+_HEAVY = 0.9
 # Loads that differ by less are alike, relative.
 _ALIKE = 0.05
 # What does not depend on where the scatter's columns are made.
@@ -176,9 +178,10 @@ class Session:
     def noise_of(self, chosen: Mask) -> CaseNoise:
         """By case, of some readings (n,)."""
         moment, measured = self.places.moment[chosen], self.measured[chosen]
-        # Tip and bone together carry what is pulled, and neither more than twice that.
-        most_N = 2.0 * float(np.asarray(self.observations.inputs.tension).sum(axis=1).max())
-        size = bad_size(moment, measured, most_N)
+        pulled_N = np.asarray(self.observations.inputs.tension).sum(axis=1)
+        # Some cases may have been entered with far too much.
+        usual_N = float(np.quantile(pulled_N[pulled_N > 0.0], _HEAVY)) if pulled_N.any() else 0.0
+        size = bad_size(moment, measured, pulled_N[self.rows[chosen] // 6], usual_N)
         own, assumed = self.observations.noise.alone, self.observations.noise_assumed
         return CaseNoise.of(own, self.rows[chosen], self._by_tension[chosen], self.places.unit[chosen], size, assumed)
 
