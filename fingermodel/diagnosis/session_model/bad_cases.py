@@ -76,10 +76,8 @@ class Apart:
             values, vectors = np.linalg.eigh(covariance - np.diag(size**2))
             covariance = np.asarray((vectors * np.maximum(values, 1e-6)) @ vectors.T, dtype=np.float64)
             precision = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
-        gains = [
-            float(gain_if_bad(off[:, None] * precision * off, off * (precision @ away)))
-            for off in (size, size * TAIL_N / BAD_N)
-        ]
+        tail = TAIL_N * np.where(rows < 3, 1.0, LEVER_MM)
+        gains = [float(gain_if_bad(off[:, None] * precision * off, off * (precision @ away))) for off in (size, tail)]
         return cls(case, rows, away, covariance, *gains)
 
     @cached_property
