@@ -129,6 +129,16 @@ class Residuals:
         test = self._test(what, statistic, int(np.linalg.matrix_rank(information, hermitian=True)))
         return Estimate(test, value, np.sqrt(np.diag(covariance)), statistic / max(self.chi2, 1e-300))
 
+    def factor(self, pattern: Floats) -> tuple[float, float]:
+        """How much of a pattern (k,) they contain, and its standard deviation.
+
+        By least squares with the noise alone. Errors in proportion to the readings would make the smaller ones seem the
+        surer, and the factor too small (Peelle's puzzle); they count in its standard deviation.
+        """
+        by_noise = np.linalg.solve(self.noise, pattern)
+        weight = by_noise / float(pattern @ by_noise)
+        return float(weight @ self.value), float(np.sqrt(weight @ self.covariance @ weight))
+
     def _test(self, what: str, statistic: float, freedom: int) -> Test:
         if freedom == 0:
             # A pattern that the loads do not show at all.

@@ -58,7 +58,7 @@ def balance(r: Readings) -> Null:
         across.test,
     )
     stated = float(np.mean([r.newton_per_gram(i) for i in first])) / (STANDARD_GRAVITY * 1e-3)
-    gain, sd = float(along.value[0]), float(along.sd[0])
+    gain, sd = residual.factor(in_proportion[:, 0])
     lean = np.rad2deg(np.arctan2(float(np.hypot(*across.value)), 1.0 + gain))
     above = int(np.sum(stated * (1.0 + rest[:, 0] / size) > 1.0))
     amount = (

@@ -16,6 +16,7 @@ from daq.sessions.protocols import read_protocol
 from daq.standins.simulated import SimulatedCell
 from fingermodel.comparison.observations import Observations
 from fingermodel.comparison.reading_noise import Noise, SharedTare
+from fingermodel.diagnosis.model_free.answer import Residuals
 from fingermodel.diagnosis.model_free.budget import readings_of
 from fingermodel.diagnosis.model_free.nulls import Null, nulls
 from fingermodel.fingers.files import read_finger
@@ -192,6 +193,19 @@ def test_a_friction_factor_above_one_is_flagged(bench: Session) -> None:
     observations = exact(bench.model, bench.observations)
     found = by_name(nulls(bench.model, replace(observations, wrench=1.25 * observations.wrench)))
     assert "c is above 1 in 21 of 21 loads" in found["balance"].text
+
+
+def test_scatter_and_an_uncertain_gain_do_not_draw_a_common_factor_down() -> None:
+    rng, load = np.random.default_rng(4), np.linspace(1.0, 9.0, 24)
+    found = []
+    for _ in range(400):
+        read = load * (1.0 + 0.02 * rng.normal(size=len(load)))
+        noise = 0.005**2 * np.eye(len(load))
+        residual = Residuals(read - load, noise + 0.004**2 * np.outer(read, read), noise, noise_assumed=False)
+        found.append(residual.factor(load))
+    value, sd = np.mean(found, axis=0)
+    assert value == pytest.approx(0.0, abs=3.0 * float(np.std([v for v, _ in found])) / 20.0)
+    assert sd == pytest.approx(0.004, rel=0.05)
 
 
 def test_what_the_budget_allows_violates_nothing(bench: Session) -> None:
