@@ -43,7 +43,7 @@ def test_the_case_is_named_and_what_was_done(
     assert set(found["effects"]) == set(effects)
 
 
-@pytest.mark.parametrize("location", ["tip", "bone"])
+@pytest.mark.parametrize("location", ["tip", pytest.param("bone", marks=pytest.mark.full)])
 def test_a_zero_too_many_on_a_heavy_weight_is_named_and_makes_no_effect(tmp_path: Path, location: str) -> None:
     draw_session(tmp_path, 54, {"hanger_mass": 40.0})
     file = tmp_path / "session.yaml"
