@@ -94,9 +94,9 @@ def read_rows(file: Path) -> list[dict[str, Any]]:
 
 def run(jobs: Sequence[tuple[int, int]], workers: int, keep: Path) -> None:
     """Diagnose these sessions and add their outcomes to a file, each as soon as it is there."""
-    spawn = multiprocessing.get_context("spawn")
+    spawn, measured = multiprocessing.get_context("spawn"), commit()
     with keep.open("a", encoding="utf-8") as log, ProcessPoolExecutor(workers, mp_context=spawn) as pool:
-        asked = [pool.submit(one_session, job, commit()) for job in jobs]
+        asked = [pool.submit(one_session, job, measured) for job in jobs]
         for done, future in enumerate(as_completed(asked), 1):
             error = future.exception()
             if error is not None:

@@ -94,7 +94,7 @@ class Compact:
     def __init__(
         self, topology: Topology, effects: Sequence[Effect], layout: Layout, table: ParameterTable, anatomy: int
     ) -> None:
-        self._layout, self._count = layout, len(table)
+        self._count = len(table)
         slices, own, count = list[Span](), list[Span](), [anatomy, 0]
         shared: list[tuple[int, float]] = [(i, p.initial) for i, p in enumerate(table.parameters[:anatomy])]
         self._blocks: list[tuple[str, Ints]] = []
@@ -201,8 +201,3 @@ class Pieces:
         columns: list[Any] = [np.asarray(column) for column in cases]
         pieces = [LoadCaseInput(*(c[rows] for c in columns)) for rows in in_pieces(count, size)]
         return cls(tuple(pieces), tuple(compact.own_of(piece) for piece in pieces), count)
-
-    @property
-    def every_own(self) -> Ints:
-        """(cases, own) of all load cases."""
-        return np.concatenate(self.own)[: self.count]

@@ -173,8 +173,7 @@ def _slopes_at(problem: Problem, active: NDArray[np.bool_], of: Differentiated, 
     compact, given = problem.model.compact, problem.model.given(of.cases, theta)
     found = [np.asarray(_slopes(compact.structure, *piece, active)) for piece in given]
     every = np.concatenate(found).reshape(-1, found[0].shape[-1])
-    own = of.cases.every_own[of.at // 6]
-    return compact.spread(every[of.at], own) * problem.scale
+    return compact.spread(every[of.at], of.own) * problem.scale
 
 
 def _active(problem: Problem) -> NDArray[np.bool_]:

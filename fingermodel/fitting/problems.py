@@ -42,16 +42,19 @@ class Differentiated:
     Attributes:
         cases: that they are of.
         at: (rows,) where each stands in the flattened (cases, 6) wrench of these.
+        own: (rows, own) of each one's load case, as of `Compact.own_of`.
     """
 
     cases: Pieces
     at: NDArray[np.intp]
+    own: NDArray[np.intp]
 
     @classmethod
     def of(cls, model: Model, inputs: LoadCaseInput, rows: NDArray[np.intp]) -> Differentiated:
         """Pick rows (n,) of the flattened (cases, 6) wrench out of all readings."""
         used, case = np.unique(rows // 6, return_inverse=True)
-        return cls(Pieces.of(model.compact, inputs.rows(used), DIFFERENTIATED), 6 * case + rows % 6)
+        cases = Pieces.of(model.compact, inputs.rows(used), DIFFERENTIATED)
+        return cls(cases, 6 * case + rows % 6, model.compact.own_of(inputs)[rows // 6])
 
 
 @dataclass(frozen=True, eq=False)

@@ -135,7 +135,7 @@ class Residuals:
         By least squares with the noise alone. Errors in proportion to the readings would make the smaller ones seem the
         surer, and the factor too small (Peelle's puzzle); they count in its standard deviation.
         """
-        by_noise = np.linalg.solve(self.noise, pattern)
+        by_noise = cho_solve((root_of(self.noise), True), pattern)
         weight = by_noise / float(pattern @ by_noise)
         return float(weight @ self.value), float(np.sqrt(weight @ self.covariance @ weight))
 

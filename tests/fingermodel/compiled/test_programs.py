@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, final
+from typing import Any, Literal, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
@@ -188,17 +188,23 @@ def test_each_case_has_the_parameters_of_its_setting_and_mounting(tmp_path: Path
 
 @final
 @dataclass(frozen=True)
-class LooserInEachSetting(Effect):
-    """An effect of a user's, which has a parameter for each setting and does not say so."""
+class Looser(Effect):
+    """An effect of a user's, which has a parameter for each setting or mounting and does not say so."""
 
+    each: Literal["setting", "mounting"]
     name = "looser"
     stage = "tension"
 
     def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
-        return tuple(two_sided(f"looser.{k}", "1", 0.2) for k in range(len(layout.settings)))
+        here, name = (
+            (layout.settings, layout.setting_name)
+            if self.each == "setting"
+            else (layout.mountings, layout.mounting_name)
+        )
+        return tuple(two_sided(f"looser.{name(k)}", "1", 0.2) for k in range(len(here)))
 
     def tension(self, p: Array, case: LoadCaseInput, state: State) -> State:
-        return state._replace(tension=state.tension * (1.0 + p[case.setting]))
+        return state._replace(tension=state.tension * (1.0 + p[getattr(case, self.each)]))
 
 
 def test_an_effect_with_parameters_of_its_own_for_each_setting_keeps_them_all(tmp_path: Path) -> None:
@@ -206,22 +212,7 @@ def test_an_effect_with_parameters_of_its_own_for_each_setting_keeps_them_all(tm
     bench = Session.open(str(tmp_path))
     finger, layout = bench.model.finger, bench.model.layout
     assert len(layout.settings) > 1
-    _agrees_case_by_case(Model(finger, layout, Budget(), (LooserInEachSetting(),)), bench.observations)
-
-
-@final
-@dataclass(frozen=True)
-class LooserAtEachMounting(Effect):
-    """The same for each mounting."""
-
-    name = "looser"
-    stage = "tension"
-
-    def parameters(self, topology: Topology, layout: Layout) -> tuple[Parameter, ...]:
-        return tuple(two_sided(f"looser.{layout.mounting_name(k)}", "1", 0.2) for k in range(len(layout.mountings)))
-
-    def tension(self, p: Array, case: LoadCaseInput, state: State) -> State:
-        return state._replace(tension=state.tension * (1.0 + p[case.mounting]))
+    _agrees_case_by_case(Model(finger, layout, Budget(), (Looser("setting"),)), bench.observations)
 
 
 def test_an_effect_with_parameters_of_its_own_for_each_mounting_is_given_those_of_the_session() -> None:
@@ -229,7 +220,7 @@ def test_an_effect_with_parameters_of_its_own_for_each_mounting_is_given_those_o
     inputs, settings = bench.observations.inputs, bench.model.layout.settings
     bone = inputs.rows(np.flatnonzero(np.asarray(inputs.at_bone)))._replace(mounting=jnp.zeros(8, int))
     assert len(bone.at_bone) == 8
-    model = Model(bench.model.finger, Layout(settings, (("bone", 0),)), Budget(), (LooserAtEachMounting(),))
+    model = Model(bench.model.finger, Layout(settings, (("bone", 0),)), Budget(), (Looser("mounting"),))
     theta = np.where([name == "looser.bone" for name in model.parameters.names], 0.1, model.initial)
     plain, looser = (np.asarray(model.predict(bone, vector).reading) for vector in (model.initial, theta))
     np.testing.assert_allclose(looser[:, :3], 1.1 * plain[:, :3], rtol=1e-9)
