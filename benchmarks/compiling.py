@@ -12,9 +12,9 @@ import numpy as np
 from benchmarks.machine import table
 from fingermodel.compiled.programs import Stored
 from fingermodel.fitting.identification import _slopes
-from fingermodel.fitting.problems import map_problem
 from fingermodel.model import predict_batch
 from fingermodel.session import Session
+from tests.stated import stated_problem
 
 TARGET = 8.0
 CALLS = 200
@@ -24,7 +24,7 @@ def main() -> None:
     """Print the table."""
     bench = Session.open("DEV-08")
     jax.config.update("jax_enable_compilation_cache", False)
-    problem = map_problem(bench.model, bench.observations)
+    problem = stated_problem(bench.model, bench.observations)
     model, fitted = problem.model, problem.fitted_readings
     structure = model.compact.structure
     none = np.array([effect.always for effect in model.structure.effects])

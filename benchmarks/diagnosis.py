@@ -24,10 +24,11 @@ from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.diagnosis.diagnose import diagnose
 from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, Member, free_mask
 from fingermodel.fitting.identification import refit_map
-from fingermodel.fitting.problems import Problem, map_problem, objective_at
+from fingermodel.fitting.problems import Problem, objective_at
 from fingermodel.session import Session
 from tests.simulator import draw_session
 from tests.simulator.protocols import Protocol
+from tests.stated import stated_problem
 
 Floats = NDArray[np.float64]
 
@@ -140,7 +141,7 @@ def _cold(session: str) -> float:
 
 def _rival(ours_s: float) -> None:
     bench = Session.open("DEV-08")
-    base = map_problem(bench.model, bench.observations)
+    base = stated_problem(bench.model, bench.observations)
     candidates = Candidates.of(bench.model, sagittal=bench.model.finger.judged_in == "sagittal").all
     rows, each = [], []
     for candidate in candidates:

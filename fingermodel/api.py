@@ -22,8 +22,7 @@ from fingermodel.diagnosis.diagnose import diagnose as search
 from fingermodel.diagnosis.next_cases.next_cases import plan_next
 from fingermodel.fitting.eq5 import refit_slsqp
 from fingermodel.fitting.fit_report import Fit
-from fingermodel.fitting.identification import refit_map
-from fingermodel.fitting.problems import eq5_problem, map_problem
+from fingermodel.fitting.problems import eq5_problem
 from fingermodel.model_files import Step, require_new, revision_of
 from fingermodel.revisions import save_revision
 from fingermodel.session import Session
@@ -93,8 +92,17 @@ def refit(
         if plane is not None:
             raise InputError(f"plane {plane!r} with method 'slsqp'", "no plane", "Eq 5 is posed in the sagittal plane")
         return refit_slsqp(eq5_problem(session.model, session.observations))
-    problem = map_problem(session.model, session.observations, plane, session.loaded.added)
-    return refit_map(problem, start=session.theta if session.refitted else None, starts=starts, progress=progress)
+    start = session.theta if session.refitted else None
+    return add_effects(
+        session.model,
+        session.observations,
+        (),
+        plane=plane,
+        held=session.loaded.added,
+        start=start,
+        starts=starts,
+        progress=progress,
+    ).fit
 
 
 @_one_thread

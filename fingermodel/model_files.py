@@ -139,6 +139,7 @@ def revision_document(
         "message": fit.message,
         "objective": fit.objective,
         "objective_before": fit.objective_before,
+        "reading_errors": asdict(fit.errors),
         "effects": list(step.effects),
         "added": list(step.added),
         "removed": list(step.removed),

@@ -102,6 +102,12 @@ class Searcher:
         self._all = self._begun()
         return self._most_of_any(self._all)
 
+    def settled(self) -> tuple[Fitter, Optimum, Optimum]:
+        """Take cases for bad as a search does; return what fits beside them, the base model and all candidates."""
+        self.begin()
+        every = self._without_bad_cases(self._all)
+        return self._fitter, self.nothing, every
+
     @property
     def nothing(self) -> Optimum:
         """The base model, as far as it is fitted."""

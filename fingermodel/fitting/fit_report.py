@@ -14,6 +14,8 @@ from fingermodel.fitting.problems import Problem, residual_at
 Floats = NDArray[np.float64]
 # Of two parameters: they are listed from here on, and cannot be told apart from there on.
 CORRELATED, ALIKE = 0.9, 0.95
+# Scatter (relative) and noise beside the measured one [N] that are worth telling.
+_TOLD_SCATTER, _TOLD_NOISE_N = 0.004, 0.002
 Outcome = Literal["converged", "stalled", "too_many_evaluations", "not_finite"]
 
 
@@ -37,12 +39,27 @@ class FittedParameter:
         return abs(self.value - self.initial) / self.prior_sd if self.prior_sd else 0.0
 
 
+@dataclass(frozen=True)
+class ReadingErrors:
+    """What a fit counts with besides what plateau and tare state, as the readings have it whatever acts.
+
+    Attributes:
+        scatter: of each tension from case to case, relative.
+        extra_noise_N: of each reading by itself (ten times as many N mm of a moment); None where noise is assumed.
+        not_counted: ids of cases that stand apart from all others: their reading may be anything.
+    """
+
+    scatter: float = 0.0
+    extra_noise_N: float | None = None
+    not_counted: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, repr=False)
 class Fit:
     """The outcome of a refit as a value; `message` says what to do.
 
     `optima` are the objective and the probability of each distinct optimum that was found, best first. `weighted` says
-    whether the objective counts in standard uncertainties (Eq 5 does not).
+    whether the objective counts in standard uncertainties (Eq 5 does not). `errors` are what it counts with besides.
     """
 
     method: str
@@ -60,6 +77,7 @@ class Fit:
     residuals: int
     optima: tuple[tuple[float, float], ...] = ()
     weighted: bool = True
+    errors: ReadingErrors = ReadingErrors()
 
     def __repr__(self) -> str:
         return f"<Fit ({self.method}), {self.outcome}: {int(self.free.sum())} parameters>"
@@ -87,7 +105,13 @@ class Optimum:
 
 
 def describe(
-    problem: Problem, optima: Sequence[Optimum], method: str, before: float, evaluations: int, seconds: float
+    problem: Problem,
+    optima: Sequence[Optimum],
+    method: str,
+    before: float,
+    evaluations: int,
+    seconds: float,
+    errors: ReadingErrors = ReadingErrors(),
 ) -> Fit:
     """Turn optima into a `Fit`: covariance, correlations, bounds, what the data say nothing about.
 
@@ -101,6 +125,7 @@ def describe(
         before: objective before the fit.
         evaluations: of the objective, all starts together.
         seconds: of the solution.
+        errors: of the readings that the problem counts with.
     """
     table = problem.model.parameters
     ranked = _distinct(problem, optima)
@@ -160,6 +185,7 @@ def describe(
         residuals=len(problem.rows),
         optima=tuple((o.objective, float(share)) for o, share in zip(ranked, weight, strict=True)),
         weighted=problem.weighted,
+        errors=errors,
     )
     return _with_message(fit)
 
@@ -245,6 +271,7 @@ def _with_message(fit: Fit) -> Fit:
             f"The misfit is {fit.objective:.0f} where noise and priors leave about {fit.residuals}: the model lacks "
             "something, or the stated uncertainties are too small."
         )
+    text += _said_of(fit.errors)
     seen = [p for p in fit.parameters if p.at_bound]
     null = [p.name for p in seen if p.kind == "effect" and p.value == p.initial]
     bound = [p.name for p in seen if p.name not in null]
@@ -272,6 +299,23 @@ def _with_message(fit: Fit) -> Fit:
         a, b, r = alike[0]
         text.append(f"{len(alike)} pairs cannot be told apart (|r| >= {ALIKE:g}), first {a} and {b} ({r:+.2f}).")
     return replace(fit, message=" ".join(text))
+
+
+def _said_of(errors: ReadingErrors) -> list[str]:
+    """What the uncertainties count besides noise of plateau and tare, and which cases stand apart."""
+    out, extra = [], []
+    if errors.scatter >= _TOLD_SCATTER:
+        extra.append(f"{100.0 * errors.scatter:.1f} % of each tension from case to case")
+    if (errors.extra_noise_N or 0.0) >= _TOLD_NOISE_N:
+        extra.append(f"{1000.0 * (errors.extra_noise_N or 0.0):.0f} mN of each reading")
+    if extra:
+        out.append(f"The readings scatter by {' and by '.join(extra)}; the uncertainties count that.")
+    if errors.not_counted:
+        out.append(
+            f"Not counted: {_few(list(errors.not_counted))}, far from what all others say; diagnose says what may "
+            "have been done there."
+        )
+    return out
 
 
 def misfit_is_excessive(fit: Fit) -> bool:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from fingermodel.compiled.programs import stored
 from fingermodel.fingers import FingerValues
-from fingermodel.fitting.fit_report import Fit, Optimum, Outcome, describe
-from fingermodel.fitting.problems import Differentiated, Problem, Whitener, objective_at
+from fingermodel.fitting.fit_report import Fit, Optimum, Outcome, ReadingErrors, describe
+from fingermodel.fitting.problems import Differentiated, Problem, objective_at
 from fingermodel.fitting.solver import CONVERGED, NOT_FINITE, STALLED, Solution, minimise
 from fingermodel.model import predict_batch, predict_parts
 from fingermodel.stages import LoadCaseInput
@@ -32,15 +32,17 @@ def refit_map(
     start: Floats | None = None,
     starts: int = 1,
     progress: Callable[[float], None] | None = None,
+    errors: ReadingErrors = ReadingErrors(),  # noqa: B008 - it is frozen
 ) -> Fit:
     """Solve a problem by bounded Levenberg–Marquardt and describe its optimum.
 
     Args:
-        problem: of `map_problem` or `eq5_problem`.
+        problem: of `refit_problem` or `eq5_problem`.
         start: (parameters,) instead of the priors' centre.
         starts: how many; those after the first are drawn from the priors. One finds an optimum, several find out
             whether there are others that fit as well.
         progress: called with the fraction of the starts that are done.
+        errors: of the readings that the problem counts with, to be told.
     """
     began = time.perf_counter()
     optima, evaluations = [], 0
@@ -52,7 +54,7 @@ def refit_map(
             progress(len(optima) / starts)
     seconds = time.perf_counter() - began
     before = objective_at(problem, problem.model.parameters.initial)
-    return describe(problem, optima, "map", before, evaluations, seconds)
+    return describe(problem, optima, "map", before, evaluations, seconds, errors)
 
 
 def drawn_starts(problem: Problem, count: int) -> list[Floats]:
@@ -87,7 +89,6 @@ def solve(
     crawl: float = 0.0,
     bends: bool = True,
     begun: Solution | None = None,
-    whitener: Whitener | None = None,
 ) -> Solution:
     """Minimise a problem; the answer is in coordinates scaled about the priors' centre.
 
@@ -99,10 +100,9 @@ def solve(
         crawl: of `minimise`, for fits that only have to show that they are not in question.
         bends: of `minimise`.
         begun: of `minimise`: an earlier answer for this problem, to go on from.
-        whitener: instead of the problem's.
     """
     scale, centre, fitted, model = problem.scale, problem.centre, problem.fitted_readings, problem.model
-    active, white = _active(problem), fitted.whitener if whitener is None else whitener
+    active, white = _active(problem), problem.whitener
     _begin_to_compile(problem, active)
 
     def residuals(x: Floats) -> Floats:
@@ -133,7 +133,7 @@ def solve(
 
 def whole_slopes(problem: Problem, theta: Floats) -> Floats:
     """Whitened slopes (residuals, parameters) of all parameters, those of effects that are not free at their null."""
-    return problem.fitted_readings.whitener @ reading_slopes(problem, theta)
+    return problem.whitener @ reading_slopes(problem, theta)
 
 
 def reading_slopes(problem: Problem, theta: Floats) -> Floats:

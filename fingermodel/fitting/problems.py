@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from daq.errors import SessionError
 from fingermodel.comparison.observations import Observations
 from fingermodel.fingers import Plane
-from fingermodel.fitting.tiles import Tiles
 from fingermodel.model import Model
 from fingermodel.stages import LoadCaseInput
 from fingermodel.structure import Pieces
@@ -62,18 +61,16 @@ class FittedReadings:
     """Only the cases that are fitted: the others would be differentiated for nothing.
 
     Attributes:
-        of: rows, whitener, observations and finger that these are made of.
+        of: rows, observations and finger that these are made of.
         every_case: all cases, to be predicted.
         differentiated: readings that are fitted.
         measured: (rows,) [N, N mm].
-        whitener: (rows, rows), in tiles.
     """
 
     of: tuple[object, ...]
     every_case: Pieces
     differentiated: Differentiated
     measured: Floats
-    whitener: Tiles
 
     @classmethod
     def of_problem(cls, problem: Problem) -> FittedReadings:
@@ -84,7 +81,6 @@ class FittedReadings:
             problem.model.pieces(observations.inputs),
             Differentiated.of(problem.model, observations.inputs, rows),
             np.nan_to_num(observations.wrench).reshape(-1)[rows],
-            Tiles.of(problem.whitener),
         )
 
 
@@ -96,7 +92,7 @@ class Problem:
         model: whose parameters they are.
         observations: whose cases they are.
         rows: (residuals,) indices into the flattened (cases, 6) wrench.
-        whitener: (residuals, residuals) makes the residuals independent with unit variance (or unit weight, Eq 5).
+        whitener: makes the residuals independent with unit variance (or unit weight, Eq 5).
         weighted: whether the objective counts in standard uncertainties (Eq 5 does not).
         start: (parameters,).
         centre: (parameters,) of the priors.
@@ -109,7 +105,7 @@ class Problem:
     model: Model
     observations: Observations
     rows: NDArray[np.intp]
-    whitener: Floats
+    whitener: Whitener
     weighted: bool
     start: Floats
     centre: Floats
@@ -129,7 +125,7 @@ class Problem:
     @property
     def source(self) -> tuple[object, ...]:
         """What the fitted readings follow from."""
-        return self.rows, self.whitener, self.observations, self.model.finger
+        return self.rows, self.observations, self.model.finger
 
     @property
     def scale(self) -> Floats:
@@ -144,63 +140,11 @@ class Problem:
         return np.where(np.isfinite(self.sd), 1.0, 0.0)
 
 
-def fit_rows(observations: Observations, plane: Plane, *, moments: bool = True) -> NDArray[np.intp]:
-    """Which wrench components are fitted: forces of identification cases and checks, and Mz where the tip reads it.
-
-    The tip clamp is taken to carry Fx, Fy, Fz and Mz (Eq 2), so Tx and Ty are predicted to vanish and are left out.
-    Moments at the bone depend on a clamp point that nobody measures, and are left out too.
-    """
-    rows = []
-    for i, role in enumerate(observations.roles):
-        if role not in ("identification", "check"):
-            continue
-        components = [0, 1] if plane == "sagittal" else [0, 1, 2]
-        readable = bool(np.isfinite(observations.wrench[i, 5]))
-        if moments and observations.locations[i] == "tip" and role == "identification" and readable:
-            components.append(5)
-        rows += [6 * i + c for c in components if np.isfinite(observations.wrench[i, c])]
-    return np.array(rows, dtype=np.intp)
-
-
-def map_problem(
-    model: Model, observations: Observations, plane: Plane | None = None, effects: Collection[str] = ()
-) -> Problem:
-    """All parameters at once, with the budget's priors, the measured covariance and bounds.
-
-    Args:
-        model: finger, budget and effects.
-        observations: of one session.
-        plane: which force components count; by default what the finger's axes can predict.
-        effects: names of the effects' parameters that are free; all others stay at their null.
-
-    Raises:
-        SessionError: no identification case, or a reading without any uncertainty.
-    """
-    plane = plane or model.finger.judged_in
-    rows = fit_rows(observations, plane)
-    _require_rows(rows)
-    block = observations.noise.of(rows)
-    scatter = model.budget.tension_factor_case_sd
-    if scatter:
-        loaded = np.array([role != "check" for role in observations.roles])[rows // 6]
-        force = scatter * loaded * np.nan_to_num(observations.wrench).reshape(-1)[rows]
-        block += np.outer(force, force) * (rows[:, None] // 6 == rows // 6)
-    try:
-        factor = np.linalg.cholesky(block)
-    except np.linalg.LinAlgError as error:
-        raise SessionError(
-            "the readings state no uncertainty at all",
-            "noise above zero in every component",
-            "Give force_sd_N, or a budget with reading_sd_N",
-        ) from error
-    return weighted_problem(model, observations, rows, np.linalg.inv(factor), plane, effects)
-
-
 def weighted_problem(
     model: Model,
     observations: Observations,
     rows: NDArray[np.intp],
-    whitener: Floats,
+    whitener: Whitener,
     plane: Plane,
     effects: Collection[str] = (),
 ) -> Problem:
@@ -210,7 +154,7 @@ def weighted_problem(
         model: finger, budget and effects.
         observations: of one session.
         rows: (residuals,) indices into the flattened (cases, 6) wrench.
-        whitener: (residuals, residuals) of these readings.
+        whitener: of these readings.
         plane: which force components count.
         effects: names of the effects' parameters that are free; all others stay at their null.
     """
@@ -255,8 +199,9 @@ def eq5_problem(model: Model, observations: Observations) -> Problem:
 
     The hood's fractions have no penalty; those that the published study fixed stay fixed.
     """
-    rows = fit_rows(observations, "sagittal", moments=False)
-    _require_rows(rows)
+    fitted = [6 * i + c for i, role in enumerate(observations.roles) if role != "validation" for c in (0, 1)]
+    rows = np.array([row for row in fitted if np.isfinite(observations.wrench.flat[row])], dtype=np.intp)
+    require_rows(rows)
     table, unit = model.parameters, model.finger.length_unit_mm
     sd = np.zeros(len(table))
     fixed = {
@@ -284,7 +229,12 @@ def eq5_problem(model: Model, observations: Observations) -> Problem:
     )
 
 
-def _require_rows(rows: NDArray[np.intp]) -> None:
+def require_rows(rows: NDArray[np.intp]) -> None:
+    """Refuse a session in which nothing is fitted.
+
+    Raises:
+        SessionError: no identification case.
+    """
     if len(rows) == 0:
         raise SessionError(
             "no case with the role identification",

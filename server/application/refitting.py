@@ -32,6 +32,7 @@ def fit_body(fit: Fit, before: Comparison, after: Comparison) -> dict[str, Any]:
         "objective": fit.objective,
         "objective_before": fit.objective_before,
         "residuals": fit.residuals,
+        "reading_errors": asdict(fit.errors),
         "evaluations": fit.evaluations,
         "seconds": fit.seconds,
         "before": before.summary(),

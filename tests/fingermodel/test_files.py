@@ -18,10 +18,10 @@ from fingermodel.comparison.comparison import compare
 from fingermodel.comparison.observations import layout_of
 from fingermodel.fingers.files import finger_document, finger_names, read_finger, write_finger
 from fingermodel.fitting.identification import refit_map
-from fingermodel.fitting.problems import map_problem
 from fingermodel.model_files import free_path, load_model, read_revision, revision_document, write_revision
 from fingermodel.session import Session
 from tests.fingermodel.fingers import FINGERS
+from tests.stated import stated_problem
 
 
 def test_shipped_fingers_are_the_known_ones() -> None:
@@ -124,7 +124,7 @@ def test_a_wrong_name_is_met_with_the_right_one() -> None:
 
 def test_a_revision_predicts_what_the_fit_did_and_keeps_its_parent(tmp_path: Path) -> None:
     bench = Session.open("synek2019_H02", catalogue=False)
-    fit = refit_map(map_problem(bench.model, bench.observations))
+    fit = refit_map(stated_problem(bench.model, bench.observations))
     after = compare(bench.model, bench.observations, fit.theta)
     document = revision_document(bench.model, fit, bench.loaded.parent, "synek2019_H02", {}, after.summary(), None)
     path = free_path(tmp_path, "synek2019_H02")
@@ -148,7 +148,7 @@ def test_a_revision_predicts_what_the_fit_did_and_keeps_its_parent(tmp_path: Pat
     assert_allclose(other.theta[~budget], again.theta[~budget], atol=1e-12)
 
     # Fitting it again finds the same optimum: its priors still stand where they stood.
-    twice = refit_map(map_problem(again.model, again.observations), start=again.theta)
+    twice = refit_map(stated_problem(again.model, again.observations), start=again.theta)
     assert twice.objective == pytest.approx(fit.objective, rel=1e-6)
 
 
@@ -179,7 +179,7 @@ def test_no_model_file() -> None:
 
 def test_revision_holds_only_plain_json(tmp_path: Path) -> None:
     bench = Session.open("synek2019_H01", catalogue=False)
-    fit = refit_map(map_problem(bench.model, bench.observations))
+    fit = refit_map(stated_problem(bench.model, bench.observations))
     document = revision_document(bench.model, fit, "x", "y", {}, {}, None)
     text = json.dumps(document, allow_nan=False)
     assert json.loads(text)["covariance"]["names"] == [p.name for p in fit.parameters]

@@ -18,9 +18,9 @@ from daq.standins.simulated import LoadStep, SimulatedCell, readings
 from fingermodel.comparison.observations import observe
 from fingermodel.fingers.files import read_finger
 from fingermodel.fitting.identification import refit_map
-from fingermodel.fitting.problems import map_problem
 from fingermodel.rig import simulate_session
 from fingermodel.session import Session
+from tests.stated import stated_problem
 
 CELL = SimulatedCell(rate_hz=50.0)
 
@@ -143,7 +143,7 @@ def test_known_weights_on_the_cell_enter_the_fit(rig: tuple[Path, dict[str, np.n
 def _gain(bench: Session, checks: tuple[MeasuredCheck, ...]) -> tuple[float, float]:
     measured = replace(measure(bench.measured.session), checks=checks)
     model = bench.model
-    fit = refit_map(map_problem(model, observe(measured, model.finger, replace(model.budget, cell_gain_sd=0.02))))
+    fit = refit_map(stated_problem(model, observe(measured, model.finger, replace(model.budget, cell_gain_sd=0.02))))
     gain = fit.parameter("cell_gain.Fy")
     assert gain.sd is not None
     return gain.value, gain.sd

@@ -3,34 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from daq.sessions.protocols import read_protocol
-from daq.standins.simulated import SimulatedCell
-from fingermodel.api import refit
-from fingermodel.budget import CERTIFICATE, SYNEK2019
-from fingermodel.fingers import Finger
+from fingermodel.api import add, refit
+from fingermodel.budget import SYNEK2019
+from fingermodel.diagnosis.answer.addition import add_effects
 from fingermodel.fingers.files import read_finger
 from fingermodel.fitting.eq5 import refit_slsqp
 from fingermodel.fitting.fit_report import Fit
 from fingermodel.fitting.identification import refit_map
-from fingermodel.fitting.problems import eq5_problem, map_problem, objective_at
+from fingermodel.fitting.problems import eq5_problem, objective_at
 from fingermodel.model import Model
-from fingermodel.rig import simulate_session
 from fingermodel.session import Session
-from fingermodel.stages import Layout
+from tests.recovery.rigs import misstate, record
+from tests.stated import stated_problem
 
 Floats = NDArray[np.float64]
-CELL = SimulatedCell(rate_hz=25.0, noise_sd=(0.03,) * 3 + (0.2,) * 3)
-
-
-POSTURES = ("minor_flexion", "major_flexion", "hook", "hyperextension", "relaxed")
-LAYOUT = Layout(tuple((p, 0) for p in POSTURES), (("tip", 0), ("bone", 0)))
 
 
 class Recovered(NamedTuple):
@@ -42,25 +37,11 @@ class Recovered(NamedTuple):
     wrenches: dict[str, Floats]
 
 
-def perturbed(seed: int) -> tuple[Finger, dict[str, float]]:
-    """A finger and a rig drawn from the certificate's priors, and the value of every parameter."""
-    rng = np.random.default_rng(seed)
-    model = Model(read_finger("an1979_middle"), LAYOUT, CERTIFICATE)
-    table = model.parameters
-    theta = np.clip(table.centre + rng.normal(size=len(table)) * table.sd, table.lower, table.upper)
-    finger = model.finger.replace_values(**model.values_at(theta)._asdict())
-    return finger, dict(zip(table.names, theta.tolist(), strict=True))
-
-
 @pytest.fixture(scope="module", params=[1, 2])
 def recovered(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Recovered:
     seed = int(request.param)
-    finger, truth = perturbed(seed)
     folder = tmp_path_factory.mktemp(f"rig{seed}")
-    rig = {name: value for name, value in truth.items() if not name.startswith(("point", "fraction"))}
-    _, wrenches = simulate_session(
-        finger, read_protocol("levels"), folder, cell=CELL, seed=seed, finger_name="an1979_middle", truth=rig
-    )
+    truth, wrenches = record(folder, seed)
     bench = Session.open(folder, catalogue=False)
     theta = np.array([truth[name] for name in bench.model.parameters.names])
     return Recovered(bench, refit(bench), theta, wrenches)
@@ -78,7 +59,7 @@ def test_truth_lies_within_the_stated_uncertainty(recovered: Recovered) -> None:
 def test_truth_is_as_likely_as_it_should_be(recovered: Recovered) -> None:
     """How much worse the truth fits than the optimum is chi-square with as many degrees of freedom as parameters."""
     fit = recovered.fit
-    problem = map_problem(recovered.bench.model, recovered.bench.observations)
+    problem = stated_problem(recovered.bench.model, recovered.bench.observations)
     worse = objective_at(problem, recovered.truth) - fit.objective
     low, high = (float(stats.chi2.ppf(p, int(fit.free.sum()))) for p in (1e-3, 1 - 1e-3))
     assert low < worse < high
@@ -109,14 +90,46 @@ def test_validation_cases_are_never_fitted(recovered: Recovered) -> None:
     bench = recovered.bench
     spoilt = bench.observations.wrench.copy()
     spoilt[bench.observations.where("validation")] += 5.0
-    one = refit_map(map_problem(bench.model, bench.observations))
-    two = refit_map(map_problem(bench.model, replace(bench.observations, wrench=spoilt)))
-    assert np.array_equal(one.theta, two.theta)
+    one = add_effects(bench.model, bench.observations, (), starts=1)
+    two = add_effects(bench.model, replace(bench.observations, wrench=spoilt), (), starts=1)
+    assert np.array_equal(one.fit.theta, two.fit.theta)
+
+
+def test_intervals_hold_the_truth_where_loads_scatter_and_hangers_were_not_weighed(tmp_path: Path) -> None:
+    """No file states the scatter: told of noise alone, an interval would be several times too narrow."""
+    truth, _ = record(tmp_path, 7)
+    misstate(tmp_path / "session.yaml", 7, scatter=0.02, hanger_g=12.0)
+    bench = Session.open(tmp_path)
+    fit = add(bench, "hanger_mass", starts=4).fit
+    known = [p for p in fit.parameters if p.identified and p.sd and p.name in truth]
+    z = np.array([(p.value - truth[p.name]) / (p.sd or np.inf) for p in known])
+    assert len(z) > 40
+    assert np.mean(np.abs(z) < 1.96) > 0.85
+    hanger = fit.parameter("hanger_mass.m0")
+    assert hanger.sd is not None
+    assert hanger.value == pytest.approx(12.0, abs=3.0 * hanger.sd)
+    assert fit.errors.scatter == pytest.approx(0.02, abs=0.007)
+    assert "of each tension from case to case" in fit.message
+
+
+def test_a_mistyped_mass_moves_no_parameter(recovered: Recovered) -> None:
+    """The case is said to stand apart, and every value stays within half of what it is uncertain by."""
+    bench = recovered.bench
+    tension = np.asarray(bench.observations.inputs.tension)
+    case = next(i for i in bench.observations.where("identification") if (tension[i] > 0.0).sum() == 1)
+    tripled = np.where(np.arange(len(tension)) == case, 3.0, 1.0)[:, None]
+    inputs = bench.observations.inputs._replace(tension=jnp.asarray(tension * tripled))
+    fit = add_effects(bench.model, replace(bench.observations, inputs=inputs), (), starts=1).fit
+    sound = add_effects(bench.model, bench.observations, (), starts=1).fit
+    assert fit.errors.not_counted == (bench.observations.ids[case],)
+    assert f"Not counted: {bench.observations.ids[case]}" in fit.message
+    sd = np.sqrt(np.diag(sound.covariance))
+    assert np.abs((fit.theta - sound.theta)[sd > 0.0] / sd[sd > 0.0]).max() < 0.5
 
 
 def test_values_that_fit_as_well_widen_the_uncertainty(recovered: Recovered) -> None:
     """Several places fit this rig nearly as well; a single start would not know."""
-    problem = map_problem(recovered.bench.model, recovered.bench.observations)
+    problem = stated_problem(recovered.bench.model, recovered.bench.observations)
     alone = refit_map(problem)
     assert len(recovered.fit.optima) > 1
     assert sum(share for _, share in recovered.fit.optima) == pytest.approx(1.0)
@@ -130,7 +143,7 @@ def test_what_was_not_loaded_is_called_unknown() -> None:
     bench = Session.open("synek2019_H01", catalogue=False)
     keep = ["EDC" not in m for m in bench.observations.masses_g]
     roles = tuple(r if k else "validation" for r, k in zip(bench.observations.roles, keep, strict=True))
-    fit = refit_map(map_problem(bench.model, replace(bench.observations, roles=roles)))
+    fit = refit_map(stated_problem(bench.model, replace(bench.observations, roles=roles)))
     assert not fit.parameter("fraction.EDC_ES").identified
     assert fit.parameter("fraction.RI_ES").identified
     assert "fraction.EDC_ES" in [p.name for p in fit.parameters if not p.identified]
@@ -156,7 +169,7 @@ def test_two_parameters_that_act_alike_are_named_as_a_pair() -> None:
     bench = Session.open("synek2019_HMEAN", catalogue=False)
     budget = replace(SYNEK2019, name="wide", tension_factor_common_sd=0.5, cell_gain_sd=0.5)
     model = Model(bench.model.finger, bench.model.layout, budget)
-    fit = refit_map(map_problem(model, bench.observations))
+    fit = refit_map(stated_problem(model, bench.observations))
     pairs = {frozenset(pair[:2]) for pair in fit.correlated}
     gains = {frozenset(("tension_factor.common", f"cell_gain.{c}")) for c in ("Fx", "Fy")}
     assert pairs & (gains | {frozenset(("cell_gain.Fx", "cell_gain.Fy"))})
@@ -165,7 +178,7 @@ def test_two_parameters_that_act_alike_are_named_as_a_pair() -> None:
 
 def test_a_parameter_at_its_bound_is_said_to_be() -> None:
     bench = Session.open("DEV-12", catalogue=False)
-    fit = refit_map(map_problem(bench.model, bench.observations))
+    fit = refit_map(stated_problem(bench.model, bench.observations))
     held = [p for p in fit.parameters if p.at_bound]
     assert held
     assert all(p.value in (0.0, 1.0) for p in held if p.name.startswith("fraction"))

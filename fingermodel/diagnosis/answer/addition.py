@@ -12,16 +12,55 @@ from numpy.typing import NDArray
 from daq.errors import ModelError
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.posterior.fitting import Fitter
-from fingermodel.diagnosis.posterior.hyper import Hyperparameters
-from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidate, Candidates, Member
+from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters, Node
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.search import Searcher
+from fingermodel.diagnosis.session_model.candidates import Candidate, Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.effects.formula_tree import near
-from fingermodel.fitting.fit_report import Fit
+from fingermodel.fingers import Plane
+from fingermodel.fitting.fit_report import Fit, ReadingErrors
 from fingermodel.fitting.identification import refit_map
-from fingermodel.fitting.problems import map_problem
+from fingermodel.fitting.problems import Problem
 from fingermodel.model import Model
 
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a fit minimises, in plain values: other readings of the session can be fitted alike.
+
+    Attributes:
+        members: of the explanation: names of candidates, and which of its forms each has.
+        node: of the hyperparameters.
+        bad: indices of the cases whose reading may be anything.
+        about: (parameters,) about which scatter and errors of form are found.
+    """
+
+    members: tuple[tuple[str, int], ...]
+    node: Node
+    bad: tuple[int, ...]
+    about: tuple[float, ...]
+
+    @classmethod
+    def of(cls, fit: Optimum, node: Node) -> Recipe:
+        """Return that of a fit under the hyperparameters of a node."""
+        members = tuple((m.candidate.name, m.form) for m in fit.explanation.members)
+        return cls(members, node, tuple(sorted(fit.bad)), tuple(fit.theta.tolist()))
+
+    def problem(
+        self, model: Model, observations: Observations, plane: Plane | None = None, held: Sequence[str] = ()
+    ) -> Problem:
+        """Return the problem that these observations pose; arguments as of `add_effects`."""
+        about, bad = np.array(self.about), frozenset(self.bad)
+        session = session_of(model, observations, plane, held).seen_from(about)
+        candidates = Candidates.of(model, sagittal=session.plane == "sagittal")
+        fitter = Fitter(session, candidates, Hyperparameters.of(session))
+        known = {c.name: c for c in candidates.all}
+        explanation = Explanation(tuple(Member(known[name], form) for name, form in self.members))
+        begun = fitter.linearised(explanation, about, self.node, bad, 0.0)
+        return fitter.problem(explanation, self.node, bad, begun)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,11 +72,13 @@ class Addition:
         names: of the candidates added.
         log_evidence_gain: over the same model without them, the budget's size and the effects' form left open as in a
             diagnosis.
+        recipe: of what the fit minimises.
     """
 
     fit: Fit
     names: tuple[str, ...]
     log_evidence_gain: float
+    recipe: Recipe
 
     def __repr__(self) -> str:
         return f"<Addition of {', '.join(self.names) or 'nothing'}: ln evidence {self.log_evidence_gain:+.1f}>"
@@ -71,6 +112,7 @@ def add_effects(
     observations: Observations,
     names: Sequence[str],
     *,
+    plane: Plane | None = None,
     held: Sequence[str] = (),
     start: Floats | None = None,
     starts: int = 8,
@@ -78,38 +120,40 @@ def add_effects(
 ) -> Addition:
     """Free the best form of each named effect and refit everything.
 
+    Scatter from case to case, noise that plateau and tare do not show, and cases that stand apart are as the readings
+    have them whatever acts: with all candidates free, so that what is missing does not count as scatter. An added
+    effect has the error of form that a diagnosis finds. Budget, anatomy and an assumed noise are as stated.
+
     Args:
         model: with those effects at their null.
         observations: of the session.
         names: of effects or candidates; none refits what is held.
+        plane: of the forces that count; by default what the finger's axes can predict.
         held: parameters of effects that the model has already.
         start: (parameters,) of an earlier fit.
         starts: of the final refit.
         progress: called with the fraction of the final refit that is done.
     """
-    session = session_of(model, observations, None, held)
-    sagittal = session.plane == "sagittal"
+    session = session_of(model, observations, plane, held)
+    sagittal, had = session.plane == "sagittal", {name.split(".")[0] for name in held}
     choices = chosen_candidates(model, names, sagittal=sagittal)
-    candidates = Candidates.of(model, sagittal=sagittal)
-    hyper = Hyperparameters.of(session)
-    fitter = Fitter(session, candidates, hyper)
-    centre = session.problem.centre
-    begun = [
-        fitter.fit(NOTHING, s, hyper.start(0), log_prior=0.0) for s in ([centre] if start is None else [start, centre])
-    ]
-    base = max(begun, key=lambda f: f.log_posterior)
-    best = base
+    candidates = Candidates.of(model, sagittal=sagittal, without=had)
+    fitter, base, every = Searcher(session, candidates, start).settled()
+    best, alone = base, base.log_posterior - base.log_prior
     options = [[Member(c, k) for c in found for k in range(len(c.forms))] for found in choices]
     for members in product(*options) if names else ():
         explanation = candidates.joined(members)
         if explanation is None:
             continue
-        for begin in (base.expected(explanation, base.best), centre):
-            found = fitter.fit(explanation, begin, base.best, log_prior=0.0)
+        for begin in (base.expected(explanation, base.best), session.problem.centre):
+            found = fitter.fit(explanation, begin, base.best, base.bad, log_prior=0.0)
             if best is base or found.log_posterior > best.log_posterior:
                 best = found
-    parameters = model.parameters.names
-    free_names = (*held, *(parameters[i] for i in best.explanation.parameters))
-    problem = map_problem(model, observations, None, free_names)
-    fit = refit_map(problem, start=best.theta, starts=starts, progress=progress)
-    return Addition(fit, best.explanation.names, best.log_posterior - base.log_posterior)
+    gain = 0.0 if best is base else best.log_posterior - alone
+    recipe = Recipe.of(best, fitter.hyper.as_stated(every.best, best.best[FORMS:]))
+    problem = recipe.problem(model, observations, plane, held)
+    values = fitter.hyper.values(recipe.node)
+    extra_noise = None if observations.noise_assumed else values.noise
+    errors = ReadingErrors(values.scatter, extra_noise, tuple(observations.ids[case] for case in recipe.bad))
+    fit = refit_map(problem, start=best.theta, starts=starts, progress=progress, errors=errors)
+    return Addition(fit, best.explanation.names, gain, recipe)

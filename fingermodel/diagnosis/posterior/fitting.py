@@ -14,6 +14,7 @@ from fingermodel.diagnosis.posterior.whitening import Whitening
 from fingermodel.diagnosis.session_model.candidates import Candidates, Explanation, free_mask
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.fitting.identification import reading_slopes, solve
+from fingermodel.fitting.problems import Problem
 
 Floats = NDArray[np.float64]
 
@@ -109,6 +110,24 @@ class Fitter:
 
         It has so many evaluations at most. Errors of form are those found before.
         """
+        weighed = self.problem(explanation, node, bad, before)
+        lower, upper = weighed.lower, weighed.upper
+        begin = np.where(weighed.free, np.clip(start, lower, upper), weighed.centre)
+        solution = solve(weighed, begin, floor, most, crawl=_CRAWL)
+        theta = np.where(weighed.free, np.clip(weighed.centre + weighed.scale * solution.x, lower, upper), begin)
+        return theta, solution.decrement
+
+    def problem(
+        self, explanation: Explanation, node: Node, bad: frozenset[int] = frozenset(), before: Optimum | None = None
+    ) -> Problem:
+        """What is minimised in fitting an explanation under a node's covariance.
+
+        Args:
+            explanation: what is free besides the base model.
+            node: of the hyperparameters.
+            bad: cases whose reading may be anything.
+            before: where its errors of form are found; without, there are none.
+        """
         problem, session = self.session.problem, self.session
         values, fitted = self.hyper.values(node), session.fitted
         blocks = [values.budget * session.nuisances[fitted]]
@@ -118,13 +137,7 @@ class Fitter:
         noise = session.whitened_smooth(values.scatter, values.noise, bad).noise
         whitening = Whitening.of(noise, np.concatenate(blocks, axis=1))
         free = problem.free | free_mask(problem.model, explanation)
-        weighed = replace(problem, sd=self._multiple(values) * problem.sd, free=free)
-        begin = np.where(free, np.clip(start, problem.lower, problem.upper), problem.centre)
-        solution = solve(weighed, begin, floor, most, crawl=_CRAWL, whitener=whitening)
-        theta = np.where(
-            free, np.clip(weighed.centre + weighed.scale * solution.x, problem.lower, problem.upper), begin
-        )
-        return theta, solution.decrement
+        return replace(problem, whitener=whitening, sd=self._multiple(values) * problem.sd, free=free)
 
     def _multiple(self, values: Values) -> Floats:
         """(parameters,) of the widths of the priors."""

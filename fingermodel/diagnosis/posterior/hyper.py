@@ -73,12 +73,14 @@ class Hyperparameters:
         form: error of an effect's form.
         carriers: of something smooth (see `Session.carriers`).
         tendons: how many of them are tendons.
+        noise_assumed: whether the readings' noise is; its axis is then a multiple.
     """
 
     axes: tuple[Axis, ...]
     form: Axis
     carriers: tuple[str, ...]
     tendons: int
+    noise_assumed: bool
 
     @classmethod
     def of(cls, session: Session) -> Hyperparameters:
@@ -111,6 +113,7 @@ class Hyperparameters:
             Axis(forms, np.log(_cells(forms, settings.FORM_SCALE, _half_cauchy))),
             carriers,
             len(set(carriers) & set(session.model.finger.topology.muscles)),
+            assumed,
         )
 
     def start(self, forms: int) -> Node:
@@ -235,6 +238,16 @@ class Hyperparameters:
         """The same node without anything smooth, and with forms no further off than an effect's name allows."""
         most = int(np.flatnonzero(self.form.values <= settings.FORM_NAMED)[-1])
         return (*self.without_smooth(node)[:FORMS], *(min(most, i) for i in node[FORMS:]))
+
+    def as_stated(self, node: Node, forms: Node = ()) -> Node:
+        """The same scatter and noise beside the measured one, with nothing smooth, and all else as stated.
+
+        Args:
+            node: of them.
+            forms: errors of form, as indices on their axis.
+        """
+        noise = self.axes[NOISE].mode if self.noise_assumed else node[NOISE]
+        return (node[SCATTER], noise, *self.start(0)[BUDGET:], *forms)
 
     def sizes(self, node: Node) -> list[int]:
         """How many values each axis of a node has along which one may step."""

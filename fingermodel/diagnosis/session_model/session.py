@@ -31,7 +31,8 @@ from fingermodel.diagnosis.session_model.discrepancy import (
 from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, WhitenedSmooth
 from fingermodel.diagnosis.settings import CLAMP_SHARE, LEVER_MM
 from fingermodel.fingers import Plane
-from fingermodel.fitting.problems import Problem, weighted_problem
+from fingermodel.fitting.problems import Problem, require_rows, weighted_problem
+from fingermodel.fitting.roots import root_of
 from fingermodel.model import Model, tip_kinematics_batch
 from fingermodel.structure import Pieces
 
@@ -198,6 +199,15 @@ class Session:
             self._kept[key] = WhitenedSmooth(whitening, lambda block: session.smooth(block)[session.fitted])
         return self._kept[key]
 
+    def drawn_noise(self, scatter: float, noise: float, rng: np.random.Generator) -> Floats:
+        """Draw errors of the fitted readings (n,): noise and scatter of sizes as of `whitened_smooth`, and tares."""
+        tares = self.tares[self.fitted]
+        z = rng.standard_normal(len(tares))
+        out: Floats = tares @ rng.standard_normal(tares.shape[1])
+        for rows, blocks in self.fitted_noise.covariances(scatter, noise, ()):
+            out[rows] += (root_of(blocks) @ z[rows][..., None])[..., 0]
+        return out
+
     def forget(self) -> None:
         """Let go of what is smooth, whitened or not; what is asked of it again is made again."""
         self._kept.clear()
@@ -320,12 +330,7 @@ def session_of(
     """
     chosen = plane or model.finger.judged_in
     rows, fitted = _rows_of(observations, chosen)
-    if not fitted.any():
-        raise SessionError(
-            "no case with the role identification",
-            "at least one to fit to",
-            "Give cases role: identification; validation cases are never fitted",
-        )
+    require_rows(rows[fitted])
     hung = np.asarray(observations.inputs.tension)[rows[fitted] // 6]
     if not hung.any():
         raise SessionError(

@@ -1,9 +1,10 @@
 """Population runs: every session refitted with every set of effects, to its readings and to readings drawn anew.
 
 The bootstrap is parametric: the readings that are fitted are drawn about the measured ones from the covariance with
-which the fit weighs them, shared tares and the scatter of friction included. Cases are not resampled: a case drawn
-twice would share its tare with itself, and a session has few cases of each kind. So the spread that comes out is that
-of the readings' noise; the errors of the rig, which the fit knows as priors, come on top (the refit's `sd` has both).
+which the fit weighs them: shared tares, and scatter and noise as the readings have them. Cases are not resampled: a
+case drawn twice would share its tare with itself, and a session has few cases of each kind. So the spread that comes
+out is that of the readings' noise; the errors of the rig, which the fit knows as priors, come on top (the refit's `sd`
+has both).
 Errors are always counted against the readings as they were measured.
 
 Each replicate starts from the fit to the measured readings and frees the same parameters. What it draws follows from
@@ -16,7 +17,7 @@ from __future__ import annotations
 import hashlib
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,8 +25,9 @@ from numpy.typing import NDArray
 
 from daq.plain_json import clean
 from fingermodel.comparison.comparison import compare
+from fingermodel.diagnosis.answer.addition import Recipe
+from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.fitting.identification import refit_map
-from fingermodel.fitting.problems import map_problem
 from server.application.additions import add_bench
 from server.service.jobs.bench_input import BenchInput
 from server.service.jobs.executors import Executor
@@ -121,19 +123,23 @@ def _replicates(
 def fit_part(part: Part) -> Result:
     """Carry out one fit, in whatever process."""
     bench = _opened(part)
-    gain = None
     if part.estimate is None:
         _, addition, after = add_bench(bench, part.effects, ())
-        fit, gain, names = addition.fit, addition.log_evidence_gain, addition.names
+        fit, names = addition.fit, addition.names
+        of_estimate = {
+            "log_evidence_gain": addition.log_evidence_gain,
+            "recipe": asdict(addition.recipe),
+            "errors": asdict(fit.errors),
+        }
     else:
         fit, after = _refitted(bench, part, part.estimate)
-        names = tuple(part.estimate["added"])
-    return _result(part, bench, fit, after) | {"added": list(names), "log_evidence_gain": gain}
+        names, of_estimate = tuple(part.estimate["added"]), {"log_evidence_gain": None}
+    return _result(part, bench, fit, after) | {"added": list(names)} | of_estimate
 
 
 def _refitted(bench: Session, part: Part, estimate: Result) -> tuple[Fit, Comparison]:
-    observations = drawn(bench, part.seed, part.bench.id, part.replicate)
-    problem = map_problem(bench.model, observations, None, estimate["effect_parameters"])
+    observations = drawn(bench, estimate, part.seed, part.bench.id, part.replicate)
+    problem = _recipe(estimate).problem(bench.model, observations, held=bench.loaded.added)
     start = problem.centre.copy()
     for name, value in estimate["values"].items():
         start[bench.model.parameters.index[name]] = value
@@ -141,20 +147,29 @@ def _refitted(bench: Session, part: Part, estimate: Result) -> tuple[Fit, Compar
     return fit, compare(bench.model, bench.observations, fit.theta)
 
 
-def drawn(bench: Session, seed: int, session: str, replicate: int) -> Observations:
+def _recipe(estimate: Result) -> Recipe:
+    kept = estimate["recipe"]
+    members = tuple((name, form) for name, form in kept["members"])
+    return Recipe(members, *(tuple(kept[name]) for name in ("node", "bad", "about")))
+
+
+def drawn(bench: Session, estimate: Result, seed: int, session: str, replicate: int) -> Observations:
     """Draw the readings that are fitted anew, about the measured ones.
 
     Args:
         bench: with the measured readings.
+        estimate: result of replicate 0, with the errors of the readings.
         seed: of the run.
         session: its id.
         replicate: number of the draw.
     """
-    problem = map_problem(bench.model, bench.observations)
+    recipe, errors = _recipe(estimate), estimate["errors"]
+    model = session_of(bench.model, bench.observations).seen_from(np.array(recipe.about))
     digest = hashlib.sha256(f"{seed}/{session}/{replicate}".encode()).digest()
-    z = np.random.default_rng(int.from_bytes(digest, "big")).standard_normal(len(problem.rows))
+    rng = np.random.default_rng(int.from_bytes(digest, "big"))
+    noise = 1.0 if errors["extra_noise_N"] is None else errors["extra_noise_N"]
     wrench = bench.observations.wrench.copy()
-    wrench.reshape(-1)[problem.rows] += np.linalg.solve(problem.whitener, z)
+    wrench.reshape(-1)[model.rows[model.fitted]] += model.drawn_noise(errors["scatter"], noise, rng)
     return replace(bench.observations, wrench=wrench)
 
 

@@ -20,13 +20,14 @@ from fingermodel.effects.user import load_effect
 from fingermodel.fingers import Topology
 from fingermodel.fingers.files import read_finger
 from fingermodel.fitting.identification import solve, whole_slopes
-from fingermodel.fitting.problems import DIFFERENTIATED, map_problem, residual_at
+from fingermodel.fitting.problems import DIFFERENTIATED, residual_at
 from fingermodel.model import Model, predict_case
 from fingermodel.parameters import Parameter, two_sided
 from fingermodel.session import Session
 from fingermodel.stages import Effect, Layout, LoadCaseInput, State
 from tests.own_effect import python_file
 from tests.simulator import draw_session
+from tests.stated import stated_problem
 
 
 class Answer(NamedTuple):
@@ -108,13 +109,13 @@ def test_an_effect_from_a_file_is_traced_in_every_process(cache: Path, tmp_path:
     model = Model(
         read_finger("an1979_middle"), bench.model.layout, bench.model.budget, (load_effect(python_file(tmp_path)),)
     )
-    solve(map_problem(model, bench.observations), model.parameters.initial, evaluations=1)
+    solve(stated_problem(model, bench.observations), model.parameters.initial, evaluations=1)
     assert not cache.exists()
 
 
 def test_an_effect_that_does_not_act_is_skipped_without_a_trace() -> None:
     bench = Session.open("synek2019_H01")
-    problem = map_problem(bench.model, bench.observations)
+    problem = stated_problem(bench.model, bench.observations)
     start = problem.centre + 0.3 * problem.scale * np.where(problem.free, 1.0, 0.0)
     skipped, whole = solve(problem, start, evaluations=1), whole_slopes(problem, start)
     # What is compiled together is rounded together: nothing but the last digit.
@@ -128,7 +129,7 @@ def test_an_effect_that_does_not_act_is_skipped_without_a_trace() -> None:
 def test_preparing_load_cases_and_readings_compiles_nothing() -> None:
     """A small program for each new shape takes some 10 ms; a session had fifty of them."""
     bench = Session.open("DEV-01")
-    inputs = bench.observations.inputs
+    inputs, problem = bench.observations.inputs, stated_problem(bench.model, bench.observations)
     events: list[str] = []
 
     def listener(event: str, duration_secs: float, **_: str | int) -> None:
@@ -139,8 +140,7 @@ def test_preparing_load_cases_and_readings_compiles_nothing() -> None:
         # Shapes that nothing else in these tests has.
         odd = LoadCaseInput.batch(**{k: np.repeat(np.asarray(v), 3, axis=0) for k, v in inputs._asdict().items()})
         part = odd.rows(np.arange(61))
-        problem = map_problem(bench.model, bench.observations)
-        thinner = replace(problem, rows=problem.rows[:77], whitener=problem.whitener[:77, :77], _fitted=[])
+        thinner = replace(problem, rows=problem.rows[:77], whitener=np.eye(77), _fitted=[])
         pieces = thinner.fitted_readings.differentiated.cases
     finally:
         jax.monitoring.unregister_event_duration_listener(listener)
@@ -166,7 +166,7 @@ def test_a_session_of_other_cases_settings_and_mountings_is_no_other_program(tmp
     assert len({repr(model.compact.structure) for model in models}) == 1
     shapes = set()
     for bench in (before, after):
-        fitted = map_problem(bench.model, bench.observations).fitted_readings
+        fitted = stated_problem(bench.model, bench.observations).fitted_readings
         for pieces in (fitted.every_case, fitted.differentiated.cases):
             shapes |= {
                 str(jax.tree.map(np.shape, (case, own))) for case, own in zip(pieces.cases, pieces.own, strict=True)
@@ -228,7 +228,7 @@ def test_an_effect_with_parameters_of_its_own_for_each_mounting_is_given_those_o
 
 def _agrees_case_by_case(model: Model, observations: Observations) -> None:
     """Predictions and slopes are those of the model's own structure, one case at a time."""
-    inputs, problem = observations.inputs, map_problem(model, observations)
+    inputs, problem = observations.inputs, stated_problem(model, observations)
     rng = np.random.default_rng(1)
     off = problem.centre + 0.2 * problem.scale * rng.uniform(0.5, 1.5, len(problem.centre))
     theta = np.clip(off, problem.lower, problem.upper)
@@ -247,5 +247,5 @@ def _agrees_case_by_case(model: Model, observations: Observations) -> None:
     np.testing.assert_allclose(free, whole_slopes(problem, start)[:, problem.free], rtol=1e-7, atol=1e-7)
     slopes = np.asarray(model.jacobian(inputs, theta)).reshape(-1, len(theta))[problem.rows]
     np.testing.assert_allclose(
-        whole_slopes(problem, theta), -problem.whitener @ slopes * problem.scale, rtol=1e-7, atol=1e-7
+        -whole_slopes(problem, theta), problem.whitener @ slopes * problem.scale, rtol=1e-7, atol=1e-7
     )

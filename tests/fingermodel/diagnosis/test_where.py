@@ -7,8 +7,8 @@ import pytest
 
 from fingermodel.comparison.comparison import compare
 from fingermodel.diagnosis.answer.where import where
-from fingermodel.fitting.problems import map_problem
 from fingermodel.session import Session
+from tests.stated import stated_problem
 
 
 def test_a_cell_is_the_root_mean_square_of_what_its_cases_have() -> None:
@@ -17,7 +17,7 @@ def test_a_cell_is_the_root_mean_square_of_what_its_cases_have() -> None:
     theta = bench.theta.copy()
     at = table.index["cell_gain.Fx"]
     theta[at] = 5.0 * table.sd[at] + table.initial[at]
-    found = where(map_problem(bench.model, bench.observations, plane, ()), theta)
+    found = where(stated_problem(bench.model, bench.observations, plane, ()), theta)
     cases = [c for c in compare(bench.model, bench.observations, theta).cases if c.role == "identification"]
     assert sum(cell["cases"] for cell in found["cells"]) == len(cases)
     for cell in found["cells"]:

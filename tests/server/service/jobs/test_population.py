@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daq.errors import InputError
-from fingermodel.fitting.problems import map_problem
+from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.session import Session
 from server.service.jobs import population
 from server.service.jobs.bench_input import BenchInput
@@ -118,18 +118,25 @@ def test_parts_of_a_session_that_has_changed_since_are_not_used(plain: tuple[dic
 @pytest.mark.parametrize("name", ["synek2019_H01", "DEV-01"])
 def test_draws_have_the_covariance_of_the_readings_shared_tares_included(name: str) -> None:
     bench = Session.open(name, catalogue=False)
-    problem = map_problem(bench.model, bench.observations)
+    kept = Kept()
+    run(asked(benches=(bench_input(name),), effects=((),), bootstrap=0), kept.tell)
+    estimate = kept.parts[f"{name}/0/0"]
+    scattered = {**estimate, "errors": estimate["errors"] | {"scatter": 0.02}}
+    session = session_of(bench.model, bench.observations).seen_from(np.array(estimate["recipe"]["about"]))
+    problem, noise = session.problem, scattered["errors"]["extra_noise_N"]
+    whitener = session.whitened_smooth(0.02, 1.0 if noise is None else noise, frozenset()).noise
     measured = bench.observations.wrench.reshape(-1)
-    every = np.array([drawn(bench, 1, name, k).wrench.reshape(-1) - measured for k in range(300)])
+    every = np.array([drawn(bench, scattered, 1, name, k).wrench.reshape(-1) - measured for k in range(300)])
     rest = np.setdiff1d(np.arange(len(measured)), problem.rows)
     assert not np.nan_to_num(every[:, rest]).any(), "validation cases stay as they were measured"
-    white = every[:, problem.rows] @ problem.whitener.T
+    white = (whitener @ every[:, problem.rows].T).T
     correlation = white.T @ white / len(white)
     # Entries of a sample covariance of independent unit normals, of 300: sd 0.058 off the diagonal.
     assert np.abs(correlation - np.eye(len(correlation))).max() < 0.4
     assert np.sqrt(np.mean((correlation - np.eye(len(correlation))) ** 2)) == pytest.approx(300**-0.5, rel=0.1)
-    assert np.array_equal(drawn(bench, 1, name, 5).wrench.reshape(-1) - measured, every[5], equal_nan=True)
-    assert not np.array_equal(drawn(bench, 2, name, 5).wrench, drawn(bench, 1, name, 5).wrench, equal_nan=True)
+    again, other = (drawn(bench, scattered, seed, name, 5).wrench.reshape(-1) - measured for seed in (1, 2))
+    assert np.array_equal(again, every[5], equal_nan=True)
+    assert not np.array_equal(other, again, equal_nan=True)
 
 
 def test_a_replicate_without_noise_is_the_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
