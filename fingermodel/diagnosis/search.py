@@ -98,15 +98,23 @@ class Searcher:
         self._kept = 0
 
     def begin(self) -> float:
-        """Fit the base model and all candidates at once; return a log posterior that no explanation exceeds."""
-        self._all = self._begun()
+        """Fit the base model and all candidates at once beside the cases that are bad whatever acts.
+
+        Returns:
+            A log posterior that no explanation exceeds.
+        """
+        self._slipped = self._gross()
+        every = self._begun()
+        if sound := self._sound(every):
+            self._slipped = tuple(cases for cases in self._slipped if not cases & sound)
+            every = self._begun()
+        self._all = self._without_bad_cases(every)
         return self._most_of_any(self._all)
 
     def settled(self) -> tuple[Fitter, Optimum, Optimum]:
-        """Take cases for bad as a search does; return what fits beside them, the base model and all candidates."""
+        """Begin; return what fits beside the bad cases, the base model and all candidates at once."""
         self.begin()
-        every = self._without_bad_cases(self._all)
-        return self._fitter, self.nothing, every
+        return self._fitter, self.nothing, self._all
 
     @property
     def nothing(self) -> Optimum:
@@ -119,7 +127,7 @@ class Searcher:
 
     def run(self, most: int = MOST_FITS) -> Searched:
         """Search on, with so many fits at most."""
-        self._explain(self._without_bad_cases(self._all), most)
+        self._explain(self._all, most)
         while len(self._slipped) < self._most_slips and (cases := self._overlooked()):
             kept, before = (self._slipped, self._fitter, self._fits), self._leader.log_posterior
             self._slipped, self._fits = (*self._slipped, cases), {}
@@ -172,9 +180,31 @@ class Searcher:
         """
         base = self.nothing
         gains = (base.log_joint(n) + 0.5 * (base.misfit(n) - every.misfit(n)) for n in {base.best, every.best})
-        worst = sorted((apart.misfit for apart in every.left_out(every.best).values()), reverse=True)
-        slips = sum(max(LOG_PRIOR_ODDS + 0.5 * misfit, 0.0) for misfit in worst[: self._most_slips])
+        apart = every.left_out(every.best).items()
+        worst = sorted((one.misfit for case, one in apart if case not in every.bad), reverse=True)
+        slips = sum(max(LOG_PRIOR_ODDS + 0.5 * m, 0.0) for m in worst[: self._most_slips - len(self._slipped)])
         return max(base.log_posterior, *gains) + slips
+
+    def _gross(self) -> tuple[frozenset[int], ...]:
+        """Cases so far off that no fit is needed to see it, and any fit would be bent by them; the worst first.
+
+        They are bad although all candidates are free, cases scatter much, and budget and anatomy are as wide as can be.
+        """
+        node = self._hyper.lenient
+        host = self._fitter.linearised(self._every, self._session.problem.centre, node, frozenset(), 0.0)
+        while len(host.bad) < self._most_slips:
+            odds = {case: gain for case, gain in host.log_odds_bad(node).items() if case not in host.bad}
+            worst = max(odds, key=lambda case: odds[case], default=None)
+            if worst is None or LOG_PRIOR_ODDS + odds[worst] < SUSPECT_LOG_ODDS:
+                break
+            host = replace(host, bad=host.bad | {worst})
+        return tuple(frozenset({case}) for case in host.bad)
+
+    def _sound(self, every: Optimum) -> frozenset[int]:
+        """Cases taken for bad that are not where all candidates act, or where none does."""
+        hosts = (every, self.nothing, self._fitter.of_one(self.nothing)) if self._bad else ()
+        odds = [self._odds.of_taken(self._bad, [host], host)[0] for host in hosts]
+        return frozenset(case for of_host in odds for case, value in of_host.items() if value < SUSPECT_LOG_ODDS)
 
     def _without_bad_cases(self, every: Optimum) -> Optimum:
         """Take cases for bad, the worst first, until none is; then those back that the later ones had made so."""
@@ -230,6 +260,11 @@ class Searcher:
             *([] if self._start is None else [self._start]),
         ]:
             self._keep(self._fitter.fit(NOTHING, one, every.mode, self._bad))
+        base = self.nothing
+        if every.misfit(base.best) + every.unkept > base.misfit(base.best) + base.unkept:
+            # With more free it fits no worse: the solver went astray.
+            again = self._fitter.fit(explanation, base.theta, base.best, self._bad, 0.0)
+            every = max(every, again, key=lambda fit: fit.log_posterior)
         return every
 
     def _keep(self, found: Optimum) -> None:

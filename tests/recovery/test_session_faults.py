@@ -97,14 +97,27 @@ def test_a_gain_below_one_is_a_share_of_the_force_that_passes_the_cell_by(tmp_pa
     assert any("past the cell at one mounting, or the cell reads low there" in r for r in found["reasons"])
 
 
-@pytest.mark.parametrize("effects", [pytest.param({}, marks=pytest.mark.full), {"hanger_mass": 40.0}])
-def test_tendons_exchanged_throughout_are_a_fault_of_the_session(tmp_path: Path, effects: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    ("effects", "mistyped"),
+    [
+        pytest.param({}, 1.0, marks=pytest.mark.full),
+        ({"hanger_mass": 40.0}, 1.0),
+        ({}, 10.0),
+        pytest.param({"hanger_mass": 40.0}, 0.1, marks=pytest.mark.full),
+    ],
+)
+def test_tendons_exchanged_throughout_are_a_fault_of_the_session(
+    tmp_path: Path, effects: dict[str, Any], mistyped: float
+) -> None:
+    """Also where one mass is mistyped besides."""
     draw_session(tmp_path, 53, effects, nuisance_scale=0.8)
     file = tmp_path / "session.yaml"
     document = yaml.safe_load(file.read_text(encoding="utf-8"))
     other = {"FDP": "FDS", "FDS": "FDP"}
     for case in document["cases"]:
         case["masses_g"] = {other.get(m, m): g for m, g in case["masses_g"].items()}
+    single = next(c for c in document["cases"] if c["role"] == "identification" and len(c["masses_g"]) == 1)
+    single["masses_g"] = {m: mistyped * g for m, g in single["masses_g"].items()}
     file.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
     found = diagnosed(tmp_path)
     fault = found["session_faults"][0]

@@ -126,6 +126,14 @@ class Hyperparameters:
         scatter = int(np.argmin(np.abs(self.axes[SCATTER].values - _USUAL_SCATTER)))
         return (scatter, *self.start(0)[1:])
 
+    @property
+    def lenient(self) -> Node:
+        """Most scatter, the largest budget and anatomy, and a moderate amplitude of every family of what is smooth."""
+        most = [len(axis.values) - 1 for axis in self.axes]
+        return self.with_smooth(
+            (most[SCATTER], self.axes[NOISE].mode, most[BUDGET], most[ANATOMY], *[0] * (FORMS - SMOOTH))
+        )
+
     def with_smooth(self, node: Node) -> Node:
         """The same node with the stated noise, and a moderate amplitude of every family of something smooth."""
         return self._with_amplitudes(node, [len(self.axes[SMOOTH].values) // 2] * len(FAMILIES))

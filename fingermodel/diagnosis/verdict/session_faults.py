@@ -67,7 +67,7 @@ class PutRight:
 
 
 def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
-    """Put faults of the whole session right, one at a time, and fit the base model again.
+    """Put faults of the whole session right, one at a time, and fit the base model again, slips beside it or not.
 
     Those that balance shows are all fitted; of the others, those that promise most where the finger is as measured.
 
@@ -77,7 +77,7 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     """
     session, hyper = nothing.session, nothing.hyper
     as_measured = Fitter(session, candidates, hyper).linearised(
-        NOTHING, session.problem.centre, hyper.usual, frozenset(), 0.0
+        NOTHING, session.problem.centre, hyper.usual, nothing.bad, 0.0
     )
     entries, fitted = Entries(session, session.problem.centre), session.fitted
     by_balance = list(entries.frames())
@@ -95,7 +95,9 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
         as_entered, *values = as_measured.log_joints_of(away.T, node)
         gains = {o: prior[o.kind] + value - as_entered for o, value in zip(offers, values, strict=True)}
         best |= dict.fromkeys([o for o in sorted(offers, key=lambda o: -gains[o])[:_FITTED] if gains[o] > 0.0])
-    return [_fitted(session, candidates, nothing, o, prior[o.kind]) for o in [*by_balance, *best]]
+    beside = dict.fromkeys([frozenset[int](), nothing.bad])
+    fits = [[_fitted(candidates, nothing, o, prior[o.kind], bad) for bad in beside] for o in [*by_balance, *best]]
+    return [max(of_one, key=lambda put: put.log_posterior) for of_one in fits]
 
 
 def session_faults(found: Sequence[PutRight], posterior: Posterior) -> list[SessionFault]:
@@ -176,20 +178,23 @@ def _log_share(alike: int) -> float:
     return float(np.log(P_FAULT / len(get_args(Kind)) / max(alike, 1)))
 
 
-def _fitted(session: Session, candidates: Candidates, nothing: Optimum, offer: Corrected, log_share: float) -> PutRight:
+def _fitted(
+    candidates: Candidates, nothing: Optimum, offer: Corrected, log_share: float, bad: frozenset[int]
+) -> PutRight:
     """Fit the base model with a fault put right, and one effect beside it."""
+    session = nothing.session
     other = _with_readings(session, offer.observations)
     fitter = Fitter(other, candidates, nothing.hyper)
-    first = fitter.fit(NOTHING, session.problem.centre, nothing.hyper.start(0))
+    first = fitter.fit(NOTHING, session.problem.centre, nothing.hyper.start(0), bad)
     again = replace(fitter, session=other.seen_from(first.theta))
-    best = again.fit(NOTHING, first.theta, first.mode)
+    best = again.fit(NOTHING, first.theta, first.mode, bad)
     alone = log_posterior = best.log_posterior
     if alone + offer.log_density >= nothing.log_posterior:
         # An effect may act as well: the one that the base promises most.
         node = best.hyper.without_smooth(best.best)
         promised = best.promises(candidates.singles, [best.best, node])
         single = candidates.singles[int(np.argmax(promised + [candidates.log_prior(e) for e in candidates.singles]))]
-        beside = again.fit(single, best.expected(single, node), node)
+        beside = again.fit(single, best.expected(single, node), node, bad)
         log_posterior = float(np.logaddexp(alone, beside.log_posterior))
         best = max(best, beside, key=lambda fit: fit.log_posterior)
     words, log_gain = offer.words, 0.0
