@@ -45,6 +45,7 @@ class Diagnosis:
         searched: every fit.
         posterior: of which everything that is said is a marginal.
         stated: the base model as budget and noise are stated: what it leaves is what there is to explain.
+        refitted: the base model as `refit` fits it: errors before anything is added are of this.
         confounding: what the protocol cannot tell apart.
         verdict: with its reasons.
         checks: predictive check of explanations on the validation cases, by explanation.
@@ -62,6 +63,7 @@ class Diagnosis:
     searched: Searched
     posterior: Posterior
     stated: Optimum
+    refitted: Optimum
     confounding: Confounding
     verdict: Verdict
     checks: dict[Explanation, PredictiveCheck]
@@ -115,8 +117,8 @@ class Diagnosis:
         return self.comparisons[fit.explanation].without(apart)
 
     def theta_of(self, fit: Optimum) -> Floats:
-        """Parameters (p,) with which an explanation's fit is compared: of no effect those with the budget as stated."""
-        return fit.theta if fit.explanation.size else self.stated.theta
+        """Parameters (p,) with which an explanation's fit is compared: of no effect those of a refit."""
+        return fit.theta if fit.explanation.size else self.refitted.theta
 
     def validation_rmse(self, fit: Optimum) -> float | None:
         """RMSE [N] of the validation cases that do not stand apart, in the plane that the finger is judged in."""
@@ -158,7 +160,10 @@ def diagnose(
     posterior = Posterior.of(searched.fits, searched.promised)
     nothing = posterior.nothing
     fitter = Fitter(session, candidates, searched.hyper)
-    stated = fitter.fit_at(NOTHING, [nothing.theta, session.problem.centre], stated_node(nothing), nothing.bad)
+    starts = [nothing.theta, session.problem.centre]
+    stated, refitted = (
+        fitter.fit_at(NOTHING, starts, node, nothing.bad) for node in (stated_node(nothing), searched.plain)
+    )
     alike = confounding(nothing, candidates)
     named = likeliest(posterior)
     fit = posterior.best_fit(named) or posterior.leader
@@ -180,7 +185,7 @@ def diagnose(
         found, curves = hints(beside), own_curves(beside)
     if progress:
         progress(1.0)
-    for kept in (*posterior.fits.values(), stated):
+    for kept in (*posterior.fits.values(), stated, refitted):
         kept.forget()
     session.forget()
     return Diagnosis(
@@ -189,6 +194,7 @@ def diagnose(
         searched,
         posterior,
         stated,
+        refitted,
         alike,
         verdict,
         checked,
@@ -198,7 +204,7 @@ def diagnose(
         curves,
         nulls(model, observations),
         time.perf_counter() - began,
-        {e: compare(model, observations, (f if e.size else stated).theta) for e, f in posterior.fits.items()},
+        {e: compare(model, observations, (f if e.size else refitted).theta) for e, f in posterior.fits.items()},
     )
 
 

@@ -50,6 +50,7 @@ class Searched:
         hyper: axes of the hyperparameters.
         fits: the best optimum of each explanation.
         promised: to explanations that were not fitted.
+        plain: node at which a refit counts, scatter and noise as the readings have them with all candidates free.
         bad: log odds of each case that is taken for a bad one, by index of the case.
         slips: what may have been done in these instead of what was entered.
     """
@@ -57,6 +58,7 @@ class Searched:
     hyper: Hyperparameters
     fits: dict[Explanation, Optimum]
     promised: dict[Explanation, Promise]
+    plain: Node
     bad: dict[int, float] = field(default_factory=dict)
     slips: dict[int, Explained] = field(default_factory=dict)
 
@@ -111,10 +113,14 @@ class Searcher:
         self._all = self._without_bad_cases(every)
         return self._most_of_any(self._all)
 
-    def settled(self) -> tuple[Fitter, Optimum, Optimum]:
-        """Begin; return what fits beside the bad cases, the base model and all candidates at once."""
+    def settled(self) -> tuple[Fitter, Optimum, Node]:
+        """Begin; return what fits beside the bad cases, the base model, and the node at which a refit counts."""
         self.begin()
-        return self._fitter, self.nothing, self._all
+        return self._fitter, self.nothing, self._plain
+
+    @property
+    def _plain(self) -> Node:
+        return self._hyper.as_stated(self._all.best)
 
     @property
     def nothing(self) -> Optimum:
@@ -123,7 +129,7 @@ class Searcher:
 
     def unsearched(self) -> Searched:
         """The base model alone, and what it promises the rest."""
-        return Searched(self._hyper, self._fits, self._rest())
+        return Searched(self._hyper, self._fits, self._rest(), self._plain)
 
     def run(self, most: int = MOST_FITS) -> Searched:
         """Search on, with so many fits at most."""
@@ -138,7 +144,7 @@ class Searcher:
                 self._slipped, self._fitter, self._fits = kept
                 break
         odds = self._odds.of_taken(self._bad, self._fits.values(), self._leader)
-        return Searched(self._hyper, self._fits, self._rest(), *odds)
+        return Searched(self._hyper, self._fits, self._rest(), self._plain, *odds)
 
     def _explain(self, every: Optimum, most: int) -> None:
         """Fit explanations, the cases taken for bad as they are."""

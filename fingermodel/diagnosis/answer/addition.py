@@ -138,7 +138,7 @@ def add_effects(
     sagittal, had = session.plane == "sagittal", {name.split(".")[0] for name in held}
     choices = chosen_candidates(model, names, sagittal=sagittal)
     candidates = Candidates.of(model, sagittal=sagittal, without=had)
-    fitter, base, every = Searcher(session, candidates, start).settled()
+    fitter, base, plain = Searcher(session, candidates, start).settled()
     best, alone = base, base.log_posterior - base.log_prior
     options = [[Member(c, k) for c in found for k in range(len(c.forms))] for found in choices]
     for members in product(*options) if names else ():
@@ -150,7 +150,7 @@ def add_effects(
             if best is base or found.log_posterior > best.log_posterior:
                 best = found
     gain = 0.0 if best is base else best.log_posterior - alone
-    recipe = Recipe.of(best, fitter.hyper.as_stated(every.best, best.best[FORMS:]))
+    recipe = Recipe.of(best, (*plain, *best.best[FORMS:]))
     problem = recipe.problem(model, observations, plane, held)
     values = fitter.hyper.values(recipe.node)
     extra_noise = None if observations.noise_assumed else values.noise

@@ -21,7 +21,7 @@ from fingermodel.diagnosis.session_model.slips import Explained
 from fingermodel.diagnosis.settings import LIVE
 from fingermodel.diagnosis.verdict.own_curve import curve_answer
 from fingermodel.diagnosis.verdict.predictive import holding, together
-from fingermodel.diagnosis.verdict.verdict import stated_node
+from fingermodel.diagnosis.verdict.verdict import misfits
 from fingermodel.parameters import with_unit
 
 Floats = NDArray[np.float64]
@@ -44,8 +44,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
     nothing, verdict = posterior.nothing, diagnosis.verdict
     before, after = d.comparisons[nothing.explanation], d.comparisons[best.explanation]
     rows = len(nothing.residual)
-    alone = d.stated.misfit(d.stated.node)
-    added = best.misfit(stated_node(best)) if best.explanation.size else alone
+    alone, added = misfits(d.stated, best if best.explanation.size else d.stated)
     assumed = d.session.observations.noise_assumed
     budget, noise, scatter = posterior.budget, posterior.noise, posterior.scatter
     after_where = where(d.session.problem, d.theta_of(best)) | {"added": list(best.explanation.names)}
@@ -61,7 +60,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "robustness": d.sensitivity.as_dict(),
         "ranking": ranking(d),
         "inclusion": {name: p for name, p in posterior.inclusion.items() if p >= _SHOWN},
-        "where": where(d.session.problem, d.stated.theta) | {"added": []},
+        "where": where(d.session.problem, d.refitted.theta) | {"added": []},
         "where_after": after_where,
         "hints": [h.as_dict() for h in d.hints],
         "curve": curve_answer(d.curves),

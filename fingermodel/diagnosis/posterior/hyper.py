@@ -247,15 +247,10 @@ class Hyperparameters:
         most = int(np.flatnonzero(self.form.values <= settings.FORM_NAMED)[-1])
         return (*self.without_smooth(node)[:FORMS], *(min(most, i) for i in node[FORMS:]))
 
-    def as_stated(self, node: Node, forms: Node = ()) -> Node:
-        """The same scatter and noise beside the measured one, with nothing smooth, and all else as stated.
-
-        Args:
-            node: of them.
-            forms: errors of form, as indices on their axis.
-        """
+    def as_stated(self, node: Node) -> Node:
+        """The same scatter and noise beside the measured one, with nothing smooth, and all else as stated."""
         noise = self.axes[NOISE].mode if self.noise_assumed else node[NOISE]
-        return (node[SCATTER], noise, *self.start(0)[BUDGET:], *forms)
+        return (node[SCATTER], noise, *self.start(0)[BUDGET:])
 
     def sizes(self, node: Node) -> list[int]:
         """How many values each axis of a node has along which one may step."""

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import chdtrc
 
-from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, NOISE
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, FORMS, NOISE
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Candidates
@@ -117,7 +117,7 @@ def _found(
 ) -> Verdict:
     probability, names = posterior.of_names(sure), tuple(sure)
     fit = posterior.best_fit(names) or posterior.leader
-    before, after = _misfit(stated), _misfit(fit)
+    before, after = misfits(stated, fit)
     explain = "explain" if len(names) > 1 else "explains"
     reasons = [
         f"{words(names)} {explain} the readings: misfit {before:.0f} falls to {after:.0f} for "
@@ -217,10 +217,13 @@ def _classes_of(posterior: Posterior, classes: Confounding) -> list[tuple[str, .
     return [c for c in out if len(c) > 1]
 
 
-def _misfit(fit: Optimum) -> float:
-    """Weighted sum of squares that is left with budget and noise as stated, priors' penalty included."""
-    node = stated_node(fit) if fit.explanation.size else fit.node
-    return fit.misfit(node)
+def misfits(stated: Optimum, fit: Optimum) -> tuple[float, float]:
+    """Misfit without and with what an explanation adds: budget as stated, scatter and noise as with the explanation.
+
+    Weighted sums of squares, priors' penalty included.
+    """
+    node = stated_node(fit) if fit.explanation.size else stated.node
+    return stated.misfit(node[:FORMS]), fit.misfit(node)
 
 
 def _cases(posterior: Posterior) -> int:
