@@ -60,7 +60,7 @@ def refit_session(
     if out is not None:
         require_new(out)
     with progress("Reading and correcting") as tell:
-        bench = Session.open(session, model, progress=tell, effects=effects, catalogue=False)
+        bench = Session.open(session, model, progress=tell, effects=effects, catalogue=method == "map")
     with progress("Refitting") as tell:
         before, fit, after = refit_compared(bench, method, plane, tell)
     path = out or free_path(Path("models"), bench.measured.session.id)

@@ -19,7 +19,7 @@ def against_rhombus(progress: Progress) -> tuple[Sheet, dict[str, Any]]:
     results: dict[str, Any] = {}
     for i, specimen in enumerate(SPECIMENS):
         for k, (finger, title) in enumerate(FINGERS.items()):
-            bench = Session.open(f"synek2019_{specimen}", finger, catalogue=False)
+            bench = Session.open(f"synek2019_{specimen}", finger)
             fit = api.refit(bench)
             compared = {
                 "before": comparing.compare(bench),

@@ -228,7 +228,7 @@ def _unseen(fits: list[SpecimenFit]) -> Sheet:
 
 
 def _fit(session: str, name: str) -> SpecimenFit:
-    bench = Session.open(session, catalogue=False)
+    bench = Session.open(session)
     before = comparing.compare(bench)
     return SpecimenFit(
         name,

@@ -133,9 +133,15 @@ def meaning(d: Diagnosis) -> str:
         "one_of": f"one or more of {', '.join(d.verdict.names)} acts",
         "none_of_catalogue": "something acts that no effect of the catalogue describes, whatever else does",
         "nothing_missing": "no effect acts, and nothing unknown",
-        "undecided": "the likeliest single statement",
     }
-    return kinds[d.verdict.kind]
+    if d.verdict.kind != "undecided":
+        return kinds[d.verdict.kind]
+    # Its probability is that of what would be said if it were sure.
+    single = {kinds["nothing_missing"]: d.posterior.p_nothing, kinds["none_of_catalogue"]: d.posterior.p_beyond}
+    single |= {f"{name} acts": p for name, p in d.posterior.inclusion.items()}
+    single |= {kinds["found"]: d.posterior.of_names(d.verdict.names)} if several else {}
+    likeliest = min(single, key=lambda words: abs(single[words] - d.verdict.probability))
+    return f"{likeliest} (the likeliest single statement)"
 
 
 def nulls_beside(d: Diagnosis, held: Sequence[str]) -> str:
