@@ -18,6 +18,7 @@ from daq.vocabulary import did_you_mean
 QUANTITIES = ("t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 HEADERS = ("t_s", "Fx_N", "Fy_N", "Fz_N", "Tx_Nmm", "Ty_Nmm", "Tz_Nmm")
 STATUS = "status"
+_MOMENTS = ("Tx", "Ty", "Tz")
 # By a quantity's first letter.
 KINDS: Mapping[str, Kind] = {"t": "time", "F": "force", "T": "torque"}
 
@@ -90,10 +91,13 @@ def find_columns(headers: Sequence[str], file: str) -> Columns:
         found[column.quantity] = column
     missing = [h for q, h in zip(QUANTITIES, HEADERS, strict=True) if q not in found]
     if missing:
+        three_axes = not any(q in found for q in _MOMENTS) and len(missing) == len(_MOMENTS)
         raise ReadingsError(
             f"{file} lacks {_number_of(missing)} {', '.join(missing)} (it has {_listed(headers)})",
             f"columns {','.join(HEADERS)} in any order",
-            "Name the columns in the first line, with their units",
+            "Of a cell with three axes give each load case its averaged force, force_N, and no readings file"
+            if three_axes
+            else "Name the columns in the first line, with their units",
         )
     used = tuple(found[q] for q in QUANTITIES)
     conversions = tuple(
