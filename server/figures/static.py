@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import io
 import threading
+import warnings
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +27,19 @@ from server.figures.static_traces import draw_trace, legend_handle
 
 __all__ = ["UnsupportedFigureError", "render", "write_static"]
 
+# Of names in other scripts, where they are installed: what comes with Matplotlib has no Chinese, Japanese or Korean.
+_FURTHER_FONTS = (
+    "Noto Sans CJK SC",
+    "Noto Sans CJK JP",
+    "Microsoft YaHei",
+    "Yu Gothic",
+    "Malgun Gothic",
+    "PingFang SC",
+    "Hiragino Sans",
+    "Apple SD Gothic Neo",
+    "WenQuanYi Zen Hei",
+)
 _SETTINGS: Any = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
     "svg.fonttype": "none",
     "svg.hashsalt": "fingertwin",
     "lines.scale_dashes": False,
@@ -56,10 +68,21 @@ def render(figure: Any, file_format: str, scale: float = 2.0) -> bytes:
     require_supported(parts)
     metadata = {"Software": "fingertwin"} if file_format == "png" else {"Date": None, "Creator": "fingertwin"}
     out = io.BytesIO()
-    with _LOCK, mpl.rc_context(_SETTINGS):
+    with _LOCK, mpl.rc_context(_SETTINGS | {"font.family": _fonts()}), warnings.catch_warnings():
+        # A glyph that no font has is drawn as a box; SVG and page keep the text.
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         drawn = _draw(parts)
         drawn.savefig(out, format=file_format, dpi=96 * scale, metadata=metadata)
     return out.getvalue()
+
+
+@cache
+def _fonts() -> list[str]:
+    """Families in which a glyph is looked for, one after another."""
+    from matplotlib.font_manager import fontManager
+
+    installed = {font.name for font in fontManager.ttflist}
+    return ["DejaVu Sans", *(name for name in _FURTHER_FONTS if name in installed)]
 
 
 def write_static(folder: Path, figures: Mapping[str, Any], scale: float = 2.0) -> list[Path]:

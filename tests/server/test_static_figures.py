@@ -191,3 +191,10 @@ def test_what_is_not_drawn_is_refused(figure: go.Figure, words: str) -> None:
 def test_an_unknown_format_is_refused() -> None:
     with pytest.raises(ValueError, match="pdf"):
         render(small([]), "pdf")
+
+
+def test_a_name_in_another_script_is_drawn_without_a_word_and_kept_as_text() -> None:
+    """Warnings are errors here; what no installed font holds is a box in the PNG alone."""
+    figure = go.Figure(go.Scatter(x=[0, 1], y=[0, 1]), layout={"title": {"text": "样本 三"}})
+    assert render(figure, "png").startswith(b"\x89PNG")
+    assert "样本 三" in render(figure, "svg").decode("utf-8")
