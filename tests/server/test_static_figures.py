@@ -193,8 +193,8 @@ def test_an_unknown_format_is_refused() -> None:
         render(small([]), "pdf")
 
 
-def test_a_name_in_another_script_is_drawn_without_a_word_and_kept_as_text() -> None:
+def test_a_name_in_another_script_is_drawn_without_a_warning_and_kept_as_text() -> None:
     """Warnings are errors here; what no installed font holds is a box in the PNG alone."""
-    figure = go.Figure(go.Scatter(x=[0, 1], y=[0, 1]), layout={"title": {"text": "样本 三"}})
-    assert render(figure, "png").startswith(b"\x89PNG")
-    assert "样本 三" in render(figure, "svg").decode("utf-8")
+    named = small([], annotations=[{"text": "样本 三", "x": 2, "y": 2, "showarrow": False}])
+    assert render(named, "png").startswith(b"\x89PNG")
+    assert "样本 三" in render(named, "svg").decode("utf-8")
