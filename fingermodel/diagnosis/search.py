@@ -87,7 +87,7 @@ class Searcher:
     ) -> None:
         self._start = start
         self._candidates, self._hyper = candidates, Hyperparameters.of(session)
-        self._fitter = Fitter(session, candidates, self._hyper)
+        self._fitter = self._about_centre = Fitter(session, candidates, self._hyper)
         self._tell = progress or (lambda _: None)
         self._odds = CaseOdds(session, self._hyper)
         self._fits: dict[Explanation, Optimum] = {}
@@ -110,6 +110,7 @@ class Searcher:
         if sound := self._sound(every):
             self._slipped = tuple(cases for cases in self._slipped if not cases & sound)
             every = self._begun()
+        self._slipped = self._paired(every)
         self._all = self._without_bad_cases(every)
         return self._most_of_any(self._all)
 
@@ -198,7 +199,8 @@ class Searcher:
         """
         node = self._hyper.lenient
         host = self._fitter.linearised(self._every, self._session.problem.centre, node, frozenset(), 0.0)
-        while len(host.bad) < self._most_slips:
+        # A slip may be of two cases.
+        while len(host.bad) < 2 * self._most_slips:
             odds = {case: gain for case, gain in host.log_odds_bad(node).items() if case not in host.bad}
             worst = max(odds, key=lambda case: odds[case], default=None)
             if worst is None or LOG_PRIOR_ODDS + odds[worst] < SUSPECT_LOG_ODDS:
@@ -211,6 +213,14 @@ class Searcher:
         hosts = (every, self.nothing, self._fitter.of_one(self.nothing)) if self._bad else ()
         odds = [self._odds.of_taken(self._bad, [host], host)[0] for host in hosts]
         return frozenset(case for of_host in odds for case, value in of_host.items() if value < SUSPECT_LOG_ODDS)
+
+    def _paired(self, every: Optimum) -> tuple[frozenset[int], ...]:
+        """The slips so far, two bad cases that were exchanged as one."""
+        hosts = (every, self.nothing) if len(self._slipped) > 1 else ()
+        found = [(case, one.partner) for h in hosts for case, one in self._odds.explained(h, self._bad).items()]
+        pairs = dict.fromkeys(frozenset({case, other}) for case, other in found if other in self._bad)
+        paired = frozenset[int]().union(*pairs)
+        return (*pairs, *(cases for cases in self._slipped if not cases <= paired))
 
     def _without_bad_cases(self, every: Optimum) -> Optimum:
         """Take cases for bad, the worst first, until none is; then those back that the later ones had made so."""
@@ -254,9 +264,9 @@ class Searcher:
         """Fit all candidates at once, and the base model from there and from the priors' centre."""
         problem = self._session.problem
         node, explanation = self._hyper.usual, self._every
-        rough = self._fitter.fit_at(explanation, [problem.centre], node, self._bad, _ROUGH)
+        rough = self._about_centre.fit_at(explanation, [problem.centre], node, self._bad, _ROUGH)
         # Scatter changes a reading as the fitted finger does, not as the normative one.
-        self._fitter = replace(self._fitter, session=self._session.seen_from(rough.theta))
+        self._fitter = replace(self._about_centre, session=self._session.seen_from(rough.theta))
         every = self._fitter.fit(explanation, rough.theta, node, self._bad, 0.0)
         self._fits.clear()
         self._asked.clear()
