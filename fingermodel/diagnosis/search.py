@@ -107,10 +107,10 @@ class Searcher:
         """
         self._slipped = self._gross()
         every = self._begun()
-        if sound := self._sound(every):
-            self._slipped = tuple(cases for cases in self._slipped if not cases & sound)
+        sound, taken = self._sound(every), self._bad
+        self._slipped = tuple(cases for cases in self._paired(every) if not cases & sound)[: self._most_slips]
+        if self._bad != taken:
             every = self._begun()
-        self._slipped = self._paired(every)
         self._all = self._without_bad_cases(every)
         return self._most_of_any(self._all)
 
@@ -189,7 +189,8 @@ class Searcher:
         gains = (base.log_joint(n) + 0.5 * (base.misfit(n) - every.misfit(n)) for n in {base.best, every.best})
         apart = every.left_out(every.best).items()
         worst = sorted((one.misfit for case, one in apart if case not in every.bad), reverse=True)
-        slips = sum(max(LOG_PRIOR_ODDS + 0.5 * m, 0.0) for m in worst[: self._most_slips - len(self._slipped)])
+        further = self._most_slips - len(self._slipped)
+        slips = sum(max(LOG_PRIOR_ODDS + 0.5 * misfit, 0.0) for misfit in worst[:further])
         return max(base.log_posterior, *gains) + slips
 
     def _gross(self) -> tuple[frozenset[int], ...]:
@@ -199,14 +200,16 @@ class Searcher:
         """
         node = self._hyper.lenient
         host = self._fitter.linearised(self._every, self._session.problem.centre, node, frozenset(), 0.0)
+        taken: list[int] = []
         # A slip may be of two cases.
-        while len(host.bad) < 2 * self._most_slips:
-            odds = {case: gain for case, gain in host.log_odds_bad(node).items() if case not in host.bad}
+        while len(taken) < 2 * self._most_slips:
+            gains = replace(host, bad=frozenset(taken)).log_odds_bad(node)
+            odds = {case: LOG_PRIOR_ODDS + gain for case, gain in gains.items() if case not in taken}
             worst = max(odds, key=lambda case: odds[case], default=None)
-            if worst is None or LOG_PRIOR_ODDS + odds[worst] < SUSPECT_LOG_ODDS:
+            if worst is None or odds[worst] < SUSPECT_LOG_ODDS:
                 break
-            host = replace(host, bad=host.bad | {worst})
-        return tuple(frozenset({case}) for case in host.bad)
+            taken.append(worst)
+        return tuple(frozenset({case}) for case in taken)
 
     def _sound(self, every: Optimum) -> frozenset[int]:
         """Cases taken for bad that are not where all candidates act, or where none does."""
