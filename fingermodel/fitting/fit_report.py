@@ -58,8 +58,8 @@ class ReadingErrors:
 class Fit:
     """The outcome of a refit as a value; `message` says what to do.
 
-    `optima` are the objective and the probability of each distinct optimum that was found, best first. `weighted` says
-    whether the objective counts in standard uncertainties (Eq 5 does not). `errors` are what it counts with besides.
+    `optima` are objective and probability of each distinct optimum that was found, the values' own first. `weighted`
+    says whether the objective counts in standard uncertainties (Eq 5 does not), `errors` what it counts with besides.
     """
 
     method: str
@@ -115,8 +115,8 @@ def describe(
 ) -> Fit:
     """Turn optima into a `Fit`: covariance, correlations, bounds, what the data say nothing about.
 
-    The best optimum gives the values. Others that the data like nearly as well widen the covariance: each counts by
-    its Laplace evidence, and its distance from the best one is uncertainty too.
+    The most probable optimum gives the values: what its height and its width make together (Laplace). Others widen the
+    covariance: each counts by its probability, and its distance from the most probable one is uncertainty too.
 
     Args:
         problem: that was solved.
@@ -128,17 +128,19 @@ def describe(
         errors: of the readings that the problem counts with.
     """
     table = problem.model.parameters
-    ranked = _distinct(problem, optima)
-    best = ranked[0]
-    theta = best.theta
-    at_bound = held_at_bound(problem, theta)
-    noise = 1.0 if problem.weighted else _noise_variance(problem, best)
-    local = [_laplace(problem, optimum) for optimum in ranked]
+    found = _distinct(problem, optima)
+    noise = 1.0 if problem.weighted else _noise_variance(problem, found[0])
+    laplace = [_laplace(problem, optimum) for optimum in found]
     log_weight = np.array(
-        [-0.5 * o.objective / noise - 0.5 * part.log_det for o, part in zip(ranked, local, strict=True)]
+        [-0.5 * o.objective / noise - 0.5 * part.log_det for o, part in zip(found, laplace, strict=True)]
     )
-    weight = np.exp(log_weight - log_weight.max())
+    # Where nothing says how much readings count, the least objective is all there is to go by.
+    order = np.argsort(-log_weight, kind="stable") if problem.weighted else np.arange(len(found))
+    weight = np.exp(log_weight[order] - log_weight.max())
     weight /= weight.sum()
+    ranked, local = [found[k] for k in order], [laplace[k] for k in order]
+    best, theta = ranked[0], ranked[0].theta
+    at_bound = held_at_bound(problem, theta)
     covariance = np.zeros((len(table), len(table)))
     for share, optimum, part in zip(weight, ranked, local, strict=True):
         away = optimum.theta - theta

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -32,6 +32,8 @@ def refit_map(
     start: Floats | None = None,
     starts: int = 1,
     progress: Callable[[float], None] | None = None,
+    *,
+    also: Sequence[Floats] = (),
     errors: ReadingErrors = ReadingErrors(),  # noqa: B008 - it is frozen
 ) -> Fit:
     """Solve a problem by bounded Levenberg–Marquardt and describe its optimum.
@@ -42,16 +44,18 @@ def refit_map(
         starts: how many; those after the first are drawn from the priors. One finds an optimum, several find out
             whether there are others that fit as well.
         progress: called with the fraction of the starts that are done.
+        also: further starts, each (parameters,).
         errors: of the readings that the problem counts with, to be told.
     """
     began = time.perf_counter()
     optima, evaluations = [], 0
-    for guess in [problem.start if start is None else start, *drawn_starts(problem, starts - 1)]:
+    guesses = [problem.start if start is None else start, *also, *drawn_starts(problem, starts - 1)]
+    for guess in guesses:
         solution = solve(problem, guess)
         evaluations += int(solution.evaluations)
         optima.append(_optimum(problem, solution))
         if progress is not None:
-            progress(len(optima) / starts)
+            progress(len(optima) / len(guesses))
     seconds = time.perf_counter() - began
     before = objective_at(problem, problem.model.parameters.initial)
     return describe(problem, optima, "map", before, evaluations, seconds, errors)

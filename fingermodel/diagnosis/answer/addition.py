@@ -130,15 +130,17 @@ def add_effects(
         names: of effects or candidates; none refits what is held.
         plane: of the forces that count; by default what the finger's axes can predict.
         held: parameters of effects that the model has already.
-        start: (parameters,) of an earlier fit.
-        starts: of the final refit.
+        start: (parameters,) of an earlier fit, one more start of the final refit.
+        starts: of the final refit besides.
         progress: called with the fraction of the final refit that is done.
     """
     session = session_of(model, observations, plane, held)
     sagittal, had = session.plane == "sagittal", {name.split(".")[0] for name in held}
     choices = chosen_candidates(model, names, sagittal=sagittal)
     candidates = Candidates.of(model, sagittal=sagittal, without=had)
-    fitter, base, plain = Searcher(session, candidates, start).settled()
+    # An earlier fit changes nothing of what is minimised: a refit of a refitted model stays where it is.
+    fitter, base, plain = Searcher(session, candidates).settled()
+    also = [] if start is None else [start]
     best, alone = base, base.log_posterior - base.log_prior
     options = [[Member(c, k) for c in found for k in range(len(c.forms))] for found in choices]
     for members in product(*options) if names else ():
@@ -155,5 +157,5 @@ def add_effects(
     values = fitter.hyper.values(recipe.node)
     extra_noise = None if observations.noise_assumed else values.noise
     errors = ReadingErrors(values.scatter, extra_noise, tuple(observations.ids[case] for case in recipe.bad))
-    fit = refit_map(problem, start=best.theta, starts=starts, progress=progress, errors=errors)
+    fit = refit_map(problem, start=best.theta, also=also, starts=starts, progress=progress, errors=errors)
     return Addition(fit, best.explanation.names, gain, recipe)
