@@ -1,10 +1,11 @@
 """How often a fault of the whole session is named: labels, side, signs, units, axes, gain, tare.
 
-    python -m benchmarks.session_faults [--each 4] [--seed-from COMMIT] [--out FILE]
+    python -m benchmarks.session_faults [--each 4] [--mistyped] [--seed-from COMMIT] [--out FILE]
 
 On sessions of the independent simulator, every second with an effect of the catalogue. Each fault is put into the
 session's file or its recording, as a bench makes it. Named means that the first fault said is of its kind, with 0.5
-or more, or that the session is refused with the reason. Seeds come from a commit's name. Writes
+or more, or that the session is refused with the reason. `--mistyped` puts a decimal point of one mass into the wrong
+place besides. Seeds come from a commit's name. Writes
 `benchmarks/session_faults.md`, and every session's outcome beside it as JSON lines.
 """
 
@@ -228,7 +229,14 @@ FAULTS: dict[Fault, str] = {
 }
 
 
-def one_session(seed: int, fault: Fault, acts: bool) -> dict[str, Any]:
+def mistype(session: Recorded, rng: Rng) -> None:
+    """Put the decimal point of one mass of an identification case into the wrong place."""
+    fitted = [c for c in session.document["cases"] if c["role"] == "identification" and c["masses_g"]]
+    masses = fitted[int(rng.integers(len(fitted)))]["masses_g"]
+    masses[min(masses)] *= 10.0 if rng.random() < 0.5 else 0.1
+
+
+def one_session(seed: int, fault: Fault, acts: bool, mistyped: bool = False) -> dict[str, Any]:
     """Draw a session with a fault, diagnose it, and keep what was said."""
     from fingermodel import Session, diagnose
 
@@ -236,7 +244,10 @@ def one_session(seed: int, fault: Fault, acts: bool) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         draw_session(Path(folder), seed, effects, nuisance_scale=1.0)
         recorded = Recorded(Path(folder))
-        fault(recorded, np.random.default_rng(seed))
+        rng = np.random.default_rng(seed)
+        fault(recorded, rng)
+        if mistyped:
+            mistype(recorded, rng)
         recorded.write()
         began, refused = time.perf_counter(), None
         body: Mapping[str, Any] = {"session_faults": [], "verdict": "", "effects": []}
@@ -261,13 +272,13 @@ def one_session(seed: int, fault: Fault, acts: bool) -> dict[str, Any]:
     }
 
 
-def report(rows: list[dict[str, Any]], each: int) -> list[str]:
+def report(rows: list[dict[str, Any]], given: str) -> list[str]:
     """Lines of the page."""
     of = {f: [r for r in rows if r["fault"] == f.__name__] for f in FAULTS}
     return [
         "# Faults of the whole session",
         "",
-        f"`python -m benchmarks.session_faults --each {each}`, {dt.datetime.now(tz=dt.UTC).date()}, commit {commit()}; "
+        f"`python -m benchmarks.session_faults {given}`, {dt.datetime.now(tz=dt.UTC).date()}, commit {commit()}; "
         f"{len(rows)} sessions, {np.median([r['seconds'] for r in rows]):.1f} s each (median, compiling included).",
         "",
         "| figure | rate | 95 % (Wilson) | count |",
@@ -285,6 +296,7 @@ def report(rows: list[dict[str, Any]], each: int) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--each", type=int, default=4, help="sessions of each fault")
+    parser.add_argument("--mistyped", action="store_true", help="one mass is mistyped besides")
     parser.add_argument("--seed-from", default=None, metavar="COMMIT")
     parser.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".md"))
     options = parser.parse_args()
@@ -292,10 +304,11 @@ def main() -> None:
     with options.out.with_suffix(".jsonl").open("w", encoding="utf-8") as kept:
         for number in range(options.each):
             for k, fault in enumerate(FAULTS):
-                rows.append(one_session(base + 100 * number + k, fault, acts=number % 2 == 1))
+                rows.append(one_session(base + 100 * number + k, fault, number % 2 == 1, options.mistyped))
                 kept.write(json.dumps(rows[-1]) + "\n")
                 kept.flush()
-    publish(options.out, report(rows, options.each))
+    given = f"--each {options.each}{' --mistyped' if options.mistyped else ''}"
+    publish(options.out, report(rows, given))
 
 
 if __name__ == "__main__":

@@ -100,7 +100,7 @@ class Searcher:
         self._kept = 0
 
     def begin(self) -> float:
-        """Fit the base model and all candidates at once beside the cases that are bad whatever acts.
+        """Fit the base model and all candidates at once beside the cases that are grossly off.
 
         Returns:
             A log posterior that no explanation exceeds.
@@ -109,14 +109,13 @@ class Searcher:
         every = self._begun()
         sound, taken = self._sound(every), self._bad
         self._slipped = tuple(cases for cases in self._paired(every) if not cases & sound)[: self._most_slips]
-        if self._bad != taken:
-            every = self._begun()
-        self._all = self._without_bad_cases(every)
+        self._all = every if self._bad == taken else self._begun()
         return self._most_of_any(self._all)
 
     def settled(self) -> tuple[Fitter, Optimum, Node]:
-        """Begin; return what fits beside the bad cases, the base model, and the node at which a refit counts."""
+        """Begin, and take all bad cases out; return what fits beside them, the base model, and the node of a refit."""
         self.begin()
+        self._all = self._without_bad_cases(self._all)
         return self._fitter, self.nothing, self._plain
 
     @property
@@ -134,6 +133,7 @@ class Searcher:
 
     def run(self, most: int = MOST_FITS) -> Searched:
         """Search on, with so many fits at most."""
+        self._all = self._without_bad_cases(self._all)
         self._explain(self._all, most)
         while len(self._slipped) < self._most_slips and (cases := self._overlooked()):
             kept, before = (self._slipped, self._fitter, self._fits), self._leader.log_posterior
@@ -213,7 +213,7 @@ class Searcher:
 
     def _sound(self, every: Optimum) -> frozenset[int]:
         """Cases taken for bad that are not where all candidates act, or where none does."""
-        hosts = (every, self.nothing, self._fitter.of_one(self.nothing)) if self._bad else ()
+        hosts = (every, self.nothing) if self._bad else ()
         odds = [self._odds.of_taken(self._bad, [host], host)[0] for host in hosts]
         return frozenset(case for of_host in odds for case, value in of_host.items() if value < SUSPECT_LOG_ODDS)
 

@@ -95,9 +95,14 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
         as_entered, *values = as_measured.log_joints_of(away.T, node)
         gains = {o: prior[o.kind] + value - as_entered for o, value in zip(offers, values, strict=True)}
         best |= dict.fromkeys([o for o in sorted(offers, key=lambda o: -gains[o])[:_FITTED] if gains[o] > 0.0])
-    beside = dict.fromkeys([frozenset[int](), nothing.bad])
-    fits = [[_fitted(candidates, nothing, o, prior[o.kind], bad) for bad in beside] for o in [*by_balance, *best]]
-    return [max(of_one, key=lambda put: put.log_posterior) for of_one in fits]
+    alone = {o: _fitted(candidates, nothing, o, prior[o.kind], frozenset()) for o in [*by_balance, *best]}
+    if not (alone and nothing.bad):
+        return list(alone.values())
+    # Beside slips the likeliest is likelier still.
+    likeliest = max(alone, key=lambda o: alone[o].log_posterior)
+    beside = _fitted(candidates, nothing, likeliest, prior[likeliest.kind], nothing.bad)
+    alone[likeliest] = max(alone[likeliest], beside, key=lambda put: put.log_posterior)
+    return list(alone.values())
 
 
 def session_faults(found: Sequence[PutRight], posterior: Posterior) -> list[SessionFault]:
