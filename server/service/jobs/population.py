@@ -4,12 +4,11 @@ The bootstrap is parametric: the readings that are fitted are drawn about the me
 which the fit weighs them: shared tares, and scatter and noise as the readings have them. Cases are not resampled: a
 case drawn twice would share its tare with itself, and a session has few cases of each kind. So the spread that comes
 out is that of the readings' noise; the errors of the rig, which the fit knows as priors, come on top (the refit's `sd`
-has both).
-Errors are always counted against the readings as they were measured.
+has both). Errors are always counted against the readings as they were measured.
 
 Each replicate starts from the fit to the measured readings and frees the same parameters. What it draws follows from
-seed, session and number alone, so the sets of effects see the same draws, and neither the order nor the place in
-which they are computed changes anything.
+seed, session and number alone, so the sets of effects see the same random numbers, and neither the order nor the place
+in which they are computed changes anything.
 """
 
 from __future__ import annotations
@@ -74,7 +73,12 @@ class Part:
 def run(payload: PopulationInput, tell: Tell) -> Result:
     """Carry a population run out, only what earlier attempts have not done, and return its summary."""
     prints = {b.id: b.fingerprint for b in payload.benches}
-    done = {key: part for key, part in tell.parts.items() if part["fingerprint"] == prints.get(part["session"])}
+    # What an earlier version has fitted to the measured readings does not say how.
+    done = {
+        key: part
+        for key, part in tell.parts.items()
+        if part["fingerprint"] == prints.get(part["session"]) and (part["replicate"] or "recipe" in part)
+    }
     with payload.executor.open() as executor:
         _compute(executor, _estimates(payload, prints), payload, done, tell)
         _compute(executor, _replicates(payload, prints, done), payload, done, tell)
