@@ -290,9 +290,12 @@ def save(session: Session, fit: Fit | Addition, path: str | os.PathLike[str]) ->
         kept = [name for name in session.loaded.added if name in freed]
         removed = {name.split(".")[0] for name in session.loaded.added} - {name.split(".")[0] for name in kept}
         # A refit without the effect, so that its share of the fall is not taken for the effect's.
-        alone = compare(session.at(refit(session.holding(kept)))).summary() if fit.names else None
+        plain = refit(session.holding(kept)) if fit.names else None
+        alone = compare(session.at(plain)).without(plain.errors.not_counted).summary() if plain else None
         evidence = {"log_evidence_gain": fit.log_evidence_gain}
         step = Step(added=fit.names, removed=tuple(sorted(removed)), evidence=evidence, alone=alone)
-    before, after = compare(session).summary(), compare(session.at(fit)).summary()
-    document = save_revision(session, fit.fit if isinstance(fit, Addition) else fit, target, before, after, step)
+    result = fit.fit if isinstance(fit, Addition) else fit
+    apart = result.errors.not_counted
+    before, after = (compare(s).without(apart).summary() for s in (session, session.at(fit)))
+    document = save_revision(session, result, target, before, after, step)
     return revision_of(document, target.name)

@@ -23,12 +23,16 @@ if TYPE_CHECKING:
 def add_bench(
     bench: Session, names: Sequence[str], without: Sequence[str], tell: Progress | None = None
 ) -> tuple[Comparison, Addition, Comparison]:
-    """Refit with effects added and others taken out; errors before are those of the model as it was given."""
+    """Refit with effects added and others taken out; errors before are those of the model as it was given.
+
+    Both comparisons are of the cases that count.
+    """
     held = bench.held_without(without)
-    before = comparing.compare(bench)
     start = bench.theta if bench.refitted else None
     addition = add_effects(bench.model, bench.observations, names, held=held, start=start, progress=tell)
-    return before, addition, compare(bench.model, bench.observations, addition.fit.theta)
+    apart = addition.fit.errors.not_counted
+    after = compare(bench.model, bench.observations, addition.fit.theta).without(apart)
+    return comparing.compare(bench).without(apart), addition, after
 
 
 def refitted_alone(

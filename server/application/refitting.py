@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 def refit_compared(
     bench: Session, method: str = "map", plane: str | None = None, tell: Progress | None = None
 ) -> tuple[Comparison, Fit, Comparison]:
-    """Refit a bench's model, with the comparison before and after."""
-    before = compare(bench)
+    """Refit a bench's model, with the comparison before and after of the cases that count."""
     fit = refit(bench, method, plane=plane, progress=tell)  # type: ignore[arg-type]  # refused by its value
-    return before, fit, compare(bench.at(fit))
+    before, after = (compare(b).without(fit.errors.not_counted) for b in (bench, bench.at(fit)))
+    return before, fit, after
 
 
 def fit_body(fit: Fit, before: Comparison, after: Comparison) -> dict[str, Any]:

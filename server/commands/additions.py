@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
+from fingermodel.comparing import compare
 from fingermodel.effects.catalogue import CATALOGUE, EFFECTS
 from fingermodel.effects.formula_tree import near
 from fingermodel.model_files import free_path, require_new
@@ -77,9 +78,9 @@ def _add_to_session(
     )
     page = None
     if figures:
-        page = draw_comparison(
-            bench, after, figures, before=before, theta=addition.fit.theta, model_name=" + ".join(addition.names)
-        )
+        # Of all cases, those that stand apart included.
+        first, last, name = compare(bench), compare(bench.at(addition)), " + ".join(addition.names)
+        page = draw_comparison(bench, last, figures, before=first, theta=addition.fit.theta, model_name=name)
     body = addition_body(bench, addition, before, alone, after, without) | {
         "history": document["history"],
         "model": str(path),
@@ -91,7 +92,7 @@ def _add_to_session(
         say(f"Evidence: ln Z rises by {addition.log_evidence_gain:.1f} with {', '.join(addition.names)}")
     print_history(document["history"])
     say(f"Model: {path}   (fingertwin diagnose {session} --model {path})")
-    print_fall(before, alone, after)
+    print_fall(before, alone, after, without=addition.fit.errors.not_counted)
     print_fit(addition.fit)
     if page:
         say(f"Figures: {page}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,12 +67,14 @@ def refit_session(
     save_revision(bench, fit, path, before.summary(), after.summary())
     page = None
     if figures:
-        page = draw_comparison(bench, after, figures, before=before, theta=fit.theta, model_name="refitted")
+        # Of all cases, those that stand apart included.
+        first, last = compare(bench), compare(bench.at(fit))
+        page = draw_comparison(bench, last, figures, before=first, theta=fit.theta, model_name="refitted")
     body = provenance(bench) | fit_body(fit, before, after) | {"model": str(path)}
     if answer("refit", body, json):
         return
     say_first(body)
-    print_fall(before, after)
+    print_fall(before, after, without=fit.errors.not_counted)
     say(f"Model: {path}   (fingertwin compare {session} --model {path})")
     print_fit(fit)
     if page:
@@ -138,13 +140,13 @@ def _errors(groups: Mapping[str, Any]) -> tuple[list[str], list[list[Any]]]:
     ]
 
 
-def print_fall(*comparisons: Comparison | None) -> None:
-    """Print the errors before, refitted alone where something was added, and after."""
-    summaries = [c.summary() for c in comparisons if c is not None]
+def print_fall(*comparisons: Comparison | None, without: Sequence[str] = ()) -> None:
+    """Print the errors before, refitted alone where something was added, and after; and which cases do not count."""
+    summaries, shown_ids = [c.summary() for c in comparisons if c is not None], ", ".join(without)
     steps = "before → refitted alone → with what was added" if len(summaries) > 2 else "before → after"
     keys = ("rmse_N", "direction_error_deg", "magnitude_error_pct")
     table(
-        f"Errors {steps} (validation cases were not fitted)",
+        f"Errors {steps} (validation cases were not fitted{f'; without {shown_ids}' if shown_ids else ''})",
         ["cases", "plane", "RMSE [N]", "direction [deg]", "magnitude [%]"],
         [
             [_words(name), plane, *(" → ".join(shown(s[name][plane][key]) for s in summaries) for key in keys)]

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from daq.locations import data_dir
-from daq.sessions import session_names
+from daq.sessions import read_session, session_names
 from tests.server.command_line import CASE, ERRORS, H01, HMEAN, Document, altered, every_case, numbers, refused, run
 
 # compare
@@ -103,6 +103,26 @@ def test_a_refit_lowers_the_error_and_says_what_it_did(revision: tuple[Path, Doc
     for name in ("identification/tip", "validation/tip"):
         before, after = (body[when][name]["sagittal"]["rmse_N"] for when in ("before", "after"))
         assert after < before
+
+
+def test_a_case_with_a_mistyped_mass_counts_in_no_error_of_a_refit(tmp_path: Path) -> None:
+    def mistype(document: Document) -> None:
+        masses = document["cases"][3]["masses_g"]
+        masses.update({muscle: 10.0 * mass for muscle, mass in masses.items()})
+
+    session = altered(tmp_path, mistype, "DEV-02")
+    case = read_session(session).cases[3]
+    given = ("refit", session, "--out", tmp_path / "r1.json")
+    body = run(*given, "--json", "-").body("refit")
+    assert body["reading_errors"]["not_counted"] == [case.id]
+    sound = run("refit", "DEV-02", "--out", tmp_path / "r2.json", "--json", "-").body("refit")
+    of_case = f"{case.role}/{case.location}"
+    for when in ("before", "after"):
+        counts = [found[when][of_case]["space"]["cases"] for found in (body, sound)]
+        assert counts == [counts[1] - 1, counts[1]]
+    ours, theirs = (found["after"]["validation/tip"]["space"]["rmse_N"] for found in (body, sound))
+    assert ours == pytest.approx(theirs, rel=0.2)
+    assert f"without {case.id}" in run("refit", session, "--out", tmp_path / "r3.json").out
 
 
 def test_a_revision_compares_as_its_refit_said(revision: tuple[Path, Document]) -> None:
