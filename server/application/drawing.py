@@ -32,13 +32,17 @@ def draw_comparison(
 
     Args:
         bench: session and model.
-        comparison: to draw.
+        comparison: to draw; of a refit, of the cases that count.
         folder: for `compare.html`, PNG and SVG.
         before: of the model before a refit.
         theta: fitted parameters of `comparison`; by default the bench's.
         model_name: for titles; by default the loaded model's.
         static: whether to write PNG and SVG too.
     """
+    drawn, observations = {case.id for case in comparison.cases}, bench.observations
+    cases = zip(observations.ids, observations.roles, strict=True)
+    apart = ", ".join(case for case, role in cases if role != "check" and case not in drawn)
+    left_out = [f"Left out, since a fit does not count what stands apart: {apart}."] if apart else []
     return comparison_report(
         folder,
         Compared.of(
@@ -50,7 +54,7 @@ def draw_comparison(
             name=model_name,
         ),
         session=bench.measured.session.id,
-        notes=comparison_notes(bench),
+        notes=[*left_out, *comparison_notes(bench)],
         origin=origin_of(bench, readings_digest(bench.measured)),
         static=static,
     )

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
-from fingermodel.comparing import compare
 from fingermodel.effects.catalogue import CATALOGUE, EFFECTS
 from fingermodel.effects.formula_tree import near
 from fingermodel.model_files import free_path, require_new
@@ -78,9 +77,8 @@ def _add_to_session(
     )
     page = None
     if figures:
-        # Of all cases, those that stand apart included.
-        first, last, name = compare(bench), compare(bench.at(addition)), " + ".join(addition.names)
-        page = draw_comparison(bench, last, figures, before=first, theta=addition.fit.theta, model_name=name)
+        name = " + ".join(addition.names)
+        page = draw_comparison(bench, after, figures, before=before, theta=addition.fit.theta, model_name=name)
     body = addition_body(bench, addition, before, alone, after, without) | {
         "history": document["history"],
         "model": str(path),

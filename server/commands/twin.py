@@ -67,9 +67,7 @@ def refit_session(
     save_revision(bench, fit, path, before.summary(), after.summary())
     page = None
     if figures:
-        # Of all cases, those that stand apart included.
-        first, last = compare(bench), compare(bench.at(fit))
-        page = draw_comparison(bench, last, figures, before=first, theta=fit.theta, model_name="refitted")
+        page = draw_comparison(bench, after, figures, before=before, theta=fit.theta, model_name="refitted")
     body = provenance(bench) | fit_body(fit, before, after) | {"model": str(path)}
     if answer("refit", body, json):
         return

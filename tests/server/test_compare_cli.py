@@ -122,7 +122,10 @@ def test_a_case_with_a_mistyped_mass_counts_in_no_error_of_a_refit(tmp_path: Pat
         assert counts == [counts[1] - 1, counts[1]]
     ours, theirs = (found["after"]["validation/tip"]["space"]["rmse_N"] for found in (body, sound))
     assert ours == pytest.approx(theirs, rel=0.2)
-    assert f"without {case.id}" in run("refit", session, "--out", tmp_path / "r3.json").out
+    told = run("refit", session, "--out", tmp_path / "r3.json", "--figures", tmp_path / "figures").out
+    assert f"without {case.id}" in told
+    page = (tmp_path / "figures" / "compare.html").read_text(encoding="utf-8")
+    assert f"does not count what stands apart: {case.id}." in page
 
 
 def test_a_revision_compares_as_its_refit_said(revision: tuple[Path, Document]) -> None:
