@@ -11,7 +11,6 @@ least-squares fit counts that is told of nothing else). Seeds come from a commit
 
 from __future__ import annotations
 
-import argparse
 import datetime as dt
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -20,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from benchmarks.machine import commit, publish
+from benchmarks.machine import commit, publish, sessions_parser
 from benchmarks.random_worlds import base_seed
 from tests.recovery.rigs import misstate, record
 
@@ -106,11 +105,7 @@ def report(rows: Sequence[Held], each: int) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--each", type=int, default=20, help="sessions of each scatter")
-    parser.add_argument("--seed-from", default=None, metavar="COMMIT")
-    parser.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".md"))
-    options = parser.parse_args()
+    options = sessions_parser(__doc__, 20, "scatter", __file__).parse_args()
     base = base_seed(options.seed_from)
     plans = [(base + k, s) for k in range(options.each) for s in SCATTERS]
     publish(options.out, report([one_session(*plan) for plan in plans], options.each))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import platform
 import statistics
@@ -66,6 +67,22 @@ class Timing:
     def own_share(self) -> float:
         """Share of the core during the fastest repetition."""
         return self.share[self.seconds.index(self.least)]
+
+
+def sessions_parser(doc: str | None, each: int, of: str, file: str) -> argparse.ArgumentParser:
+    """Options that benchmarks on drawn sessions share.
+
+    Args:
+        doc: of the benchmark.
+        each: how many sessions by default.
+        of: what each so many are of, in words.
+        file: of the benchmark; its figures lie beside it.
+    """
+    parser = argparse.ArgumentParser(description=doc)
+    parser.add_argument("--each", type=int, default=each, help=f"sessions of each {of}")
+    parser.add_argument("--seed-from", default=None, metavar="COMMIT")
+    parser.add_argument("--out", type=Path, default=Path(file).with_suffix(".md"))
+    return parser
 
 
 def repeat(work: Callable[[], object], times: int, patience_s: float = 20.0) -> Timing:

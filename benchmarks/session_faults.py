@@ -11,7 +11,6 @@ place besides. Seeds come from a commit's name. Writes
 
 from __future__ import annotations
 
-import argparse
 import datetime as dt
 import json
 import tempfile
@@ -26,7 +25,7 @@ import yaml
 from numpy.typing import NDArray
 from pyarrow import parquet
 
-from benchmarks.machine import commit, publish
+from benchmarks.machine import commit, publish, sessions_parser
 from benchmarks.random_worlds import base_seed
 from benchmarks.recovery import rate_line
 from daq.errors import InputError
@@ -294,11 +293,8 @@ def report(rows: list[dict[str, Any]], given: str) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--each", type=int, default=4, help="sessions of each fault")
+    parser = sessions_parser(__doc__, 4, "fault", __file__)
     parser.add_argument("--mistyped", action="store_true", help="one mass is mistyped besides")
-    parser.add_argument("--seed-from", default=None, metavar="COMMIT")
-    parser.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".md"))
     options = parser.parse_args()
     base, rows = base_seed(options.seed_from), []
     with options.out.with_suffix(".jsonl").open("w", encoding="utf-8") as kept:

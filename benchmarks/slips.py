@@ -11,7 +11,6 @@ moves the readings of its cases by more than three times what noise and scatter 
 
 from __future__ import annotations
 
-import argparse
 import datetime as dt
 import json
 import tempfile
@@ -21,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import commit, publish
+from benchmarks.machine import commit, publish, sessions_parser
 from benchmarks.random_worlds import base_seed
 from benchmarks.recovery import rate_line
 from tests.simulator import draw_session, draw_truth
@@ -122,11 +121,7 @@ def report(rows: list[dict[str, Any]], each: int) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--each", type=int, default=4, help="sessions of each kind, effect and scatter")
-    parser.add_argument("--seed-from", default=None, metavar="COMMIT")
-    parser.add_argument("--out", type=Path, default=Path(__file__).with_suffix(".md"))
-    options = parser.parse_args()
+    options = sessions_parser(__doc__, 4, "kind, effect and scatter", __file__).parse_args()
     base = base_seed(options.seed_from)
     plans = [(k, a, s) for _ in range(options.each) for s in SCATTERS for a in (False, True) for k in (*KINDS, None)]
     rows = []

@@ -54,6 +54,10 @@ class ReadingErrors:
     not_counted: tuple[str, ...] = ()
 
 
+# What a fit counts with that is told of nothing else.
+AS_STATED = ReadingErrors()
+
+
 @dataclass(frozen=True, repr=False)
 class Fit:
     """The outcome of a refit as a value; `message` says what to do.
@@ -77,7 +81,7 @@ class Fit:
     residuals: int
     optima: tuple[tuple[float, float], ...] = ()
     weighted: bool = True
-    errors: ReadingErrors = ReadingErrors()
+    errors: ReadingErrors = AS_STATED
 
     def __repr__(self) -> str:
         return f"<Fit ({self.method}), {self.outcome}: {int(self.free.sum())} parameters>"
@@ -111,7 +115,7 @@ def describe(
     before: float,
     evaluations: int,
     seconds: float,
-    errors: ReadingErrors = ReadingErrors(),
+    errors: ReadingErrors = AS_STATED,
 ) -> Fit:
     """Turn optima into a `Fit`: covariance, correlations, bounds, what the data say nothing about.
 

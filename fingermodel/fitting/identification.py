@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fingermodel.compiled.programs import stored
 from fingermodel.fingers import FingerValues
-from fingermodel.fitting.fit_report import Fit, Optimum, Outcome, ReadingErrors, describe
+from fingermodel.fitting.fit_report import AS_STATED, Fit, Optimum, Outcome, ReadingErrors, describe
 from fingermodel.fitting.problems import Differentiated, Problem, objective_at
 from fingermodel.fitting.solver import CONVERGED, NOT_FINITE, STALLED, Solution, minimise
 from fingermodel.model import predict_batch, predict_parts
@@ -34,7 +34,7 @@ def refit_map(
     progress: Callable[[float], None] | None = None,
     *,
     also: Sequence[Floats] = (),
-    errors: ReadingErrors = ReadingErrors(),  # noqa: B008 - it is frozen
+    errors: ReadingErrors = AS_STATED,
 ) -> Fit:
     """Solve a problem by bounded Levenberg–Marquardt and describe its optimum.
 
