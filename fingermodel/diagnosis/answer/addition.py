@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -61,6 +61,13 @@ class Recipe:
         explanation = Explanation(tuple(Member(known[name], form) for name, form in self.members))
         begun = fitter.linearised(explanation, about, self.node, bad, 0.0)
         return fitter.problem(explanation, self.node, bad, begun)
+
+    def drawn(self, model: Model, observations: Observations, rng: np.random.Generator) -> Observations:
+        """Draw the readings that are fitted anew about these, with the errors that the fit counts with."""
+        session = session_of(model, observations).seen_from(np.array(self.about))
+        values, wrench = Hyperparameters.of(session).values(self.node), observations.wrench.copy()
+        wrench.reshape(-1)[session.rows[session.fitted]] += session.drawn_noise(values.scatter, values.noise, rng)
+        return replace(observations, wrench=wrench)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

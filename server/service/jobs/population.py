@@ -16,16 +16,14 @@ from __future__ import annotations
 import hashlib
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.plain_json import clean
 from fingermodel.comparison.comparison import compare
 from fingermodel.diagnosis.answer.addition import Recipe
-from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.fitting.identification import refit_map
 from server.application.additions import add_bench
 from server.service.jobs.bench_input import BenchInput
@@ -39,8 +37,6 @@ if TYPE_CHECKING:
     from fingermodel.comparison.observations import Observations
     from fingermodel.fitting.fit_report import Fit
     from fingermodel.session import Session
-
-Floats = NDArray[np.float64]
 
 # Benches that a process keeps open between fits.
 _KEPT_OPEN = 8
@@ -133,7 +129,6 @@ def fit_part(part: Part) -> Result:
         of_estimate = {
             "log_evidence_gain": addition.log_evidence_gain,
             "recipe": asdict(addition.recipe),
-            "errors": asdict(fit.errors),
         }
     else:
         fit, after = _refitted(bench, part, part.estimate)
@@ -162,19 +157,14 @@ def drawn(bench: Session, estimate: Result, seed: int, session: str, replicate: 
 
     Args:
         bench: with the measured readings.
-        estimate: result of replicate 0, with the errors of the readings.
+        estimate: result of replicate 0, which says what errors the readings have.
         seed: of the run.
         session: its id.
         replicate: number of the draw.
     """
-    recipe, errors = _recipe(estimate), estimate["errors"]
-    model = session_of(bench.model, bench.observations).seen_from(np.array(recipe.about))
     digest = hashlib.sha256(f"{seed}/{session}/{replicate}".encode()).digest()
     rng = np.random.default_rng(int.from_bytes(digest, "big"))
-    noise = 1.0 if errors["extra_noise_N"] is None else errors["extra_noise_N"]
-    wrench = bench.observations.wrench.copy()
-    wrench.reshape(-1)[model.rows[model.fitted]] += model.drawn_noise(errors["scatter"], noise, rng)
-    return replace(bench.observations, wrench=wrench)
+    return _recipe(estimate).drawn(bench.model, bench.observations, rng)
 
 
 def _result(part: Part, bench: Session, fit: Fit, after: Comparison) -> Result:

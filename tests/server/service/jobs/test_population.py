@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from daq.errors import InputError
+from fingermodel.diagnosis.posterior.hyper import Hyperparameters
 from fingermodel.diagnosis.session_model.session import session_of
+from fingermodel.diagnosis.settings import SCATTERS
 from fingermodel.session import Session
 from server.service.jobs import population
 from server.service.jobs.bench_input import BenchInput
@@ -121,10 +123,13 @@ def test_draws_have_the_covariance_of_the_readings_shared_tares_included(name: s
     kept = Kept()
     run(asked(benches=(bench_input(name),), effects=((),), bootstrap=0), kept.tell)
     estimate = kept.parts[f"{name}/0/0"]
-    scattered = {**estimate, "errors": estimate["errors"] | {"scatter": 0.02}}
+    # A hyperparameter is kept as its place on its axis.
+    node = [int(np.searchsorted(SCATTERS, 0.02)), *estimate["recipe"]["node"][1:]]
+    scattered = {**estimate, "recipe": estimate["recipe"] | {"node": node}}
     session = session_of(bench.model, bench.observations).seen_from(np.array(estimate["recipe"]["about"]))
-    problem, noise = session.problem, scattered["errors"]["extra_noise_N"]
-    whitener = session.whitened_smooth(0.02, 1.0 if noise is None else noise, frozenset()).noise
+    problem, values = session.problem, Hyperparameters.of(session).values(tuple(node))
+    assert values.scatter == 0.02
+    whitener = session.whitened_smooth(0.02, values.noise, frozenset()).noise
     measured = bench.observations.wrench.reshape(-1)
     every = np.array([drawn(bench, scattered, 1, name, k).wrench.reshape(-1) - measured for k in range(300)])
     rest = np.setdiff1d(np.arange(len(measured)), problem.rows)
