@@ -39,7 +39,7 @@ class MeasuredCase:
 
     Attributes:
         case: what was set.
-        wrench: (6,) [N, N mm] in mount axes, right-hand-equivalent; NaN torque where it was not read.
+        wrench: (6,) [N, N mm] in mount axes, right-hand-equivalent; NaN moments where none was read.
         covariance: (6, 6) of the loaded reading alone (plateau, quantisation, drift between two tares); the tares' part
             is shared between cases and comes with `MeasuredSession.covariance`.
         loaded_mid_s: middle of the loaded window; unloaded_mid_s: of the tare before.

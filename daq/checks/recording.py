@@ -244,12 +244,13 @@ def _stuck(scan: RecordingScan, file: str) -> list[Finding]:
     out: list[Finding] = []
     for k, name in enumerate(AXES):
         if scan.most[k] == scan.least[k]:
+            moment = k >= 3
             out.append(
                 finding(
-                    "error",
+                    "warning" if moment else "error",
                     "constant_channel",
                     f"{file}: {name}",
-                    f"{scan.rows} readings are all {scan.most[k]:g}",
+                    f"{scan.rows} readings are all {scan.most[k]:g}" + (", and count as not read" if moment else ""),
                     "the noise of a live channel",
                     "Look for a broken wire, or a column that was filled in",
                 )

@@ -95,7 +95,7 @@ def find_columns(headers: Sequence[str], file: str) -> Columns:
         raise ReadingsError(
             f"{file} lacks {_number_of(missing)} {', '.join(missing)} (it has {_listed(headers)})",
             f"columns {','.join(HEADERS)} in any order",
-            "Of a cell with three axes give each load case its averaged force, force_N, and no readings file"
+            "Of a cell with three axes fill the moments with 0 (they count as not read), or give averages, force_N"
             if three_axes
             else "Name the columns in the first line, with their units",
         )

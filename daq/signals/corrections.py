@@ -77,6 +77,7 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
     tares, index = _tares(cases, plateaus, transforms)
     weights = np.zeros((len(cases), len(tares)))
     drift = _drift_per_s(cases, tares, index)
+    unread = {mount: _unread_moments(plateaus, transform) for mount, transform in transforms.items()}
     measured = []
     for row, case in enumerate(cases):
         if case.loaded_s is None or case.unloaded_s is None:
@@ -97,6 +98,7 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
             covariance = covariance + np.diag(drift[row] * (t - t0) * (t1 - t) / (t1 - t0))
         for k in np.flatnonzero(weights[row]):
             wrench = wrench - weights[row, k] * tares[k].mean
+        wrench[unread[case.location]] = np.nan
         measured.append(
             MeasuredCase(
                 case=case,
@@ -106,7 +108,7 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
                 unloaded_mid_s=tares[before].mid_s,
                 steady=plateau.steady,
                 plateau=plateau,
-                has_torque=True,
+                has_torque=not unread[case.location].any(),
                 noise_stated=True,
             )
         )
@@ -142,6 +144,18 @@ def windows_of(session: Session) -> dict[Span, str]:
         out.setdefault(check.unloaded_s, f"checks[{i}]: unloaded_s")
         out.setdefault(check.loaded_s, f"checks[{i}]: loaded_s")
     return out
+
+
+def _unread_moments(plateaus: Mapping[Span, Plateau], transform: MountTransform) -> NDArray[np.bool_]:
+    """Say which moments (6,) of a mount come from channels that never change, in any window.
+
+    Such a channel is a wire that is broken, or a column of a three-axis recording that was filled in. Its readings are
+    no moments of zero. Forces are left as they are: without one of them there is no session, and `check` says so.
+    """
+    means = np.array([p.mean for p in plateaus.values()]).reshape(-1, 6)
+    steps = np.array([p.step for p in plateaus.values()]).reshape(-1, 6)
+    dead = ~steps.any(axis=0) & np.isclose(means, means[:1], rtol=1e-12, atol=1e-12).all(axis=0) & (len(means) > 1)
+    return (transform.matrix != 0.0) @ (dead & (np.arange(6) > 2))
 
 
 def _tares(

@@ -92,6 +92,10 @@ def poison(_: dict[str, Any], b: ReadingBlock) -> None:
 
 
 def constant(_: dict[str, Any], b: ReadingBlock) -> None:
+    b.wrench[:, 1] = 1.5
+
+
+def constant_moment(_: dict[str, Any], b: ReadingBlock) -> None:
     b.wrench[:, 4] = 1.5
 
 
@@ -172,6 +176,7 @@ DEFECTS: dict[str, tuple[Change, str, str]] = {
     "posture set since": (top(events=[{"t_s": 4.1, "kind": "set_posture"}]), "warning", "stale_tare"),
     "tare of two postures": (case(1, unloaded_s=window(0)), "warning", "stale_tare"),
     "constant": (constant, "error", "constant_channel"),
+    "constant moment": (constant_moment, "warning", "constant_channel"),
     "stuck": (stick, "warning", "stuck_channel"),
     "status": (flag, "warning", "status_flags"),
     "flagged window": (flag, "warning", "flagged_window"),

@@ -38,6 +38,29 @@ def test_the_tare_is_taken_away_exactly(tmp_path: Path) -> None:
     assert measured.tension_factor == 0.835
 
 
+@pytest.mark.parametrize(("turned", "unread"), [({}, [4]), ({"rotation_deg": [0, 0, 30]}, [3, 4])])
+def test_a_moment_that_never_changes_is_not_read(turned: dict[str, Any], unread: list[int], tmp_path: Path) -> None:
+    data = recorded(2)
+    data["load_cell"]["mounts"]["tip"] |= turned
+    levels = [ZERO, ZERO + WRENCH, 2 * ZERO, 2 * ZERO - WRENCH]
+    live = measure(bench(tmp_path / "live", data, record(levels, noise=0.02)))
+    block = record(levels, noise=0.02)
+    block.wrench[:, 4] = 1.5
+    dead = measure(bench(tmp_path / "dead", data, block))
+    read = np.setdiff1d(np.arange(6), unread)
+    for case, whole in zip(dead.cases, live.cases, strict=True):
+        assert whole.has_torque
+        assert not case.has_torque
+        assert np.flatnonzero(np.isnan(case.wrench)).tolist() == unread
+        np.testing.assert_allclose(case.wrench[read], whole.wrench[read], atol=1e-12)
+
+
+def test_a_force_that_never_changes_stays_as_it_was_read(tmp_path: Path) -> None:
+    block = record([ZERO, ZERO + WRENCH], noise=0.02)
+    block.wrench[:, 1] = 1.5
+    assert measure(bench(tmp_path / "s", recorded(1), block)).cases[0].wrench[1] == pytest.approx(0.0, abs=1e-9)
+
+
 def test_two_tares_take_a_straight_drift_away_exactly(tmp_path: Path) -> None:
     def drift(t: Floats) -> Floats:
         return np.outer(t, [0.05, -0.1, 0.02, 1.0, 0.3, -0.7])
