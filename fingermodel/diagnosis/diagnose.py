@@ -17,7 +17,9 @@ from fingermodel.diagnosis.posterior.curves import SmoothCurve
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.search import Searched, Searcher
+from fingermodel.diagnosis.search.bad_cases import BadCases
+from fingermodel.diagnosis.search.beginning import Beginner
+from fingermodel.diagnosis.search.search import Searched, search, unsearched
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.session_model.slips import Explained
@@ -151,11 +153,12 @@ def diagnose(
     had = {name.split(".")[0] for name in held}
     candidates = Candidates.of(model, sagittal=session.plane == "sagittal", without=had)
     most = MOST_FITS * (3 if thorough else 1)
-    searcher = Searcher(session, candidates, start, progress)
-    bound = searcher.begin()
-    put = put_right(candidates, searcher.nothing)
+    bad_cases = BadCases(Beginner(session, candidates, start, progress))
+    begun = bad_cases.grossly()
+    put = put_right(candidates, begun.nothing)
     # What would make up for a fault of the whole session is no finding, and not looked for.
-    searched = searcher.unsearched() if outdoes(put, bound) else searcher.run(most)
+    faulty = outdoes(put, bad_cases.most_of_any(begun))
+    searched = unsearched(begun) if faulty else search(bad_cases, begun, most)
     session = searched.nothing.session
     posterior = Posterior.of(searched.fits, searched.promised)
     nothing = posterior.nothing

@@ -14,7 +14,8 @@ from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.search import Searcher
+from fingermodel.diagnosis.search.bad_cases import BadCases
+from fingermodel.diagnosis.search.beginning import Beginner
 from fingermodel.diagnosis.session_model.candidates import Candidate, Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.effects.formula_tree import near
@@ -146,7 +147,9 @@ def add_effects(
     choices = chosen_candidates(model, names, sagittal=sagittal)
     candidates = Candidates.of(model, sagittal=sagittal, without=had)
     # An earlier fit changes nothing of what is minimised: a refit of a refitted model stays where it is.
-    fitter, base, plain = Searcher(session, candidates).settled()
+    bad_cases = BadCases(Beginner(session, candidates))
+    begun = bad_cases.all_out(bad_cases.grossly())
+    fitter, base = begun.fitter, begun.nothing
     also = [] if start is None else [start]
     best, alone = base, base.log_posterior - base.log_prior
     options = [[Member(c, k) for c in found for k in range(len(c.forms))] for found in choices]
@@ -159,7 +162,7 @@ def add_effects(
             if best is base or found.log_posterior > best.log_posterior:
                 best = found
     gain = 0.0 if best is base else best.log_posterior - alone
-    recipe = Recipe.of(best, (*plain, *best.best[FORMS:]))
+    recipe = Recipe.of(best, (*begun.plain, *best.best[FORMS:]))
     problem = recipe.problem(model, observations, plane, held)
     values = fitter.hyper.values(recipe.node)
     extra_noise = None if observations.noise_assumed else values.noise

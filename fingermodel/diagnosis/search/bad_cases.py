@@ -1,0 +1,145 @@
+"""Which cases are taken for bad: gross ones before any fit, others with all effects free, and one after the search."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.search.beginning import Beginner, Beginning
+from fingermodel.diagnosis.search.case_odds import CaseOdds
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, SUSPECT_LOG_ODDS, chance_of
+from fingermodel.diagnosis.settings import P_VALUE
+
+# One slip after another: the case that is bad, or the two that were exchanged.
+Slipped = tuple[frozenset[int], ...]
+
+
+class BadCases:
+    """Takes cases of one session for bad, and back.
+
+    Args:
+        beginner: makes the fits beside them.
+    """
+
+    def __init__(self, beginner: Beginner) -> None:
+        self.beginner = beginner
+        self.odds = CaseOdds(beginner.session, beginner.hyper)
+
+    @cached_property
+    def most(self) -> int:
+        """So many slips may have happened; that there were more is out of the question."""
+        cases = len(np.unique(self.beginner.session.fitted_noise.cases))
+        return int(np.sum(chance_of(np.arange(1, cases + 1), cases) >= P_VALUE))
+
+    def grossly(self) -> Beginning:
+        """Begin beside the cases that are grossly off, less those that turn out to be sound."""
+        begun = self.beginner.beside(self._gross())
+        sound = self._sound(begun)
+        slips = tuple(cases for cases in self._paired(begun) if not cases & sound)[: self.most]
+        same = frozenset[int]().union(*slips) == begun.bad
+        return replace(begun, slips=slips) if same else self.beginner.beside(slips)
+
+    def all_out(self, begun: Beginning) -> Beginning:
+        """Take cases for bad, the worst first, until none is; then those back that the later ones had made so."""
+        taken: list[frozenset[int]] = []
+        while len(begun.slips) < self.most and (worst := _worst(self._least_odds(begun))):
+            if worst in taken:
+                break
+            taken.append(worst)
+            begun = self.beginner.beside((*begun.slips, worst))
+            for cases in [t for t in taken[:-1] if t in begun.slips]:
+                less = self.beginner.beside(tuple(s for s in begun.slips if s != cases))
+                if not cases & self._least_odds(less).keys():
+                    begun = less
+        return begun
+
+    def overlooked(self, begun: Beginning, fits: Collection[Optimum]) -> frozenset[int]:
+        """A case (or two exchanged) that would make an explanation more probable than the leader if it were bad.
+
+        What a slip does may have been taken for an effect, or for a bent budget, while all candidates were free.
+        """
+        if len(begun.slips) >= self.most:
+            return frozenset()
+        leader = max(fit.log_posterior for fit in fits)
+        best, found = leader, frozenset[int]()
+        for fit in fits:
+            apart = {c: a for c, a in fit.left_out(fit.best).items() if c not in begun.bad}
+            # However well a slip of two cases explains them, it gains no more than half their misfit.
+            most = 0.5 * sum(sorted(a.misfit for a in apart.values())[-2:])
+            if fit.log_posterior + LOG_PRIOR_ODDS + most <= leader:
+                continue
+            for case, one in self.odds.slips_of(apart, fit).items():
+                value = fit.log_posterior + LOG_PRIOR_ODDS + apart[case].anything + one.gain
+                if value > best:
+                    best, found = value, _worst({case: (value, one.partner)})
+        return found
+
+    def most_of_any(self, begun: Beginning) -> float:
+        """Log posterior that no explanation exceeds: fitted as well as with all candidates, at the base model's price.
+
+        As many cases as may be slips are explained entirely.
+        """
+        base, every = begun.nothing, begun.every
+        gains = (base.log_joint(n) + 0.5 * (base.misfit(n) - every.misfit(n)) for n in {base.best, every.best})
+        apart = every.left_out(every.best).items()
+        worst = sorted((one.misfit for case, one in apart if case not in every.bad), reverse=True)
+        further = self.most - len(begun.slips)
+        slips = sum(max(LOG_PRIOR_ODDS + 0.5 * misfit, 0.0) for misfit in worst[:further])
+        return max(base.log_posterior, *gains) + slips
+
+    def _gross(self) -> Slipped:
+        """Cases so far off that no fit is needed to see it, and any fit would be bent by them; the worst first.
+
+        They are bad although all candidates are free, cases scatter much, and budget and anatomy are as wide as can be.
+        """
+        node = self.beginner.hyper.lenient
+        host, taken = self.beginner.unfitted(node), list[int]()
+        # A slip may be of two cases.
+        while len(taken) < 2 * self.most:
+            gains = replace(host, bad=frozenset(taken)).log_odds_bad(node)
+            odds = {case: LOG_PRIOR_ODDS + gain for case, gain in gains.items() if case not in taken}
+            worst = max(odds, key=lambda case: odds[case], default=None)
+            if worst is None or odds[worst] < SUSPECT_LOG_ODDS:
+                break
+            taken.append(worst)
+        return tuple(frozenset({case}) for case in taken)
+
+    def _sound(self, begun: Beginning) -> frozenset[int]:
+        """Cases taken for bad that are not where all candidates act, or where none does."""
+        hosts = (begun.every, begun.nothing) if begun.bad else ()
+        odds = [self.odds.of_taken(begun.bad, [host], host)[0] for host in hosts]
+        return frozenset(case for of_host in odds for case, value in of_host.items() if value < SUSPECT_LOG_ODDS)
+
+    def _paired(self, begun: Beginning) -> Slipped:
+        """The slips so far, two bad cases that were exchanged as one."""
+        hosts = (begun.every, begun.nothing) if len(begun.slips) > 1 else ()
+        found = [(case, one.partner) for h in hosts for case, one in self.odds.explained(h, begun.bad).items()]
+        pairs = dict.fromkeys(frozenset({case, other}) for case, other in found if other in begun.bad)
+        paired = frozenset[int]().union(*pairs)
+        return (*pairs, *(cases for cases in begun.slips if not cases <= paired))
+
+    def _least_odds(self, begun: Beginning) -> dict[int, tuple[float, int | None]]:
+        """Log odds of cases probably bad whether all candidates act or none, and what each was swapped with."""
+        cases = range(len(self.beginner.session.observations.ids))
+        least: dict[int, float] = {c: np.inf for c in cases if c not in begun.bad}
+        partners: dict[int, int | None] = {}
+        for host in (begun.every, begun.nothing, begun.fitter.of_one(begun.nothing)):
+            odds = self.odds.of_each(host)
+            slips = self.odds.explained(host, least)
+            least = {c: min(o, odds[c] + (slips[c].gain if c in slips else 0.0)) for c, o in least.items() if c in odds}
+            partners |= {c: e.partner for c, e in slips.items()}
+            least = {c: o for c, o in least.items() if o >= SUSPECT_LOG_ODDS}
+        return {c: (o, partners.get(c)) for c, o in least.items()}
+
+
+def _worst(odds: Mapping[int, tuple[float, int | None]]) -> frozenset[int]:
+    """The case (or the two exchanged) most probably bad."""
+    if not odds:
+        return frozenset()
+    worst = max(odds, key=lambda c: odds[c][0])
+    partner = odds[worst][1]
+    return frozenset({worst} | ({partner} if partner is not None else set()))

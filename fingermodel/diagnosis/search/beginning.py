@@ -1,0 +1,123 @@
+"""Where a search begins: the base model and all candidates at once, fitted beside the cases taken for bad."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.diagnosis.posterior.fitting import Fitter
+from fingermodel.diagnosis.posterior.hyper import Hyperparameters, Node
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidate, Candidates, Explanation, Member
+from fingermodel.diagnosis.session_model.session import Session
+
+Floats = NDArray[np.float64]
+
+# Share of the work that is left by every fit, as far as anybody knows: most searches take some 14.
+_LEFT_PER_FIT = 0.87
+# Units of chi-square that a step of the fit must promise at which the columns of scatter are made.
+_ROUGH = 2.0
+
+
+@dataclass(eq=False)
+class FitCount:
+    """How many fits a search has made.
+
+    Attributes:
+        progress: is told the share done.
+        made: so far.
+    """
+
+    progress: Callable[[float], None] | None = None
+    made: int = 0
+
+    def one_more(self) -> None:
+        """Count a fit."""
+        self.made += 1
+        if self.progress:
+            self.progress(1.0 - _LEFT_PER_FIT**self.made)
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """Two fits beside some cases that are taken for bad.
+
+    Attributes:
+        slips: one after another: the case that is bad, or the two that were exchanged.
+        fitter: for further fits; scatter changes a reading as it does the finger that all candidates fit.
+        every: all candidates at once.
+        nothing: the base model.
+        count: of the fits so far.
+    """
+
+    slips: tuple[frozenset[int], ...]
+    fitter: Fitter
+    every: Optimum
+    nothing: Optimum
+    count: FitCount
+
+    @property
+    def bad(self) -> frozenset[int]:
+        """Cases that are taken for bad."""
+        return frozenset().union(*self.slips)
+
+    @property
+    def plain(self) -> Node:
+        """Where a refit counts: scatter and noise as the readings have them with all candidates free."""
+        return self.fitter.hyper.as_stated(self.every.best)
+
+
+class Beginner:
+    """Makes beginnings of one session.
+
+    Args:
+        session: to search.
+        candidates: that may act.
+        start: (parameters,) of an earlier fit of the base model, tried besides the priors' centre.
+        progress: is told the share done.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        candidates: Candidates,
+        start: Floats | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
+        self.session, self.hyper = session, Hyperparameters.of(session)
+        self._candidates, self._start, self._count = candidates, start, FitCount(progress)
+        self._about_centre = Fitter(session, candidates, self.hyper)
+
+    @cached_property
+    def _every(self) -> Explanation:
+        parameters = sorted({i for c in self._candidates.all for form in c.forms for i in form})
+        all_of_them = Candidate("all candidates", "", (tuple(parameters),), 1.0)
+        return Explanation((Member(all_of_them),))
+
+    def unfitted(self, node: Node) -> Optimum:
+        """The session linearised about the priors' centre, with all candidates free at a node."""
+        return self._about_centre.linearised(self._every, self.session.problem.centre, node, frozenset(), 0.0)
+
+    def beside(self, slips: tuple[frozenset[int], ...]) -> Beginning:
+        """Fit all candidates at once, and the base model from there and from the priors' centre."""
+        problem, explanation = self.session.problem, self._every
+        node, bad = self.hyper.usual, frozenset[int]().union(*slips)
+        rough = self._about_centre.fit_at(explanation, [problem.centre], node, bad, _ROUGH)
+        # Scatter changes a reading as the fitted finger does, not as the normative one.
+        fitter = replace(self._about_centre, session=self.session.seen_from(rough.theta))
+        every = fitter.fit(explanation, rough.theta, node, bad, 0.0)
+        starts = [problem.centre, np.where(problem.free, every.theta, problem.centre)]
+        found = []
+        for start in [*starts, *([] if self._start is None else [self._start])]:
+            found.append(fitter.fit(NOTHING, start, every.mode, bad))
+            self._count.one_more()
+        base = max(found, key=lambda fit: fit.log_posterior)
+        if every.misfit(base.best) + every.unkept > base.misfit(base.best) + base.unkept:
+            # With more free it fits no worse: the solver went astray.
+            again = fitter.fit(explanation, base.theta, base.best, bad, 0.0)
+            every = max(every, again, key=lambda fit: fit.log_posterior)
+        return Beginning(slips, fitter, every, base, self._count)

@@ -1,0 +1,278 @@
+"""Which explanations are fitted: from the base and from where all candidates fit, until no neighbour promises more.
+
+The model linearised about an optimum promises every other explanation a log posterior. Promises order the work; what
+is said is read from fits, and from promises only of what they leave far behind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.diagnosis.posterior.hyper import CARRIER, FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
+from fingermodel.diagnosis.posterior.marginals import Promise
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.search.bad_cases import BadCases
+from fingermodel.diagnosis.search.beginning import Beginning
+from fingermodel.diagnosis.search.offers import Offer, best_forms, better
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS
+from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
+from fingermodel.diagnosis.session_model.slips import Explained
+from fingermodel.diagnosis.settings import MOST_FITS, WITHIN
+
+Floats = NDArray[np.float64]
+
+# Singles that are fitted whatever they promise about the base, and from which pairs are made; most pairs that are
+# fitted first; and singles that are fitted whatever they promise about where all candidates fit.
+_FIRST, _FIRST_OF_ALL = 8, 3
+# Prior widths from its null at which a parameter is tried that has no slope there.
+_SHAPES = (-1.6, -1.0, -0.4, 0.4, 1.0, 1.6)
+# A little of something smooth [N].
+_SMOOTH = 0.08
+# Log posterior by which a promise must exceed what a fit has, for it to be fitted anew.
+_MORE = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """Everything that was fitted, and what the rest promises.
+
+    Attributes:
+        hyper: axes of the hyperparameters.
+        fits: the best optimum of each explanation.
+        promised: to explanations that were not fitted.
+        plain: node at which a refit counts, scatter and noise as the readings have them with all candidates free.
+        bad: log odds of each case that is taken for a bad one, by index of the case.
+        slips: what may have been done in these instead of what was entered.
+    """
+
+    hyper: Hyperparameters
+    fits: dict[Explanation, Optimum]
+    promised: dict[Explanation, Promise]
+    plain: Node
+    bad: dict[int, float]
+    slips: dict[int, Explained]
+
+    @property
+    def nothing(self) -> Optimum:
+        """The base model."""
+        return self.fits[NOTHING]
+
+
+def search(bad_cases: BadCases, begun: Beginning, most: int = MOST_FITS) -> Searched:
+    """Search on from a beginning, with so many fits at most."""
+    found = _explained(bad_cases.all_out(begun), most)
+    while cases := bad_cases.overlooked(found.begun, found.fits.values()):
+        other = _explained(bad_cases.beginner.beside((*found.begun.slips, cases)), most)
+        slips = bad_cases.odds.explained(other.leader, cases)
+        gain = max((one.gain for one in slips.values()), default=0.0)
+        if other.leader.log_posterior + LOG_PRIOR_ODDS + gain <= found.leader.log_posterior:
+            break
+        found = other
+    odds = bad_cases.odds.of_taken(found.begun.bad, found.fits.values(), found.leader)
+    return found.searched(*odds)
+
+
+def unsearched(begun: Beginning) -> Searched:
+    """The base model alone, and what it promises the rest."""
+    return _Search(begun).searched({}, {})
+
+
+def _explained(begun: Beginning, most: int) -> _Search:
+    out = _Search(begun)
+    out.explain(most)
+    return out
+
+
+class _Search:
+    """The search beside the cases that one beginning takes for bad.
+
+    Attributes:
+        begun: the fits from which it begins.
+        fits: the best optimum of each explanation that was fitted.
+    """
+
+    def __init__(self, begun: Beginning) -> None:
+        self.begun, self.fits = begun, {NOTHING: begun.nothing}
+        self._fitter, self._candidates, self._hyper = begun.fitter, begun.fitter.candidates, begun.fitter.hyper
+        self._singles = self._candidates.singles
+        # What was fitted because a leader promised it.
+        self._asked: set[tuple[Explanation, Optimum]] = set()
+        self._prior: dict[Explanation, float] = {}
+
+    @property
+    def leader(self) -> Optimum:
+        """The most probable explanation that was fitted."""
+        return max(self.fits.values(), key=lambda o: o.log_posterior)
+
+    def searched(self, bad: dict[int, float], slips: dict[int, Explained]) -> Searched:
+        """What was found, with what is known of the cases taken for bad."""
+        return Searched(self._hyper, self.fits, self._rest(), self.begun.plain, bad, slips)
+
+    def explain(self, most: int) -> None:
+        """Fit explanations; no further ones once there were so many fits."""
+        self._first_fits(self.begun.every)
+        self._until_none_promises(most)
+        self._finish(self.begun.every)
+        self._until_none_promises(most)
+        # What is left may be of one tendon, or of one rotation.
+        asked: set[Explanation] = set()
+        while new := [f for e, f in self.fits.items() if e not in asked and self._near(f.promise_of_one)]:
+            asked.update(fit.explanation for fit in new)
+            for fit in new:
+                if fit.promise_of_one > fit.log_posterior + _MORE:
+                    self._keep(self._fitter.of_one(fit))
+            self._until_none_promises(most)
+
+    def _keep(self, found: Optimum) -> None:
+        self.begun.count.one_more()
+        known = self.fits.get(found.explanation)
+        if known is None or found.log_posterior > known.log_posterior:
+            self.fits[found.explanation] = found
+        leader = self.leader
+        for fit in self.fits.values():
+            if fit is not leader and fit.explanation.size:
+                _ = fit.promise_of_one
+                fit.forget()
+
+    def _log_prior(self, explanation: Explanation) -> float:
+        if explanation not in self._prior:
+            self._prior[explanation] = self._candidates.log_prior(explanation)
+        return self._prior[explanation]
+
+    def _promised(
+        self, host: Optimum, offers: Sequence[Explanation], nodes: Sequence[Node]
+    ) -> dict[Explanation, float]:
+        """Log posterior that a host promises; counted so that the host's own is what it has."""
+        if not offers:
+            return {}
+        given = [host.explanation, *offers] if host.log_prior < 0.0 else list(offers)
+        values = host.promises(given, nodes)
+        if host.log_prior < 0.0:
+            lacking = host.log_posterior - (values[0] + host.log_prior)
+            values = values[1:] + max(lacking, 0.0)
+        return {e: float(v) + self._log_prior(e) for e, v in zip(offers, values, strict=True)}
+
+    def _nodes(self, host: Optimum) -> list[Node]:
+        """A host's best node, and others at which less of what an effect may explain is explained already.
+
+        With little of what is smooth, without it, and without more than usual scatter or noise.
+        """
+        little = int(np.argmin(np.abs(self._hyper.axes[SMOOTH].values - _SMOOTH)))
+        best, usual = host.best, self._hyper.usual
+        less = (*best[:SMOOTH], *(min(little, i) for i in best[SMOOTH:CARRIER]), 0, *best[FORMS:])
+        plain = (min(best[SCATTER], usual[SCATTER]), usual[NOISE], *self._hyper.without_smooth(best)[2:])
+        return list(dict.fromkeys([best, self._hyper.of_all(best), self._hyper.without_smooth(best), less, plain]))
+
+    def _first_fits(self, every: Optimum) -> None:
+        """Fit what promises to come near the leader about the base, and about where all candidates fit."""
+        about_base = better(self._offered(self.begun.nothing, self._singles), self._shaped(self.begun.nothing))
+        about_all = self._offered(every, self._singles)
+        pairs: dict[Explanation, Offer] = {}
+        for host, offers, most in ((self.begun.nothing, about_base, _FIRST), (every, about_all, _FIRST_OF_ALL)):
+            firsts = best_forms(offers)[:_FIRST]
+            # The best are fitted whatever they promise: the base is bent to do without them.
+            for explanation in firsts[:most]:
+                self._fit(explanation, offers[explanation].host)
+            pairs = better(pairs, self._offered(host, self._candidates.pairs(firsts)))
+        self._fit_singles(better(about_base, about_all))
+        for explanation in best_forms(pairs)[:_FIRST]:
+            if not self._near(pairs[explanation].value):
+                break
+            self._fit(explanation, pairs[explanation].host)
+
+    def _fit_singles(self, offers: Mapping[Explanation, Offer]) -> None:
+        """Fit singles until the next one's promise would not do, however far promises have fallen short here.
+
+        A straight line from the base falls short where the model bends, or where an effect has a form of its own.
+        """
+        for explanation in sorted(offers, key=lambda e: -offers[e].value):
+            short = max(0.0, *(fit.log_posterior - offers[e].value for e, fit in self.fits.items() if e in offers))
+            if not self._near(offers[explanation].value + short):
+                break
+            # One form of an effect may do where another does not, by as much.
+            forms = [fit.log_posterior for e, fit in self.fits.items() if e.names == explanation.names]
+            if explanation not in self.fits and self._near(max(forms, default=np.inf) + short):
+                self._fit(explanation, offers[explanation].host)
+
+    def _offered(self, host: Optimum, explanations: Sequence[Explanation]) -> dict[Explanation, Offer]:
+        """What a host promises."""
+        promised = self._promised(host, explanations, self._nodes(host))
+        return {e: Offer(value, host) for e, value in promised.items()}
+
+    def _near(self, log_posterior: float) -> bool:
+        return log_posterior >= self.leader.log_posterior - WITHIN
+
+    @property
+    def _leader(self) -> Optimum:
+        return max(self.fits.values(), key=lambda o: o.log_posterior)
+
+    def _shaped(self, base: Optimum) -> dict[Explanation, Offer]:
+        """What forms promise that have a parameter without slope at its null (a moment, a time constant).
+
+        Such a parameter says where or how an effect acts, so the base is linearised with it at several values.
+        """
+        problem = self._fitter.session.problem
+        flat = ~base.slopes.any(axis=0) & (problem.sd > 0.0) & ~problem.free
+        offers = [e for e in self._singles if flat[list(e.parameters)].any()]
+        best: dict[Explanation, Offer] = {}
+        for widths in _SHAPES if offers else ():
+            theta = np.where(
+                flat, np.clip(problem.centre + widths * problem.scale, problem.lower, problem.upper), base.theta
+            )
+            host = self._fitter.linearised(NOTHING, theta, base.best, self.begun.bad, base.log_prior)
+            values = host.promises(offers, self._nodes(base))
+            best = better(
+                best, {e: Offer(float(v) + self._log_prior(e), host) for e, v in zip(offers, values, strict=True)}
+            )
+        return best
+
+    def _fit(self, explanation: Explanation, host: Optimum) -> None:
+        best = host.best if host in self.fits.values() else self.begun.nothing.best
+        node = self._hyper.without_smooth(best)
+        self._keep(self._fitter.fit(explanation, host.expected(explanation, node), node, self.begun.bad))
+
+    def _until_none_promises(self, most: int) -> None:
+        """Fit neighbours of the leader that promise to come near it, and more than they have, until none is left."""
+        while self.begun.count.made < most:
+            leader = self.leader
+            offers = [e for e in self._candidates.neighbours(leader.explanation) if (e, leader) not in self._asked]
+            promised = self._offered(leader, offers)
+            limit = leader.log_posterior - WITHIN
+            known = {e: self.fits[e].log_posterior + _MORE for e in promised if e in self.fits}
+            chosen = [e for e in best_forms(promised) if promised[e].value > max(limit, known.get(e, -np.inf))][:3]
+            if not chosen:
+                break
+            for explanation in chosen:
+                self._asked.add((explanation, leader))
+                self._fit(explanation, leader)
+
+    def _finish(self, every: Optimum) -> None:
+        """Begin the leader and its members anew, and what comes near it from where the leader expects that."""
+        problem, node = self._fitter.session.problem, self._hyper.without_smooth(every.mode)
+        leader = self.leader
+        for members in dict.fromkeys([leader.explanation.members, *((m,) for m in leader.explanation.members)]):
+            explanation = Explanation(members)
+            for start in (problem.centre, every.expected(explanation, node)) if members else ():
+                self._keep(self._fitter.fit(explanation, start, leader.best, self.begun.bad))
+        leader = self.leader
+        others = [f for f in self.fits.values() if f is not leader]
+        promised = self._promised(leader, [f.explanation for f in others], self._nodes(leader))
+        for fit in others:
+            if self._near(promised[fit.explanation]) and promised[fit.explanation] > fit.log_posterior + _MORE:
+                start = leader.expected(fit.explanation, leader.best)
+                self._keep(self._fitter.fit(fit.explanation, start, fit.best, self.begun.bad))
+
+    def _rest(self) -> dict[Explanation, Promise]:
+        """What the leader promises explanations that were not fitted.
+
+        No more than would have had them fitted: a straight line from far off may promise anything.
+        """
+        leader = self.leader
+        most = leader.log_posterior - WITHIN
+        offers = dict.fromkeys([*self._candidates.neighbours(leader.explanation), *self._singles])
+        promised = self._promised(leader, [e for e in offers if e not in self.fits], [leader.best])
+        return {e: Promise.of(e, leader, min(value, most), self._log_prior(e)) for e, value in promised.items()}
