@@ -29,6 +29,9 @@ from fingermodel.statics import ClampForces, clamp_forces, joint_loads, joint_to
 from fingermodel.structure import ANY_LAYOUT, Compact, Pieces, Structure, in_pieces, joined
 from fingermodel.tendons import joint_pulls, moment_arms
 
+# Condition number from which on a Jacobian is that of a straight finger.
+_STRAIGHT = 1e6
+
 jax.config.update("jax_enable_x64", True)
 
 # Load cases that a program predicts at once: a session has about as many, and fewer cost nearly as much.
@@ -312,6 +315,18 @@ def tip_kinematics_batch(topology: Topology, values: FingerValues, posture: Arra
     """Jacobian of the load point and orientation of the tip for postures (n, rotations) [rad]."""
     every = np.asarray(posture)
     return joined([_tips(topology, values, every[k]) for k in in_pieces(len(every), PREDICTED)], len(every))
+
+
+def straight(topology: Topology, values: FingerValues, posture: ArrayLike) -> NDArray[np.bool_]:
+    """Whether each posture (n, rotations) [rad] leaves the finger straight: torques do not give the tip force."""
+    jacobian = np.asarray(tip_kinematics_batch(topology, values, posture).jacobian)
+    # A typical lever makes rows of force and of moment comparable.
+    unit = np.array([[1.0 if c < 3 else 20.0] for c in topology.reactions])
+    square = jacobian[:, list(topology.reactions)] * unit
+    finite = np.isfinite(square).all(axis=(1, 2))
+    condition = np.full(len(square), np.inf)
+    condition[finite] = np.linalg.cond(square[finite])
+    return condition > _STRAIGHT
 
 
 @partial(jax.jit, static_argnums=0)

@@ -15,7 +15,7 @@ from daq.errors import InputError, ModelError
 from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.fingers import Finger as PlainFinger
 from fingermodel.fingers.files import read_finger
-from fingermodel.model import Model, clamp_forces_batch, jax_values, tip_kinematics_batch
+from fingermodel.model import Model, clamp_forces_batch, jax_values, straight
 from fingermodel.model_files import load_model, read_revision
 from fingermodel.session import Session
 from fingermodel.stages import LoadCaseInput
@@ -31,7 +31,6 @@ Floats = NDArray[np.float64]
 Columns = Mapping[str, ArrayLike]
 # A straight finger turns any torque into as much force as its rounding errors allow.
 _ABSURD = 20.0
-_STRAIGHT = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,13 +191,7 @@ class Predictor:
         odd = np.flatnonzero(~(force <= _ABSURD * t.sum(axis=1) + 1e-9) | ~np.isfinite(tip).all(axis=1))
         if not len(odd):
             return odd
-        jacobian = np.asarray(tip_kinematics_batch(self.topology, self._values, q[odd]).jacobian)
-        unit = np.array([[1.0 if c < 3 else 20.0] for c in self.topology.reactions])
-        square = jacobian[:, list(self.topology.reactions)] * unit
-        finite = np.isfinite(square).all(axis=(1, 2))
-        condition = np.full(len(odd), np.inf)
-        condition[finite] = np.linalg.cond(square[finite])
-        return odd[condition > _STRAIGHT]
+        return odd[straight(self.topology, self._values, q[odd])]
 
 
 def _inputs(q: Floats, t: Floats, weight: float) -> LoadCaseInput:

@@ -16,7 +16,7 @@ from daq.sessions import Session
 from fingermodel.budget import Budget
 from fingermodel.comparison.reading_noise import Noise, noise_of
 from fingermodel.fingers import Finger, Topology
-from fingermodel.model import jax_values, tip_kinematics_batch
+from fingermodel.model import jax_values, straight
 from fingermodel.stages import Layout, LoadCaseInput
 
 Floats = NDArray[np.float64]
@@ -184,17 +184,6 @@ def _clock(measured: MeasuredSession) -> tuple[Floats, Floats]:
     return np.where(timed, since, 0.0) / length, np.where(timed, loaded - start, 0.0) / length
 
 
-def singular_postures(finger: Finger, postures: Mapping[str, Floats]) -> list[str]:
-    """Names of postures (rotations,) [rad] that leave the finger straight: torques do not give the tip force."""
-    topology = finger.topology
-    batch = np.array(list(postures.values())).reshape(-1, len(topology.rotations))
-    jacobians = np.asarray(tip_kinematics_batch(topology, jax_values(finger.values), batch).jacobian)
-    # A typical lever makes rows of force and of moment comparable.
-    unit = np.array([[1.0 if c < 3 else 20.0] for c in topology.reactions])
-    square = jacobians[:, list(topology.reactions)] * unit
-    return [name for name, matrix in zip(postures, square, strict=True) if np.linalg.cond(matrix) > 1e6]
-
-
 def require_usable(session: Session, finger: Finger) -> None:
     """Refuse a session that no model with this finger could predict, without looking at its readings.
 
@@ -224,10 +213,11 @@ def require_determined(finger: Finger, postures: Mapping[str, Floats]) -> None:
     Raises:
         ModelError: naming the posture.
     """
-    bad = singular_postures(finger, postures)
-    if bad:
+    batch = np.array(list(postures.values())).reshape(-1, len(finger.topology.rotations))
+    bad = np.flatnonzero(straight(finger.topology, jax_values(finger.values), batch))
+    if len(bad):
         raise ModelError(
-            f"posture {bad[0]} leaves the finger straight, so joint torques do not determine the tip force",
+            f"posture {[*postures][bad[0]]} leaves the finger straight: joint torques do not determine the tip force",
             "flexion of at least one interphalangeal joint",
             "Exclude its cases or correct its angles",
         )

@@ -135,11 +135,6 @@ def solve(
     )
 
 
-def whole_slopes(problem: Problem, theta: Floats) -> Floats:
-    """Whitened slopes (residuals, parameters) of all parameters, those of effects that are not free at their null."""
-    return problem.whitener @ reading_slopes(problem, theta)
-
-
 def reading_slopes(problem: Problem, theta: Floats) -> Floats:
     """Slopes (residuals, parameters) of measured less predicted readings [N, N mm], in scaled coordinates.
 

@@ -19,7 +19,7 @@ from fingermodel.compiled.programs import stored
 from fingermodel.effects.user import load_effect
 from fingermodel.fingers import Topology
 from fingermodel.fingers.files import read_finger
-from fingermodel.fitting.identification import solve, whole_slopes
+from fingermodel.fitting.identification import reading_slopes, solve
 from fingermodel.fitting.problems import DIFFERENTIATED, residual_at
 from fingermodel.model import Model, predict_case
 from fingermodel.parameters import Parameter, two_sided
@@ -117,7 +117,7 @@ def test_an_effect_that_does_not_act_is_skipped_without_a_trace() -> None:
     bench = Session.open("synek2019_H01")
     problem = stated_problem(bench.model, bench.observations)
     start = problem.centre + 0.3 * problem.scale * np.where(problem.free, 1.0, 0.0)
-    skipped, whole = solve(problem, start, evaluations=1), whole_slopes(problem, start)
+    skipped, whole = solve(problem, start, evaluations=1), problem.whitener @ reading_slopes(problem, start)
     # What is compiled together is rounded together: nothing but the last digit.
     np.testing.assert_allclose(skipped.residual, residual_at(problem, start), rtol=1e-12, atol=1e-12)
     effects = ~problem.free & bench.model.parameters.of_kind("effect")
@@ -244,8 +244,13 @@ def _agrees_case_by_case(model: Model, observations: Observations) -> None:
     # What the solver picks out of them.
     start = np.where(problem.free, theta, problem.centre)
     free = solve(problem, start, evaluations=1).jacobian[:, problem.free]
-    np.testing.assert_allclose(free, whole_slopes(problem, start)[:, problem.free], rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(
+        free, (problem.whitener @ reading_slopes(problem, start))[:, problem.free], rtol=1e-7, atol=1e-7
+    )
     slopes = np.asarray(model.jacobian(inputs, theta)).reshape(-1, len(theta))[problem.rows]
     np.testing.assert_allclose(
-        -whole_slopes(problem, theta), problem.whitener @ slopes * problem.scale, rtol=1e-7, atol=1e-7
+        -(problem.whitener @ reading_slopes(problem, theta)),
+        problem.whitener @ slopes * problem.scale,
+        rtol=1e-7,
+        atol=1e-7,
     )
