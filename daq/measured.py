@@ -95,6 +95,7 @@ class MeasuredSession:
         tension_factor: the friction correction c: tension = c m g.
         tension_factor_source: where it comes from.
         notes: what the reader of the results should know, such as converted units.
+        creep: share of its force by which a loaded reading usually changes within its window; 0 where that is noise.
     """
 
     session: Session
@@ -105,6 +106,7 @@ class MeasuredSession:
     tension_factor: float
     tension_factor_source: str
     notes: tuple[str, ...]
+    creep: float = 0.0
 
     @property
     def as_entered(self) -> MeasuredSession:

@@ -109,7 +109,7 @@ class Session:
         from fingermodel.model_files import load_model
 
         session = measured.session
-        budget = budget_of(session.budget)
+        budget = budget_of(session.budget).with_creep(measured.creep)
         held = held_effects(effects) if catalogue or effects else ()
         loaded = load_model(model, session.id, session.finger, session.folder, layout_of(measured), budget, held)
         observations = observe(measured, loaded.model.finger, loaded.model.budget)

@@ -25,6 +25,8 @@ AXES = HEADERS[1:]
 SHIFT_DEVIATIONS = 7.0
 # A change of level that a case bears: half of what counts as steady.
 LEAST_SHIFT = 0.5 * TOLERANCE
+# Share of the force by which readings may creep as a rule: about what a pulley's friction is uncertain by.
+_CREEP = 0.01
 TARE_CHANGE = np.array([0.25, 0.25, 0.25, 5.0, 5.0, 5.0])
 
 
@@ -80,6 +82,22 @@ def plateau_findings(session: Session, plateaus: Mapping[Span, Plateau]) -> list
             )
         )
     return out
+
+
+def creep_findings(measured: MeasuredSession) -> list[Finding]:
+    """Say that loaded readings creep as a rule, and that the model counts with it."""
+    if not measured.creep:
+        return []
+    return [
+        finding(
+            "warning" if abs(measured.creep) > _CREEP else "note",
+            "creep",
+            "cases",
+            f"loaded readings change by {100.0 * measured.creep:.1f} % of their force within their windows",
+            "readings that have settled",
+            "Wait longer after loading. That they have about as far to go counts as an error of all tensions alike",
+        )
+    ]
 
 
 def tare_findings(measured: MeasuredSession) -> tuple[list[Finding], dict[str, Any]]:

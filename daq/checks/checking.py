@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from daq.cells import CellSpec, cell_spec
-from daq.checks.cases import force_findings, plateau_findings, sign_findings, tare_findings
+from daq.checks.cases import creep_findings, force_findings, plateau_findings, sign_findings, tare_findings
 from daq.checks.description import session_findings
 from daq.checks.recording import RecordingScan, recording_findings
 from daq.checks.weights import weight_findings
@@ -147,7 +147,7 @@ def _of_measured(measured: MeasuredSession, facts: dict[str, Any]) -> list[Findi
     """Return findings in tares, signs, forces and known weights; numbers go to `facts`."""
     tares, facts["tares"] = tare_findings(measured)
     weights, facts["known_weights"] = weight_findings(measured.checks)
-    return [*tares, *sign_findings(measured), *force_findings(measured), *weights]
+    return [*creep_findings(measured), *tares, *sign_findings(measured), *force_findings(measured), *weights]
 
 
 def _spec(session: Session) -> CellSpec | None:

@@ -21,6 +21,9 @@ from daq.signals.calibration import MountTransform, mount_transform
 from daq.signals.friction import friction
 
 Floats = NDArray[np.float64]
+
+# Windows of which one says that they creep; standard uncertainties from which on that is not the noise.
+_FEWEST, _SHOWN_SD = 6, 3.0
 Progress = Callable[[float], None]
 
 
@@ -123,8 +126,24 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
         tension_factor=np.nan if isinstance(stated, TensionEstimate) else float(stated),
         tension_factor_source="stated by the session",
         notes=notes,
+        creep=_creep(measured, transforms),
     )
     return _with_estimate(out) if isinstance(stated, TensionEstimate) else out
+
+
+def _creep(measured: list[MeasuredCase], transforms: Mapping[str, MountTransform]) -> float:
+    """Share of its force by which a loaded reading usually changes within its window; 0 where noise may make that."""
+    found = []
+    for m in measured:
+        if m.plateau is not None and (size := float(m.wrench[:3] @ m.wrench[:3])) > 0.0:
+            change = m.plateau.slope_per_s * (m.plateau.end_s - m.plateau.start_s)
+            found.append(float(transforms[m.case.location].apply(change)[:3] @ m.wrench[:3]) / size)
+    if len(found) < _FEWEST:
+        return 0.0
+    usual = float(np.median(found))
+    # Of a median, by the spread of the middle of what it is of: windows that hold a change of load are far out.
+    sd = 1.253 * 1.483 * float(np.median(np.abs(np.array(found) - usual))) / np.sqrt(len(found))
+    return usual if abs(usual) > _SHOWN_SD * sd else 0.0
 
 
 def _with_estimate(measured: MeasuredSession) -> MeasuredSession:

@@ -100,6 +100,18 @@ def record(
     return ReadingBlock(t, w)
 
 
+def creeping(share: float) -> tuple[dict[str, Any], ReadingBlock]:
+    """A session of eight loads that creep by a share of their force within a segment, and its recording."""
+    levels = [(k % 2) * (1.0 + k) * 0.2 * WRENCH for k in range(16)]
+
+    def creep(t: Floats) -> Floats:
+        segment = t / SEGMENT_S
+        whole = segment.astype(int)
+        return share * np.array(levels)[whole] * (segment - whole - 0.5)[:, None]
+
+    return recorded(8), record(levels, noise=0.02, drift=creep)
+
+
 def in_blocks(block: ReadingBlock, rows: int) -> Iterator[ReadingBlock]:
     """Cut a recording."""
     for start in range(0, len(block), rows):

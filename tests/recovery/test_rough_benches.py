@@ -72,6 +72,17 @@ def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_i
     assert any(f"scatters by {1000.0 * d.posterior.noise[0]:.0f} mN" in line for line in remarks(d))
 
 
+@pytest.mark.parametrize(("seen", "effects"), [(0.0, ("rig_friction",)), (0.2, ())])
+def test_what_settles_after_its_window_is_no_effect_where_the_windows_show_that_it_does(
+    tmp_path: Path, seen: float, effects: tuple[str, ...]
+) -> None:
+    draw_session(tmp_path, 45, {}, nuisance_scale=0.8)
+    measured = Session.open(tmp_path).measured
+    too_early = tuple(replace(case, wrench=0.9 * case.wrench) for case in measured.cases)
+    bench = Session.of(replace(measured, cases=too_early, creep=seen))
+    assert diagnose(bench.model, bench.observations).verdict.effects == effects
+
+
 @pytest.mark.parametrize(("off_N", "suspect"), [(0.06, False), (0.8, True)])
 def test_a_case_that_noise_puts_off_is_not_counted_and_accused_of_nothing(
     tmp_path: Path, off_N: float, suspect: bool

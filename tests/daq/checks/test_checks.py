@@ -15,7 +15,7 @@ from daq.checks import CheckReport, check
 from daq.locations import data_dir
 from daq.recordings.readings import ReadingBlock
 from daq.sessions import parse_session, session_names
-from tests.daq.benches import averaged, record, recorded, save, window
+from tests.daq.benches import averaged, creeping, record, recorded, save, window
 
 ZERO = np.array([0.4, -1.2, 3.0, 7.0, -5.0, 2.0])
 TIP = np.array([-0.9, -2.0, 0.1, 0.5, 0.2, 12.0])
@@ -232,6 +232,13 @@ def test_each_defect_is_found(name: str, tmp_path: Path) -> None:
         assert f.text.endswith((".", "?"))
         assert "\n" not in f.text
         assert f.where
+
+
+@pytest.mark.parametrize(("share", "level"), [(0.0, None), (0.008, "note"), (0.1, "warning")])
+def test_it_is_said_where_readings_creep_as_a_rule(share: float, level: str | None, tmp_path: Path) -> None:
+    data, block = creeping(share)
+    found = {f.code: f.level for f in check(save(tmp_path / "S1", data, block)).findings}
+    assert found.get("creep") == level
 
 
 def test_columns_are_checked(tmp_path: Path) -> None:

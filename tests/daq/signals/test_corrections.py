@@ -15,7 +15,7 @@ from daq.recordings.readings import ReadingBlock, open_readings, write_readings
 from daq.recordings.windows import gather
 from daq.sessions import parse_session, read_session
 from daq.signals.corrections import assemble, measure, windows_of
-from tests.daq.benches import RATE_HZ, SEGMENT_S, WRENCH, Floats, averaged, bench, in_blocks, record, recorded
+from tests.daq.benches import RATE_HZ, SEGMENT_S, WRENCH, Floats, averaged, bench, creeping, in_blocks, record, recorded
 
 TRUTH = Path(__file__).parents[2] / "truth"
 ZERO = np.array([0.4, -1.2, 3.0, 7.0, -5.0, 2.0])
@@ -53,6 +53,14 @@ def test_a_moment_that_never_changes_is_not_read(turned: dict[str, Any], unread:
         assert not case.has_torque
         assert np.flatnonzero(np.isnan(case.wrench)).tolist() == unread
         np.testing.assert_allclose(case.wrench[read], whole.wrench[read], atol=1e-12)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, -0.05])
+def test_creep_within_the_windows_is_a_share_of_the_force(share: float, tmp_path: Path) -> None:
+    data, block = creeping(share)
+    start, end = data["cases"][0]["loaded_s"]
+    measured = measure(bench(tmp_path / "s", data, block))
+    assert measured.creep == pytest.approx(share * (end - start) / SEGMENT_S, rel=0.1, abs=1e-12)
 
 
 def test_a_force_that_never_changes_stays_as_it_was_read(tmp_path: Path) -> None:
