@@ -30,7 +30,17 @@ from benchmarks.random_worlds import base_seed
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.diagnose import diagnose
 from fingermodel.diagnosis.posterior.fitting import Fitter
-from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
+from fingermodel.diagnosis.posterior.hyper import (
+    ANATOMY,
+    BUDGET,
+    DIRECTION,
+    FORMS,
+    NOISE,
+    SCATTER,
+    SMOOTH,
+    Hyperparameters,
+    Node,
+)
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
@@ -42,6 +52,7 @@ Rng = np.random.Generator
 AXES = {
     "scatter": SCATTER,
     "noise": NOISE,
+    "direction": DIRECTION,
     "budget_multiple": BUDGET,
     "anatomy_multiple": ANATOMY,
     "smooth": SMOOTH,
@@ -108,7 +119,7 @@ class Priors:
         reading = reading + columns @ rng.normal(size=columns.shape[1])
         every = np.ones(len(session.rows), dtype=bool)
         bad = [case for case in range(len(self.entered.ids)) if rng.random() < P_BAD]
-        for rows, covariance in session.noise_of(every).covariances(values.scatter, values.noise, bad):
+        for rows, covariance in session.noise_of(every).covariances(values.errors, bad):
             for at, own in zip(rows, covariance, strict=True):
                 reading[at] += np.linalg.cholesky(own) @ rng.normal(size=len(at))
         wrench = self.entered.wrench.copy()

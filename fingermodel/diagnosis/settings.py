@@ -33,6 +33,11 @@ P_SCATTER = 0.7
 SCATTERS = np.array([0.0, 0.0025, 0.005, 0.0075, 0.01, 0.014, 0.02, 0.028, 0.04, 0.056])
 SCATTER_SCALE = 0.015
 STATED_FACTOR = 1.5
+# Scatter of forces that no tension makes, as where a posture is set a little differently each time: of each component,
+# relative to the force. An atom at none, else half-normal.
+P_DIRECTION = 0.5
+DIRECTIONS = np.array([0.0, 0.0025, 0.005, 0.01, 0.02, 0.04])
+DIRECTION_SCALE = 0.01
 # Noise that plateau and tare do not show, of each reading by itself [N]: drift, what settles late. An atom at none,
 # else half-normal: some mN. Where the noise is assumed, a multiple of it instead, log-normal about 1.
 EXTRA_NOISE_N = np.array([0.0, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064])

@@ -47,11 +47,13 @@ class ReadingErrors:
         scatter: of each tension from case to case, relative.
         extra_noise_N: of each reading by itself (ten times as many N mm of a moment); None where noise is assumed.
         not_counted: ids of cases that stand apart from all others: their reading may be anything.
+        direction: scatter of forces that no tension makes: of each component, relative to the force.
     """
 
     scatter: float = 0.0
     extra_noise_N: float | None = None
     not_counted: tuple[str, ...] = ()
+    direction: float = 0.0
 
 
 # What a fit counts with that is told of nothing else.
@@ -312,6 +314,8 @@ def _said_of(errors: ReadingErrors) -> list[str]:
     out, extra = [], []
     if errors.scatter >= _TOLD_SCATTER:
         extra.append(f"{100.0 * errors.scatter:.1f} % of each tension from case to case")
+    if errors.direction >= _TOLD_SCATTER:
+        extra.append(f"{100.0 * errors.direction:.1f} % of the force in every direction")
     if (errors.extra_noise_N or 0.0) >= _TOLD_NOISE_N:
         extra.append(f"{1000.0 * (errors.extra_noise_N or 0.0):.0f} mN of each reading")
     if extra:

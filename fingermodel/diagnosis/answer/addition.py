@@ -67,7 +67,7 @@ class Recipe:
         """Draw the readings that are fitted anew about these, with the errors that the fit counts with."""
         session = session_of(model, observations).seen_from(np.array(self.about))
         values, wrench = Hyperparameters.of(session).values(self.node), observations.wrench.copy()
-        wrench.reshape(-1)[session.rows[session.fitted]] += session.drawn_noise(values.scatter, values.noise, rng)
+        wrench.reshape(-1)[session.rows[session.fitted]] += session.drawn_noise(values.errors, rng)
         return replace(observations, wrench=wrench)
 
 
@@ -165,7 +165,8 @@ def add_effects(
     recipe = Recipe.of(best, (*begun.plain, *best.best[FORMS:]))
     problem = recipe.problem(model, observations, plane, held)
     values = fitter.hyper.values(recipe.node)
-    extra_noise = None if observations.noise_assumed else values.noise
-    errors = ReadingErrors(values.scatter, extra_noise, tuple(observations.ids[case] for case in recipe.bad))
+    by_case, apart = values.errors, tuple(observations.ids[case] for case in recipe.bad)
+    extra_noise = None if observations.noise_assumed else by_case.noise
+    errors = ReadingErrors(by_case.scatter, extra_noise, apart, by_case.direction)
     fit = refit_map(problem, start=best.theta, also=also, starts=starts, progress=progress, errors=errors)
     return Addition(fit, best.explanation.names, gain, recipe)

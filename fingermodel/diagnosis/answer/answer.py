@@ -72,6 +72,8 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             "value_pct": 100.0 * scatter[0],
             "sd_pct": 100.0 * scatter[1],
             "stated_pct": 100.0 * d.session.stated_scatter,
+            "direction_pct": 100.0 * posterior.direction[0],
+            "direction_sd_pct": 100.0 * posterior.direction[1],
         },
         "beyond": {
             "probability": posterior.p_beyond,

@@ -15,6 +15,10 @@ def remarks(d: Diagnosis) -> list[str]:
     if scatter > max(0.004, 1.5 * stated):
         than = f", where {100 * stated:.1f} % is stated" if stated else ", where none is stated"
         out.append(f"The cases repeat to {100 * scatter:.1f} % of their tensions{than}.")
+    if (aside := posterior.direction[0]) > 0.004:
+        out.append(
+            f"The forces scatter by {100 * aside:.1f} % in every direction besides, as where postures are set anew."
+        )
     multiple = posterior.budget[0]
     if multiple > 1.5:
         carried = ", ".join(row["name"] for row in bent(d.session.problem, d.theta_of(d.best))[:3])

@@ -20,7 +20,7 @@ from fingermodel.comparison.comparison import muscles_of
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import free_mask
-from fingermodel.diagnosis.session_model.case_noise import as_read
+from fingermodel.diagnosis.session_model.case_noise import as_read, by_case
 from fingermodel.diagnosis.settings import LEVER_MM, LIVE, SEED, WORTH_NAT
 from fingermodel.fitting.identification import slopes_of
 from fingermodel.fitting.roots import root_of
@@ -253,9 +253,8 @@ def _predict(diagnosis: Diagnosis, fit: Optimum, cases: Sequence[PlannedReading]
     blocks = session.observations.case_covariance[:, [0, 1, 2, 5]][:, :, [0, 1, 2, 5]]
     values = fit.hyper.values(fit.best)
     usual, unit = np.nan_to_num(np.median(blocks, axis=0), nan=1.0), np.array([1.0, 1.0, 1.0, LEVER_MM])
-    noise = as_read(usual, unit, values.noise, session.observations.noise_assumed)
-    by_scatter = values.scatter**2 * np.einsum("ni,nj->nij", mean, mean)
-    return mean, spread + by_scatter + noise + 1e-9 * np.eye(4)
+    noise = as_read(usual, unit, values.errors.noise, session.observations.noise_assumed)
+    return mean, spread + by_case(mean, unit, values.errors) + noise + 1e-9 * np.eye(4)
 
 
 def information(

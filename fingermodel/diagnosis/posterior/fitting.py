@@ -134,7 +134,7 @@ class Fitter:
         blocks += [width * session.smooth(name)[fitted] for name, width in self.hyper.smooth_blocks(node).items()]
         if before is not None:
             blocks += [e * f[fitted] for e, f in zip(values.forms, before.form_errors, strict=True) if e > 0.0]
-        noise = session.whitened_smooth(values.scatter, values.noise, bad).noise
+        noise = session.whitened_smooth(values.errors, bad).noise
         whitening = Whitening.of(noise, np.concatenate(blocks, axis=1))
         free = problem.free | free_mask(problem.model, explanation)
         return replace(problem, whitener=whitening, sd=self._multiple(values) * problem.sd, free=free)

@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from fingermodel.diagnosis import settings
+from fingermodel.diagnosis.session_model.case_noise import CaseErrors
 from fingermodel.diagnosis.session_model.session import Session
 
 Floats = NDArray[np.float64]
 
-# Indices on the axes: scatter, noise, budget, anatomy, something smooth of each family (see `Session.smooth`), and what
-# carries it; then one error of form for each member that has a form.
+# Indices on the axes: scatter, noise, scatter of directions, budget, anatomy, something smooth of each family (see
+# `Session.smooth`), and what carries it; then one error of form for each member that has a form.
 Node = tuple[int, ...]
-SCATTER, NOISE, BUDGET, ANATOMY, SMOOTH = range(5)
+SCATTER, NOISE, DIRECTION, BUDGET, ANATOMY, SMOOTH = range(6)
 FAMILIES = ("torque", "tension", "loaded", "constant")
 CARRIER = SMOOTH + len(FAMILIES)
 FORMS = CARRIER + 1
@@ -30,10 +31,9 @@ _USUAL_SCATTER = 0.01
 
 
 class Values(NamedTuple):
-    """Of a node: scatter (relative), noise (see `CaseNoise`), multiples, amplitudes by family [N], errors of form."""
+    """Of a node: sizes of the noise by case, multiples, amplitudes by family [N], errors of form."""
 
-    scatter: float
-    noise: float
+    errors: CaseErrors
     budget: float
     anatomy: float
     smooth_N: Floats
@@ -68,8 +68,8 @@ class Hyperparameters:
     """The axes of one session.
 
     Attributes:
-        axes: scatter, noise (see `CaseNoise`), multiples of the budget and of the anatomy, amplitude of each family of
-            something smooth [N], and what carries it: the index among the carriers.
+        axes: scatter, noise and direction (see `CaseErrors`), multiples of the budget and of the anatomy, amplitude of
+            each family of something smooth [N], and what carries it: the index among the carriers.
         form: error of an effect's form.
         carriers: of something smooth (see `Session.carriers`).
         tendons: how many of them are tendons.
@@ -96,6 +96,7 @@ class Hyperparameters:
             noise = _normal(np.log(noises))
         else:
             noise = _with_atom(_cells(noises, settings.EXTRA_SCALE_N, _half_normal), settings.P_EXTRA)
+        aside = _with_atom(_cells(settings.DIRECTIONS, settings.DIRECTION_SCALE, _half_normal), settings.P_DIRECTION)
         smooths, forms = settings.SMOOTH_N, settings.FORM_ERRORS
         multiple = Axis(settings.MULTIPLES, _normal(np.log(settings.MULTIPLES) / settings.MULTIPLE_SPREAD))
         smooth = Axis(smooths, _with_atom(np.ones(len(smooths)), settings.P_SMOOTH / len(FAMILIES)))
@@ -106,6 +107,7 @@ class Hyperparameters:
             (
                 Axis(scatters, scatter),
                 Axis(noises, noise),
+                Axis(settings.DIRECTIONS, aside),
                 *[multiple] * 2,
                 *[smooth] * len(FAMILIES),
                 Axis(np.arange(float(len(carriers))), of_each),
@@ -130,9 +132,8 @@ class Hyperparameters:
     def lenient(self) -> Node:
         """Most scatter, the largest budget and anatomy, and a moderate amplitude of every family of what is smooth."""
         most = [len(axis.values) - 1 for axis in self.axes]
-        return self.with_smooth(
-            (most[SCATTER], self.axes[NOISE].mode, most[BUDGET], most[ANATOMY], *[0] * (FORMS - SMOOTH))
-        )
+        most[NOISE] = self.axes[NOISE].mode
+        return self.with_smooth((*most[:SMOOTH], *[0] * (FORMS - SMOOTH)))
 
     def with_smooth(self, node: Node) -> Node:
         """The same node with the stated noise, and a moderate amplitude of every family of something smooth."""
@@ -145,7 +146,7 @@ class Hyperparameters:
         return [self._with_amplitudes(node, _of_one_family(own, size)) for own in FAMILIES for size in sizes]
 
     def _with_amplitudes(self, node: Node, smooth: Sequence[int]) -> Node:
-        return (node[SCATTER], self.axes[NOISE].mode, node[BUDGET], node[ANATOMY], *smooth, 0, *node[FORMS:])
+        return (node[SCATTER], self.axes[NOISE].mode, *node[NOISE + 1 : SMOOTH], *smooth, 0, *node[FORMS:])
 
     def with_carriers(self, node: Node) -> list[Node]:
         """The same node with each other carrier of what is smooth.
@@ -199,8 +200,8 @@ class Hyperparameters:
     def values(self, node: Node) -> Values:
         """What a node stands for."""
         at = [axis.value[i] for axis, i in zip(self.axes, node, strict=False)]
-        errors = self.form.values[list(node[FORMS:])]
-        return Values(at[SCATTER], at[NOISE], at[BUDGET], at[ANATOMY], np.array(at[SMOOTH:CARRIER]), errors)
+        forms = self.form.values[list(node[FORMS:])]
+        return Values(CaseErrors(*at[:BUDGET]), at[BUDGET], at[ANATOMY], np.array(at[SMOOTH:CARRIER]), forms)
 
     def smooth_newton(self, node: Node) -> float:
         """Largest amplitude [N] of what is smooth at a node."""
@@ -250,7 +251,7 @@ class Hyperparameters:
     def as_stated(self, node: Node) -> Node:
         """The same scatter and noise beside the measured one, with nothing smooth, and all else as stated."""
         noise = self.axes[NOISE].mode if self.noise_assumed else node[NOISE]
-        return (node[SCATTER], noise, *self.start(0)[BUDGET:])
+        return (node[SCATTER], noise, node[DIRECTION], *self.start(0)[BUDGET:])
 
     def sizes(self, node: Node) -> list[int]:
         """How many values each axis of a node has along which one may step."""
@@ -276,7 +277,7 @@ class Hyperparameters:
         """This node, and those with more scatter, noise or something smooth: there a bad case may be a sound one."""
         more = [
             (*node[:axis], index, *node[axis + 1 :])
-            for axis in (SCATTER, NOISE, *range(SMOOTH, CARRIER))
+            for axis in (SCATTER, NOISE, DIRECTION, *range(SMOOTH, CARRIER))
             for index in range(node[axis] + 1, len(self.axes[axis].values))
         ]
         return list(dict.fromkeys([node, *more, *map(self.of_all, [node, *more])]))

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
-from fingermodel.diagnosis.posterior.hyper import ACTING, NOISE, SCATTER, Hyperparameters, Node, is_smooth
+from fingermodel.diagnosis.posterior.hyper import ACTING, Hyperparameters, Node, is_smooth
+from fingermodel.diagnosis.posterior.hyper import BUDGET as BUDGET_MULTIPLE
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Session
@@ -80,7 +81,7 @@ class Linearised:
     bad: frozenset[int]
 
     @cached_property
-    def _inner(self) -> dict[tuple[int, int, frozenset[int]], Inner]:
+    def _inner(self) -> dict[tuple[Node, frozenset[int]], Inner]:
         return {}
 
     def forget(self) -> None:
@@ -247,7 +248,7 @@ class Linearised:
         count, n = len(nodes), len(self.residual)
         covariance, right = np.empty((count, n * n)), np.empty((count, n, 1 + self.size(OWN)))
         of_noise, end = np.empty(count), 0
-        for _, group in groupby(nodes, lambda node: (node[SCATTER], node[NOISE])):
+        for _, group in groupby(nodes, lambda node: node[:BUDGET_MULTIPLE]):
             alike = list(group)
             here = slice(end, end := end + len(alike))
             inner = self._inner_at(alike[0], self.bad if bad is None else bad)
@@ -290,13 +291,12 @@ class Linearised:
         return {}
 
     def _inner_at(self, node: Node, bad: frozenset[int]) -> Inner:
-        key = (node[SCATTER], node[NOISE], bad)
+        key = (node[:BUDGET_MULTIPLE], bad)
         if key not in self._inner:
             # Columns are many times as large as their inner products, and made again in no time.
             for made in self._inner.values():
                 made.blocks.clear()
-            scatter, noise = (float(self.hyper.axes[axis].values[node[axis]]) for axis in (SCATTER, NOISE))
-            self._inner[key] = Inner(self.session.whitened_smooth(scatter, noise, bad))
+            self._inner[key] = Inner(self.session.whitened_smooth(self.hyper.values(node).errors, bad))
         return self._inner[key]
 
     def _whitened(self, inner: Inner, name: str) -> Floats:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, NOISE, SCATTER, Node
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, DIRECTION, NOISE, SCATTER, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
 from fingermodel.diagnosis.settings import EVIDENCE_POWER
@@ -232,6 +232,11 @@ class Posterior:
         return self.hyperparameter(SCATTER)
 
     @property
+    def direction(self) -> tuple[float, float]:
+        """Of forces that no tension makes, of each component relative to the force: mean and standard deviation."""
+        return self.hyperparameter(DIRECTION)
+
+    @property
     def budget(self) -> tuple[float, float]:
         """Multiple of the stated budget: mean and standard deviation."""
         return self.hyperparameter(BUDGET)
@@ -243,5 +248,5 @@ class Posterior:
 
     @property
     def noise(self) -> tuple[float, float]:
-        """How large noise is (see `CaseNoise`): mean and standard deviation."""
+        """How large noise is (see `CaseErrors`): mean and standard deviation."""
         return self.hyperparameter(NOISE)

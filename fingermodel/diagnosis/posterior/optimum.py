@@ -208,10 +208,11 @@ class Optimum(Integrated):
     def promises(self, explanations: Sequence[Explanation], nodes: Collection[Node]) -> Floats:
         """Log evidence that the session linearised here promises explanations (S,), by the best of some nodes.
 
-        Errors of form are those found here where an explanation has all members of this one, else none.
+        Errors of form are those found here where an explanation has all members of this one, in whichever form; else
+        none.
         """
-        own = set(self.explanation.members)
-        keeps = np.array([own <= set(e.members) for e in explanations], dtype=bool)
+        own = set(self.explanation.names)
+        keeps = np.array([own <= set(e.names) for e in explanations], dtype=bool)
         out = np.full(len(explanations), -np.inf)
         for node in nodes:
             for kept in (False, True):

@@ -32,7 +32,7 @@ class CaseOdds:
     def slips_of(self, apart: Mapping[int, Apart], host: Optimum) -> dict[int, Explained]:
         """The same of cases held against all others already."""
         asked = {c: a for c, a in apart.items() if a.misfit > -LOG_PRIOR_ODDS}
-        return self._slips.explain(asked, host.theta, self._hyper.values(host.best).scatter)
+        return self._slips.explain(asked, host.theta, self._hyper.values(host.best).errors.scatter)
 
     def of_each(self, host: Optimum) -> dict[int, float]:
         """Log odds of each case to be bad, summed over nodes in which scatter, noise and smooth explain less."""

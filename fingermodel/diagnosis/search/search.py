@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.posterior.hyper import CARRIER, FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
+from fingermodel.diagnosis.posterior.hyper import BUDGET, CARRIER, FORMS, NOISE, SCATTER, SMOOTH, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.marginals import Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.search.bad_cases import BadCases
@@ -164,7 +164,7 @@ class _Search:
         little = int(np.argmin(np.abs(self._hyper.axes[SMOOTH].values - _SMOOTH)))
         best, usual = host.best, self._hyper.usual
         less = (*best[:SMOOTH], *(min(little, i) for i in best[SMOOTH:CARRIER]), 0, *best[FORMS:])
-        plain = (min(best[SCATTER], usual[SCATTER]), usual[NOISE], *self._hyper.without_smooth(best)[2:])
+        plain = (min(best[SCATTER], usual[SCATTER]), *usual[NOISE:BUDGET], *self._hyper.without_smooth(best)[BUDGET:])
         return list(dict.fromkeys([best, self._hyper.of_all(best), self._hyper.without_smooth(best), less, plain]))
 
     def _first_fits(self, every: Optimum) -> None:

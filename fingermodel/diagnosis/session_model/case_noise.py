@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,24 @@ Rows = NDArray[np.intp]
 _LEAST_N = 1e-3
 
 
+class CaseErrors(NamedTuple):
+    """How large noise that is independent by case is.
+
+    Attributes:
+        scatter: of the tensions from case to case, relative.
+        noise: of the readings: what is added to the measured one [N; a moment has ten times as many N mm]; where none
+            was measured, a multiple of the assumed one.
+        direction: scatter of forces that no tension makes: of each component, relative to the force.
+    """
+
+    scatter: float
+    noise: float
+    direction: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class CaseNoise:
-    """Noise that is independent by case: of the readings, by scatter of the tensions, and of bad cases.
-
-    One number says how large the noise of the readings is: what is added to the measured one [N; a moment has ten times
-    as many N mm]; where none was measured, a multiple of the assumed one.
+    """Noise that is independent by case: of the readings, by scatter of tensions and directions, and of bad cases.
 
     Attributes:
         groups: of cases with equally many rows: (g, L) rows, (g, L, L) measured covariance, (g, L, t) scatter columns.
@@ -65,26 +78,27 @@ class CaseNoise:
             groups.append((at, own, scatter[at]))
         return cls(tuple(groups), bad_size, cases, unit, assumed)
 
-    def covariances(self, scatter: float, noise: float, bad: Collection[int]) -> list[tuple[Rows, Floats]]:
+    def covariances(self, errors: CaseErrors, bad: Collection[int]) -> list[tuple[Rows, Floats]]:
         """Rows and covariance (g, L, L) of each group.
 
         Args:
-            scatter: of the tensions from case to case, relative.
-            noise: how large it is.
+            errors: how large they are.
             bad: cases whose reading may be anything.
         """
         out = []
         for rows, measured, by_tension in self.groups:
-            blocks = as_read(measured, self.unit[rows], noise, self.assumed)
-            is_bad = np.isin(self.cases[rows[:, 0]], list(bad))
-            blocks = blocks + scatter**2 * by_tension @ by_tension.swapaxes(1, 2)
-            out.append((rows, blocks + _each(is_bad[:, None] * self.bad_size[rows] ** 2)))
+            unit, is_bad = self.unit[rows], np.isin(self.cases[rows[:, 0]], list(bad))
+            pulled = by_tension * (unit == 1.0)[:, :, None]
+            aside = errors.direction * np.linalg.norm(pulled, axis=(1, 2))[:, None] * unit
+            blocks = as_read(measured, unit, errors.noise, self.assumed)
+            blocks = blocks + errors.scatter**2 * by_tension @ by_tension.swapaxes(1, 2)
+            out.append((rows, blocks + _each(aside**2 + is_bad[:, None] * self.bad_size[rows] ** 2)))
         return out
 
-    def whitening(self, scatter: float, noise: float, bad: Collection[int]) -> tuple[list[tuple[Rows, Floats]], float]:
+    def whitening(self, errors: CaseErrors, bad: Collection[int]) -> tuple[list[tuple[Rows, Floats]], float]:
         """Inverse roots (g, L, L) of the same, and ln det of the whole covariance."""
         out, log_det = [], 0.0
-        for rows, blocks in self.covariances(scatter, noise, bad):
+        for rows, blocks in self.covariances(errors, bad):
             roots = root_of(blocks)
             log_det += 2.0 * float(np.log(np.diagonal(roots, axis1=1, axis2=2)).sum())
             out.append((rows, np.asarray(np.linalg.inv(roots), dtype=np.float64)))
@@ -97,10 +111,23 @@ def as_read(blocks: Floats, unit: Floats, noise: float, assumed: bool) -> Floats
     Args:
         blocks: (…, L, L) measured or assumed.
         unit: (…, L) what of each reading counts as much as a newton.
-        noise: how large it is (see `CaseNoise`).
+        noise: how large it is (see `CaseErrors`).
         assumed: whether the blocks are.
     """
     return noise**2 * blocks if assumed else blocks + _each((noise * unit) ** 2)
+
+
+def by_case(mean: Floats, unit: Floats, errors: CaseErrors) -> Floats:
+    """Covariance (n, L, L) of scatter from case to case of readings that are expected, all tensions alike.
+
+    Args:
+        mean: (n, L) what is expected [N, N mm].
+        unit: (L,) what of each reading counts as much as a newton.
+        errors: how large they are.
+    """
+    force = np.linalg.norm(mean * (unit == 1.0), axis=1)
+    out: Floats = errors.scatter**2 * mean[:, :, None] * mean[:, None, :]
+    return out + _each((errors.direction * force[:, None] * unit) ** 2)
 
 
 def _each(variance: Floats) -> Floats:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from daq.errors import SessionError
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.session_model.bad_cases import bad_size
-from fingermodel.diagnosis.session_model.case_noise import CaseNoise
+from fingermodel.diagnosis.session_model.case_noise import CaseErrors, CaseNoise
 from fingermodel.diagnosis.session_model.discrepancy import (
     Places,
     constant_columns,
@@ -186,12 +186,12 @@ class Session:
         own, assumed = self.observations.noise.alone, self.observations.noise_assumed
         return CaseNoise.of(own, self.rows[chosen], self._by_tension[chosen], self.places.unit[chosen], size, assumed)
 
-    def whitened_smooth(self, scatter: float, noise: float, bad: frozenset[int]) -> WhitenedSmooth:
+    def whitened_smooth(self, errors: CaseErrors, bad: frozenset[int]) -> WhitenedSmooth:
         """The fitted readings' noise, and smooth columns under it; kept, since every explanation asks for them."""
         # Columns are many times as large as their inner products, and made again in no time.
         for made in self._kept.values():
             made.let_go()
-        key = (scatter, noise, bad)
+        key = (errors, bad)
         if key not in self._kept:
             whitening = NoiseWhitening.of(*self.fitted_noise.whitening(*key), self.tares[self.fitted])
             # A cycle of references would keep all columns until the garbage collector runs.
@@ -199,12 +199,12 @@ class Session:
             self._kept[key] = WhitenedSmooth(whitening, lambda block: session.smooth(block)[session.fitted])
         return self._kept[key]
 
-    def drawn_noise(self, scatter: float, noise: float, rng: np.random.Generator) -> Floats:
-        """Draw errors of the fitted readings (n,): noise and scatter of sizes as of `whitened_smooth`, and tares."""
+    def drawn_noise(self, errors: CaseErrors, rng: np.random.Generator) -> Floats:
+        """Draw errors of the fitted readings (n,): noise and scatter of these sizes, and tares."""
         tares = self.tares[self.fitted]
         z = rng.standard_normal(len(tares))
         out: Floats = tares @ rng.standard_normal(tares.shape[1])
-        for rows, blocks in self.fitted_noise.covariances(scatter, noise, ()):
+        for rows, blocks in self.fitted_noise.covariances(errors, ()):
             out[rows] += (root_of(blocks) @ z[rows][..., None])[..., 0]
         return out
 
@@ -214,7 +214,7 @@ class Session:
         self._smooth.clear()
 
     @cached_property
-    def _kept(self) -> dict[tuple[float, float, frozenset[int]], WhitenedSmooth]:
+    def _kept(self) -> dict[tuple[CaseErrors, frozenset[int]], WhitenedSmooth]:
         return {}
 
     @cached_property

@@ -24,7 +24,7 @@ from fingermodel.diagnosis.next_cases.next_cases import (
     most_information,
 )
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.session_model.case_noise import as_read
+from fingermodel.diagnosis.session_model.case_noise import as_read, by_case
 from fingermodel.diagnosis.settings import LEVER_MM, SEED, WORTH_NAT
 from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw
 from fingermodel.diagnosis.verdict.hints import library
@@ -145,7 +145,7 @@ def _ranked(
     mean = np.asarray(model.predict(pieces, theta).reading)
     force = np.nanmedian(np.diagonal(session.observations.case_covariance, axis1=1, axis2=2)[:, :3])
     unit = np.array([1.0, 1.0, 1.0, LEVER_MM, LEVER_MM, LEVER_MM])
-    noise = as_read(np.diag(force * unit**2), unit, values.noise, session.observations.noise_assumed)
+    noise = as_read(np.diag(force * unit**2), unit, values.errors.noise, session.observations.noise_assumed)
     of_angle = np.array([model.parameters.names[i].startswith("posture_angle.") for i in index])
     change, sd = (np.array(both).swapaxes(0, 1) for both in zip(*changes, strict=True))
     offers: list[_Offer] = []
@@ -157,7 +157,7 @@ def _ranked(
         anew = 0.0 if reading == READINGS[2] else values.budget
         plain = rest @ covariance[np.ix_(~of_angle, ~of_angle)] @ rest.swapaxes(1, 2)
         plain += anew**2 * angles @ angles.swapaxes(1, 2) + noise[np.ix_(read, read)]
-        plain += values.scatter**2 * _outer(mean[which][:, read])
+        plain += by_case(mean[which][:, read], unit[read], values.errors)
         means = (mean[:, None] + change)[which][..., read]
         spreads = plain[:, None] + _outer(sd[which][..., read])
         most = most_information(means, spreads, prior)

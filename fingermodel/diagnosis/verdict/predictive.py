@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, expit, logit, logsumexp
 
-from fingermodel.diagnosis.posterior.hyper import NOISE, SCATTER, Node
+from fingermodel.diagnosis.posterior.hyper import BUDGET, Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import (
@@ -19,6 +19,7 @@ from fingermodel.diagnosis.session_model.bad_cases import (
     chance_of,
 )
 from fingermodel.diagnosis.session_model.candidates import Explanation
+from fingermodel.diagnosis.session_model.case_noise import CaseErrors
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slips import Explained, Slips
 from fingermodel.diagnosis.settings import EVIDENCE_POWER, FORM_NAMED, P_UNLIKE, P_VALUE
@@ -146,7 +147,7 @@ def _predicted(
     of_weights = moving @ found.covariance
     covariance = of_weights @ moving.T + tares @ (np.eye(tares.shape[1]) - known.T @ known) @ tares.T
     noise = session.noise_of(unseen)
-    for rows, own in noise.covariances(values.scatter, values.noise, ()):
+    for rows, own in noise.covariances(values.errors, ()):
         covariance[rows[:, :, None], rows[:, None, :]] += own
     # Where other tendons are loaded together, an effect may be off by as much as its name allows.
     of_form = FORM_NAMED * fit.form_errors_of_new_loads
@@ -210,7 +211,7 @@ def check(fit: Optimum, slips: Slips | None = None) -> PredictiveCheck:
         return PredictiveCheck(None, None, {}, {})
     predictions = _predictions(fit)
     p = predictions[0][1]
-    slips, scatter = slips or Slips(session), fit.hyper.values(fit.best).scatter
+    slips, scatter = slips or Slips(session), fit.hyper.values(fit.best).errors.scatter
     bad, strange = set[int](), set[int]()
     for _ in range(1 + len(np.unique(p.cases)) // 4):
         apart = bad | strange
@@ -315,9 +316,9 @@ def most_evidence(posterior: Posterior) -> float:
     """
     session, axes = posterior.nothing.session, posterior.nothing.hyper.axes
     nodes = [node for fit in posterior.fits.values() for node in fit.nodes]
-    scatter, noise = (axes[k].value[min(node[k] for node in nodes)] for k in (SCATTER, NOISE))
+    least = CaseErrors(*(axes[k].value[min(node[k] for node in nodes)] for k in range(BUDGET)))
     unseen = ~session.fitted
-    log_det = session.noise_of(unseen).whitening(scatter, noise, ())[1]
+    log_det = session.noise_of(unseen).whitening(least, ())[1]
     # Either nothing acts that no fitted case shows, or something does.
     return -0.5 * (log_det + int(unseen.sum()) * float(np.log(2.0 * np.pi))) + float(np.log1p(P_UNLIKE))
 

@@ -27,7 +27,7 @@ def dense_of_all(fit: Optimum, node: tuple[int, ...]) -> tuple[Floats, Floats]:
     slopes[session.fitted], slopes[~session.fitted] = fit.slopes, unseen_slopes
     every = np.ones(n, dtype=bool)
     covariance = session.tares @ session.tares.T
-    for rows, blocks in session.noise_of(every).covariances(values.scatter, values.noise, ()):
+    for rows, blocks in session.noise_of(every).covariances(values.errors, ()):
         covariance[rows[:, :, None], rows[:, None, :]] += blocks
     for name in [*fit.acting(node), OWN]:
         columns = fit.block(name, every, slopes)

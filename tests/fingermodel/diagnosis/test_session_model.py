@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from daq.errors import SessionError
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
+from fingermodel.diagnosis.session_model.case_noise import CaseErrors
 from fingermodel.diagnosis.session_model.discrepancy import LEFT_OUT, Places, reduced
 from fingermodel.diagnosis.session_model.session import Session as SessionModel
 from fingermodel.diagnosis.session_model.session import session_of
@@ -56,11 +57,12 @@ def test_validation_cases_are_predicted_and_never_fitted(session: SessionModel) 
 
 @pytest.mark.parametrize(("assumed", "size"), [(True, 1.5), (False, 0.004)])
 def test_whitening_undoes_the_noise_of_every_case(session: SessionModel, assumed: bool, size: float) -> None:
-    noise = replace(session.fitted_noise, assumed=assumed)
-    roots, log_det = noise.whitening(0.02, size, frozenset({int(noise.cases[0])}))
+    noise, errors = replace(session.fitted_noise, assumed=assumed), CaseErrors(0.02, size, 0.01)
+    bad = frozenset({int(noise.cases[0])})
+    roots, log_det = noise.whitening(errors, bad)
     n = len(noise.cases)
     covariance = np.zeros((n, n))
-    for rows, blocks in noise.covariances(0.02, size, frozenset({int(noise.cases[0])})):
+    for rows, blocks in noise.covariances(errors, bad):
         covariance[rows[:, :, None], rows[:, None, :]] = blocks
     np.testing.assert_allclose(whitened(roots, whitened(roots, covariance).T), np.eye(n), atol=1e-8)
     assert log_det == pytest.approx(np.linalg.slogdet(covariance)[1])
@@ -72,10 +74,10 @@ def test_measured_noise_gets_more_of_each_reading_by_itself_and_assumed_noise_is
     measured = session.fitted_noise
     assumed = replace(measured, assumed=True)
     for (rows, plain), (_, more), (_, same), (_, twice) in zip(
-        measured.covariances(0.01, 0.0, ()),
-        measured.covariances(0.01, 0.004, ()),
-        assumed.covariances(0.0, 1.0, ()),
-        assumed.covariances(0.0, 2.0, ()),
+        measured.covariances(CaseErrors(0.01, 0.0), ()),
+        measured.covariances(CaseErrors(0.01, 0.004), ()),
+        assumed.covariances(CaseErrors(0.0, 1.0), ()),
+        assumed.covariances(CaseErrors(0.0, 2.0), ()),
         strict=True,
     ):
         added = np.where(session.places.moment[session.fitted], 0.04, 0.004)[rows] ** 2
@@ -86,9 +88,8 @@ def test_measured_noise_gets_more_of_each_reading_by_itself_and_assumed_noise_is
 def test_a_bad_case_may_be_anything_and_the_others_are_as_before(session: SessionModel) -> None:
     noise = session.fitted_noise
     case = int(noise.cases[0])
-    for (rows, plain), (_, bad) in zip(
-        noise.covariances(0.01, 0.0, ()), noise.covariances(0.01, 0.0, (case,)), strict=True
-    ):
+    errors = CaseErrors(0.01, 0.0)
+    for (rows, plain), (_, bad) in zip(noise.covariances(errors, ()), noise.covariances(errors, (case,)), strict=True):
         is_bad = noise.cases[rows[:, 0]] == case
         np.testing.assert_array_equal(plain[~is_bad], bad[~is_bad])
         grown = np.diagonal(bad - plain, axis1=1, axis2=2)[is_bad]

@@ -128,8 +128,8 @@ def test_draws_have_the_covariance_of_the_readings_shared_tares_included(name: s
     scattered = {**estimate, "recipe": estimate["recipe"] | {"node": node}}
     session = session_of(bench.model, bench.observations).seen_from(np.array(estimate["recipe"]["about"]))
     problem, values = session.problem, Hyperparameters.of(session).values(tuple(node))
-    assert values.scatter == 0.02
-    whitener = session.whitened_smooth(0.02, values.noise, frozenset()).noise
+    assert values.errors.scatter == 0.02
+    whitener = session.whitened_smooth(values.errors, frozenset()).noise
     measured = bench.observations.wrench.reshape(-1)
     every = np.array([drawn(bench, scattered, 1, name, k).wrench.reshape(-1) - measured for k in range(300)])
     rest = np.setdiff1d(np.arange(len(measured)), problem.rows)
