@@ -132,7 +132,7 @@ class Hyperparameters:
     def lenient(self) -> Node:
         """Most scatter, the largest budget and anatomy, and a moderate amplitude of every family of what is smooth."""
         most = [len(axis.values) - 1 for axis in self.axes]
-        most[NOISE] = self.axes[NOISE].mode
+        most[NOISE:BUDGET] = self.start(0)[NOISE:BUDGET]
         return self.with_smooth((*most[:SMOOTH], *[0] * (FORMS - SMOOTH)))
 
     def with_smooth(self, node: Node) -> Node:
