@@ -71,6 +71,7 @@ def rig_table(answer: Answer) -> list[Table]:
     stated = value(repeat.get("stated_pct"))
     lines = [
         ["repeatability of the tensions [%]", *_both(repeat, "_pct"), fixed(stated, 1) if stated else "none", ""],
+        ["scatter of forces in every direction [%]", *_both(repeat, "_pct", of="direction"), "none", ""],
         ["multiple of the budget", *_both(budget), "1", f"bent most: {carried}" if carried else ""],
         ["multiple of the anatomy's spread", *_both(anatomy), "1", ""],
         ["multiple of the assumed noise", *_both(noise if noise.get("assumed") is True else {}), "1", ""],
@@ -81,9 +82,9 @@ def rig_table(answer: Answer) -> list[Table]:
     return [Table(header, lines, "What the readings say of the rig, whatever effect acts.")] if lines else []
 
 
-def _both(found: Answer, unit: str = "", digits: int = 2) -> tuple[str, str]:
+def _both(found: Answer, unit: str = "", digits: int = 2, of: str = "") -> tuple[str, str]:
     """Write a value and its standard deviation with so many decimals; both may be as good as nothing."""
-    v, sd = value(found.get(f"value{unit}")), value(found.get(f"sd{unit}"))
+    v, sd = value(found.get(f"{of or 'value'}{unit}")), value(found.get(f"{of and f'{of}_'}sd{unit}"))
     return "–" if v is None else fixed(v, digits), "–" if sd is None else fixed(sd, digits)
 
 

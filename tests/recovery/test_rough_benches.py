@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 from fingermodel.diagnosis.answer.remarks import remarks
 from fingermodel.diagnosis.diagnose import diagnose
@@ -70,6 +71,24 @@ def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_i
     assert d.posterior.noise[0] == pytest.approx(extra_N, rel=0.4)
     assert ("mN of noise beside the measured one" in "".join(d.verdict.short)) == (verdict == "undecided")
     assert any(f"scatters by {1000.0 * d.posterior.noise[0]:.0f} mN" in line for line in remarks(d))
+
+
+@pytest.mark.parametrize(("seed", "effects"), [(50, ()), (51, ("hanger_mass",))])
+def test_forces_that_scatter_in_every_direction_hide_nothing_and_are_said_to(
+    tmp_path: Path, seed: int, effects: tuple[str, ...]
+) -> None:
+    draw_session(tmp_path, seed, {"hanger_mass": 40.0} if effects else {}, nuisance_scale=0.8)
+    measured = Session.open(tmp_path).measured
+    turns = Rotation.from_rotvec(0.02 * np.random.default_rng(seed).normal(size=(len(measured.cases), 3)))
+    turned = tuple(
+        replace(case, wrench=np.concatenate([turn.apply(case.wrench[:3]), turn.apply(case.wrench[3:])]))
+        for case, turn in zip(measured.cases, turns, strict=True)
+    )
+    bench = Session.of(replace(measured, cases=turned))
+    d = diagnose(bench.model, bench.observations)
+    assert (d.verdict.kind, d.verdict.effects) == ("found" if effects else "nothing_missing", effects)
+    assert 0.01 < d.posterior.direction[0] < 0.03
+    assert any("in every direction" in line for line in remarks(d))
 
 
 @pytest.mark.parametrize(("seen", "effects"), [(0.0, ("rig_friction",)), (0.2, ())])

@@ -91,7 +91,13 @@ def found() -> Answer:
             }
         ],
         "session_faults": [{"kind": "side", "words": "the finger is mirrored", "probability": 0.03}],
-        "repeatability": {"value_pct": 1.31, "sd_pct": 0.2, "stated_pct": 0.0},
+        "repeatability": {
+            "value_pct": 1.31,
+            "sd_pct": 0.2,
+            "stated_pct": 0.0,
+            "direction_pct": 0.52,
+            "direction_sd_pct": 0.1,
+        },
         "beyond": {"probability": 0.034, "amplitude_N": 0.021},
         "budget_multiple": {"value": 1.62, "sd": 0.3, "carried_by": ["zero.bone.z"]},
         "noise_multiple": {"value": 1.0, "sd": 0.0, "assumed": False},
