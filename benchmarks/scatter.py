@@ -96,7 +96,7 @@ def main() -> None:
         f"Made by `python -m benchmarks.scatter --each {given.each} --first {given.first}`.",
         "",
         "| scatter | clean: nothing missing | none of the catalogue | an effect named | hidden effect found alone "
-        "| another named | scatter read, tensions and directions [%] |",
+        "| another named | read: tensions, directions |",
         "|---|---|---|---|---|---|---|",
     ]
     for kind, change in KINDS.items():
@@ -108,11 +108,12 @@ def main() -> None:
             sum(v.kind == "none_of_catalogue" for v in clean),
             sum(bool(v.effects) for v in clean),
         )
-        alone = sum(v.kind == "found" and set(v.effects) == hidden for hidden, v in acting)
-        false = sum(bool(set(v.effects) - hidden) for hidden, v in acting)
-        read = [np.median([100.0 * getattr(d.posterior, of)[0] for _, d in found]) for of in ("scatter", "direction")]
+        alone = sum(v.kind == "found" and set(v.names) == hidden for hidden, v in acting)
+        false = sum(bool(v.kind == "found" and set(v.names) - hidden) for hidden, v in acting)
+        scatter = np.median([100.0 * d.posterior.scatter[0] for _, d in found])
+        aside = np.median([100.0 * d.posterior.direction[0] for _, d in found])
         told = [*(f"{n}/{len(clean)}" for n in counts), *(f"{n}/{len(acting)}" for n in (alone, false))]
-        lines.append(f"| {kind} | {' | '.join(told)} | {read[0]:.1f}, {read[1]:.1f} |")
+        lines.append(f"| {kind} | {' | '.join(told)} | {scatter:.1f} %, {aside:.1f} % |")
         print(lines[-1], flush=True)
     publish(HERE / "scatter.md", lines)
 
