@@ -15,6 +15,7 @@ from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.nulls import Null, nulls
 from fingermodel.diagnosis.posterior.curves import SmoothCurve
 from fingermodel.diagnosis.posterior.fitting import Fitter
+from fingermodel.diagnosis.posterior.hyper import BUDGET
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.search.bad_cases import BadCases
@@ -185,7 +186,9 @@ def diagnose(
     elif verdict.kind in ("none_of_catalogue", "undecided"):
         # Beside what is sure to act by its name: what is not would explain part of what is unknown.
         beside = posterior.best_fit(sure_names(posterior)) or posterior.nothing
-        found, curves = hints(beside), own_curves(beside)
+        # What is missing counts as scatter where no effect may act; with all candidates free it does not.
+        node = (*searched.plain[:BUDGET], *beside.hyper.as_named(beside.best)[BUDGET:])
+        found, curves = hints(beside, node), own_curves(beside, node)
     if progress:
         progress(1.0)
     for kept in (*posterior.fits.values(), stated, refitted):

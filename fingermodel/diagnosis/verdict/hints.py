@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.posterior.gaussian import gain_of_each
+from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.verdict.predictive import unseen_errors
@@ -80,17 +81,17 @@ class Hint:
         }
 
 
-def hints(fit: Optimum) -> tuple[Hint, ...]:
+def hints(fit: Optimum, node: Node) -> tuple[Hint, ...]:
     """Search the library of formulas beside an explanation; first what predicts cases best that it is not learned from.
 
     Args:
-        fit: what acts besides; all that it leaves open is marginalised, something unknown left out.
+        fit: what acts besides; all that it leaves open is marginalised.
+        node: of the hyperparameters, without anything unknown.
     """
     session = fit.session
     rows = session.rows[session.fitted]
     terms = list(library(session, fit.theta))
     columns = np.array([change.reshape(-1)[rows] * scale for _, scale, change in terms]).T
-    node = fit.hyper.as_named(fit.best)
     a, s = fit.asked(columns, node)
     spread = float(np.sqrt(max(fit.misfit(node) / max(len(rows), 1), 1.0)))
     a, s = a / spread**2, s / spread**2

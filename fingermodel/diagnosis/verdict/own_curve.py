@@ -8,17 +8,19 @@ import numpy as np
 from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.curves import STAGES, WHAT, Curves, Said, SmoothCurve, described, gain
+from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.settings import SHARED_SIZES
 
 
-def own_curves(fit: Optimum) -> tuple[SmoothCurve, ...]:
+def own_curves(fit: Optimum, node: Node) -> tuple[SmoothCurve, ...]:
     """Curves of moment arms, tensions and forces beside an explanation, the most evident first.
 
     Args:
-        fit: what acts besides; all that it leaves open is marginalised, something unknown left out.
+        fit: what acts besides; all that it leaves open is marginalised.
+        node: of the hyperparameters, without anything unknown.
     """
-    node, curves, out = fit.hyper.as_named(fit.best), Curves([fit]), []
+    curves, out = Curves([fit]), []
     for stage in STAGES:
         curve, sizes = curves.of(fit, stage), SHARED_SIZES[stage]
         said = [Said(0.0, *fit.information(curve.columns, node))]
