@@ -80,7 +80,8 @@ def assemble(session: Session, plateaus: Mapping[Span, Plateau], notes: tuple[st
     tares, index = _tares(cases, plateaus, transforms)
     weights = np.zeros((len(cases), len(tares)))
     drift = _drift_per_s(cases, tares, index)
-    unread = {mount: _unread_moments(plateaus, transform) for mount, transform in transforms.items()}
+    dead = _dead_moments(plateaus)
+    unread = {mount: (transform.matrix != 0.0) @ dead for mount, transform in transforms.items()}
     measured = []
     for row, case in enumerate(cases):
         if case.loaded_s is None or case.unloaded_s is None:
@@ -165,8 +166,8 @@ def windows_of(session: Session) -> dict[Span, str]:
     return out
 
 
-def _unread_moments(plateaus: Mapping[Span, Plateau], transform: MountTransform) -> NDArray[np.bool_]:
-    """Say which moments (6,) of a mount come from channels that never change, in any window.
+def _dead_moments(plateaus: Mapping[Span, Plateau]) -> NDArray[np.bool_]:
+    """Say which of the cell's channels (6,) are moments that never change, in any window.
 
     Such a channel is a wire that is broken, or a column of a three-axis recording that was filled in. Its readings are
     no moments of zero. Forces are left as they are: without one of them there is no session, and `check` says so.
@@ -174,7 +175,7 @@ def _unread_moments(plateaus: Mapping[Span, Plateau], transform: MountTransform)
     means = np.array([p.mean for p in plateaus.values()]).reshape(-1, 6)
     steps = np.array([p.step for p in plateaus.values()]).reshape(-1, 6)
     dead = ~steps.any(axis=0) & np.isclose(means, means[:1], rtol=1e-12, atol=1e-12).all(axis=0) & (len(means) > 1)
-    return (transform.matrix != 0.0) @ (dead & (np.arange(6) > 2))
+    return dead & (np.arange(6) > 2)
 
 
 def _tares(

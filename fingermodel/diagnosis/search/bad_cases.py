@@ -9,13 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.search.beginning import Beginner, Beginning
+from fingermodel.diagnosis.search.beginning import Beginner, Beginning, Slipped, bad_in
 from fingermodel.diagnosis.search.case_odds import CaseOdds
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, SUSPECT_LOG_ODDS, chance_of
 from fingermodel.diagnosis.settings import P_VALUE
-
-# One slip after another: the case that is bad, or the two that were exchanged.
-Slipped = tuple[frozenset[int], ...]
 
 
 class BadCases:
@@ -40,8 +37,7 @@ class BadCases:
         begun = self.beginner.beside(self._gross())
         sound = self._sound(begun)
         slips = tuple(cases for cases in self._paired(begun) if not cases & sound)[: self.most]
-        same = frozenset[int]().union(*slips) == begun.bad
-        return replace(begun, slips=slips) if same else self.beginner.beside(slips)
+        return replace(begun, slips=slips) if bad_in(slips) == begun.bad else self.beginner.beside(slips)
 
     def all_out(self, begun: Beginning) -> Beginning:
         """Take cases for bad, the worst first, until none is; then those back that the later ones had made so."""
@@ -119,7 +115,7 @@ class BadCases:
         hosts = (begun.every, begun.nothing) if len(begun.slips) > 1 else ()
         found = [(case, one.partner) for h in hosts for case, one in self.odds.explained(h, begun.bad).items()]
         pairs = dict.fromkeys(frozenset({case, other}) for case, other in found if other in begun.bad)
-        paired = frozenset[int]().union(*pairs)
+        paired = bad_in(tuple(pairs))
         return (*pairs, *(cases for cases in begun.slips if not cases <= paired))
 
     def _least_odds(self, begun: Beginning) -> dict[int, tuple[float, int | None]]:

@@ -17,10 +17,18 @@ from fingermodel.diagnosis.session_model.session import Session
 
 Floats = NDArray[np.float64]
 
+# One slip after another: the case that is bad, or the two that were exchanged.
+Slipped = tuple[frozenset[int], ...]
+
 # Share of the work that is left by every fit, as far as anybody knows: most searches take some 14.
 _LEFT_PER_FIT = 0.87
 # Units of chi-square that a step of the fit must promise at which the columns of scatter are made.
 _ROUGH = 2.0
+
+
+def bad_in(slips: Slipped) -> frozenset[int]:
+    """Cases that are bad by some slips."""
+    return frozenset().union(*slips)
 
 
 @dataclass(eq=False)
@@ -54,7 +62,7 @@ class Beginning:
         count: of the fits so far.
     """
 
-    slips: tuple[frozenset[int], ...]
+    slips: Slipped
     fitter: Fitter
     every: Optimum
     nothing: Optimum
@@ -63,7 +71,7 @@ class Beginning:
     @property
     def bad(self) -> frozenset[int]:
         """Cases that are taken for bad."""
-        return frozenset().union(*self.slips)
+        return bad_in(self.slips)
 
     @property
     def plain(self) -> Node:
@@ -102,10 +110,10 @@ class Beginner:
         """The session linearised about the priors' centre, with all candidates free at a node."""
         return self._about_centre.linearised(self._every, self.session.problem.centre, node, frozenset(), 0.0)
 
-    def beside(self, slips: tuple[frozenset[int], ...]) -> Beginning:
+    def beside(self, slips: Slipped) -> Beginning:
         """Fit all candidates at once, and the base model from there and from the priors' centre."""
         problem, explanation = self.session.problem, self._every
-        node, bad = self.hyper.usual, frozenset[int]().union(*slips)
+        node, bad = self.hyper.usual, bad_in(slips)
         rough = self._about_centre.fit_at(explanation, [problem.centre], node, bad, _ROUGH)
         # Scatter changes a reading as the fitted finger does, not as the normative one.
         fitter = replace(self._about_centre, session=self.session.seen_from(rough.theta))
