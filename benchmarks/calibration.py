@@ -32,7 +32,9 @@ from fingermodel.diagnosis.diagnose import diagnose
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import (
     ANATOMY,
+    ANGLE,
     BUDGET,
+    COMPONENT,
     DIRECTION,
     FORMS,
     NOISE,
@@ -52,7 +54,9 @@ Rng = np.random.Generator
 AXES = {
     "scatter": SCATTER,
     "noise": NOISE,
+    "component": COMPONENT,
     "direction": DIRECTION,
+    "angle": ANGLE,
     "budget_multiple": BUDGET,
     "anatomy_multiple": ANATOMY,
     "smooth": SMOOTH,

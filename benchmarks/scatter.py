@@ -96,7 +96,7 @@ def main() -> None:
         f"Made by `python -m benchmarks.scatter --each {given.each} --first {given.first}`.",
         "",
         "| scatter | clean: nothing missing | none of the catalogue | an effect named | hidden effect found alone "
-        "| another named | read: tensions, directions |",
+        "| another named | read: tensions, components, directions, angles |",
         "|---|---|---|---|---|---|---|",
     ]
     for kind, change in KINDS.items():
@@ -111,9 +111,13 @@ def main() -> None:
         alone = sum(v.kind == "found" and set(v.names) == hidden for hidden, v in acting)
         false = sum(bool(v.kind == "found" and set(v.names) - hidden) for hidden, v in acting)
         scatter = np.median([100.0 * d.posterior.scatter[0] for _, d in found])
-        aside = np.median([100.0 * d.posterior.direction[0] for _, d in found])
+        others = [d.posterior.other_scatter for _, d in found]
+        component, aside = (np.median([100.0 * o[k][0] for o in others]) for k in ("component", "direction"))
+        angle = np.rad2deg(np.median([o["angle_rad"][0] for o in others]))
         told = [*(f"{n}/{len(clean)}" for n in counts), *(f"{n}/{len(acting)}" for n in (alone, false))]
-        lines.append(f"| {kind} | {' | '.join(told)} | {scatter:.1f} %, {aside:.1f} % |")
+        lines.append(
+            f"| {kind} | {' | '.join(told)} | {scatter:.1f} %, {component:.1f} %, {aside:.1f} %, {angle:.1f}° |"
+        )
         print(lines[-1], flush=True)
     publish(HERE / "scatter.md", lines)
 

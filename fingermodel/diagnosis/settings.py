@@ -5,7 +5,25 @@ Nothing else in this package is a free choice. `docs/explanations/diagnosis.md` 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
+
+
+class Amount(NamedTuple):
+    """Prior of a size that may be none: an atom at none, else half-normal.
+
+    Attributes:
+        some: probability that it is not none.
+        scale: of the half-normal.
+        values: the grid, from 0 on.
+    """
+
+    some: float
+    scale: float
+    values: NDArray[np.float64]
+
 
 # --- Priors -----------------------------------------------------------------------------------------------------------
 # Probability that no effect acts; the rest is shared by one, two and three effects.
@@ -27,23 +45,16 @@ P_SMOOTH = 0.1
 # That it is of one tendon or of one rotation alone, not of all of them.
 P_OF_ONE = 0.1
 SMOOTH_N = np.array([0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.28])
-# Scatter from case to case of each tendon's tension, relative: an atom at none, else half-normal. A stated one is
+# Scatter from case to case: of each tendon's tension, relative; of each component of the reading, relative to it; of
+# the force in every direction, relative to it; and of each joint angle [rad]. A stated scatter of the tensions is
 # believed within a factor.
-P_SCATTER = 0.7
-SCATTERS = np.array([0.0, 0.0025, 0.005, 0.0075, 0.01, 0.014, 0.02, 0.028, 0.04, 0.056])
-SCATTER_SCALE = 0.015
+TENSION = Amount(0.7, 0.015, np.array([0.0, 0.0025, 0.005, 0.0075, 0.01, 0.014, 0.02, 0.028, 0.04, 0.056]))
+COMPONENT = DIRECTION = Amount(0.3, 0.01, np.array([0.0, 0.005, 0.01, 0.02, 0.04]))
+ANGLE_RAD = Amount(0.3, np.deg2rad(1.0), np.deg2rad([0.0, 0.5, 1.0, 2.0]))
 STATED_FACTOR = 1.5
-# Scatter of forces that no tension makes, as where a posture is set a little differently each time: of each component,
-# relative to the force. An atom at none, else half-normal.
-P_DIRECTION = 0.5
-DIRECTIONS = np.array([0.0, 0.0025, 0.005, 0.01, 0.02, 0.04])
-DIRECTION_SCALE = 0.01
-# Noise that plateau and tare do not show, of each reading by itself [N]: drift, what settles late. An atom at none,
-# else half-normal: some mN. Where the noise is assumed, a multiple of it instead, log-normal about 1.
-EXTRA_NOISE_N = np.array([0.0, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064])
-EXTRA_SCALE_N = 0.005
-P_EXTRA = 0.5
-USUAL_EXTRA_N = 2.0 * EXTRA_SCALE_N
+# Noise that plateau and tare do not show, of each reading by itself [N]: drift, what settles late. Where the noise is
+# assumed, a multiple of it instead, log-normal about 1.
+EXTRA_NOISE_N = Amount(0.5, 0.005, np.array([0.0, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064]))
 ASSUMED_NOISE_MULTIPLES = np.array([0.18, 0.25, 0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83])
 # Power to which the evidence counts when explanations are weighed against each other. No model of a bench is complete,
 # and what it lacks is alike in neighbouring readings: they say less than as many independent ones.

@@ -14,8 +14,8 @@ from fingermodel.fitting.problems import Problem, residual_at
 Floats = NDArray[np.float64]
 # Of two parameters: they are listed from here on, and cannot be told apart from there on.
 CORRELATED, ALIKE = 0.9, 0.95
-# Scatter (relative) and noise beside the measured one [N] that are worth telling.
-_TOLD_SCATTER, _TOLD_NOISE_N = 0.004, 0.002
+# Scatter (relative, of an angle in degrees) and noise beside the measured one [N] that are worth telling.
+_TOLD_SCATTER, _TOLD_DEG, _TOLD_NOISE_N = 0.004, 0.2, 0.002
 Outcome = Literal["converged", "stalled", "too_many_evaluations", "not_finite"]
 
 
@@ -47,13 +47,17 @@ class ReadingErrors:
         scatter: of each tension from case to case, relative.
         extra_noise_N: of each reading by itself (ten times as many N mm of a moment); None where noise is assumed.
         not_counted: ids of cases that stand apart from all others: their reading may be anything.
-        direction: scatter of forces that no tension makes: of each component, relative to the force.
+        component: scatter of each component of the reading, relative to what is expected of it.
+        direction: scatter of the force in every direction: of each component, relative to the force.
+        angle_rad: scatter of each joint angle from case to case.
     """
 
     scatter: float = 0.0
     extra_noise_N: float | None = None
     not_counted: tuple[str, ...] = ()
+    component: float = 0.0
     direction: float = 0.0
+    angle_rad: float = 0.0
 
 
 # What a fit counts with that is told of nothing else.
@@ -309,13 +313,20 @@ def _with_message(fit: Fit) -> Fit:
     return replace(fit, message=" ".join(text))
 
 
+def other_scatter(component: float, direction: float, angle_rad: float) -> list[str]:
+    """Say what of the scatter beside that of the tensions (see `ReadingErrors`) is worth telling."""
+    sizes = (100.0 * component, 100.0 * direction, float(np.rad2deg(angle_rad)))
+    told = (100.0 * _TOLD_SCATTER, 100.0 * _TOLD_SCATTER, _TOLD_DEG)
+    units = (" % of each component by itself", " % of the force in every direction", "° of each joint angle")
+    return [f"{size:.1f}{unit}" for size, unit, least in zip(sizes, units, told, strict=True) if size >= least]
+
+
 def _said_of(errors: ReadingErrors) -> list[str]:
     """What the uncertainties count besides noise of plateau and tare, and which cases stand apart."""
     out, extra = [], []
     if errors.scatter >= _TOLD_SCATTER:
         extra.append(f"{100.0 * errors.scatter:.1f} % of each tension from case to case")
-    if errors.direction >= _TOLD_SCATTER:
-        extra.append(f"{100.0 * errors.direction:.1f} % of the force in every direction")
+    extra += other_scatter(errors.component, errors.direction, errors.angle_rad)
     if (errors.extra_noise_N or 0.0) >= _TOLD_NOISE_N:
         extra.append(f"{1000.0 * (errors.extra_noise_N or 0.0):.0f} mN of each reading")
     if extra:

@@ -71,7 +71,9 @@ def rig_table(answer: Answer) -> list[Table]:
     stated = value(repeat.get("stated_pct"))
     lines = [
         ["repeatability of the tensions [%]", *_both(repeat, "_pct"), fixed(stated, 1) if stated else "none", ""],
+        ["scatter of each component by itself [%]", *_both(repeat, "_pct", of="component"), "none", ""],
         ["scatter of forces in every direction [%]", *_both(repeat, "_pct", of="direction"), "none", ""],
+        ["scatter of joint angles [°]", *_both(repeat, "_deg", of="angle"), "none", ""],
         ["multiple of the budget", *_both(budget), "1", f"bent most: {carried}" if carried else ""],
         ["multiple of the anatomy's spread", *_both(anatomy), "1", ""],
         ["multiple of the assumed noise", *_both(noise if noise.get("assumed") is True else {}), "1", ""],

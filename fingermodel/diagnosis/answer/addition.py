@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from daq.errors import ModelError
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.posterior.fitting import Fitter
-from fingermodel.diagnosis.posterior.hyper import FORMS, Hyperparameters, Node
+from fingermodel.diagnosis.posterior.hyper import FORMS, GRIDS, Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.search.bad_cases import BadCases
 from fingermodel.diagnosis.search.beginning import Beginner
@@ -37,12 +37,14 @@ class Recipe:
         node: of the hyperparameters.
         bad: indices of the cases whose reading may be anything.
         about: (parameters,) about which scatter and errors of form are found.
+        grids: of the hyperparameters, on which the node counts places.
     """
 
     members: tuple[tuple[str, int], ...]
     node: Node
     bad: tuple[int, ...]
     about: tuple[float, ...]
+    grids: str = GRIDS
 
     @classmethod
     def of(cls, fit: Optimum, node: Node) -> Recipe:
@@ -167,6 +169,6 @@ def add_effects(
     values = fitter.hyper.values(recipe.node)
     by_case, apart = values.errors, tuple(observations.ids[case] for case in recipe.bad)
     extra_noise = None if observations.noise_assumed else by_case.noise
-    errors = ReadingErrors(by_case.scatter, extra_noise, apart, by_case.direction)
+    errors = ReadingErrors(by_case.scatter, extra_noise, apart, *by_case[2:])
     fit = refit_map(problem, start=best.theta, also=also, starts=starts, progress=progress, errors=errors)
     return Addition(fit, best.explanation.names, gain, recipe)

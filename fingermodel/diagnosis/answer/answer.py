@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from fingermodel.diagnosis.answer.effect_size import effect_size
-from fingermodel.diagnosis.answer.remarks import remarks
+from fingermodel.diagnosis.answer.rig import of_rig, remarks
 from fingermodel.diagnosis.answer.where import where
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.posterior.marginals import Entry, Posterior
@@ -45,8 +45,6 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
     before, after = d.comparisons[nothing.explanation], d.comparisons[best.explanation]
     rows = len(nothing.residual)
     alone, added = misfits(d.stated, best if best.explanation.size else d.stated)
-    assumed = d.session.observations.noise_assumed
-    budget, noise, scatter = posterior.budget, posterior.noise, posterior.scatter
     after_where = where(d.session.problem, d.theta_of(best)) | {"added": list(best.explanation.names)}
     return {
         "verdict": verdict.kind,
@@ -68,30 +66,12 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "suspects": suspects(d),
         "outliers": [d.session.observations.ids[case] for case in d.outliers],
         "session_faults": [asdict(f) | {"amend": [asdict(a) for a in f.amend]} for f in d.faults],
-        "repeatability": {
-            "value_pct": 100.0 * scatter[0],
-            "sd_pct": 100.0 * scatter[1],
-            "stated_pct": 100.0 * d.session.stated_scatter,
-            "direction_pct": 100.0 * posterior.direction[0],
-            "direction_sd_pct": 100.0 * posterior.direction[1],
-        },
         "beyond": {
             "probability": posterior.p_beyond,
             "amplitude_N": posterior.beyond_newton,
             "of_one_alone": {carrier: p for carrier, p in posterior.carriers.items() if p >= LIVE},
         },
-        "budget_multiple": {
-            "value": budget[0],
-            "sd": budget[1],
-            "carried_by": [row["name"] for row in after_where["bent"]],
-        },
-        "anatomy_multiple": {"value": posterior.anatomy[0], "sd": posterior.anatomy[1]},
-        "noise_multiple": {
-            "value": noise[0] if assumed else 1.0,
-            "sd": noise[1] if assumed else 0.0,
-            "assumed": assumed,
-        },
-        "extra_noise_N": None if assumed else {"value": noise[0], "sd": noise[1]},
+        **of_rig(d, [row["name"] for row in after_where["bent"]]),
         "predictive_check": predictive(d),
         "size": effect_size(d) if verdict.kind == "found" else None,
         # Of all cases but suspects and outliers.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,10 +18,11 @@ from fingermodel.diagnosis.session_model.session import Session
 
 Floats = NDArray[np.float64]
 
-# Indices on the axes: scatter, noise, scatter of directions, budget, anatomy, something smooth of each family (see
-# `Session.smooth`), and what carries it; then one error of form for each member that has a form.
+# Indices on the axes: scatter of tensions, noise, the other kinds of scatter (see `CaseErrors`), budget, anatomy,
+# something smooth of each family (see `Session.smooth`), and what carries it; then one error of form for each member
+# that has a form.
 Node = tuple[int, ...]
-SCATTER, NOISE, DIRECTION, BUDGET, ANATOMY, SMOOTH = range(6)
+SCATTER, NOISE, COMPONENT, DIRECTION, ANGLE, BUDGET, ANATOMY, SMOOTH = range(8)
 FAMILIES = ("torque", "tension", "loaded", "constant")
 CARRIER = SMOOTH + len(FAMILIES)
 FORMS = CARRIER + 1
@@ -28,6 +30,10 @@ FORMS = CARRIER + 1
 ACTING = ("held", "budget", "anatomy")
 # Scatter of a usual bench, relative.
 _USUAL_SCATTER = 0.01
+_SIZES = (settings.TENSION, settings.EXTRA_NOISE_N, settings.COMPONENT, settings.DIRECTION, settings.ANGLE_RAD)
+_GRIDS = (*[size.values for size in _SIZES], settings.MULTIPLES, settings.SMOOTH_N, settings.FORM_ERRORS)
+# A node that was kept means the same only where this is the same.
+GRIDS = hashlib.sha256(repr([grid.tolist() for grid in _GRIDS]).encode()).hexdigest()[:12]
 
 
 class Values(NamedTuple):
@@ -46,6 +52,11 @@ class Axis:
 
     values: Floats
     log_weight: Floats
+
+    @classmethod
+    def of(cls, size: settings.Amount) -> Axis:
+        """Of a size that may be none."""
+        return cls(size.values, _with_atom(_cells(size.values, size.scale, _half_normal), size.some))
 
     @cached_property
     def mode(self) -> int:
@@ -68,8 +79,8 @@ class Hyperparameters:
     """The axes of one session.
 
     Attributes:
-        axes: scatter, noise and direction (see `CaseErrors`), multiples of the budget and of the anatomy, amplitude of
-            each family of something smooth [N], and what carries it: the index among the carriers.
+        axes: scatter and noise (see `CaseErrors`), multiples of the budget and of the anatomy, amplitude of each family
+            of something smooth [N], and what carries it: the index among the carriers.
         form: error of an effect's form.
         carriers: of something smooth (see `Session.carriers`).
         tendons: how many of them are tendons.
@@ -86,17 +97,13 @@ class Hyperparameters:
     def of(cls, session: Session) -> Hyperparameters:
         """Priors as the session states them."""
         stated, assumed = session.stated_scatter, session.observations.noise_assumed
-        scatters = settings.SCATTERS
+        scatter, noise, *others = (Axis.of(size) for size in _SIZES)
         if stated > 0.0:
-            scatter = _normal(np.log(np.maximum(scatters, 1e-4) / stated) / np.log(settings.STATED_FACTOR))
-        else:
-            scatter = _with_atom(_cells(scatters, settings.SCATTER_SCALE, _half_normal), settings.P_SCATTER)
-        noises = settings.ASSUMED_NOISE_MULTIPLES if assumed else settings.EXTRA_NOISE_N
+            off = np.log(np.maximum(scatter.values, 1e-4) / stated)
+            scatter = Axis(scatter.values, _normal(off / np.log(settings.STATED_FACTOR)))
         if assumed:
-            noise = _normal(np.log(noises))
-        else:
-            noise = _with_atom(_cells(noises, settings.EXTRA_SCALE_N, _half_normal), settings.P_EXTRA)
-        aside = _with_atom(_cells(settings.DIRECTIONS, settings.DIRECTION_SCALE, _half_normal), settings.P_DIRECTION)
+            multiples = settings.ASSUMED_NOISE_MULTIPLES
+            noise = Axis(multiples, _normal(np.log(multiples)))
         smooths, forms = settings.SMOOTH_N, settings.FORM_ERRORS
         multiple = Axis(settings.MULTIPLES, _normal(np.log(settings.MULTIPLES) / settings.MULTIPLE_SPREAD))
         smooth = Axis(smooths, _with_atom(np.ones(len(smooths)), settings.P_SMOOTH / len(FAMILIES)))
@@ -105,9 +112,9 @@ class Hyperparameters:
         of_each = np.log([1.0 - settings.P_OF_ONE, *[of_one] * (len(carriers) - 1)])
         return cls(
             (
-                Axis(scatters, scatter),
-                Axis(noises, noise),
-                Axis(settings.DIRECTIONS, aside),
+                scatter,
+                noise,
+                *others,
                 *[multiple] * 2,
                 *[smooth] * len(FAMILIES),
                 Axis(np.arange(float(len(carriers))), of_each),
@@ -251,7 +258,7 @@ class Hyperparameters:
     def as_stated(self, node: Node) -> Node:
         """The same scatter and noise beside the measured one, with nothing smooth, and all else as stated."""
         noise = self.axes[NOISE].mode if self.noise_assumed else node[NOISE]
-        return (node[SCATTER], noise, node[DIRECTION], *self.start(0)[BUDGET:])
+        return (node[SCATTER], noise, *node[NOISE + 1 : BUDGET], *self.start(0)[BUDGET:])
 
     def sizes(self, node: Node) -> list[int]:
         """How many values each axis of a node has along which one may step."""
@@ -277,7 +284,7 @@ class Hyperparameters:
         """This node, and those with more scatter, noise or something smooth: there a bad case may be a sound one."""
         more = [
             (*node[:axis], index, *node[axis + 1 :])
-            for axis in (SCATTER, NOISE, DIRECTION, *range(SMOOTH, CARRIER))
+            for axis in (*range(BUDGET), *range(SMOOTH, CARRIER))
             for index in range(node[axis] + 1, len(self.axes[axis].values))
         ]
         return list(dict.fromkeys([node, *more, *map(self.of_all, [node, *more])]))

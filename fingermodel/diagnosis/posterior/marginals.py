@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, DIRECTION, NOISE, SCATTER, Node
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, ANGLE, BUDGET, COMPONENT, DIRECTION, NOISE, SCATTER, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
 from fingermodel.diagnosis.settings import EVIDENCE_POWER
@@ -232,9 +232,10 @@ class Posterior:
         return self.hyperparameter(SCATTER)
 
     @property
-    def direction(self) -> tuple[float, float]:
-        """Of forces that no tension makes, of each component relative to the force: mean and standard deviation."""
-        return self.hyperparameter(DIRECTION)
+    def other_scatter(self) -> dict[str, tuple[float, float]]:
+        """Of components, directions and angles from case to case (see `CaseErrors`): mean and standard deviation."""
+        axes = {"component": COMPONENT, "direction": DIRECTION, "angle_rad": ANGLE}
+        return {kind: self.hyperparameter(axis) for kind, axis in axes.items()}
 
     @property
     def budget(self) -> tuple[float, float]:

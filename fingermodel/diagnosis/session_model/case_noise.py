@@ -25,20 +25,61 @@ class CaseErrors(NamedTuple):
         scatter: of the tensions from case to case, relative.
         noise: of the readings: what is added to the measured one [N; a moment has ten times as many N mm]; where none
             was measured, a multiple of the assumed one.
-        direction: scatter of forces that no tension makes: of each component, relative to the force.
+        component: scatter of each component of the reading, relative to what is expected of it.
+        direction: scatter of the force in every direction: of each component, relative to the force.
+        angle_rad: scatter of each joint angle.
     """
 
     scatter: float
     noise: float
+    component: float = 0.0
     direction: float = 0.0
+    angle_rad: float = 0.0
+
+    @property
+    def variances(self) -> Floats:
+        """(kinds,) of scatter: of tensions, components, directions and angles."""
+        out: Floats = np.array([self.scatter, self.component, self.direction, self.angle_rad]) ** 2
+        return out
+
+
+class Scatter(NamedTuple):
+    """Changes of readings by what scatters from case to case, to first order.
+
+    Attributes:
+        by_tension: (n, t) when a tendon's tension doubles.
+        by_angle: (n, r) per radian of each joint angle.
+    """
+
+    by_tension: Floats
+    by_angle: Floats
+
+    def of_kinds(self, at: Rows, unit: Floats) -> Floats:
+        """Covariance (kinds, g, L, L) of some rows (g, L) by a scatter of each kind that is 1 (see `CaseErrors`).
+
+        Args:
+            at: which rows, by case.
+            unit: (g, L) what of each reading counts as much as a newton.
+        """
+        tension, angle = self.by_tension[at], self.by_angle[at]
+        force = np.linalg.norm(tension * (unit == 1.0)[:, :, None], axis=(1, 2))
+        return np.array(
+            [
+                tension @ tension.swapaxes(1, 2),
+                _each(tension.sum(axis=2) ** 2),
+                _each((force[:, None] * unit) ** 2),
+                angle @ angle.swapaxes(1, 2),
+            ]
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class CaseNoise:
-    """Noise that is independent by case: of the readings, by scatter of tensions and directions, and of bad cases.
+    """Noise that is independent by case: of the readings, by scatter, and of bad cases.
 
     Attributes:
-        groups: of cases with equally many rows: (g, L) rows, (g, L, L) measured covariance, (g, L, t) scatter columns.
+        groups: of cases with equally many rows: (g, L) rows, (g, L, L) measured covariance, and (kinds, g, L, L) by a
+            scatter of each kind that is 1.
         bad_size: (n,) how far a row may be off where its case is bad [N, N mm].
         cases: (n,) case of each row.
         unit: (n,) what of each reading counts as much as a newton.
@@ -53,14 +94,14 @@ class CaseNoise:
 
     @classmethod
     def of(
-        cls, blocks: Floats, rows: Rows, scatter: Floats, unit: Floats, bad_size: Floats, assumed: bool
+        cls, blocks: Floats, rows: Rows, scatter: Scatter, unit: Floats, bad_size: Floats, assumed: bool
     ) -> CaseNoise:
         """Sort readings by case.
 
         Args:
             blocks: (cases, 6, 6) covariance of each case.
             rows: (n,) indices of the readings into the flattened (cases, 6) wrench.
-            scatter: (n, t) change of each reading when a tendon's tension doubles, to first order.
+            scatter: of them.
             unit: (n,).
             bad_size: (n,).
             assumed: whether the blocks are.
@@ -75,7 +116,7 @@ class CaseNoise:
             at = np.array(rows_of)
             own = blocks[cases[at][:, :, None], axis[at][:, :, None], axis[at][:, None, :]]
             own = own + _each((_LEAST_N * unit[at]) ** 2)
-            groups.append((at, own, scatter[at]))
+            groups.append((at, own, scatter.of_kinds(at, unit[at])))
         return cls(tuple(groups), bad_size, cases, unit, assumed)
 
     def covariances(self, errors: CaseErrors, bad: Collection[int]) -> list[tuple[Rows, Floats]]:
@@ -86,13 +127,11 @@ class CaseNoise:
             bad: cases whose reading may be anything.
         """
         out = []
-        for rows, measured, by_tension in self.groups:
-            unit, is_bad = self.unit[rows], np.isin(self.cases[rows[:, 0]], list(bad))
-            pulled = by_tension * (unit == 1.0)[:, :, None]
-            aside = errors.direction * np.linalg.norm(pulled, axis=(1, 2))[:, None] * unit
-            blocks = as_read(measured, unit, errors.noise, self.assumed)
-            blocks = blocks + errors.scatter**2 * by_tension @ by_tension.swapaxes(1, 2)
-            out.append((rows, blocks + _each(aside**2 + is_bad[:, None] * self.bad_size[rows] ** 2)))
+        for rows, measured, of_kinds in self.groups:
+            is_bad = np.isin(self.cases[rows[:, 0]], list(bad))
+            blocks = as_read(measured, self.unit[rows], errors.noise, self.assumed)
+            blocks = blocks + np.tensordot(errors.variances, of_kinds, 1)
+            out.append((rows, blocks + _each(is_bad[:, None] * self.bad_size[rows] ** 2)))
         return out
 
     def whitening(self, errors: CaseErrors, bad: Collection[int]) -> tuple[list[tuple[Rows, Floats]], float]:
@@ -118,16 +157,18 @@ def as_read(blocks: Floats, unit: Floats, noise: float, assumed: bool) -> Floats
 
 
 def by_case(mean: Floats, unit: Floats, errors: CaseErrors) -> Floats:
-    """Covariance (n, L, L) of scatter from case to case of readings that are expected, all tensions alike.
+    """Covariance (n, L, L) of scatter from case to case of readings that are expected.
+
+    All tensions scatter alike, and angles turn the force.
 
     Args:
         mean: (n, L) what is expected [N, N mm].
         unit: (L,) what of each reading counts as much as a newton.
         errors: how large they are.
     """
-    force = np.linalg.norm(mean * (unit == 1.0), axis=1)
+    force, aside = np.linalg.norm(mean * (unit == 1.0), axis=1), np.hypot(errors.direction, errors.angle_rad)
     out: Floats = errors.scatter**2 * mean[:, :, None] * mean[:, None, :]
-    return out + _each((errors.direction * force[:, None] * unit) ** 2)
+    return out + _each((errors.component * mean) ** 2 + (aside * force[:, None] * unit) ** 2)
 
 
 def _each(variance: Floats) -> Floats:

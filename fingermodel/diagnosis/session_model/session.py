@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from daq.errors import SessionError
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.session_model.bad_cases import bad_size
-from fingermodel.diagnosis.session_model.case_noise import CaseErrors, CaseNoise
+from fingermodel.diagnosis.session_model.case_noise import CaseErrors, CaseNoise, Scatter
 from fingermodel.diagnosis.session_model.discrepancy import (
     Places,
     constant_columns,
@@ -40,7 +40,7 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-# Step of a derivative by the logarithm of a tension.
+# Step of a derivative by the logarithm of a tension, and by an angle [rad].
 _STEP = 1e-3
 # Share of the loads that a heavy one exceeds.
 _HEAVY = 0.9
@@ -53,6 +53,7 @@ _THE_SAME_FROM_ANYWHERE = (
     "nuisances",
     "torque_answer",
     "_answer_by_row",
+    "_by_angle",
     "_by_stated_tension",
     "_pieces",
     "_smooth",
@@ -184,7 +185,8 @@ class Session:
         usual_N = float(np.quantile(pulled_N[pulled_N > 0.0], _HEAVY)) if pulled_N.any() else 0.0
         size = bad_size(moment, measured, pulled_N[self.rows[chosen] // 6], usual_N)
         own, assumed = self.observations.noise.alone, self.observations.noise_assumed
-        return CaseNoise.of(own, self.rows[chosen], self._by_tension[chosen], self.places.unit[chosen], size, assumed)
+        scatter, unit = Scatter(self._by_tension[chosen], self._by_angle[chosen]), self.places.unit[chosen]
+        return CaseNoise.of(own, self.rows[chosen], scatter, unit, size, assumed)
 
     def whitened_smooth(self, errors: CaseErrors, bad: frozenset[int]) -> WhitenedSmooth:
         """The fitted readings' noise, and smooth columns under it; kept, since every explanation asks for them."""
@@ -258,6 +260,19 @@ class Session:
             more[:, k] *= 1.0 + _STEP
             out[:, :, k] = (self.readings(theta, more) - now) / _STEP
         return out
+
+    @cached_property
+    def _by_angle(self) -> Floats:
+        """(n, rotations) change of every reading per radian of each joint angle, about the priors' centre."""
+        inputs, theta = self.observations.inputs, self.problem.centre
+        posture, now = np.asarray(inputs.posture), self.readings(theta)
+        out = np.zeros((*now.shape, posture.shape[1]))
+        for k in range(posture.shape[1]):
+            turned = posture.copy()
+            turned[:, k] += _STEP
+            there = self.model.predict(inputs._replace(posture=jax.device_put(turned)), theta).reading
+            out[:, :, k] = (np.asarray(there) - now) / _STEP
+        return out[self.rows // 6, self.rows % 6]
 
     def readings(self, theta: Floats, tension: Floats | None = None) -> Floats:
         """(cases, 6) what the model predicts [N, N mm], by default of the tensions (cases, muscles) as they were."""

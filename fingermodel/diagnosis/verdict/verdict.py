@@ -13,13 +13,15 @@ from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, FORMS, NOISE
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Candidates
-from fingermodel.diagnosis.settings import LEAST_CASES, NOTHING_SURE, P_VALUE, SURE, USUAL_EXTRA_N
+from fingermodel.diagnosis.settings import EXTRA_NOISE_N, LEAST_CASES, NOTHING_SURE, P_VALUE, SURE
 from fingermodel.diagnosis.verdict.confounding import Confounding
 
 Kind = Literal["found", "one_of", "none_of_catalogue", "nothing_missing", "undecided"]
 
 # From this multiple on a budget or a noise is said to be larger than stated.
 _LARGER = 1.1
+# What plateau and tare do not show is more than usual from here on [N].
+_USUAL_EXTRA_N = 2.0 * EXTRA_NOISE_N.scale
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,7 @@ def _nothing(posterior: Posterior, fit: Optimum) -> Verdict:
         more = [f"a {what} {times:.1f} times as large" for what, times in wanted.items() if times >= _LARGER]
         if fit.session.observations.noise_assumed:
             more += [f"a noise {posterior.noise[0]:.1f} times as large"] if posterior.noise[0] >= _LARGER else []
-        elif posterior.noise[0] > USUAL_EXTRA_N:
+        elif posterior.noise[0] > _USUAL_EXTRA_N:
             more.append(f"{1000.0 * posterior.noise[0]:.0f} mN of noise beside the measured one")
         want = f"; the readings want {words(more)}" if more else ""
         short = f"noise, scatter and budget as stated leave a misfit of {misfit:.0f} for {n} readings{want}"
@@ -166,7 +168,7 @@ def stated_node(fit: Optimum) -> tuple[int, ...]:
     axes, node = fit.hyper.axes, list(fit.hyper.without_smooth(fit.best))
     node[BUDGET], node[ANATOMY] = axes[BUDGET].mode, axes[ANATOMY].mode
     if not fit.session.observations.noise_assumed:
-        usual = np.searchsorted(axes[NOISE].values, USUAL_EXTRA_N, side="right") - 1
+        usual = np.searchsorted(axes[NOISE].values, _USUAL_EXTRA_N, side="right") - 1
         node[NOISE] = min(node[NOISE], int(usual))
         return tuple(node)
     # An assumed noise is as the readings have it, too: where nothing smooth acts, that is more.

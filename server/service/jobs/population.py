@@ -24,6 +24,7 @@ import numpy as np
 from daq.plain_json import clean
 from fingermodel.comparison.comparison import compare
 from fingermodel.diagnosis.answer.addition import Recipe
+from fingermodel.diagnosis.posterior.hyper import GRIDS
 from fingermodel.fitting.identification import refit_map
 from server.application.additions import add_bench
 from server.service.jobs.bench_input import BenchInput
@@ -69,11 +70,12 @@ class Part:
 def run(payload: PopulationInput, tell: Tell) -> Result:
     """Carry a population run out, only what earlier attempts have not done, and return its summary."""
     prints = {b.id: b.fingerprint for b in payload.benches}
-    # What an earlier version has fitted to the measured readings does not say how.
+    # What an earlier version has fitted to the measured readings does not say how, or by another grid.
     done = {
         key: part
         for key, part in tell.parts.items()
-        if part["fingerprint"] == prints.get(part["session"]) and (part["replicate"] or "recipe" in part)
+        if part["fingerprint"] == prints.get(part["session"])
+        and (part["replicate"] or part.get("recipe", {}).get("grids") == GRIDS)
     }
     with payload.executor.open() as executor:
         _compute(executor, _estimates(payload, prints), payload, done, tell)
@@ -149,7 +151,7 @@ def _refitted(bench: Session, part: Part, estimate: Result) -> tuple[Fit, Compar
 def _recipe(estimate: Result) -> Recipe:
     kept = estimate["recipe"]
     members = tuple((name, form) for name, form in kept["members"])
-    return Recipe(members, *(tuple(kept[name]) for name in ("node", "bad", "about")))
+    return Recipe(members, tuple(kept["node"]), tuple(kept["bad"]), tuple(kept["about"]))
 
 
 def drawn(bench: Session, estimate: Result, seed: int, session: str, replicate: int) -> Observations:

@@ -57,7 +57,7 @@ def test_validation_cases_are_predicted_and_never_fitted(session: SessionModel) 
 
 @pytest.mark.parametrize(("assumed", "size"), [(True, 1.5), (False, 0.004)])
 def test_whitening_undoes_the_noise_of_every_case(session: SessionModel, assumed: bool, size: float) -> None:
-    noise, errors = replace(session.fitted_noise, assumed=assumed), CaseErrors(0.02, size, 0.01)
+    noise, errors = replace(session.fitted_noise, assumed=assumed), CaseErrors(0.02, size, 0.005, 0.01, 0.02)
     bad = frozenset({int(noise.cases[0])})
     roots, log_det = noise.whitening(errors, bad)
     n = len(noise.cases)
@@ -96,12 +96,30 @@ def test_a_bad_case_may_be_anything_and_the_others_are_as_before(session: Sessio
         assert (grown >= BAD_N**2 - 1e-9).all()
 
 
-def test_scatter_acts_on_each_tendon_by_itself(session: SessionModel) -> None:
-    noise, observations = session.fitted_noise, session.observations
-    for rows, _, by_tension in noise.groups:
-        for case, columns in zip(noise.cases[rows[:, 0]], by_tension, strict=True):
-            loaded = np.asarray(observations.inputs.tension)[case] > 0.0
-            assert not columns[:, ~loaded].any()
+@pytest.mark.parametrize("kind", ["scatter", "component", "direction", "angle_rad"])
+def test_scatter_gives_the_readings_what_a_tension_a_component_the_force_or_an_angle_changes(
+    session: SessionModel, kind: str
+) -> None:
+    inputs, theta, step = session.observations.inputs, session.problem.centre, 1e-3
+    now, by_tension, unit = session.readings(theta), session.by_tension(theta), np.array([1.0] * 3 + [10.0] * 3)
+    if kind == "scatter":
+        columns = np.moveaxis(by_tension, 2, 0)
+    elif kind == "component":
+        columns = np.array([now * (np.arange(6) == k) for k in range(6)])
+    elif kind == "direction":
+        force = np.linalg.norm(by_tension[:, :3], axis=(1, 2))[:, None]
+        columns = np.array([force * unit * (np.arange(6) == k) for k in range(6)])
+    else:
+        turned = [np.asarray(inputs.posture) + step * (np.arange(4) == k) for k in range(4)]
+        there = [session.model.predict(inputs._replace(posture=jnp.asarray(p)), theta).reading for p in turned]
+        columns = (np.array([np.asarray(t) for t in there]) - now) / step
+    read = columns.reshape(len(columns), -1)[:, session.rows[session.fitted]]
+    none = CaseErrors(0.0, 0.0)
+    some = none._replace(**{kind: 0.02})
+    noise = session.fitted_noise
+    for (rows, plain), (_, more) in zip(noise.covariances(none, ()), noise.covariances(some, ()), strict=True):
+        expected = 0.02**2 * np.einsum("kga,kgb->gab", read[:, rows], read[:, rows])
+        np.testing.assert_allclose(more - plain, expected, rtol=5e-3, atol=1e-7)
 
 
 def test_something_smooth_in_torque_reaches_tip_and_bone_together(session: SessionModel) -> None:

@@ -12,7 +12,7 @@ import pytest
 from daq.errors import InputError
 from fingermodel.diagnosis.posterior.hyper import Hyperparameters
 from fingermodel.diagnosis.session_model.session import session_of
-from fingermodel.diagnosis.settings import SCATTERS
+from fingermodel.diagnosis.settings import TENSION
 from fingermodel.session import Session
 from server.service.jobs import population
 from server.service.jobs.bench_input import BenchInput
@@ -124,7 +124,7 @@ def test_draws_have_the_covariance_of_the_readings_shared_tares_included(name: s
     run(asked(benches=(bench_input(name),), effects=((),), bootstrap=0), kept.tell)
     estimate = kept.parts[f"{name}/0/0"]
     # A hyperparameter is kept as its place on its axis.
-    node = [int(np.searchsorted(SCATTERS, 0.02)), *estimate["recipe"]["node"][1:]]
+    node = [int(np.searchsorted(TENSION.values, 0.02)), *estimate["recipe"]["node"][1:]]
     scattered = {**estimate, "recipe": estimate["recipe"] | {"node": node}}
     session = session_of(bench.model, bench.observations).seen_from(np.array(estimate["recipe"]["about"]))
     problem, values = session.problem, Hyperparameters.of(session).values(tuple(node))

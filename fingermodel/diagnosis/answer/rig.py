@@ -2,8 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
 from fingermodel.diagnosis.answer.where import bent
 from fingermodel.diagnosis.diagnose import Diagnosis
+from fingermodel.fitting.fit_report import other_scatter
+
+
+def of_rig(d: Diagnosis, bent_most: Sequence[str]) -> dict[str, Any]:
+    """Return the contract's keys of repeatability, budget, anatomy and noise.
+
+    Args:
+        d: of `diagnose`.
+        bent_most: parameters of the budget that are bent most by what acts.
+    """
+    posterior, assumed = d.posterior, d.session.observations.noise_assumed
+    (scatter, scatter_sd), others = posterior.scatter, posterior.other_scatter
+    noise, noise_sd = posterior.noise
+    repeatability = {"value_pct": 100.0 * scatter, "sd_pct": 100.0 * scatter_sd}
+    repeatability["stated_pct"] = 100.0 * d.session.stated_scatter
+    for kind in ("component", "direction"):
+        repeatability |= {f"{kind}_pct": 100.0 * others[kind][0], f"{kind}_sd_pct": 100.0 * others[kind][1]}
+    angle, angle_sd = np.rad2deg(others["angle_rad"]).tolist()
+    return {
+        "repeatability": repeatability | {"angle_deg": angle, "angle_sd_deg": angle_sd},
+        "budget_multiple": dict(zip(("value", "sd"), posterior.budget, strict=True)) | {"carried_by": list(bent_most)},
+        "anatomy_multiple": dict(zip(("value", "sd"), posterior.anatomy, strict=True)),
+        "noise_multiple": {
+            "value": noise if assumed else 1.0,
+            "sd": noise_sd if assumed else 0.0,
+            "assumed": assumed,
+        },
+        "extra_noise_N": None if assumed else {"value": noise, "sd": noise_sd},
+    }
 
 
 def remarks(d: Diagnosis) -> list[str]:
@@ -15,10 +49,8 @@ def remarks(d: Diagnosis) -> list[str]:
     if scatter > max(0.004, 1.5 * stated):
         than = f", where {100 * stated:.1f} % is stated" if stated else ", where none is stated"
         out.append(f"The cases repeat to {100 * scatter:.1f} % of their tensions{than}.")
-    if (aside := posterior.direction[0]) > 0.004:
-        out.append(
-            f"The forces scatter by {100 * aside:.1f} % in every direction besides, as where postures are set anew."
-        )
+    if others := other_scatter(**{kind: value for kind, (value, _) in posterior.other_scatter.items()}):
+        out.append(f"Besides, from case to case the readings scatter by {' and by '.join(others)}.")
     multiple = posterior.budget[0]
     if multiple > 1.5:
         carried = ", ".join(row["name"] for row in bent(d.session.problem, d.theta_of(d.best))[:3])
