@@ -177,8 +177,12 @@ class _Search:
             # The best are fitted whatever they promise: the base is bent to do without them.
             for explanation in firsts[:most]:
                 self._fit(explanation, offers[explanation].host)
-            pairs = better(pairs, self._offered(host, self._candidates.pairs(firsts)))
+            of_host = self._offered(host, self._candidates.pairs(firsts))
+            pairs = better(pairs, of_host)
         self._fit_singles(better(about_base, about_all))
+        # Two that hide each other are seen where all candidates fit, and no single would lead to them.
+        for explanation in best_forms(of_host)[:1]:
+            self._fit(explanation, every)
         for explanation in best_forms(pairs)[:_FIRST]:
             if not self._near(pairs[explanation].value):
                 break
