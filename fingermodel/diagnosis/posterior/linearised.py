@@ -29,7 +29,9 @@ Mask = NDArray[np.bool_]
 
 # Names of the blocks; `torque:`, … of something smooth and `form0`, … besides.
 HELD, BUDGET, ANATOMY = ACTING
-OWN, OTHERS = "own", "others"
+OWN, OTHERS, RESIDUAL = "own", "others", "residual"
+# What nearly every evaluation asks for is whitened, and multiplied, together.
+_TOGETHER = (RESIDUAL, HELD, BUDGET, ANATOMY, OWN)
 
 # Quadratics that are kept, those asked for last: about as many as the nodes around one have noises and sets of blocks.
 _KEPT = 16
@@ -268,7 +270,7 @@ class Linearised:
     def _right(self, inner: Inner) -> Floats:
         """(n, 1 + k) readings less the model with every parameter at its null, and columns of the own parameters."""
         if inner.right is None:
-            left = self._whitened(inner, "residual")[:, 0]
+            left = self._whitened(inner, RESIDUAL)[:, 0]
             for name in (HELD, BUDGET, ANATOMY, OWN):
                 left = left + self._whitened(inner, name) @ self.place(name)
             inner.right = np.column_stack([left, self._whitened(inner, OWN)])
@@ -280,11 +282,11 @@ class Linearised:
         spans = [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
         hessian, gradient = np.empty((sum(sizes), sum(sizes))), np.empty(sum(sizes))
         for k, (a, of_a) in enumerate(zip(names, spans, strict=True)):
-            gradient[of_a] = self._product(inner, a, "residual")[:, 0]
+            gradient[of_a] = self._product(inner, a, RESIDUAL)[:, 0]
             for b, of_b in zip(names[: k + 1], spans[: k + 1], strict=True):
                 hessian[of_a, of_b] = self._product(inner, a, b)
                 hessian[of_b, of_a] = hessian[of_a, of_b].T
-        return Quadratic(float(self._product(inner, "residual", "residual")[0, 0]), gradient, hessian, 0.0)
+        return Quadratic(float(self._product(inner, RESIDUAL, RESIDUAL)[0, 0]), gradient, hessian, 0.0)
 
     @cached_property
     def _latest(self) -> dict[tuple[object, ...], Quadratic]:
@@ -303,14 +305,26 @@ class Linearised:
         if is_smooth(name):
             return inner.smooth.of(name)
         if name not in inner.blocks:
-            plain = self.residual[:, None] if name == "residual" else self._plain(name)
-            inner.blocks[name] = inner.smooth.noise @ plain
+            columns = inner.smooth.noise @ self._plain(name)
+            spans = self._spans if name in _TOGETHER else {name: slice(None)}
+            inner.blocks |= {own: columns[:, span] for own, span in spans.items()}
         return inner.blocks[name]
 
     def _plain(self, name: str) -> Floats:
-        if name not in self._fitted:
-            self._fitted[name] = self.block(name, self.session.fitted, self.slopes)
-        return self._fitted[name]
+        """Columns (n, k) of a block, or of all that are whitened together."""
+        key = _TOGETHER[0] if name in _TOGETHER else name
+        if key not in self._fitted:
+            fitted, slopes = self.session.fitted, self.slopes
+            blocks = [self.residual[:, None]] if key == RESIDUAL else [self.block(name, fitted, slopes)]
+            blocks += [self.block(other, fitted, slopes) for other in _TOGETHER[1:] if key == RESIDUAL]
+            self._fitted[key] = np.concatenate(blocks, axis=1)
+        return self._fitted[key]
+
+    @cached_property
+    def _spans(self) -> dict[str, slice]:
+        sizes = [1, *(self.size(name) for name in _TOGETHER[1:])]
+        ends = np.cumsum(sizes).tolist()
+        return {name: slice(end - size, end) for name, size, end in zip(_TOGETHER, sizes, ends, strict=True)}
 
     @cached_property
     def _fitted(self) -> dict[str, Floats]:
@@ -322,7 +336,12 @@ class Linearised:
         if (b, a) in inner.products:
             return inner.products[b, a].T
         if (a, b) not in inner.products:
-            inner.products[a, b] = self._whitened(inner, a).T @ self._whitened(inner, b)
+            if a in _TOGETHER and b in _TOGETHER:
+                columns = np.concatenate([self._whitened(inner, name) for name in _TOGETHER], axis=1)
+                both, spans = columns.T @ columns, self._spans
+                inner.products |= {(c, d): both[spans[c], spans[d]] for c in spans for d in spans}
+            else:
+                inner.products[a, b] = self._whitened(inner, a).T @ self._whitened(inner, b)
         return inner.products[a, b]
 
     def whitening(self, node: Node) -> NoiseWhitening:
@@ -337,4 +356,4 @@ class Linearised:
         """(n, k) whitened columns of some blocks, (n,) whitened residual, and minus half the noise's ln det."""
         inner = self._inner_at(node, self.bad if bad is None else bad)
         columns = np.concatenate([self._whitened(inner, name) for name in names], axis=1)
-        return columns, self._whitened(inner, "residual")[:, 0], -0.5 * inner.smooth.noise.log_det
+        return columns, self._whitened(inner, RESIDUAL)[:, 0], -0.5 * inner.smooth.noise.log_det

@@ -13,6 +13,10 @@ from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart
 from fingermodel.diagnosis.session_model.session import Session
 from fingermodel.diagnosis.session_model.slips import Explained, Slips
 
+# A sound case can make an explanation better by no more than this [nat]: six readings that are known to a mN, not to
+# some newtons.
+_MOST = 50.0
+
 
 class CaseOdds:
     """Log odds of the cases of one session.
@@ -57,11 +61,11 @@ class CaseOdds:
         self, bad_cases: frozenset[int], fits: Collection[Optimum], leader: Optimum
     ) -> tuple[dict[int, float], dict[int, Explained]]:
         """Log odds of the cases taken for bad, by some explanations; and what may have been done instead."""
-        out = {}
+        out, near = {}, [fit for fit in fits if fit.log_posterior >= leader.log_posterior - _MOST]
         for case in bad_cases:
             without = bad_cases - {case}
             bad, sound = [], []
-            for fit in fits:
+            for fit in near:
                 bad.append(fit.log_posterior + LOG_PRIOR_ODDS)
                 sound.append(max(fit.log_joint(node, without) for node in self._hyper.widened(fit.best)))
             out[case] = float(logsumexp(bad) - logsumexp(sound))

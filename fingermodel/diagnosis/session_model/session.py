@@ -191,14 +191,17 @@ class Session:
     def whitened_smooth(self, errors: CaseErrors, bad: frozenset[int]) -> WhitenedSmooth:
         """The fitted readings' noise, and smooth columns under it; kept, since every explanation asks for them."""
         # Columns are many times as large as their inner products, and made again in no time.
-        for made in self._kept.values():
-            made.let_go()
+        self._columns.clear()
         key = (errors, bad)
         if key not in self._kept:
             whitening = NoiseWhitening.of(*self.fitted_noise.whitening(*key), self.tares[self.fitted])
             # A cycle of references would keep all columns until the garbage collector runs.
             session = weakref.proxy(self)
-            self._kept[key] = WhitenedSmooth(whitening, lambda block: session.smooth(block)[session.fitted])
+
+            def part(block: str) -> Floats:
+                return session.smooth(block)[session.fitted]
+
+            self._kept[key] = WhitenedSmooth(whitening, part, self._columns)
         return self._kept[key]
 
     def drawn_noise(self, errors: CaseErrors, rng: np.random.Generator) -> Floats:
@@ -212,11 +215,15 @@ class Session:
 
     def forget(self) -> None:
         """Let go of what is smooth, whitened or not; what is asked of it again is made again."""
-        self._kept.clear()
-        self._smooth.clear()
+        for kept in (self._kept, self._columns, self._smooth):
+            kept.clear()
 
     @cached_property
     def _kept(self) -> dict[tuple[CaseErrors, frozenset[int]], WhitenedSmooth]:
+        return {}
+
+    @cached_property
+    def _columns(self) -> dict[tuple[int, str], Floats]:
         return {}
 
     @cached_property

@@ -182,7 +182,7 @@ def _fixed(axis: int, index: int) -> Value:
 
 
 # What a session keeps of the readings that are fitted.
-_OF_THE_FITTED = ("fitted", "fitted_noise", "unlike_fitted", "_kept")
+_OF_THE_FITTED = ("fitted", "fitted_noise", "unlike_fitted", "_kept", "_columns")
 
 
 def _without(fit: Optimum, gone: Mask) -> Optimum:
