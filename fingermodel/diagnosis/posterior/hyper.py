@@ -64,6 +64,13 @@ class Axis:
         return int(np.argmax(self.log_weight))
 
     @cached_property
+    def within(self) -> Floats:
+        """Standard deviation of what each value of a size stands for: uniform over its cell, and 0 for the first."""
+        lower = _between(self.values)
+        upper = np.append(lower[1:], self.values[-1] ** 2 / lower[-1])
+        return np.concatenate([[0.0], (upper - lower) / np.sqrt(12.0)])
+
+    @cached_property
     def value(self) -> list[float]:
         """The values as plain numbers: thousands of nodes ask for one each."""
         return self.values.tolist()
@@ -368,10 +375,16 @@ def _with_atom(weight: Floats, beyond: float) -> Floats:
 
 def _cells(values: Floats, scale: float, cdf: Callable[[Floats], Floats]) -> Floats:
     """Probability of the cells about values that begin at 0, of a distribution with a scale."""
-    middle = np.sqrt(np.maximum(values[1:-1], 1e-300) * values[2:])
-    edges = np.concatenate([[0.0, 0.5 * values[1]], middle, [np.inf]])
+    edges = np.concatenate([[0.0], _between(values), [np.inf]])
     probability = np.diff(cdf(edges / scale))
     out: Floats = np.maximum(probability / probability.sum(), 1e-12)
+    return out
+
+
+def _between(values: Floats) -> Floats:
+    """Edges of the cells about values that grow in proportion, the first of which may be 0."""
+    out: Floats = np.sqrt(values[:-1] * values[1:])
+    out[0] = out[0] or 0.5 * values[1]
     return out
 
 

@@ -220,11 +220,12 @@ class Posterior:
 
     def hyperparameter(self, axis: int) -> tuple[float, float]:
         """Mean and standard deviation of scatter, noise, budget or smooth, whatever acts."""
-        known = [(e.probability, e.fit.hyper.axes[axis].values[e.node[axis]]) for e in self.entries if e.fit and e.node]
-        weight = np.array([p for p, _ in known])
-        values = np.array([v for _, v in known])
-        mean = float(weight @ values / weight.sum())
-        return mean, float(np.sqrt(max(weight @ (values - mean) ** 2 / weight.sum(), 0.0)))
+        grid = self.nothing.hyper.axes[axis]
+        known = [(e.probability, e.node[axis]) for e in self.entries if e.node]
+        weight, at = np.array([p for p, _ in known]), np.array([k for _, k in known])
+        mean = float(weight @ grid.values[at] / weight.sum())
+        variance = weight @ ((grid.values[at] - mean) ** 2 + grid.within[at] ** 2) / weight.sum()
+        return mean, float(np.sqrt(variance))
 
     @property
     def scatter(self) -> tuple[float, float]:
