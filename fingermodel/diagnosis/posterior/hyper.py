@@ -23,6 +23,8 @@ Floats = NDArray[np.float64]
 # that has a form.
 Node = tuple[int, ...]
 SCATTER, NOISE, COMPONENT, DIRECTION, ANGLE, BUDGET, ANATOMY, SMOOTH = range(8)
+# Those of `CaseErrors`.
+OF_CASES = slice(SCATTER, BUDGET)
 FAMILIES = ("torque", "tension", "loaded", "constant")
 CARRIER = SMOOTH + len(FAMILIES)
 FORMS = CARRIER + 1
@@ -215,7 +217,7 @@ class Hyperparameters:
         """What a node stands for."""
         at = [axis.value[i] for axis, i in zip(self.axes, node, strict=False)]
         forms = self.form.values[list(node[FORMS:])]
-        return Values(CaseErrors(*at[:BUDGET]), at[BUDGET], at[ANATOMY], np.array(at[SMOOTH:CARRIER]), forms)
+        return Values(CaseErrors(*at[OF_CASES]), at[BUDGET], at[ANATOMY], np.array(at[SMOOTH:CARRIER]), forms)
 
     def smooth_newton(self, node: Node) -> float:
         """Largest amplitude [N] of what is smooth at a node."""

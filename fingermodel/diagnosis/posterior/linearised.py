@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
-from fingermodel.diagnosis.posterior.hyper import ACTING, Hyperparameters, Node, is_smooth
-from fingermodel.diagnosis.posterior.hyper import BUDGET as BUDGET_MULTIPLE
+from fingermodel.diagnosis.posterior.hyper import ACTING, OF_CASES, Hyperparameters, Node, is_smooth
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Session
@@ -250,7 +249,7 @@ class Linearised:
         count, n = len(nodes), len(self.residual)
         covariance, right = np.empty((count, n * n)), np.empty((count, n, 1 + self.size(OWN)))
         of_noise, end = np.empty(count), 0
-        for _, group in groupby(nodes, lambda node: node[:BUDGET_MULTIPLE]):
+        for _, group in groupby(nodes, lambda node: node[OF_CASES]):
             alike = list(group)
             here = slice(end, end := end + len(alike))
             inner = self._inner_at(alike[0], self.bad if bad is None else bad)
@@ -293,7 +292,7 @@ class Linearised:
         return {}
 
     def _inner_at(self, node: Node, bad: frozenset[int]) -> Inner:
-        key = (node[:BUDGET_MULTIPLE], bad)
+        key = (node[OF_CASES], bad)
         if key not in self._inner:
             # Columns are many times as large as their inner products, and made again in no time.
             for made in self._inner.values():
