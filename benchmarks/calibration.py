@@ -37,6 +37,7 @@ from fingermodel.diagnosis.posterior.hyper import (
     COMPONENT,
     DIRECTION,
     FORMS,
+    MOUNTING,
     NOISE,
     SCATTER,
     SMOOTH,
@@ -59,6 +60,7 @@ AXES = {
     "angle": ANGLE,
     "budget_multiple": BUDGET,
     "anatomy_multiple": ANATOMY,
+    "mounting": MOUNTING,
     "smooth": SMOOTH,
 }
 KINDS: tuple[Literal["budget"], Literal["anatomy"]] = ("budget", "anatomy")
@@ -128,7 +130,11 @@ class Priors:
                 reading[at] += np.linalg.cholesky(own) @ rng.normal(size=len(at))
         wrench = self.entered.wrench.copy()
         wrench.reshape(-1)[session.rows] = reading
-        return replace(self.entered, wrench=wrench)
+        read = replace(self.entered, wrench=wrench)
+        turned = session_of(self.model, read).mounted
+        turned_wrench = wrench.copy()
+        turned_wrench.reshape(-1)[session.rows] += turned @ rng.normal(size=turned.shape[1]) * values.mounting_rad
+        return replace(read, wrench=turned_wrench)
 
 
 def _normalised(log_weight: Floats) -> Floats:

@@ -3,7 +3,8 @@
     python -m benchmarks.scatter [--each 8] [--first 0]
 
 Readings of the first simulator are changed, case by case: all of a case by one factor, each component by one of its
-own, the force's direction, or as by other joint angles. Every second session has an effect of the catalogue.
+own, the force's direction, or as by other joint angles; or setting by setting, as by a cell that is turned. Every
+second session has an effect of the catalogue.
 """
 
 from __future__ import annotations
@@ -60,11 +61,20 @@ def by_angle(bench: Session, rng: Rng) -> Floats:
     return wrench + there - here
 
 
+def by_setting(bench: Session, rng: Rng) -> Floats:
+    """Each posture, at the tip and at the bone, with the cell turned by 1 degree about each axis."""
+    wrench, inputs = _wrench(bench), bench.observations.inputs
+    place = 2 * np.asarray(inputs.setting) + np.asarray(inputs.at_bone)
+    turn = Rotation.from_rotvec(np.deg2rad(1.0) * rng.normal(size=(place.max() + 1, 3)))[place[: len(wrench)]]
+    return np.concatenate([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])], axis=1)
+
+
 KINDS: dict[str, Callable[[Session, Rng], Floats]] = {
     "one factor a case, 2 %": by_one_factor,
     "each component by itself, 1.5 %": by_component,
     "direction, 1.1° about each axis": by_direction,
     "joint angles, 1°": by_angle,
+    "the cell in each setting, 1° about each axis": by_setting,
 }
 
 
@@ -96,7 +106,7 @@ def main() -> None:
         f"Made by `python -m benchmarks.scatter --each {given.each} --first {given.first}`.",
         "",
         "| scatter | clean: nothing missing | none of the catalogue | an effect named | hidden effect found alone "
-        "| another named | read: tensions, components, directions, angles |",
+        "| another named | read: tensions, components, directions, angles, cell |",
         "|---|---|---|---|---|---|---|",
     ]
     for kind, change in KINDS.items():
@@ -113,11 +123,10 @@ def main() -> None:
         scatter = np.median([100.0 * d.posterior.scatter[0] for _, d in found])
         others = [d.posterior.other_scatter for _, d in found]
         component, aside = (np.median([100.0 * o[k][0] for o in others]) for k in ("component", "direction"))
-        angle = np.rad2deg(np.median([o["angle_rad"][0] for o in others]))
+        angle, cell = (np.rad2deg(np.median([o[k][0] for o in others])) for k in ("angle_rad", "mounting_rad"))
         told = [*(f"{n}/{len(clean)}" for n in counts), *(f"{n}/{len(acting)}" for n in (alone, false))]
-        lines.append(
-            f"| {kind} | {' | '.join(told)} | {scatter:.1f} %, {component:.1f} %, {aside:.1f} %, {angle:.1f}° |"
-        )
+        read = f"{scatter:.1f} %, {component:.1f} %, {aside:.1f} %, {angle:.1f}°, {cell:.1f}°"
+        lines.append(f"| {kind} | {' | '.join(told)} | {read} |")
         print(lines[-1], flush=True)
     publish(HERE / "scatter.md", lines)
 

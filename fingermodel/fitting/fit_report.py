@@ -50,6 +50,7 @@ class ReadingErrors:
         component: scatter of each component of the reading, relative to what is expected of it.
         direction: scatter of the force in every direction: of each component, relative to the force.
         angle_rad: scatter of each joint angle from case to case.
+        mounting_rad: how far the cell is turned in each setting.
     """
 
     scatter: float = 0.0
@@ -58,6 +59,7 @@ class ReadingErrors:
     component: float = 0.0
     direction: float = 0.0
     angle_rad: float = 0.0
+    mounting_rad: float = 0.0
 
 
 # What a fit counts with that is told of nothing else.
@@ -313,11 +315,16 @@ def _with_message(fit: Fit) -> Fit:
     return replace(fit, message=" ".join(text))
 
 
-def other_scatter(component: float, direction: float, angle_rad: float) -> list[str]:
+def other_scatter(component: float, direction: float, angle_rad: float, mounting_rad: float) -> list[str]:
     """Say what of the scatter beside that of the tensions (see `ReadingErrors`) is worth telling."""
-    sizes = (100.0 * component, 100.0 * direction, float(np.rad2deg(angle_rad)))
-    told = (100.0 * _TOLD_SCATTER, 100.0 * _TOLD_SCATTER, _TOLD_DEG)
-    units = (" % of each component by itself", " % of the force in every direction", "° of each joint angle")
+    sizes = (100.0 * component, 100.0 * direction, *np.rad2deg([angle_rad, mounting_rad]).tolist())
+    told = (100.0 * _TOLD_SCATTER, 100.0 * _TOLD_SCATTER, _TOLD_DEG, _TOLD_DEG)
+    units = (
+        " % of each component by itself",
+        " % of the force in every direction",
+        "° of each joint angle",
+        "° of the cell's orientation from setting to setting",
+    )
     return [f"{size:.1f}{unit}" for size, unit, least in zip(sizes, units, told, strict=True) if size >= least]
 
 
@@ -326,7 +333,7 @@ def _said_of(errors: ReadingErrors) -> list[str]:
     out, extra = [], []
     if errors.scatter >= _TOLD_SCATTER:
         extra.append(f"{100.0 * errors.scatter:.1f} % of each tension from case to case")
-    extra += other_scatter(errors.component, errors.direction, errors.angle_rad)
+    extra += other_scatter(errors.component, errors.direction, errors.angle_rad, errors.mounting_rad)
     if (errors.extra_noise_N or 0.0) >= _TOLD_NOISE_N:
         extra.append(f"{1000.0 * (errors.extra_noise_N or 0.0):.0f} mN of each reading")
     if extra:

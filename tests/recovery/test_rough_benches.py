@@ -97,6 +97,13 @@ def at_other_angles(bench: Session, rng: np.random.Generator) -> Floats:
     return wrench + (there - here)[: len(wrench)]
 
 
+def clamped_anew(bench: Session, rng: np.random.Generator) -> Floats:
+    wrench, inputs = np.array([case.wrench for case in bench.measured.cases]), bench.observations.inputs
+    place = 2 * np.asarray(inputs.setting) + np.asarray(inputs.at_bone)
+    turns = Rotation.from_rotvec(np.deg2rad(1.0) * rng.normal(size=(place.max() + 1, 3)))[place[: len(wrench)]]
+    return np.concatenate([turns.apply(wrench[:, :3]), turns.apply(wrench[:, 3:])], axis=1)
+
+
 @pytest.mark.parametrize(("seed", "effects"), [(50, ()), (51, ("hanger_mass",))])
 @pytest.mark.parametrize(
     ("scattered", "kind", "size", "said"),
@@ -104,6 +111,7 @@ def at_other_angles(bench: Session, rng: np.random.Generator) -> Floats:
         (turned, "direction", 0.02, "of the force in every direction"),
         (component_by_component, "component", 0.015, "of each component by itself"),
         (at_other_angles, "angle_rad", np.deg2rad(1.0), "of each joint angle"),
+        (clamped_anew, "mounting_rad", np.deg2rad(1.0), "of the cell's orientation from setting to setting"),
     ],
 )
 def test_scatter_that_no_tension_makes_hides_nothing_and_is_said(

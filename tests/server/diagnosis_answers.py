@@ -101,6 +101,8 @@ def found() -> Answer:
             "direction_sd_pct": 0.1,
             "angle_deg": 0.75,
             "angle_sd_deg": 0.3,
+            "mounting_deg": 0.35,
+            "mounting_sd_deg": 0.1,
         },
         "beyond": {"probability": 0.034, "amplitude_N": 0.021},
         "budget_multiple": {"value": 1.62, "sd": 0.3, "carried_by": ["zero.bone.z"]},

@@ -26,9 +26,11 @@ def of_rig(d: Diagnosis, bent_most: Sequence[str]) -> dict[str, Any]:
     repeatability["stated_pct"] = 100.0 * d.session.stated_scatter
     for kind in ("component", "direction"):
         repeatability |= {f"{kind}_pct": 100.0 * others[kind][0], f"{kind}_sd_pct": 100.0 * others[kind][1]}
-    angle, angle_sd = np.rad2deg(others["angle_rad"]).tolist()
+    for kind in ("angle", "mounting"):
+        degrees = np.rad2deg(others[f"{kind}_rad"]).tolist()
+        repeatability |= dict(zip((f"{kind}_deg", f"{kind}_sd_deg"), degrees, strict=True))
     return {
-        "repeatability": repeatability | {"angle_deg": angle, "angle_sd_deg": angle_sd},
+        "repeatability": repeatability,
         "budget_multiple": dict(zip(("value", "sd"), posterior.budget, strict=True)) | {"carried_by": list(bent_most)},
         "anatomy_multiple": dict(zip(("value", "sd"), posterior.anatomy, strict=True)),
         "noise_multiple": {
@@ -50,7 +52,7 @@ def remarks(d: Diagnosis) -> list[str]:
         than = f", where {100 * stated:.1f} % is stated" if stated else ", where none is stated"
         out.append(f"The cases repeat to {100 * scatter:.1f} % of their tensions{than}.")
     if others := other_scatter(**{kind: value for kind, (value, _) in posterior.other_scatter.items()}):
-        out.append(f"Besides, from case to case the readings scatter by {' and by '.join(others)}.")
+        out.append(f"Besides, the readings scatter by {' and by '.join(others)}.")
     multiple = posterior.budget[0]
     if multiple > 1.5:
         carried = ", ".join(row["name"] for row in bent(d.session.problem, d.theta_of(d.best))[:3])

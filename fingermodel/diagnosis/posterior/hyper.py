@@ -19,10 +19,10 @@ from fingermodel.diagnosis.session_model.session import Session
 Floats = NDArray[np.float64]
 
 # Indices on the axes: scatter of tensions, noise, the other kinds of scatter (see `CaseErrors`), budget, anatomy,
-# something smooth of each family (see `Session.smooth`), and what carries it; then one error of form for each member
-# that has a form.
+# mounting (see `Session.mounted`), something smooth of each family (see `Session.smooth`), and what carries it; then
+# one error of form for each member that has a form.
 Node = tuple[int, ...]
-SCATTER, NOISE, COMPONENT, DIRECTION, ANGLE, BUDGET, ANATOMY, SMOOTH = range(8)
+SCATTER, NOISE, COMPONENT, DIRECTION, ANGLE, BUDGET, ANATOMY, MOUNTING, SMOOTH = range(9)
 # Those of `CaseErrors`.
 OF_CASES = slice(SCATTER, BUDGET)
 FAMILIES = ("torque", "tension", "loaded", "constant")
@@ -30,20 +30,28 @@ CARRIER = SMOOTH + len(FAMILIES)
 FORMS = CARRIER + 1
 # Blocks of weights that act at every node (see `Linearised`).
 ACTING = ("held", "budget", "anatomy")
+# That of the mounting, where the cell is turned in each setting.
+MOUNTED = "mounted"
 # Scatter of a usual bench, relative.
 _USUAL_SCATTER = 0.01
 _SIZES = (settings.TENSION, settings.EXTRA_NOISE_N, settings.COMPONENT, settings.DIRECTION, settings.ANGLE_RAD)
-_GRIDS = (*[size.values for size in _SIZES], settings.MULTIPLES, settings.SMOOTH_N, settings.FORM_ERRORS)
+_GRIDS = (
+    *[s.values for s in (*_SIZES, settings.MOUNTING_RAD)],
+    settings.MULTIPLES,
+    settings.SMOOTH_N,
+    settings.FORM_ERRORS,
+)
 # A node that was kept means the same only where this is the same.
 GRIDS = hashlib.sha256(repr([grid.tolist() for grid in _GRIDS]).encode()).hexdigest()[:12]
 
 
 class Values(NamedTuple):
-    """Of a node: sizes of the noise by case, multiples, amplitudes by family [N], errors of form."""
+    """Of a node: sizes of the noise by case, multiples, mounting [rad], amplitudes by family [N], errors of form."""
 
     errors: CaseErrors
     budget: float
     anatomy: float
+    mounting_rad: float
     smooth_N: Floats
     forms: Floats
 
@@ -88,8 +96,9 @@ class Hyperparameters:
     """The axes of one session.
 
     Attributes:
-        axes: scatter and noise (see `CaseErrors`), multiples of the budget and of the anatomy, amplitude of each family
-            of something smooth [N], and what carries it: the index among the carriers.
+        axes: scatter and noise (see `CaseErrors`), multiples of the budget and of the anatomy, how far the cell is
+            turned in each setting [rad], amplitude of each family of something smooth [N], and what carries it: the
+            index among the carriers.
         form: error of an effect's form.
         carriers: of something smooth (see `Session.carriers`).
         tendons: how many of them are tendons.
@@ -125,6 +134,7 @@ class Hyperparameters:
                 noise,
                 *others,
                 *[multiple] * 2,
+                Axis.of(settings.MOUNTING_RAD),
                 *[smooth] * len(FAMILIES),
                 Axis(np.arange(float(len(carriers))), of_each),
             ),
@@ -217,7 +227,8 @@ class Hyperparameters:
         """What a node stands for."""
         at = [axis.value[i] for axis, i in zip(self.axes, node, strict=False)]
         forms = self.form.values[list(node[FORMS:])]
-        return Values(CaseErrors(*at[OF_CASES]), at[BUDGET], at[ANATOMY], np.array(at[SMOOTH:CARRIER]), forms)
+        errors, smooth = CaseErrors(*at[OF_CASES]), np.array(at[SMOOTH:CARRIER])
+        return Values(errors, at[BUDGET], at[ANATOMY], at[MOUNTING], smooth, forms)
 
     def smooth_newton(self, node: Node) -> float:
         """Largest amplitude [N] of what is smooth at a node."""
@@ -248,7 +259,9 @@ class Hyperparameters:
             forms = {f"form{k}": width for k, width in enumerate(errors) if width > 0.0}
             multiples = [self.axes[k].value[node[k]] for k in (BUDGET, ANATOMY)]
             always = dict(zip(ACTING, (1.0, *multiples), strict=True))
-            self._widths[node] = always | self.smooth_blocks(node) | forms
+            mounting = self.axes[MOUNTING].value[node[MOUNTING]]
+            mounted = {MOUNTED: mounting} if mounting > 0.0 else {}
+            self._widths[node] = always | mounted | self.smooth_blocks(node) | forms
         return self._widths[node]
 
     @cached_property
@@ -265,9 +278,11 @@ class Hyperparameters:
         return (*self.without_smooth(node)[:FORMS], *(min(most, i) for i in node[FORMS:]))
 
     def as_stated(self, node: Node) -> Node:
-        """The same scatter and noise beside the measured one, with nothing smooth, and all else as stated."""
+        """The same scatter, mounting and noise beside the measured one, with nothing smooth, and all else as stated."""
         noise = self.axes[NOISE].mode if self.noise_assumed else node[NOISE]
-        return (node[SCATTER], noise, *node[NOISE + 1 : BUDGET], *self.start(0)[BUDGET:])
+        usual = self.start(0)
+        of_cases = (node[SCATTER], noise, *node[NOISE + 1 : BUDGET])
+        return (*of_cases, *usual[BUDGET:MOUNTING], node[MOUNTING], *usual[SMOOTH:])
 
     def sizes(self, node: Node) -> list[int]:
         """How many values each axis of a node has along which one may step."""
@@ -293,7 +308,7 @@ class Hyperparameters:
         """This node, and those with more scatter, noise or something smooth: there a bad case may be a sound one."""
         more = [
             (*node[:axis], index, *node[axis + 1 :])
-            for axis in (*range(BUDGET), *range(SMOOTH, CARRIER))
+            for axis in (*range(BUDGET), *range(MOUNTING, CARRIER))
             for index in range(node[axis] + 1, len(self.axes[axis].values))
         ]
         return list(dict.fromkeys([node, *more, *map(self.of_all, [node, *more])]))

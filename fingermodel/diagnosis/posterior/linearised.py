@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
-from fingermodel.diagnosis.posterior.hyper import ACTING, OF_CASES, Hyperparameters, Node, is_smooth
+from fingermodel.diagnosis.posterior.hyper import ACTING, MOUNTED, OF_CASES, Hyperparameters, Node, is_smooth
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Session
@@ -185,6 +185,8 @@ class Linearised:
             return self.form_errors[int(name.removeprefix("form"))][rows]
         if is_smooth(name):
             return session.smooth(name)[rows]
+        if name == MOUNTED:
+            return session.mounted[rows]
         own = slopes[:, self.parameters_of[name]]
         return np.concatenate([own, session.nuisances[rows]], axis=1) if name == BUDGET else own
 
@@ -209,6 +211,8 @@ class Linearised:
             return int(self.form_errors[int(name.removeprefix("form"))].shape[1])
         if is_smooth(name):
             return int(session.smooth(name).shape[1])
+        if name == MOUNTED:
+            return int(session.mounted.shape[1])
         return len(self.parameters_of[name]) + (int(session.nuisances.shape[1]) if name == BUDGET else 0)
 
     def widths(self, names: Sequence[str], node: Node) -> Floats:

@@ -11,7 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from fingermodel.diagnosis.posterior.hyper import ANATOMY, ANGLE, BUDGET, COMPONENT, DIRECTION, NOISE, SCATTER, Node
+from fingermodel.diagnosis.posterior.hyper import (
+    ANATOMY,
+    ANGLE,
+    BUDGET,
+    COMPONENT,
+    DIRECTION,
+    MOUNTING,
+    NOISE,
+    SCATTER,
+    Node,
+)
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
 from fingermodel.diagnosis.settings import EVIDENCE_POWER
@@ -234,8 +244,8 @@ class Posterior:
 
     @property
     def other_scatter(self) -> dict[str, tuple[float, float]]:
-        """Of components, directions and angles from case to case (see `CaseErrors`): mean and standard deviation."""
-        axes = {"component": COMPONENT, "direction": DIRECTION, "angle_rad": ANGLE}
+        """Of components, directions and angles by case, and of the mounting by setting: mean and standard deviation."""
+        axes = {"component": COMPONENT, "direction": DIRECTION, "angle_rad": ANGLE, "mounting_rad": MOUNTING}
         return {kind: self.hyperparameter(axis) for kind, axis in axes.items()}
 
     @property

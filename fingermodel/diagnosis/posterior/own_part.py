@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from fingermodel.diagnosis.posterior.hyper import FORMS, SMOOTH, Node
+from fingermodel.diagnosis.posterior.hyper import FORMS, MOUNTED, SMOOTH, Node
 from fingermodel.diagnosis.posterior.linearised import ANATOMY, BUDGET, HELD, Linearised
 from fingermodel.diagnosis.settings import FORM_NAMED
 from fingermodel.fitting.roots import root_of_one_plus
@@ -39,7 +39,8 @@ class OwnPart:
         Args:
             changes: (fitted readings, k) each; of several columns they are those of all together.
         """
-        fit, names = self._fit, [HELD, BUDGET, ANATOMY]
+        fit = self._fit
+        names = [n for n in fit.acting(self._node) if n in (HELD, BUDGET, ANATOMY, MOUNTED)]
         columns = fit.whitened_blocks(names, self._node) * fit.widths(names, self._node)
         root, out = root_of_one_plus(columns.T @ columns), list[float]()
         whitening = fit.whitening(self._node)

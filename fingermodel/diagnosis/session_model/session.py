@@ -51,6 +51,7 @@ _THE_SAME_FROM_ANYWHERE = (
     "places",
     "tares",
     "nuisances",
+    "mounted",
     "torque_answer",
     "_answer_by_row",
     "_by_angle",
@@ -300,6 +301,21 @@ class Session:
         """
         columns = [*self._clamp_twist(), *self._zero_moments()]
         return np.array(columns).T if columns else np.zeros((len(self.rows), 0))
+
+    @cached_property
+    def mounted(self) -> Floats:
+        """(n, k) change of every reading per radian by which the cell is turned about each axis in one setting.
+
+        A posture is set by clamping the finger anew, at the tip and at the bone. What is turned is what was read.
+        """
+        inputs, reading = self.observations.inputs, np.nan_to_num(self.observations.wrench)
+        turned = np.concatenate([np.cross(np.eye(3)[:, None], part) for part in np.split(reading, 2, axis=1)], axis=2)
+        place = np.stack([np.asarray(inputs.setting), np.asarray(inputs.at_bone)], axis=1)
+        check, columns = np.asarray(inputs.is_check), []
+        for own in np.unique(place[~check], axis=0):
+            here = (place == own).all(axis=1) & ~check
+            columns += [(t * here[:, None]).reshape(-1)[self.rows] for t in turned]
+        return np.array(columns).T
 
     def _clamp_twist(self) -> list[Floats]:
         model, inputs, topology = self.model, self.observations.inputs, self.model.finger.topology

@@ -128,6 +128,7 @@ function rig(body) {
     r && r.component_pct >= 0.1 && ["Scatter of each component by itself", `${number(r.component_pct, 2)} ± ${number(r.component_sd_pct, 2)} %`, "none stated"],
     r && r.direction_pct >= 0.1 && ["Scatter of forces in every direction", `${number(r.direction_pct, 2)} ± ${number(r.direction_sd_pct, 2)} %`, "none stated"],
     r && r.angle_deg >= 0.1 && ["Scatter of joint angles", `${number(r.angle_deg, 2)} ± ${number(r.angle_sd_deg, 2)}°`, "none stated"],
+    r && r.mounting_deg >= 0.1 && ["Turn of the cell from setting to setting", `${number(r.mounting_deg, 2)} ± ${number(r.mounting_sd_deg, 2)}°`, "none stated"],
     b && ["Multiple of the budget", `${number(b.value, 2)} ± ${number(b.sd, 2)}`, b.carried_by.length ? `bent most: ${b.carried_by.slice(0, 3).join(", ")}` : "1"],
     a && ["Multiple of the anatomy's spread", `${number(a.value, 2)} ± ${number(a.sd, 2)}`, "1"],
     n && ["Multiple of the noise", `${number(n.value, 2)} ± ${number(n.sd, 2)}`, n.assumed ? "no uncertainty stated" : "1"],
