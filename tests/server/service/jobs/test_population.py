@@ -106,6 +106,15 @@ def test_an_interrupted_run_goes_on_where_it_was(plain: tuple[dict[str, Any], Ke
     assert sorted(first.made + second.made) == sorted(plain[1].made)
 
 
+def test_estimates_under_other_grids_of_hyperparameters_are_made_anew(plain: tuple[dict[str, Any], Kept]) -> None:
+    parts = dict(plain[1].parts)
+    key = f"{NAMES[0]}/0/0"
+    parts[key] = parts[key] | {"recipe": parts[key]["recipe"] | {"grids": "of an earlier version"}}
+    again = Kept(parts)
+    assert run(asked(), again.tell) == plain[0]
+    assert again.made == [key]
+
+
 def test_parts_of_a_session_that_has_changed_since_are_not_used(plain: tuple[dict[str, Any], Kept]) -> None:
     given = asked()
     other = BenchInput({**given.benches[1].session, "gravity_m_s2": 9.80665})
