@@ -315,13 +315,12 @@ class Linearised:
 
     def _plain(self, name: str) -> Floats:
         """Columns (n, k) of a block, or of all that are whitened together."""
-        key = _TOGETHER[0] if name in _TOGETHER else name
-        if key not in self._fitted:
+        names = _TOGETHER if name in _TOGETHER else (name,)
+        if names not in self._fitted:
             fitted, slopes = self.session.fitted, self.slopes
-            blocks = [self.residual[:, None]] if key == RESIDUAL else [self.block(name, fitted, slopes)]
-            blocks += [self.block(other, fitted, slopes) for other in _TOGETHER[1:] if key == RESIDUAL]
-            self._fitted[key] = np.concatenate(blocks, axis=1)
-        return self._fitted[key]
+            blocks = [self.residual[:, None] if n == RESIDUAL else self.block(n, fitted, slopes) for n in names]
+            self._fitted[names] = np.concatenate(blocks, axis=1)
+        return self._fitted[names]
 
     @cached_property
     def _spans(self) -> dict[str, slice]:
@@ -330,7 +329,7 @@ class Linearised:
         return {name: slice(end - size, end) for name, size, end in zip(_TOGETHER, sizes, ends, strict=True)}
 
     @cached_property
-    def _fitted(self) -> dict[str, Floats]:
+    def _fitted(self) -> dict[tuple[str, ...], Floats]:
         return {}
 
     def _product(self, inner: Inner, a: str, b: str) -> Floats:

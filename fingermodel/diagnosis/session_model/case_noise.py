@@ -156,8 +156,8 @@ def as_read(blocks: Floats, unit: Floats, noise: float, assumed: bool) -> Floats
     return noise**2 * blocks if assumed else blocks + _each((noise * unit) ** 2)
 
 
-def by_case(mean: Floats, unit: Floats, errors: CaseErrors) -> Floats:
-    """Covariance (n, L, L) of scatter from case to case of readings that are expected.
+def by_case(mean: Floats, unit: Floats, errors: CaseErrors, mounting_rad: float) -> Floats:
+    """Covariance (n, L, L) of scatter from case to case of readings that are expected, each clamped anew.
 
     All tensions scatter alike, and angles turn the force.
 
@@ -165,8 +165,10 @@ def by_case(mean: Floats, unit: Floats, errors: CaseErrors) -> Floats:
         mean: (n, L) what is expected [N, N mm].
         unit: (L,) what of each reading counts as much as a newton.
         errors: how large they are.
+        mounting_rad: how far the cell is turned in each setting.
     """
-    force, aside = np.linalg.norm(mean * (unit == 1.0), axis=1), np.hypot(errors.direction, errors.angle_rad)
+    force = np.linalg.norm(mean * (unit == 1.0), axis=1)
+    aside = np.linalg.norm([errors.direction, errors.angle_rad, mounting_rad])
     out: Floats = errors.scatter**2 * mean[:, :, None] * mean[:, None, :]
     return out + _each((errors.component * mean) ** 2 + (aside * force[:, None] * unit) ** 2)
 

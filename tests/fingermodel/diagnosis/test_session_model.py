@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from daq.errors import SessionError
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
@@ -120,6 +121,20 @@ def test_scatter_gives_the_readings_what_a_tension_a_component_the_force_or_an_a
     for (rows, plain), (_, more) in zip(noise.covariances(none, ()), noise.covariances(some, ()), strict=True):
         expected = 0.02**2 * np.einsum("kga,kgb->gab", read[:, rows], read[:, rows])
         np.testing.assert_allclose(more - plain, expected, rtol=5e-3, atol=1e-7)
+
+
+def test_a_cell_that_is_turned_changes_what_it_reads_in_one_setting_alone(session: SessionModel) -> None:
+    observations, angle = session.observations, 1e-5
+    setting, bone = np.asarray(observations.inputs.setting), np.asarray(observations.inputs.at_bone)
+    places = np.unique(np.stack([setting, bone], axis=1), axis=0)
+    wrench = np.nan_to_num(observations.wrench)
+    for place, own in zip(places, np.split(session.mounted, len(places), axis=1), strict=True):
+        for axis, column in zip(np.eye(3), own.T, strict=True):
+            turn = Rotation.from_rotvec(angle * axis)
+            turned = np.concatenate([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])], axis=1) - wrench
+            here = (setting == place[0]) & (bone == place[1]) & ~np.asarray(observations.inputs.is_check)
+            expected = (turned * here[:, None]).reshape(-1)[session.rows]
+            np.testing.assert_allclose(column * angle, expected, rtol=1e-4, atol=1e-8)
 
 
 def test_something_smooth_in_torque_reaches_tip_and_bone_together(session: SessionModel) -> None:
