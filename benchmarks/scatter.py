@@ -12,61 +12,17 @@ from __future__ import annotations
 import argparse
 import tempfile
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from benchmarks.machine import publish
 from fingermodel.diagnosis.diagnose import Diagnosis, diagnose
 from fingermodel.session import Session
+from tests.scattered import Floats, Rng, by_angle, by_component, by_direction, by_one_factor, by_setting, with_readings
 from tests.simulator import draw_session, draw_truth
 
-Floats = NDArray[np.float64]
-Rng = np.random.Generator
 HERE = Path(__file__).parent
-
-
-def by_one_factor(bench: Session, rng: Rng) -> Floats:
-    """Each case by one factor, 2 %."""
-    wrench = _wrench(bench)
-    return wrench * (1.0 + 0.02 * rng.normal(size=(len(wrench), 1)))
-
-
-def by_component(bench: Session, rng: Rng) -> Floats:
-    """Each component by itself, 1.5 %."""
-    wrench = _wrench(bench)
-    return wrench * (1.0 + 0.015 * rng.normal(size=wrench.shape))
-
-
-def by_direction(bench: Session, rng: Rng) -> Floats:
-    """Each case turned, 0.02 rad about each axis."""
-    wrench = _wrench(bench)
-    turn = Rotation.from_rotvec(0.02 * rng.normal(size=(len(wrench), 3)))
-    return np.concatenate([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])], axis=1)
-
-
-def by_angle(bench: Session, rng: Rng) -> Floats:
-    """Each case at other joint angles, 1 degree."""
-    wrench, inputs = _wrench(bench), bench.observations.inputs
-    posture = np.array(inputs.posture)
-    posture[: len(wrench)] += np.deg2rad(rng.normal(size=posture[: len(wrench)].shape))
-    there, here = (
-        np.asarray(bench.model.predict(i, bench.model.initial).reading)[: len(wrench)]
-        for i in (inputs._replace(posture=jnp.asarray(posture)), inputs)
-    )
-    return wrench + there - here
-
-
-def by_setting(bench: Session, rng: Rng) -> Floats:
-    """Each posture, at the tip and at the bone, with the cell turned by 1 degree about each axis."""
-    wrench, inputs = _wrench(bench), bench.observations.inputs
-    place = 2 * np.asarray(inputs.setting) + np.asarray(inputs.at_bone)
-    turn = Rotation.from_rotvec(np.deg2rad(1.0) * rng.normal(size=(place.max() + 1, 3)))[place[: len(wrench)]]
-    return np.concatenate([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])], axis=1)
 
 
 KINDS: dict[str, Callable[[Session, Rng], Floats]] = {
@@ -84,14 +40,8 @@ def diagnosed(seed: int, change: Callable[[Session, Rng], Floats]) -> tuple[tupl
     with tempfile.TemporaryDirectory() as folder:
         draw_session(Path(folder), seed, effects, nuisance_scale=1.0)
         bench = Session.open(folder)
-        wrench = change(bench, np.random.default_rng(seed))
-        cases = tuple(replace(c, wrench=w) for c, w in zip(bench.measured.cases, wrench, strict=True))
-        rough = Session.of(replace(bench.measured, cases=cases))
+        rough = with_readings(bench, change(bench, np.random.default_rng(seed)))
     return tuple(effects), diagnose(rough.model, rough.observations)
-
-
-def _wrench(bench: Session) -> Floats:
-    return np.array([case.wrench for case in bench.measured.cases])
 
 
 def main() -> None:

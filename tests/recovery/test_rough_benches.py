@@ -8,20 +8,16 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import yaml
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from fingermodel.diagnosis.answer.rig import remarks
 from fingermodel.diagnosis.diagnose import diagnose
 from fingermodel.session import Session
 from server.application.diagnosing import diagnosis_answer, run_diagnosis
+from tests.scattered import Floats, by_angle, by_component, by_direction, by_setting, with_readings
 from tests.simulator import draw_session
-
-Floats = NDArray[np.float64]
 
 
 def rough(folder: Path, seed: int, effects: dict[str, Any], scatter: float, spoilt: str | None = None) -> str | None:
@@ -78,40 +74,14 @@ def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_i
     assert any(f"scatters by {1000.0 * d.posterior.noise[0]:.0f} mN" in line for line in remarks(d))
 
 
-def turned(bench: Session, rng: np.random.Generator) -> Floats:
-    wrench = np.array([case.wrench for case in bench.measured.cases])
-    turns = Rotation.from_rotvec(0.02 * rng.normal(size=(len(wrench), 3)))
-    return np.concatenate([turns.apply(wrench[:, :3]), turns.apply(wrench[:, 3:])], axis=1)
-
-
-def component_by_component(bench: Session, rng: np.random.Generator) -> Floats:
-    wrench = np.array([case.wrench for case in bench.measured.cases])
-    return wrench * (1.0 + 0.015 * rng.normal(size=wrench.shape))
-
-
-def at_other_angles(bench: Session, rng: np.random.Generator) -> Floats:
-    wrench, inputs = np.array([case.wrench for case in bench.measured.cases]), bench.observations.inputs
-    posture = np.asarray(inputs.posture)
-    other = inputs._replace(posture=jnp.asarray(posture + np.deg2rad(rng.normal(size=posture.shape))))
-    there, here = (np.asarray(bench.model.predict(i, bench.model.initial).reading) for i in (other, inputs))
-    return wrench + (there - here)[: len(wrench)]
-
-
-def clamped_anew(bench: Session, rng: np.random.Generator) -> Floats:
-    wrench, inputs = np.array([case.wrench for case in bench.measured.cases]), bench.observations.inputs
-    place = 2 * np.asarray(inputs.setting) + np.asarray(inputs.at_bone)
-    turns = Rotation.from_rotvec(np.deg2rad(1.0) * rng.normal(size=(place.max() + 1, 3)))[place[: len(wrench)]]
-    return np.concatenate([turns.apply(wrench[:, :3]), turns.apply(wrench[:, 3:])], axis=1)
-
-
 @pytest.mark.parametrize(("seed", "effects"), [(50, ()), (51, ("hanger_mass",))])
 @pytest.mark.parametrize(
     ("scattered", "kind", "size", "said"),
     [
-        (turned, "direction", 0.02, "of the force in every direction"),
-        (component_by_component, "component", 0.015, "of each component by itself"),
-        (at_other_angles, "angle_rad", np.deg2rad(1.0), "of each joint angle"),
-        (clamped_anew, "mounting_rad", np.deg2rad(1.0), "of the cell's orientation from setting to setting"),
+        (by_direction, "direction", 0.02, "of the force in every direction"),
+        (by_component, "component", 0.015, "of each component by itself"),
+        (by_angle, "angle_rad", np.deg2rad(1.0), "of each joint angle"),
+        (by_setting, "mounting_rad", np.deg2rad(1.0), "of the cell's orientation from setting to setting"),
     ],
 )
 def test_scatter_that_no_tension_makes_hides_nothing_and_is_said(
@@ -125,9 +95,7 @@ def test_scatter_that_no_tension_makes_hides_nothing_and_is_said(
 ) -> None:
     draw_session(tmp_path, seed, {"hanger_mass": 40.0} if effects else {}, nuisance_scale=0.8)
     exact = Session.open(tmp_path)
-    wrench = scattered(exact, np.random.default_rng(seed))
-    cases = tuple(replace(case, wrench=w) for case, w in zip(exact.measured.cases, wrench, strict=True))
-    bench = Session.of(replace(exact.measured, cases=cases))
+    bench = with_readings(exact, scattered(exact, np.random.default_rng(seed)))
     d = diagnose(bench.model, bench.observations)
     assert (d.verdict.kind, d.verdict.effects) == ("found" if effects else "nothing_missing", effects)
     assert d.posterior.other_scatter[kind][0] == pytest.approx(size, rel=0.5)

@@ -169,6 +169,14 @@ def add_effects(
     values = fitter.hyper.values(recipe.node)
     by_case, apart = values.errors, tuple(observations.ids[case] for case in recipe.bad)
     extra_noise = None if observations.noise_assumed else by_case.noise
-    errors = ReadingErrors(by_case.scatter, extra_noise, apart, *by_case[2:], values.mounting_rad)
+    errors = ReadingErrors(
+        scatter=by_case.scatter,
+        extra_noise_N=extra_noise,
+        not_counted=apart,
+        component=by_case.component,
+        direction=by_case.direction,
+        angle_rad=by_case.angle_rad,
+        mounting_rad=values.mounting_rad,
+    )
     fit = refit_map(problem, start=best.theta, also=also, starts=starts, progress=progress, errors=errors)
     return Addition(fit, best.explanation.names, gain, recipe)

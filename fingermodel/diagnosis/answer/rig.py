@@ -11,6 +11,8 @@ from fingermodel.diagnosis.answer.where import bent
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.fitting.fit_report import other_scatter
 
+_DEG = float(np.rad2deg(1.0))
+
 
 def of_rig(d: Diagnosis, bent_most: Sequence[str]) -> dict[str, Any]:
     """Return the contract's keys of repeatability, budget, anatomy and noise.
@@ -20,26 +22,22 @@ def of_rig(d: Diagnosis, bent_most: Sequence[str]) -> dict[str, Any]:
         bent_most: parameters of the budget that are bent most by what acts.
     """
     posterior, assumed = d.posterior, d.session.observations.noise_assumed
-    (scatter, scatter_sd), others = posterior.scatter, posterior.other_scatter
-    noise, noise_sd = posterior.noise
-    repeatability = {"value_pct": 100.0 * scatter, "sd_pct": 100.0 * scatter_sd}
+    repeatability = {f"{key}_pct": 100.0 * v for key, v in _with_sd(posterior.scatter).items()}
     repeatability["stated_pct"] = 100.0 * d.session.stated_scatter
-    for kind in ("component", "direction"):
-        repeatability |= {f"{kind}_pct": 100.0 * others[kind][0], f"{kind}_sd_pct": 100.0 * others[kind][1]}
-    for kind in ("angle", "mounting"):
-        degrees = np.rad2deg(others[f"{kind}_rad"]).tolist()
-        repeatability |= dict(zip((f"{kind}_deg", f"{kind}_sd_deg"), degrees, strict=True))
+    for kind, (value, sd) in posterior.other_scatter.items():
+        name, unit, times = (kind[:-4], "deg", _DEG) if kind.endswith("_rad") else (kind, "pct", 100.0)
+        repeatability |= {f"{name}_{unit}": times * value, f"{name}_sd_{unit}": times * sd}
     return {
         "repeatability": repeatability,
-        "budget_multiple": dict(zip(("value", "sd"), posterior.budget, strict=True)) | {"carried_by": list(bent_most)},
-        "anatomy_multiple": dict(zip(("value", "sd"), posterior.anatomy, strict=True)),
-        "noise_multiple": {
-            "value": noise if assumed else 1.0,
-            "sd": noise_sd if assumed else 0.0,
-            "assumed": assumed,
-        },
-        "extra_noise_N": None if assumed else {"value": noise, "sd": noise_sd},
+        "budget_multiple": _with_sd(posterior.budget) | {"carried_by": list(bent_most)},
+        "anatomy_multiple": _with_sd(posterior.anatomy),
+        "noise_multiple": _with_sd(posterior.noise if assumed else (1.0, 0.0)) | {"assumed": assumed},
+        "extra_noise_N": None if assumed else _with_sd(posterior.noise),
     }
+
+
+def _with_sd(of: tuple[float, float]) -> dict[str, Any]:
+    return dict(zip(("value", "sd"), of, strict=True))
 
 
 def remarks(d: Diagnosis) -> list[str]:

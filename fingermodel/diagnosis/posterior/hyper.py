@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from fingermodel.diagnosis import settings
+from fingermodel.diagnosis.posterior.axis import Axis
 from fingermodel.diagnosis.session_model.case_noise import CaseErrors
 from fingermodel.diagnosis.session_model.session import Session
 
@@ -28,15 +28,15 @@ OF_CASES = slice(SCATTER, BUDGET)
 FAMILIES = ("torque", "tension", "loaded", "constant")
 CARRIER = SMOOTH + len(FAMILIES)
 FORMS = CARRIER + 1
-# Blocks of weights that act at every node (see `Linearised`).
+# Blocks of weights that act at every node (see `Linearised`); and that of the cell's turn in each setting.
 ACTING = ("held", "budget", "anatomy")
-# That of the mounting, where the cell is turned in each setting.
 MOUNTED = "mounted"
 # Scatter of a usual bench, relative.
 _USUAL_SCATTER = 0.01
 _SIZES = (settings.TENSION, settings.EXTRA_NOISE_N, settings.COMPONENT, settings.DIRECTION, settings.ANGLE_RAD)
 _GRIDS = (
-    *[s.values for s in (*_SIZES, settings.MOUNTING_RAD)],
+    *[size.values for size in (*_SIZES, settings.MOUNTING_RAD)],
+    settings.ASSUMED_NOISE_MULTIPLES,
     settings.MULTIPLES,
     settings.SMOOTH_N,
     settings.FORM_ERRORS,
@@ -54,41 +54,6 @@ class Values(NamedTuple):
     mounting_rad: float
     smooth_N: Floats
     forms: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class Axis:
-    """Values of one hyperparameter with the log probability of each."""
-
-    values: Floats
-    log_weight: Floats
-
-    @classmethod
-    def of(cls, size: settings.Amount) -> Axis:
-        """Of a size that may be none."""
-        return cls(size.values, _with_atom(_cells(size.values, size.scale, _half_normal), size.some))
-
-    @cached_property
-    def mode(self) -> int:
-        """Index of the most probable value."""
-        return int(np.argmax(self.log_weight))
-
-    @cached_property
-    def within(self) -> Floats:
-        """Standard deviation of what each value of a size stands for: uniform over its cell, and 0 for the first."""
-        lower = _between(self.values)
-        upper = np.append(lower[1:], self.values[-1] ** 2 / lower[-1])
-        return np.concatenate([[0.0], (upper - lower) / np.sqrt(12.0)])
-
-    @cached_property
-    def value(self) -> list[float]:
-        """The values as plain numbers: thousands of nodes ask for one each."""
-        return self.values.tolist()
-
-    @cached_property
-    def weight(self) -> list[float]:
-        """Their log probabilities as plain numbers."""
-        return self.log_weight.tolist()
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,13 +83,12 @@ class Hyperparameters:
         scatter, noise, *others = (Axis.of(size) for size in _SIZES)
         if stated > 0.0:
             off = np.log(np.maximum(scatter.values, 1e-4) / stated)
-            scatter = Axis(scatter.values, _normal(off / np.log(settings.STATED_FACTOR)))
+            scatter = Axis.normal(scatter.values, off / np.log(settings.STATED_FACTOR))
         if assumed:
-            multiples = settings.ASSUMED_NOISE_MULTIPLES
-            noise = Axis(multiples, _normal(np.log(multiples)))
-        smooths, forms = settings.SMOOTH_N, settings.FORM_ERRORS
-        multiple = Axis(settings.MULTIPLES, _normal(np.log(settings.MULTIPLES) / settings.MULTIPLE_SPREAD))
-        smooth = Axis(smooths, _with_atom(np.ones(len(smooths)), settings.P_SMOOTH / len(FAMILIES)))
+            noise = Axis.normal(settings.ASSUMED_NOISE_MULTIPLES, np.log(settings.ASSUMED_NOISE_MULTIPLES))
+        multiple = Axis.normal(settings.MULTIPLES, np.log(settings.MULTIPLES) / settings.MULTIPLE_SPREAD)
+        flat = np.ones(len(settings.SMOOTH_N))
+        smooth = Axis.with_atom(settings.SMOOTH_N, flat, settings.P_SMOOTH / len(FAMILIES))
         carriers = session.carriers
         of_one = settings.P_OF_ONE / (len(carriers) - 1)
         of_each = np.log([1.0 - settings.P_OF_ONE, *[of_one] * (len(carriers) - 1)])
@@ -138,7 +102,7 @@ class Hyperparameters:
                 *[smooth] * len(FAMILIES),
                 Axis(np.arange(float(len(carriers))), of_each),
             ),
-            Axis(forms, np.log(_cells(forms, settings.FORM_SCALE, _half_cauchy))),
+            Axis.half_cauchy(settings.FORM_ERRORS, settings.FORM_SCALE),
             carriers,
             len(set(carriers) & set(session.model.finger.topology.muscles)),
             assumed,
@@ -375,41 +339,3 @@ def _near(known: dict[Node, float], within: float) -> set[Node]:
     """Nodes that are hardly less probable than the best."""
     least = max(known.values()) - within
     return {node for node, log_joint in known.items() if log_joint >= least}
-
-
-def _normal(z: Floats) -> Floats:
-    weight = np.exp(-0.5 * z**2)
-    out: Floats = np.log(weight / weight.sum())
-    return out
-
-
-def _with_atom(weight: Floats, beyond: float) -> Floats:
-    """Log weights: an atom at the first value, the rest in proportion over the others."""
-    rest = weight[1:] / weight[1:].sum()
-    out: Floats = np.log(np.concatenate([[1.0 - beyond], beyond * rest]))
-    return out
-
-
-def _cells(values: Floats, scale: float, cdf: Callable[[Floats], Floats]) -> Floats:
-    """Probability of the cells about values that begin at 0, of a distribution with a scale."""
-    edges = np.concatenate([[0.0], _between(values), [np.inf]])
-    probability = np.diff(cdf(edges / scale))
-    out: Floats = np.maximum(probability / probability.sum(), 1e-12)
-    return out
-
-
-def _between(values: Floats) -> Floats:
-    """Edges of the cells about values that grow in proportion, the first of which may be 0."""
-    out: Floats = np.sqrt(values[:-1] * values[1:])
-    out[0] = out[0] or 0.5 * values[1]
-    return out
-
-
-def _half_normal(z: Floats) -> Floats:
-    out: Floats = 2.0 * ndtr(z) - 1.0
-    return out
-
-
-def _half_cauchy(z: Floats) -> Floats:
-    out: Floats = 2.0 / np.pi * np.arctan(z)
-    return out

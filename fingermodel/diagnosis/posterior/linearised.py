@@ -44,14 +44,14 @@ class Inner:
 
     Attributes:
         smooth: columns that every explanation shares.
-        blocks: (n, k) whitened columns.
+        blocks: (n, k) whitened columns of a block, or of all that are whitened together.
         products: (k, l) of two blocks.
         outer: (n²,) covariance that each block gives the whitened readings by weights of a width of 1.
         right: (n, 1 + k) whitened readings and columns of the explanation's own parameters (see `among_readings`).
     """
 
     smooth: WhitenedSmooth
-    blocks: dict[str, Floats] = field(default_factory=dict)
+    blocks: dict[tuple[str, ...], Floats] = field(default_factory=dict)
     products: dict[tuple[str, str], Floats] = field(default_factory=dict)
     outer: dict[str, Floats] = field(default_factory=dict)
     right: Floats | None = None
@@ -180,15 +180,21 @@ class Linearised:
             rows: (all readings,) which readings.
             slopes: (n, parameters) of the model there, per prior width.
         """
+        own, other = self.parameters_of.get(name), self._other_columns(name)
+        if own is None:
+            return other[rows]
+        return np.concatenate([slopes[:, own], other[rows]], axis=1)
+
+    def _other_columns(self, name: str) -> Floats:
+        """Columns (all readings, k) of what of a block is no parameter."""
         session = self.session
         if name.startswith("form"):
-            return self.form_errors[int(name.removeprefix("form"))][rows]
+            return self.form_errors[int(name.removeprefix("form"))]
         if is_smooth(name):
-            return session.smooth(name)[rows]
+            return session.smooth(name)
         if name == MOUNTED:
-            return session.mounted[rows]
-        own = slopes[:, self.parameters_of[name]]
-        return np.concatenate([own, session.nuisances[rows]], axis=1) if name == BUDGET else own
+            return session.mounted
+        return session.nuisances if name == BUDGET else np.zeros((len(session.rows), 0))
 
     def place(self, name: str) -> Floats:
         """(k,) where the weights of a block stand: 0 for what is no parameter."""
@@ -202,18 +208,8 @@ class Linearised:
     def size(self, name: str) -> int:
         """How many columns a block has."""
         if name not in self._sizes:
-            self._sizes[name] = self._counted(name)
+            self._sizes[name] = len(self.parameters_of.get(name, ())) + int(self._other_columns(name).shape[1])
         return self._sizes[name]
-
-    def _counted(self, name: str) -> int:
-        session = self.session
-        if name.startswith("form"):
-            return int(self.form_errors[int(name.removeprefix("form"))].shape[1])
-        if is_smooth(name):
-            return int(session.smooth(name).shape[1])
-        if name == MOUNTED:
-            return int(session.mounted.shape[1])
-        return len(self.parameters_of[name]) + (int(session.nuisances.shape[1]) if name == BUDGET else 0)
 
     def widths(self, names: Sequence[str], node: Node) -> Floats:
         """(k,) widths of the priors of all weights of some blocks at a node."""
@@ -307,15 +303,16 @@ class Linearised:
     def _whitened(self, inner: Inner, name: str) -> Floats:
         if is_smooth(name):
             return inner.smooth.of(name)
-        if name not in inner.blocks:
-            columns = inner.smooth.noise @ self._plain(name)
-            spans = self._spans if name in _TOGETHER else {name: slice(None)}
-            inner.blocks |= {own: columns[:, span] for own, span in spans.items()}
-        return inner.blocks[name]
+        return self._whole(inner, name)[:, self._spans.get(name, slice(None))]
 
-    def _plain(self, name: str) -> Floats:
-        """Columns (n, k) of a block, or of all that are whitened together."""
+    def _whole(self, inner: Inner, name: str) -> Floats:
+        """Whitened columns (n, k) of a block, or of all that are whitened together with it."""
         names = _TOGETHER if name in _TOGETHER else (name,)
+        if names not in inner.blocks:
+            inner.blocks[names] = inner.smooth.noise @ self._plain(names)
+        return inner.blocks[names]
+
+    def _plain(self, names: tuple[str, ...]) -> Floats:
         if names not in self._fitted:
             fitted, slopes = self.session.fitted, self.slopes
             blocks = [self.residual[:, None] if n == RESIDUAL else self.block(n, fitted, slopes) for n in names]
@@ -339,8 +336,8 @@ class Linearised:
             return inner.products[b, a].T
         if (a, b) not in inner.products:
             if a in _TOGETHER and b in _TOGETHER:
-                columns = np.concatenate([self._whitened(inner, name) for name in _TOGETHER], axis=1)
-                both, spans = columns.T @ columns, self._spans
+                columns, spans = self._whole(inner, a), self._spans
+                both = columns.T @ columns
                 inner.products |= {(c, d): both[spans[c], spans[d]] for c in spans for d in spans}
             else:
                 inner.products[a, b] = self._whitened(inner, a).T @ self._whitened(inner, b)

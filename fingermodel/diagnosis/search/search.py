@@ -171,22 +171,23 @@ class _Search:
         """Fit what promises to come near the leader about the base, and about where all candidates fit."""
         about_base = better(self._offered(self.begun.nothing, self._singles), self._shaped(self.begun.nothing))
         about_all = self._offered(every, self._singles)
-        pairs: dict[Explanation, Offer] = {}
+        pairs = list[dict[Explanation, Offer]]()
         for host, offers, most in ((self.begun.nothing, about_base, _FIRST), (every, about_all, _FIRST_OF_ALL)):
             firsts = best_forms(offers)[:_FIRST]
             # The best are fitted whatever they promise: the base is bent to do without them.
             for explanation in firsts[:most]:
                 self._fit(explanation, offers[explanation].host)
-            of_host = self._offered(host, self._candidates.pairs(firsts))
-            pairs = better(pairs, of_host)
+            pairs.append(self._offered(host, self._candidates.pairs(firsts)))
         self._fit_singles(better(about_base, about_all))
         # Two that hide each other are seen where all candidates fit, and no single would lead to them.
-        for explanation in best_forms(of_host)[:1]:
+        hidden, both = best_forms(pairs[-1])[:1], better(*pairs)
+        for explanation in hidden:
             self._fit(explanation, every)
-        for explanation in best_forms(pairs)[:_FIRST]:
-            if not self._near(pairs[explanation].value):
+        for explanation in best_forms(both)[:_FIRST]:
+            if not self._near(both[explanation].value):
                 break
-            self._fit(explanation, pairs[explanation].host)
+            if explanation not in hidden or both[explanation].host is not every:
+                self._fit(explanation, both[explanation].host)
 
     def _fit_singles(self, offers: Mapping[Explanation, Offer]) -> None:
         """Fit singles until the next one's promise would not do, however far promises have fallen short here.
@@ -209,10 +210,6 @@ class _Search:
 
     def _near(self, log_posterior: float) -> bool:
         return log_posterior >= self.leader.log_posterior - WITHIN
-
-    @property
-    def _leader(self) -> Optimum:
-        return max(self.fits.values(), key=lambda o: o.log_posterior)
 
     def _shaped(self, base: Optimum) -> dict[Explanation, Offer]:
         """What forms promise that have a parameter without slope at its null (a moment, a time constant).

@@ -9,7 +9,7 @@ are independent by case; everything else is a column with a Gaussian weight.
 from __future__ import annotations
 
 import weakref
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -28,12 +28,14 @@ from fingermodel.diagnosis.session_model.discrepancy import (
     tension_columns,
     torque_columns,
 )
+from fingermodel.diagnosis.session_model.mounting import turned_by_setting, zero_moments
 from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, WhitenedSmooth
-from fingermodel.diagnosis.settings import CLAMP_SHARE, LEVER_MM
+from fingermodel.diagnosis.settings import CLAMP_SHARE
 from fingermodel.fingers import Plane
 from fingermodel.fitting.problems import Problem, require_rows, weighted_problem
 from fingermodel.fitting.roots import root_of
 from fingermodel.model import Model, tip_kinematics_batch
+from fingermodel.stages import LoadCaseInput
 from fingermodel.structure import Pieces
 
 Floats = NDArray[np.float64]
@@ -260,32 +262,43 @@ class Session:
 
     def by_tension(self, theta: Floats) -> Floats:
         """(cases, 6, muscles) change of every reading by the logarithm of each tension, about some parameters."""
-        tension = np.asarray(self.observations.inputs.tension)
-        now = self.readings(theta)
-        out = np.zeros((*now.shape, tension.shape[1]))
-        for k in np.flatnonzero(tension.any(axis=0)):
-            more = tension.copy()
-            more[:, k] *= 1.0 + _STEP
-            out[:, :, k] = (self.readings(theta, more) - now) / _STEP
-        return out
+        inputs = self.observations.inputs
+        tension = np.asarray(inputs.tension)
+        step = {k: _STEP * tension[:, k] for k in np.flatnonzero(tension.any(axis=0)).tolist()}
+        return self._derivatives(theta, tension, step, lambda moved: inputs._replace(tension=moved))
 
     @cached_property
     def _by_angle(self) -> Floats:
         """(n, rotations) change of every reading per radian of each joint angle, about the priors' centre."""
-        inputs, theta = self.observations.inputs, self.problem.centre
-        posture, now = np.asarray(inputs.posture), self.readings(theta)
-        out = np.zeros((*now.shape, posture.shape[1]))
-        for k in range(posture.shape[1]):
-            turned = posture.copy()
-            turned[:, k] += _STEP
-            there = self.model.predict(inputs._replace(posture=jax.device_put(turned)), theta).reading
-            out[:, :, k] = (np.asarray(there) - now) / _STEP
+        inputs = self.observations.inputs
+        posture = np.asarray(inputs.posture)
+        step = {k: np.full(len(posture), _STEP) for k in range(posture.shape[1])}
+        out = self._derivatives(self.problem.centre, posture, step, lambda moved: inputs._replace(posture=moved))
         return out[self.rows // 6, self.rows % 6]
 
-    def readings(self, theta: Floats, tension: Floats | None = None) -> Floats:
-        """(cases, 6) what the model predicts [N, N mm], by default of the tensions (cases, muscles) as they were."""
-        cases = self._pieces if tension is None else self.observations.inputs._replace(tension=jax.device_put(tension))
-        return np.asarray(self.model.predict(cases, theta).reading)
+    def _derivatives(
+        self, theta: Floats, values: Floats, steps: dict[int, Floats], moved: Callable[[jax.Array], LoadCaseInput]
+    ) -> Floats:
+        """(cases, 6, k) change of every reading by columns of an input (cases, k), per `_STEP`; 0 by those that stay.
+
+        Args:
+            theta: (parameters,).
+            values: the input's.
+            steps: (cases,) by which a column is moved.
+            moved: the load cases with other values of that input.
+        """
+        now = self.readings(theta)
+        out = np.zeros((*now.shape, values.shape[1]))
+        for k, step in steps.items():
+            other = values.copy()
+            other[:, k] += step
+            there = self.model.predict(moved(jax.device_put(other)), theta).reading
+            out[:, :, k] = (np.asarray(there) - now) / _STEP
+        return out
+
+    def readings(self, theta: Floats) -> Floats:
+        """(cases, 6) what the model predicts [N, N mm]."""
+        return np.asarray(self.model.predict(self._pieces, theta).reading)
 
     @cached_property
     def _pieces(self) -> Pieces:
@@ -299,23 +312,14 @@ class Session:
         A clamp at the tip that resists twist carries a share of the abduction torque as Mx and My, one of each for
         every setting. What the tare missed at the tip has a moment.
         """
-        columns = [*self._clamp_twist(), *self._zero_moments()]
+        size_N = self.model.budget.zero_tip_sd_N
+        columns = [*self._clamp_twist(), *zero_moments(self.observations, self.places, self.rows, size_N)]
         return np.array(columns).T if columns else np.zeros((len(self.rows), 0))
 
     @cached_property
     def mounted(self) -> Floats:
-        """(n, k) change of every reading per radian by which the cell is turned about each axis in one setting.
-
-        A posture is set by clamping the finger anew, at the tip and at the bone. What is turned is what was read.
-        """
-        inputs, reading = self.observations.inputs, np.nan_to_num(self.observations.wrench)
-        turned = np.concatenate([np.cross(np.eye(3)[:, None], part) for part in np.split(reading, 2, axis=1)], axis=2)
-        place = np.stack([np.asarray(inputs.setting), np.asarray(inputs.at_bone)], axis=1)
-        check, columns = np.asarray(inputs.is_check), []
-        for own in np.unique(place[~check], axis=0):
-            here = (place == own).all(axis=1) & ~check
-            columns += [(t * here[:, None]).reshape(-1)[self.rows] for t in turned]
-        return np.array(columns).T
+        """(n, k) change of every reading per radian by which the cell is turned about each axis in one setting."""
+        return turned_by_setting(self.observations, self.rows)
 
     def _clamp_twist(self) -> list[Floats]:
         model, inputs, topology = self.model, self.observations.inputs, self.model.finger.topology
@@ -337,18 +341,6 @@ class Session:
                 column = (change * (setting == k)[:, None]).reshape(-1)[self.rows]
                 if column.any():
                     out.append(column)
-        return out
-
-    def _zero_moments(self) -> list[Floats]:
-        at, out = self.places, []
-        mounting = np.asarray(self.observations.inputs.mounting)[at.cases]
-        tip = np.array([place == "tip" for place in self.observations.locations])[at.cases]
-        size = LEVER_MM * self.model.budget.zero_tip_sd_N
-        for c in (3, 4, 5):
-            for k in np.unique(mounting):
-                column = size * ((mounting == k) & tip & (self.rows % 6 == c))
-                if column.any():
-                    out.append(column.astype(float))
         return out
 
 

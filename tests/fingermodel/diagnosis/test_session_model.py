@@ -97,6 +97,12 @@ def test_a_bad_case_may_be_anything_and_the_others_are_as_before(session: Sessio
         assert (grown >= BAD_N**2 - 1e-9).all()
 
 
+def test_scatter_acts_on_each_tendon_by_itself(session: SessionModel) -> None:
+    by_tension = session.by_tension(session.problem.centre)
+    for columns, tension in zip(by_tension, np.asarray(session.observations.inputs.tension), strict=True):
+        assert not columns[:, tension <= 0.0].any()
+
+
 @pytest.mark.parametrize("kind", ["scatter", "component", "direction", "angle_rad"])
 def test_scatter_gives_the_readings_what_a_tension_a_component_the_force_or_an_angle_changes(
     session: SessionModel, kind: str

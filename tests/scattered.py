@@ -1,0 +1,69 @@
+"""Readings of a session changed case by case, or setting by setting, as ordinary benches do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fingermodel.session import Session
+
+Floats = NDArray[np.float64]
+Rng = np.random.Generator
+
+
+def by_one_factor(bench: Session, rng: Rng) -> Floats:
+    """Each case by one factor, 2 %."""
+    wrench = _wrench(bench)
+    return wrench * (1.0 + 0.02 * rng.normal(size=(len(wrench), 1)))
+
+
+def by_component(bench: Session, rng: Rng) -> Floats:
+    """Each component by itself, 1.5 %."""
+    wrench = _wrench(bench)
+    return wrench * (1.0 + 0.015 * rng.normal(size=wrench.shape))
+
+
+def by_direction(bench: Session, rng: Rng) -> Floats:
+    """Each case turned, 0.02 rad about each axis."""
+    wrench = _wrench(bench)
+    return _turned(wrench, 0.02 * rng.normal(size=(len(wrench), 3)))
+
+
+def by_angle(bench: Session, rng: Rng) -> Floats:
+    """Each case at other joint angles, 1 degree."""
+    wrench, inputs = _wrench(bench), bench.observations.inputs
+    posture = np.array(inputs.posture)
+    posture[: len(wrench)] += np.deg2rad(rng.normal(size=posture[: len(wrench)].shape))
+    there, here = (
+        np.asarray(bench.model.predict(i, bench.model.initial).reading)[: len(wrench)]
+        for i in (inputs._replace(posture=jnp.asarray(posture)), inputs)
+    )
+    return wrench + there - here
+
+
+def by_setting(bench: Session, rng: Rng) -> Floats:
+    """Each posture, at the tip and at the bone, with the cell turned by 1 degree about each axis."""
+    wrench, inputs = _wrench(bench), bench.observations.inputs
+    place = 2 * np.asarray(inputs.setting) + np.asarray(inputs.at_bone)
+    turns = np.deg2rad(rng.normal(size=(place.max() + 1, 3)))
+    return _turned(wrench, turns[place[: len(wrench)]])
+
+
+def with_readings(bench: Session, wrench: Floats) -> Session:
+    """The same bench with other readings (cases, 6)."""
+    cases = tuple(replace(case, wrench=own) for case, own in zip(bench.measured.cases, wrench, strict=True))
+    return Session.of(replace(bench.measured, cases=cases))
+
+
+def _wrench(bench: Session) -> Floats:
+    return np.array([case.wrench for case in bench.measured.cases])
+
+
+def _turned(wrench: Floats, by_rad: Floats) -> Floats:
+    """Force and moment turned, case by case, by rotation vectors (cases, 3)."""
+    turn = Rotation.from_rotvec(by_rad)
+    return np.concatenate([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])], axis=1)
