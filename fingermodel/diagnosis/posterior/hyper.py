@@ -1,9 +1,9 @@
-"""The few hyperparameters, their priors on a grid, and the sum over the grid's nodes that matter."""
+"""The few hyperparameters and their priors on a grid."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -286,56 +286,3 @@ def _of_one_family(own: str, size: int) -> tuple[int, ...]:
 def is_smooth(block: str) -> bool:
     """Whether a block's columns are something smooth."""
     return ":" in block
-
-
-def climbed(log_joint: Callable[[Node], float], start: Node, sizes: Sequence[int]) -> Node:
-    """From a node along one axis after another to the best value there, until none of them has a better one.
-
-    Args:
-        log_joint: of a node.
-        start: where to begin.
-        sizes: values of each axis.
-    """
-    node, axis, stood = start, 0, 0
-    while stood < len(sizes):
-        before = node
-        for step in (1, -1):
-            while 0 <= node[axis] + step < sizes[axis]:
-                trial = (*node[:axis], node[axis] + step, *node[axis + 1 :])
-                if log_joint(trial) <= log_joint(node):
-                    break
-                node = trial
-            if node != before:
-                break
-        stood = stood + 1 if node == before else 1
-        axis = (axis + 1) % len(sizes)
-    return node
-
-
-def explored(
-    log_joints: Callable[[Sequence[Node]], Sequence[float]],
-    starts: Sequence[Node],
-    neighbours: Callable[[Node], list[Node]],
-    within: float,
-) -> dict[Node, float]:
-    """Evaluate the nodes that matter: from the best found so far outwards, until all beyond are improbable.
-
-    Args:
-        log_joints: of several nodes.
-        starts: where to begin.
-        neighbours: of a node.
-        within: log probability below the best from which a node's neighbours are not asked.
-    """
-    known = dict(zip(starts, log_joints(starts), strict=True))
-    asked: set[Node] = set()
-    while outmost := _near(known, within) - asked:
-        asked |= outmost
-        new = sorted({n for node in outmost for n in neighbours(node)} - known.keys())
-        known.update(zip(new, log_joints(new), strict=True))
-    return known
-
-
-def _near(known: dict[Node, float], within: float) -> set[Node]:
-    """Nodes that are hardly less probable than the best."""
-    least = max(known.values()) - within
-    return {node for node, log_joint in known.items() if log_joint >= least}

@@ -87,7 +87,7 @@ class Linearised:
 
     def forget(self) -> None:
         """Let go of inner products; what is asked of them again is made again."""
-        for name in ("_inner", "_latest", "_fitted", "_known", "_unseen"):
+        for name in ("_inner", "_latest", "_fitted", "_steps", "_unseen"):
             self.__dict__.pop(name, None)
 
     @cached_property

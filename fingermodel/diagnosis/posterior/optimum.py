@@ -20,10 +20,11 @@ from fingermodel.diagnosis.posterior.gaussian import (
     marginal_evidence,
     screened,
 )
-from fingermodel.diagnosis.posterior.hyper import CARRIER, NOISE, Node, climbed, explored
+from fingermodel.diagnosis.posterior.hyper import CARRIER, NOISE, Node
 from fingermodel.diagnosis.posterior.integrated import Integrated
 from fingermodel.diagnosis.posterior.linearised import ANATOMY, BUDGET, HELD, OTHERS, OWN
 from fingermodel.diagnosis.posterior.own_part import OwnPart
+from fingermodel.diagnosis.posterior.steps import Steps
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.settings import NODES_WITHIN
 
@@ -121,17 +122,8 @@ class Optimum(Integrated):
         return self.freed(node)[0].misfit
 
     @cached_property
-    def _known(self) -> dict[Node, float]:
-        return {}
-
-    def _asked(self, node: Node) -> float:
-        return self._asked_together([node])[0]
-
-    def _asked_together(self, nodes: Sequence[Node]) -> list[float]:
-        unknown = [node for node in nodes if node not in self._known]
-        if unknown:
-            self._known.update(zip(unknown, self.log_joints(unknown), strict=True))
-        return [self._known[node] for node in nodes]
+    def _steps(self) -> Steps:
+        return Steps(self.log_joints)
 
     @cached_property
     def mode(self) -> Node:
@@ -139,26 +131,26 @@ class Optimum(Integrated):
         best = self._climbed_from([self.node])
         if best[NOISE] != self.hyper.axes[NOISE].mode and best == self.hyper.without_smooth(best):
             # What is taken for noise may be something smooth.
-            best = max(best, self._climbed_from(self.hyper.with_one_family(best)), key=self._asked)
+            best = self._steps.best([best, self._climbed_from(self.hyper.with_one_family(best))])
         return self.hyper.plainly(best)
 
     def _climbed_from(self, starts: Sequence[Node]) -> Node:
         """Where the best of some nodes leads upwards."""
-        start = starts[int(np.argmax(self._asked_together(starts)))]
-        return climbed(self._asked, start, self.hyper.sizes(start))
+        start = starts[int(np.argmax(self._steps.each(starts)))]
+        return self._steps.climbed(start, self.hyper.sizes(start))
 
     @cached_property
     def of_one(self) -> Node:
         """The mode, or a better node where what is smooth is of one tendon or of one rotation alone."""
         nodes = self.hyper.with_carriers(self.mode)
-        if max(self._asked_together(nodes)) < self._asked(self.mode) - NODES_WITHIN:
+        if max(self._steps.each(nodes)) < self._steps.at(self.mode) - NODES_WITHIN:
             return self.mode
-        return max(self.mode, self._climbed_from(nodes), key=self._asked)
+        return self._steps.best([self.mode, self._climbed_from(nodes)])
 
     @cached_property
     def promise_of_one(self) -> float:
         """Log posterior that it promises there."""
-        return self.log_posterior + self._asked(self.of_one) - self._asked(self.best)
+        return self.log_posterior + self._steps.at(self.of_one) - self._steps.at(self.best)
 
     @cached_property
     def nodes(self) -> dict[Node, float]:
@@ -166,7 +158,7 @@ class Optimum(Integrated):
         mode, hyper = self.mode, self.hyper
         carried = hyper.with_carriers(mode) if mode[CARRIER] else []
         starts = list(dict.fromkeys([mode, *hyper.returned(mode), *carried]))
-        known = explored(self._asked_together, starts, hyper.neighbours, NODES_WITHIN)
+        known = self._steps.explored(starts, hyper.neighbours)
         best = max(known, key=lambda n: known[n])
         # Together or one by one makes the same difference at every node, near enough.
         further, cut = 0.0, self._one_sided

@@ -13,9 +13,8 @@ from fingermodel.diagnosis.posterior.hyper import (
     SMOOTH,
     Hyperparameters,
     Node,
-    climbed,
-    explored,
 )
+from fingermodel.diagnosis.posterior.steps import Steps
 from fingermodel.diagnosis.session_model.session import Session as SessionModel
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.session import Session
@@ -86,12 +85,29 @@ def steps(node: Node) -> list[Node]:
     return [(node[0] + a, node[1] + b) for a, b in moves if 0 <= node[0] + a < 9 and 0 <= node[1] + b < 9]
 
 
+def hill() -> Steps:
+    return Steps(lambda nodes: [quadratic_hill(n) for n in nodes])
+
+
 def test_climbing_ends_on_top() -> None:
-    assert climbed(quadratic_hill, (0, 8), (9, 9)) == (5, 2)
+    assert hill().climbed((0, 8), (9, 9)) == (5, 2)
 
 
 def test_what_is_left_out_is_improbable() -> None:
     every = np.array([quadratic_hill((i, j)) for i in range(9) for j in range(9)])
-    found = np.array(list(explored(lambda nodes: [quadratic_hill(n) for n in nodes], [(5, 2)], steps, 4.0).values()))
+    found = np.array(list(hill().explored([(5, 2)], steps).values()))
     assert len(found) < len(every)
     assert np.exp(found).sum() == pytest.approx(np.exp(every).sum(), rel=0.01)
+
+
+def test_steps_that_lose_much_are_taken_from_few_nodes_and_hardly_missed() -> None:
+    slopes = np.array([0.5, 0.5, *[5.0] * 10])
+
+    def up(node: Node) -> list[Node]:
+        return [(*node[:k], node[k] + 1, *node[k + 1 :]) for k in range(len(node)) if node[k] < 3]
+
+    found = Steps(lambda nodes: [-float(slopes @ np.array(n)) for n in nodes]).explored([(0,) * len(slopes)], up)
+    flat = {node for node in found if not any(node[2:])}
+    assert len(found) < len(flat) * len(slopes) / 2
+    every = np.prod([np.exp(-s * np.arange(4)).sum() for s in slopes])
+    assert np.exp(list(found.values())).sum() == pytest.approx(every, rel=0.1)

@@ -1,0 +1,109 @@
+"""The nodes that matter: the most probable one, and those around it that are hardly less probable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from fingermodel.diagnosis.posterior.hyper import Node
+from fingermodel.diagnosis.settings import NODES_WITHIN
+
+# A step that lost so much wherever it was taken is not taken again.
+_LOST = 3.0 * NODES_WITHIN
+
+
+class Steps:
+    """Steps between nodes, and what was gained by each.
+
+    Attributes:
+        known: log joint of the nodes that were asked for.
+
+    Args:
+        log_joints: of several nodes.
+    """
+
+    def __init__(self, log_joints: Callable[[Sequence[Node]], Sequence[float]]) -> None:
+        self._log_joints = log_joints
+        self.known: dict[Node, float] = {}
+        self._gained: dict[Node, float] = {}
+
+    def at(self, node: Node) -> float:
+        """Log joint of a node."""
+        return self.each([node])[0]
+
+    def each(self, nodes: Sequence[Node]) -> list[float]:
+        """The same of several."""
+        unknown = [node for node in nodes if node not in self.known]
+        if unknown:
+            self.known.update(zip(unknown, self._log_joints(unknown), strict=True))
+        return [self.known[node] for node in nodes]
+
+    def best(self, nodes: Iterable[Node]) -> Node:
+        """The most probable of some nodes."""
+        return max(nodes, key=self.at)
+
+    def climbed(self, start: Node, sizes: Sequence[int]) -> Node:
+        """From a node along one axis after another to the best value there, until none of them has a better one.
+
+        Args:
+            start: where to begin.
+            sizes: values of each axis.
+        """
+        node, axis, stood = start, 0, 0
+        while stood < len(sizes):
+            before = node
+            for step in (1, -1):
+                while 0 <= node[axis] + step < sizes[axis]:
+                    trial = (*node[:axis], node[axis] + step, *node[axis + 1 :])
+                    if self.at(trial) <= self.at(node):
+                        break
+                    node = trial
+                if node != before:
+                    break
+            stood = stood + 1 if node == before else 1
+            axis = (axis + 1) % len(sizes)
+        return node
+
+    def explored(self, starts: Sequence[Node], neighbours: Callable[[Node], list[Node]]) -> dict[Node, float]:
+        """Log joint of the nodes that matter: from the best ones outwards, until all beyond are improbable.
+
+        Neighbours are asked of nodes that are at most `NODES_WITHIN` less probable than the best.
+
+        Args:
+            starts: where to begin.
+            neighbours: of a node.
+        """
+        found = dict(zip(starts, self.each(starts), strict=True))
+        asked: set[Node] = set()
+        while outmost := _within(found, NODES_WITHIN) - asked:
+            asked |= outmost
+            steps = [(node, there) for node in sorted(outmost) for there in neighbours(node)]
+            least = max(found.values()) - _LOST
+            new = sorted({there for node, there in steps if found[node] + self._most(node, there) >= least})
+            found |= zip(new, self.each(new), strict=True)
+            for node, there in steps:
+                if there in found:
+                    self._gain(node, there)
+        return found
+
+    def _most(self, node: Node, there: Node) -> float:
+        """The most that a step from one node to another gained, wherever it was taken."""
+        return self._gained.get(_change(node, there), np.inf)
+
+    def _gain(self, node: Node, there: Node) -> float:
+        gain = self.at(there) - self.at(node)
+        step = _change(node, there)
+        self._gained[step] = max(self._gained.get(step, -np.inf), gain)
+        return gain
+
+
+def _change(node: Node, there: Node) -> Node:
+    """Each axis on which two nodes differ, with its index at either."""
+    return tuple(k for axis, (a, b) in enumerate(zip(node, there, strict=True)) if a != b for k in (axis, a, b))
+
+
+def _within(known: dict[Node, float], most: float) -> set[Node]:
+    """Nodes that are hardly less probable than the best."""
+    least = max(known.values()) - most
+    return {node for node, log_joint in known.items() if log_joint >= least}
