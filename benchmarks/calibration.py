@@ -33,14 +33,16 @@ from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import (
     ANATOMY,
     ANGLE,
+    APART,
     BUDGET,
     COMPONENT,
     DIRECTION,
     FORMS,
-    MOUNTING,
+    HOLD,
     NOISE,
     SCATTER,
     SMOOTH,
+    TURN,
     Hyperparameters,
     Node,
 )
@@ -60,7 +62,9 @@ AXES = {
     "angle": ANGLE,
     "budget_multiple": BUDGET,
     "anatomy_multiple": ANATOMY,
-    "mounting": MOUNTING,
+    "turn": TURN,
+    "hold": HOLD,
+    "apart": APART,
     "smooth": SMOOTH,
 }
 KINDS: tuple[Literal["budget"], Literal["anatomy"]] = ("budget", "anatomy")
@@ -131,10 +135,10 @@ class Priors:
         wrench = self.entered.wrench.copy()
         wrench.reshape(-1)[session.rows] = reading
         read = replace(self.entered, wrench=wrench)
-        turned = session_of(self.model, read).mounted
-        turned_wrench = wrench.copy()
-        turned_wrench.reshape(-1)[session.rows] += turned @ rng.normal(size=turned.shape[1]) * values.mounting_rad
-        return replace(read, wrench=turned_wrench)
+        anew, mounted = session_of(self.model, read).mounted, wrench.copy()
+        for name, size in values.mounting._asdict().items():
+            mounted.reshape(-1)[session.rows] += anew[name] @ rng.normal(size=anew[name].shape[1]) * size
+        return replace(read, wrench=mounted)
 
 
 def _normalised(log_weight: Floats) -> Floats:

@@ -3,8 +3,9 @@
     python -m benchmarks.scatter [--each 8] [--first 0]
 
 Readings of the first simulator are changed, case by case: all of a case by one factor, each component by one of its
-own, the force's direction, or as by other joint angles; or setting by setting, as by a cell that is turned. Every
-second session has an effect of the catalogue.
+own, the force's direction, or as by other joint angles; or setting by setting, as by a cell that is turned, a tip that
+is held elsewhere, or joint angles that differ between tip and bone. Every second session has an effect of the
+catalogue.
 """
 
 from __future__ import annotations
@@ -19,7 +20,18 @@ import numpy as np
 from benchmarks.machine import publish
 from fingermodel.diagnosis.diagnose import Diagnosis, diagnose
 from fingermodel.session import Session
-from tests.scattered import Floats, Rng, by_angle, by_component, by_direction, by_one_factor, by_setting, with_readings
+from tests.scattered import (
+    Floats,
+    Rng,
+    by_angle,
+    by_component,
+    by_direction,
+    by_hold,
+    by_mount,
+    by_one_factor,
+    by_setting,
+    with_readings,
+)
 from tests.simulator import draw_session, draw_truth
 
 HERE = Path(__file__).parent
@@ -31,6 +43,8 @@ KINDS: dict[str, Callable[[Session, Rng], Floats]] = {
     "direction, 1.1° about each axis": by_direction,
     "joint angles, 1°": by_angle,
     "the cell in each setting, 1° about each axis": by_setting,
+    "where the tip is held in each setting, 1 mm": by_hold,
+    "joint angles of each setting at tip and bone, 1°": by_mount,
 }
 
 
@@ -56,7 +70,7 @@ def main() -> None:
         f"Made by `python -m benchmarks.scatter --each {given.each} --first {given.first}`.",
         "",
         "| scatter | clean: nothing missing | none of the catalogue | an effect named | hidden effect found alone "
-        "| another named | read: tensions, components, directions, angles, cell |",
+        "| another named | read: tensions, components, directions, angles; cell, hold, tip and bone |",
         "|---|---|---|---|---|---|---|",
     ]
     for kind, change in KINDS.items():
@@ -73,9 +87,13 @@ def main() -> None:
         scatter = np.median([100.0 * d.posterior.scatter[0] for _, d in found])
         others = [d.posterior.other_scatter for _, d in found]
         component, aside = (np.median([100.0 * o[k][0] for o in others]) for k in ("component", "direction"))
-        angle, cell = (np.rad2deg(np.median([o[k][0] for o in others])) for k in ("angle_rad", "mounting_rad"))
+        angle, cell, apart = (
+            np.rad2deg(np.median([o[k][0] for o in others])) for k in ("angle_rad", "turn_rad", "apart_rad")
+        )
+        hold_mm = np.median([o["hold_mm"][0] for o in others])
         told = [*(f"{n}/{len(clean)}" for n in counts), *(f"{n}/{len(acting)}" for n in (alone, false))]
-        read = f"{scatter:.1f} %, {component:.1f} %, {aside:.1f} %, {angle:.1f}°, {cell:.1f}°"
+        of_cases = f"{scatter:.1f} %, {component:.1f} %, {aside:.1f} %, {angle:.1f}°"
+        read = f"{of_cases}; {cell:.1f}°, {hold_mm:.1f} mm, {apart:.1f}°"
         lines.append(f"| {kind} | {' | '.join(told)} | {read} |")
         print(lines[-1], flush=True)
     publish(HERE / "scatter.md", lines)

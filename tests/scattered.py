@@ -35,22 +35,33 @@ def by_direction(bench: Session, rng: Rng) -> Floats:
 
 def by_angle(bench: Session, rng: Rng) -> Floats:
     """Each case at other joint angles, 1 degree."""
-    wrench, inputs = _wrench(bench), bench.observations.inputs
-    posture = np.array(inputs.posture)
-    posture[: len(wrench)] += np.deg2rad(rng.normal(size=posture[: len(wrench)].shape))
-    there, here = (
-        np.asarray(bench.model.predict(i, bench.model.initial).reading)[: len(wrench)]
-        for i in (inputs._replace(posture=jnp.asarray(posture)), inputs)
+    wrench = _wrench(bench)
+    return wrench + _by_angles(
+        bench, np.deg2rad(rng.normal(size=(len(wrench), bench.observations.inputs.posture.shape[1])))
     )
-    return wrench + there - here
 
 
 def by_setting(bench: Session, rng: Rng) -> Floats:
     """Each posture, at the tip and at the bone, with the cell turned by 1 degree about each axis."""
-    wrench, inputs = _wrench(bench), bench.observations.inputs
-    place = 2 * np.asarray(inputs.setting) + np.asarray(inputs.at_bone)
+    place = _place(bench)
     turns = np.deg2rad(rng.normal(size=(place.max() + 1, 3)))
-    return _turned(wrench, turns[place[: len(wrench)]])
+    return _turned(_wrench(bench), turns[place])
+
+
+def by_hold(bench: Session, rng: Rng) -> Floats:
+    """Each posture with the tip held elsewhere by 1 mm along each axis, which gives the force a lever."""
+    wrench, inputs = _wrench(bench), bench.observations.inputs
+    setting, bone = (np.asarray(of)[: len(wrench)] for of in (inputs.setting, inputs.at_bone))
+    moved_mm = rng.normal(size=(setting.max() + 1, 3))[setting] * ~bone[:, None]
+    wrench[:, 3:] -= np.cross(moved_mm, wrench[:, :3])
+    return wrench
+
+
+def by_mount(bench: Session, rng: Rng) -> Floats:
+    """Each posture, at the tip and at the bone, at other joint angles, 1 degree."""
+    place = _place(bench)
+    errors = np.deg2rad(rng.normal(size=(place.max() + 1, bench.observations.inputs.posture.shape[1])))
+    return _wrench(bench) + _by_angles(bench, errors[place])
 
 
 def with_readings(bench: Session, wrench: Floats) -> Session:
@@ -61,6 +72,24 @@ def with_readings(bench: Session, wrench: Floats) -> Session:
 
 def _wrench(bench: Session) -> Floats:
     return np.array([case.wrench for case in bench.measured.cases])
+
+
+def _place(bench: Session) -> NDArray[np.intp]:
+    """(cases,) which posture, and whether it was measured at the bone."""
+    inputs = bench.observations.inputs
+    return (2 * np.asarray(inputs.setting) + np.asarray(inputs.at_bone))[: len(bench.measured.cases)]
+
+
+def _by_angles(bench: Session, errors_rad: Floats) -> Floats:
+    """(cases, 6) change of the readings at other joint angles, by errors (cases, rotations)."""
+    inputs = bench.observations.inputs
+    posture = np.array(inputs.posture)
+    posture[: len(errors_rad)] += errors_rad
+    there, here = (
+        np.asarray(bench.model.predict(i, bench.model.initial).reading)[: len(errors_rad)]
+        for i in (inputs._replace(posture=jnp.asarray(posture)), inputs)
+    )
+    return there - here
 
 
 def _turned(wrench: Floats, by_rad: Floats) -> Floats:

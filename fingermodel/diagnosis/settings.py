@@ -24,6 +24,10 @@ class Amount(NamedTuple):
     scale: float
     values: NDArray[np.float64]
 
+    def times(self, unit: float) -> Amount:
+        """The same of a size that is stated as a multiple of something."""
+        return self._replace(scale=unit * self.scale, values=unit * self.values)
+
 
 # --- Priors -----------------------------------------------------------------------------------------------------------
 # Probability that no effect acts; the rest is shared by one, two and three effects.
@@ -52,8 +56,8 @@ TENSION = Amount(0.7, 0.015, np.array([0.0, 0.0025, 0.005, 0.0075, 0.01, 0.014, 
 COMPONENT = DIRECTION = Amount(0.3, 0.01, np.array([0.0, 0.005, 0.01, 0.02, 0.04]))
 ANGLE_RAD = Amount(0.3, np.deg2rad(1.0), np.deg2rad([0.0, 0.5, 1.0, 2.0]))
 STATED_FACTOR = 1.5
-# How far the cell is turned in each setting of the finger, which is clamped anew there [rad].
-MOUNTING_RAD = Amount(0.3, np.deg2rad(0.5), np.deg2rad([0.0, 0.25, 0.5, 1.0, 2.0]))
+# Each error of a mounting, anew in each setting, for which the finger is clamped anew: a multiple of the budget's.
+MOUNTING = Amount(0.3, 1.0, np.array([0.0, 0.5, 1.0, 2.0, 3.0]))
 # Noise that plateau and tare do not show, of each reading by itself [N]: drift, what settles late. Where the noise is
 # assumed, a multiple of it instead, log-normal about 1.
 EXTRA_NOISE_N = Amount(0.5, 0.005, np.array([0.0, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -15,7 +15,16 @@ Floats = NDArray[np.float64]
 # Of two parameters: they are listed from here on, and cannot be told apart from there on.
 CORRELATED, ALIKE = 0.9, 0.95
 # Scatter (relative, of an angle in degrees) and noise beside the measured one [N] that are worth telling.
-_TOLD_SCATTER, _TOLD_DEG, _TOLD_NOISE_N = 0.004, 0.2, 0.002
+_TOLD_SCATTER, _TOLD_NOISE_N = 0.004, 0.002
+# Of each other kind of scatter (see `ReadingErrors`) a factor, its words, and from where it is told.
+_OTHER_SCATTER = {
+    "component": (100.0, " % of each component by itself", 0.4),
+    "direction": (100.0, " % of the force in every direction", 0.4),
+    "angle_rad": (np.rad2deg(1.0), "° of each joint angle", 0.2),
+    "turn_rad": (np.rad2deg(1.0), "° of the cell's orientation from setting to setting", 0.2),
+    "hold_mm": (1.0, " mm of where the tip is held from setting to setting", 0.2),
+    "apart_rad": (np.rad2deg(1.0), "° of each joint angle between tip and bone", 0.2),
+}
 Outcome = Literal["converged", "stalled", "too_many_evaluations", "not_finite"]
 
 
@@ -50,7 +59,9 @@ class ReadingErrors:
         component: scatter of each component of the reading, relative to what is expected of it.
         direction: scatter of the force in every direction: of each component, relative to the force.
         angle_rad: scatter of each joint angle from case to case.
-        mounting_rad: how far the cell is turned in each setting.
+        turn_rad: how far the cell is turned in each setting.
+        hold_mm: how far from its usual place the tip is held in each setting.
+        apart_rad: how far each joint angle of a setting differs between tip and bone from their mean.
     """
 
     scatter: float = 0.0
@@ -59,7 +70,9 @@ class ReadingErrors:
     component: float = 0.0
     direction: float = 0.0
     angle_rad: float = 0.0
-    mounting_rad: float = 0.0
+    turn_rad: float = 0.0
+    hold_mm: float = 0.0
+    apart_rad: float = 0.0
 
 
 # What a fit counts with that is told of nothing else.
@@ -315,17 +328,14 @@ def _with_message(fit: Fit) -> Fit:
     return replace(fit, message=" ".join(text))
 
 
-def other_scatter(component: float, direction: float, angle_rad: float, mounting_rad: float) -> list[str]:
-    """Say what of the scatter beside that of the tensions (see `ReadingErrors`) is worth telling."""
-    sizes = (100.0 * component, 100.0 * direction, *np.rad2deg([angle_rad, mounting_rad]).tolist())
-    told = (100.0 * _TOLD_SCATTER, 100.0 * _TOLD_SCATTER, _TOLD_DEG, _TOLD_DEG)
-    units = (
-        " % of each component by itself",
-        " % of the force in every direction",
-        "° of each joint angle",
-        "° of the cell's orientation from setting to setting",
-    )
-    return [f"{size:.1f}{unit}" for size, unit, least in zip(sizes, units, told, strict=True) if size >= least]
+def other_scatter(sizes: Mapping[str, float]) -> list[str]:
+    """Say what of the scatter beside that of the tensions is worth telling.
+
+    Args:
+        sizes: by kind (see `ReadingErrors`).
+    """
+    told = [(factor * sizes[kind], words, least) for kind, (factor, words, least) in _OTHER_SCATTER.items()]
+    return [f"{size:.1f}{words}" for size, words, least in told if size >= least]
 
 
 def _said_of(errors: ReadingErrors) -> list[str]:
@@ -333,7 +343,7 @@ def _said_of(errors: ReadingErrors) -> list[str]:
     out, extra = [], []
     if errors.scatter >= _TOLD_SCATTER:
         extra.append(f"{100.0 * errors.scatter:.1f} % of each tension from case to case")
-    extra += other_scatter(errors.component, errors.direction, errors.angle_rad, errors.mounting_rad)
+    extra += other_scatter({kind: getattr(errors, kind) for kind in _OTHER_SCATTER})
     if (errors.extra_noise_N or 0.0) >= _TOLD_NOISE_N:
         extra.append(f"{1000.0 * (errors.extra_noise_N or 0.0):.0f} mN of each reading")
     if extra:

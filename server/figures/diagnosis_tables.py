@@ -75,6 +75,8 @@ def rig_table(answer: Answer) -> list[Table]:
         ["scatter of forces in every direction [%]", *_both(repeat, "_pct", of="direction"), "none", ""],
         ["scatter of joint angles [°]", *_both(repeat, "_deg", of="angle"), "none", ""],
         ["turn of the cell by setting [°]", *_both(repeat, "_deg", of="mounting"), "none", ""],
+        ["place where the tip is held, by setting [mm]", *_both(repeat, "_mm", of="hold"), "none", ""],
+        ["joint angles at tip and bone, by setting [°]", *_both(repeat, "_deg", of="apart"), "none", ""],
         ["multiple of the budget", *_both(budget), "1", f"bent most: {carried}" if carried else ""],
         ["multiple of the anatomy's spread", *_both(anatomy), "1", ""],
         ["multiple of the assumed noise", *_both(noise if noise.get("assumed") is True else {}), "1", ""],

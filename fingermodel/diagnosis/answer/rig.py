@@ -12,6 +12,15 @@ from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.fitting.fit_report import other_scatter
 
 _DEG = float(np.rad2deg(1.0))
+# Name, unit and factor of each kind of scatter but that of the tensions.
+_AS_TOLD = {
+    "component": ("component", "pct", 100.0),
+    "direction": ("direction", "pct", 100.0),
+    "angle_rad": ("angle", "deg", _DEG),
+    "turn_rad": ("mounting", "deg", _DEG),
+    "hold_mm": ("hold", "mm", 1.0),
+    "apart_rad": ("apart", "deg", _DEG),
+}
 
 
 def of_rig(d: Diagnosis, bent_most: Sequence[str]) -> dict[str, Any]:
@@ -25,7 +34,7 @@ def of_rig(d: Diagnosis, bent_most: Sequence[str]) -> dict[str, Any]:
     repeatability = {f"{key}_pct": 100.0 * v for key, v in _with_sd(posterior.scatter).items()}
     repeatability["stated_pct"] = 100.0 * d.session.stated_scatter
     for kind, (value, sd) in posterior.other_scatter.items():
-        name, unit, times = (kind[:-4], "deg", _DEG) if kind.endswith("_rad") else (kind, "pct", 100.0)
+        name, unit, times = _AS_TOLD[kind]
         repeatability |= {f"{name}_{unit}": times * value, f"{name}_sd_{unit}": times * sd}
     return {
         "repeatability": repeatability,
@@ -49,7 +58,7 @@ def remarks(d: Diagnosis) -> list[str]:
     if scatter > max(0.004, 1.5 * stated):
         than = f", where {100 * stated:.1f} % is stated" if stated else ", where none is stated"
         out.append(f"The cases repeat to {100 * scatter:.1f} % of their tensions{than}.")
-    if others := other_scatter(**{kind: value for kind, (value, _) in posterior.other_scatter.items()}):
+    if others := other_scatter({kind: value for kind, (value, _) in posterior.other_scatter.items()}):
         out.append(f"Besides, the readings scatter by {' and by '.join(others)}.")
     multiple = posterior.budget[0]
     if multiple > 1.5:

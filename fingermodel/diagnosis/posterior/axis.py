@@ -28,6 +28,11 @@ class Axis:
         return cls.with_atom(size.values, _cells(size.values, size.scale, _half_normal), size.some)
 
     @classmethod
+    def none(cls) -> Axis:
+        """Of a size that can only be none."""
+        return cls(np.zeros(1), np.zeros(1))
+
+    @classmethod
     def with_atom(cls, values: Floats, weight: Floats, some: float) -> Axis:
         """An atom at the first value; the rest has a probability, in proportion to weights (the first is ignored)."""
         rest = weight[1:] / weight[1:].sum()
@@ -52,6 +57,8 @@ class Axis:
     @cached_property
     def within(self) -> Floats:
         """Standard deviation of what each value of a size stands for: uniform over its cell, and 0 for the first."""
+        if len(self.values) == 1:
+            return np.zeros(1)
         lower = _between(self.values)
         upper = np.append(lower[1:], self.values[-1] ** 2 / lower[-1])
         return np.concatenate([[0.0], (upper - lower) / np.sqrt(12.0)])

@@ -131,7 +131,9 @@ class Fitter:
         problem, session = self.session.problem, self.session
         values, fitted = self.hyper.values(node), session.fitted
         blocks = [values.budget * session.nuisances[fitted]]
-        blocks += [values.mounting_rad * session.mounted[fitted]] if values.mounting_rad > 0.0 else []
+        blocks += [
+            size * session.mounted[name][fitted] for name, size in values.mounting._asdict().items() if size > 0.0
+        ]
         blocks += [width * session.smooth(name)[fitted] for name, width in self.hyper.smooth_blocks(node).items()]
         if before is not None:
             blocks += [e * f[fitted] for e, f in zip(values.forms, before.form_errors, strict=True) if e > 0.0]

@@ -192,8 +192,8 @@ class Linearised:
             return self.form_errors[int(name.removeprefix("form"))]
         if is_smooth(name):
             return session.smooth(name)
-        if name == MOUNTED:
-            return session.mounted
+        if name in MOUNTED:
+            return session.mounted[name]
         return session.nuisances if name == BUDGET else np.zeros((len(session.rows), 0))
 
     def place(self, name: str) -> Floats:

@@ -14,12 +14,14 @@ from scipy.special import logsumexp
 from fingermodel.diagnosis.posterior.hyper import (
     ANATOMY,
     ANGLE,
+    APART,
     BUDGET,
     COMPONENT,
     DIRECTION,
-    MOUNTING,
+    HOLD,
     NOISE,
     SCATTER,
+    TURN,
     Node,
 )
 from fingermodel.diagnosis.posterior.optimum import Optimum
@@ -244,8 +246,9 @@ class Posterior:
 
     @property
     def other_scatter(self) -> dict[str, tuple[float, float]]:
-        """Of components, directions and angles by case, and of the mounting by setting: mean and standard deviation."""
-        axes = {"component": COMPONENT, "direction": DIRECTION, "angle_rad": ANGLE, "mounting_rad": MOUNTING}
+        """By case of components, directions and angles; by setting of a mounting's errors: mean and sd."""
+        axes = {"component": COMPONENT, "direction": DIRECTION, "angle_rad": ANGLE}
+        axes |= {"turn_rad": TURN, "hold_mm": HOLD, "apart_rad": APART}
         return {kind: self.hyperparameter(axis) for kind, axis in axes.items()}
 
     @property

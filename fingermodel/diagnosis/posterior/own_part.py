@@ -40,7 +40,7 @@ class OwnPart:
             changes: (fitted readings, k) each; of several columns they are those of all together.
         """
         fit = self._fit
-        names = [name for name in fit.acting(self._node) if name in (*ACTING, MOUNTED)]
+        names = [name for name in fit.acting(self._node) if name in (*ACTING, *MOUNTED)]
         columns = fit.whitened_blocks(names, self._node) * fit.widths(names, self._node)
         root, out = root_of_one_plus(columns.T @ columns), list[float]()
         whitening = fit.whitening(self._node)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fingermodel.diagnosis.session_model.mounting import MountingErrors
 from fingermodel.fitting.roots import root_of
 
 Floats = NDArray[np.float64]
@@ -156,21 +157,23 @@ def as_read(blocks: Floats, unit: Floats, noise: float, assumed: bool) -> Floats
     return noise**2 * blocks if assumed else blocks + _each((noise * unit) ** 2)
 
 
-def by_case(mean: Floats, unit: Floats, errors: CaseErrors, mounting_rad: float) -> Floats:
+def by_case(mean: Floats, unit: Floats, errors: CaseErrors, mounting: MountingErrors) -> Floats:
     """Covariance (n, L, L) of scatter from case to case of readings that are expected, each clamped anew.
 
-    All tensions scatter alike, and angles turn the force.
+    All tensions scatter alike, and angles turn the force. A tip that is held elsewhere gives it a lever.
 
     Args:
         mean: (n, L) what is expected [N, N mm].
         unit: (L,) what of each reading counts as much as a newton.
         errors: how large they are.
-        mounting_rad: how far the cell is turned in each setting.
+        mounting: errors of the mounting in each setting.
     """
-    force = np.linalg.norm(mean * (unit == 1.0), axis=1)
-    aside = np.linalg.norm([errors.direction, errors.angle_rad, mounting_rad])
+    is_force = unit == 1.0
+    force = np.linalg.norm(mean * is_force, axis=1)[:, None]
+    aside = np.linalg.norm([errors.direction, errors.angle_rad, mounting.turn_rad])
+    lever_mm = mounting.hold_mm * ~is_force
     out: Floats = errors.scatter**2 * mean[:, :, None] * mean[:, None, :]
-    return out + _each((errors.component * mean) ** 2 + (aside * force[:, None] * unit) ** 2)
+    return out + _each((errors.component * mean) ** 2 + (aside * force * unit) ** 2 + (lever_mm * force) ** 2)
 
 
 def _each(variance: Floats) -> Floats:

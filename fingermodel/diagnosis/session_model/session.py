@@ -28,7 +28,7 @@ from fingermodel.diagnosis.session_model.discrepancy import (
     tension_columns,
     torque_columns,
 )
-from fingermodel.diagnosis.session_model.mounting import turned_by_setting, zero_moments
+from fingermodel.diagnosis.session_model.mounting import clamped_anew, zero_moments
 from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, WhitenedSmooth
 from fingermodel.diagnosis.settings import CLAMP_SHARE
 from fingermodel.fingers import Plane
@@ -317,9 +317,9 @@ class Session:
         return np.array(columns).T if columns else np.zeros((len(self.rows), 0))
 
     @cached_property
-    def mounted(self) -> Floats:
-        """(n, k) change of every reading per radian by which the cell is turned about each axis in one setting."""
-        return turned_by_setting(self.observations, self.rows)
+    def mounted(self) -> dict[str, Floats]:
+        """(n, k) change of every reading per unit of each error of a mounting (see `MountingErrors`), by its name."""
+        return clamped_anew(self.observations, self.rows, self._by_angle)
 
     def _clamp_twist(self) -> list[Floats]:
         model, inputs, topology = self.model, self.observations.inputs, self.model.finger.topology

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -9,17 +10,21 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from daq.errors import SessionError
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.case_noise import CaseErrors
 from fingermodel.diagnosis.session_model.discrepancy import LEFT_OUT, Places, reduced
+from fingermodel.diagnosis.session_model.mounting import MountingErrors
 from fingermodel.diagnosis.session_model.session import Session as SessionModel
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.session_model.whitening import whitened
 from fingermodel.diagnosis.settings import BAD_N, P_NOTHING
 from fingermodel.session import Session
+
+Floats = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
@@ -129,18 +134,35 @@ def test_scatter_gives_the_readings_what_a_tension_a_component_the_force_or_an_a
         np.testing.assert_allclose(more - plain, expected, rtol=5e-3, atol=1e-7)
 
 
-def test_a_cell_that_is_turned_changes_what_it_reads_in_one_setting_alone(session: SessionModel) -> None:
-    observations, angle = session.observations, 1e-5
-    setting, bone = np.asarray(observations.inputs.setting), np.asarray(observations.inputs.at_bone)
-    places = np.unique(np.stack([setting, bone], axis=1), axis=0)
-    wrench = np.nan_to_num(observations.wrench)
-    for place, own in zip(places, np.split(session.mounted, len(places), axis=1), strict=True):
-        for axis, column in zip(np.eye(3), own.T, strict=True):
-            turn = Rotation.from_rotvec(angle * axis)
-            turned = np.concatenate([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])], axis=1) - wrench
-            here = (setting == place[0]) & (bone == place[1]) & ~np.asarray(observations.inputs.is_check)
-            expected = (turned * here[:, None]).reshape(-1)[session.rows]
-            np.testing.assert_allclose(column * angle, expected, rtol=1e-4, atol=1e-8)
+@pytest.mark.parametrize("kind", MountingErrors._fields)
+def test_a_finger_that_is_clamped_anew_changes_what_is_read_in_one_setting_alone(
+    session: SessionModel, kind: str
+) -> None:
+    observations, inputs, step = session.observations, session.observations.inputs, 1e-5
+    wrench, theta = np.nan_to_num(observations.wrench), session.problem.centre
+    setting, bone, check = (np.asarray(of) for of in (inputs.setting, inputs.at_bone, inputs.is_check))
+    now = np.asarray(session.model.predict(inputs, theta).reading)
+    expected = list[Floats]()
+    for k, at in itertools.product(np.unique(setting[~check]), (False, True)):
+        here = (setting == k) & (bone == at) & ~check
+        if kind == "turn_rad":
+            turns = [Rotation.from_rotvec(step * axis) for axis in np.eye(3)]
+            changed = [np.concatenate([t.apply(wrench[:, :3]), t.apply(wrench[:, 3:])], axis=1) - wrench for t in turns]
+        elif kind == "hold_mm":
+            levers = [step * np.cross(axis, wrench[:, :3]) for axis in np.eye(3)]
+            changed = [np.concatenate([np.zeros_like(m), m], axis=1) * ~bone[:, None] for m in levers]
+        else:
+            here = (setting == k) & ~check & (not at)
+            # To the same side for both: the derivative is one-sided where a tendon comes to rest.
+            postures = [np.asarray(inputs.posture) + step * axis for axis in np.eye(4)]
+            there = [session.model.predict(inputs._replace(posture=jnp.asarray(p)), theta).reading for p in postures]
+            changed = [np.where(bone, -1.0, 1.0)[:, None] * (np.asarray(t) - now) for t in there]
+        expected += [(c * here[:, None]).reshape(-1)[session.rows] / step for c in changed]
+    columns = [column for column in expected if np.abs(column).max() > 1e-6]
+    assert session.mounted[kind].shape[1] == len(columns)
+    for column in columns:
+        miss = np.abs(session.mounted[kind] - column[:, None]).max(axis=0).min()
+        assert miss < 0.01 * np.abs(column).max()
 
 
 def test_something_smooth_in_torque_reaches_tip_and_bone_together(session: SessionModel) -> None:
