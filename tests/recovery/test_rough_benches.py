@@ -74,16 +74,16 @@ def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_i
     assert any(f"scatters by {1000.0 * d.posterior.noise[0]:.0f} mN" in line for line in remarks(d))
 
 
-@pytest.mark.parametrize(("seed", "effects"), [(52, ()), (51, ("hanger_mass",))])
+@pytest.mark.parametrize("effects", [(), ("hanger_mass",)])
 @pytest.mark.parametrize(
-    ("scattered", "kind", "size", "said"),
-    [
-        (by_direction, "direction", 0.02, "of the force in every direction"),
-        (by_component, "component", 0.015, "of each component by itself"),
-        (by_angle, "angle_rad", np.deg2rad(1.0), "of each joint angle"),
-        (by_setting, "turn_rad", np.deg2rad(1.0), "of the cell's orientation from setting to setting"),
-        (by_hold, "hold_mm", 1.0, "of where the tip is held from setting to setting"),
-        (by_mount, "apart_rad", np.deg2rad(1.0) / np.sqrt(2.0), "of each joint angle between tip and bone"),
+    ("scattered", "kind", "size", "said", "seed"),
+    [  # how often this is right is in benchmarks/scatter.md
+        (by_direction, "direction", 0.02, "of the force in every direction", 50),
+        (by_component, "component", 0.015, "of each component by itself", 50),
+        (by_angle, "angle_rad", np.deg2rad(1.0), "of each joint angle", 50),
+        (by_setting, "turn_rad", np.deg2rad(1.0), "of the cell's orientation from setting to setting", 50),
+        (by_hold, "hold_mm", 1.0, "of where the tip is held from setting to setting", 50),
+        (by_mount, "apart_rad", np.deg2rad(1.0) / np.sqrt(2.0), "of each joint angle between tip and bone", 52),
     ],
 )
 def test_scatter_that_no_tension_makes_hides_nothing_and_is_said(
