@@ -43,6 +43,7 @@ from fingermodel.diagnosis.posterior.hyper import (
     SCATTER,
     SMOOTH,
     TURN,
+    WEIGHT,
     Hyperparameters,
     Node,
 )
@@ -62,6 +63,7 @@ AXES = {
     "angle": ANGLE,
     "budget_multiple": BUDGET,
     "anatomy_multiple": ANATOMY,
+    "weight": WEIGHT,
     "turn": TURN,
     "hold": HOLD,
     "apart": APART,
@@ -135,8 +137,8 @@ class Priors:
         wrench = self.entered.wrench.copy()
         wrench.reshape(-1)[session.rows] = reading
         read = replace(self.entered, wrench=wrench)
-        anew, mounted = session_of(self.model, read).mounted, wrench.copy()
-        for name, size in values.mounting._asdict().items():
+        anew, mounted = session_of(self.model, read).by_group, wrench.copy()
+        for name, size in values.groups._asdict().items():
             mounted.reshape(-1)[session.rows] += anew[name] @ rng.normal(size=anew[name].shape[1]) * size
         return replace(read, wrench=mounted)
 

@@ -2,9 +2,9 @@
 
     python -m benchmarks.scatter [--each 8] [--first 0]
 
-Readings of the first simulator are changed, case by case: all of a case by one factor, each component by one of its
-own, the force's direction, or as by other joint angles; or setting by setting, as by a cell that is turned, a tip that
-is held elsewhere, or joint angles that differ between tip and bone. Every second session has an effect of the
+Readings of the first simulator are changed. Case by case: all of a case by one factor, each component by one of its own,
+the force's direction, or as by other joint angles. By weight. Or setting by setting, as by a cell that is turned, a tip
+that is held elsewhere, or joint angles that differ between tip and bone. Every second session has an effect of the
 catalogue.
 """
 
@@ -30,6 +30,7 @@ from tests.scattered import (
     by_mount,
     by_one_factor,
     by_setting,
+    by_weight,
     with_readings,
 )
 from tests.simulator import draw_session, draw_truth
@@ -42,6 +43,7 @@ KINDS: dict[str, Callable[[Session, Rng], Floats]] = {
     "each component by itself, 1.5 %": by_component,
     "direction, 1.1° about each axis": by_direction,
     "joint angles, 1°": by_angle,
+    "each weight, 1 %": by_weight,
     "the cell in each setting, 1° about each axis": by_setting,
     "where the tip is held in each setting, 1 mm": by_hold,
     "joint angles of each setting at tip and bone, 1°": by_mount,
@@ -70,7 +72,7 @@ def main() -> None:
         f"Made by `python -m benchmarks.scatter --each {given.each} --first {given.first}`.",
         "",
         "| scatter | clean: nothing missing | none of the catalogue | an effect named | hidden effect found alone "
-        "| another named | read: tensions, components, directions, angles; cell, hold, tip and bone |",
+        "| another named | read: tensions, components, directions, angles; weights, cell, hold, tip and bone |",
         "|---|---|---|---|---|---|---|",
     ]
     for kind, change in KINDS.items():
@@ -92,8 +94,9 @@ def main() -> None:
         )
         hold_mm = np.median([o["hold_mm"][0] for o in others])
         told = [*(f"{n}/{len(clean)}" for n in counts), *(f"{n}/{len(acting)}" for n in (alone, false))]
+        weight = np.median([100.0 * o["weight"][0] for o in others])
         of_cases = f"{scatter:.1f} %, {component:.1f} %, {aside:.1f} %, {angle:.1f}°"
-        read = f"{of_cases}; {cell:.1f}°, {hold_mm:.1f} mm, {apart:.1f}°"
+        read = f"{of_cases}; {weight:.1f} %, {cell:.1f}°, {hold_mm:.1f} mm, {apart:.1f}°"
         lines.append(f"| {kind} | {' | '.join(told)} | {read} |")
         print(lines[-1], flush=True)
     publish(HERE / "scatter.md", lines)

@@ -1,4 +1,4 @@
-"""Readings of a session changed case by case, or setting by setting, as ordinary benches do."""
+"""Readings of a session changed case by case, setting by setting or weight by weight, as ordinary benches do."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fingermodel.session import Session
+from fingermodel.stages import LoadCaseInput
 
 Floats = NDArray[np.float64]
 Rng = np.random.Generator
@@ -64,6 +65,16 @@ def by_mount(bench: Session, rng: Rng) -> Floats:
     return _wrench(bench) + _by_angles(bench, errors[place])
 
 
+def by_weight(bench: Session, rng: Rng) -> Floats:
+    """Each weight by 1 % of itself, on whichever tendon it hangs."""
+    wrench, inputs = _wrench(bench), bench.observations.inputs
+    weights, which = np.unique(np.round(np.asarray(inputs.tension)[: len(wrench)], 6), return_inverse=True)
+    errors = (0.01 * rng.normal(size=len(weights)))[which].reshape(len(wrench), -1)
+    tension = np.array(inputs.tension)
+    tension[: len(wrench)] *= 1.0 + errors
+    return wrench + _changed(bench, inputs._replace(tension=jnp.asarray(tension)))
+
+
 def with_readings(bench: Session, wrench: Floats) -> Session:
     """The same bench with other readings (cases, 6)."""
     cases = tuple(replace(case, wrench=own) for case, own in zip(bench.measured.cases, wrench, strict=True))
@@ -85,11 +96,15 @@ def _by_angles(bench: Session, errors_rad: Floats) -> Floats:
     inputs = bench.observations.inputs
     posture = np.array(inputs.posture)
     posture[: len(errors_rad)] += errors_rad
+    return _changed(bench, inputs._replace(posture=jnp.asarray(posture)))
+
+
+def _changed(bench: Session, inputs: LoadCaseInput) -> Floats:
+    """(cases, 6) change of the readings by other load cases than the bench has."""
     there, here = (
-        np.asarray(bench.model.predict(i, bench.model.initial).reading)[: len(errors_rad)]
-        for i in (inputs._replace(posture=jnp.asarray(posture)), inputs)
+        np.asarray(bench.model.predict(i, bench.model.initial).reading) for i in (inputs, bench.observations.inputs)
     )
-    return there - here
+    return (there - here)[: len(bench.measured.cases)]
 
 
 def _turned(wrench: Floats, by_rad: Floats) -> Floats:

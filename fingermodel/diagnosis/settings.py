@@ -56,8 +56,10 @@ TENSION = Amount(0.7, 0.015, np.array([0.0, 0.0025, 0.005, 0.0075, 0.01, 0.014, 
 COMPONENT = DIRECTION = Amount(0.3, 0.01, np.array([0.0, 0.005, 0.01, 0.02, 0.04]))
 ANGLE_RAD = Amount(0.3, np.deg2rad(1.0), np.deg2rad([0.0, 0.5, 1.0, 2.0]))
 STATED_FACTOR = 1.5
-# Each error of a mounting, anew in each setting, for which the finger is clamped anew: a multiple of the budget's.
-MOUNTING = Amount(0.3, 1.0, np.array([0.0, 0.5, 1.0, 2.0, 3.0]))
+# Errors that a group of cases has in common. Those of one setting, for which the finger is clamped anew, are multiples
+# of what the budget states of a whole session; that of one weight, of WEIGHT.
+WEIGHT = 0.01
+OF_GROUP = Amount(0.3, 1.0, np.array([0.0, 0.5, 1.0, 2.0, 3.0]))
 # Noise that plateau and tare do not show, of each reading by itself [N]: drift, what settles late. Where the noise is
 # assumed, a multiple of it instead, log-normal about 1.
 EXTRA_NOISE_N = Amount(0.5, 0.005, np.array([0.0, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064]))

@@ -21,6 +21,7 @@ _OTHER_SCATTER = {
     "component": (100.0, " % of each component by itself", 0.4),
     "direction": (100.0, " % of the force in every direction", 0.4),
     "angle_rad": (np.rad2deg(1.0), "° of each joint angle", 0.2),
+    "weight": (100.0, " % of each weight", 0.4),
     "turn_rad": (np.rad2deg(1.0), "° of the cell's orientation from setting to setting", 0.2),
     "hold_mm": (1.0, " mm of where the tip is held from setting to setting", 0.2),
     "apart_rad": (np.rad2deg(1.0), "° of each joint angle between tip and bone", 0.2),
@@ -59,6 +60,7 @@ class ReadingErrors:
         component: scatter of each component of the reading, relative to what is expected of it.
         direction: scatter of the force in every direction: of each component, relative to the force.
         angle_rad: scatter of each joint angle from case to case.
+        weight: error of each weight that hangs in several cases, relative.
         turn_rad: how far the cell is turned in each setting.
         hold_mm: how far from its usual place the tip is held in each setting.
         apart_rad: how far each joint angle of a setting differs between tip and bone from their mean.
@@ -70,6 +72,7 @@ class ReadingErrors:
     component: float = 0.0
     direction: float = 0.0
     angle_rad: float = 0.0
+    weight: float = 0.0
     turn_rad: float = 0.0
     hold_mm: float = 0.0
     apart_rad: float = 0.0

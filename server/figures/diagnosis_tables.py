@@ -74,6 +74,7 @@ def rig_table(answer: Answer) -> list[Table]:
         ["scatter of each component by itself [%]", *_both(repeat, "_pct", of="component"), "none", ""],
         ["scatter of forces in every direction [%]", *_both(repeat, "_pct", of="direction"), "none", ""],
         ["scatter of joint angles [°]", *_both(repeat, "_deg", of="angle"), "none", ""],
+        ["error of each weight [%]", *_both(repeat, "_pct", of="weight"), "none", ""],
         ["turn of the cell by setting [°]", *_both(repeat, "_deg", of="mounting"), "none", ""],
         ["place where the tip is held, by setting [mm]", *_both(repeat, "_mm", of="hold"), "none", ""],
         ["joint angles at tip and bone, by setting [°]", *_both(repeat, "_deg", of="apart"), "none", ""],

@@ -16,7 +16,17 @@ from fingermodel.diagnosis.answer.rig import remarks
 from fingermodel.diagnosis.diagnose import diagnose
 from fingermodel.session import Session
 from server.application.diagnosing import diagnosis_answer, run_diagnosis
-from tests.scattered import Floats, by_angle, by_component, by_direction, by_hold, by_mount, by_setting, with_readings
+from tests.scattered import (
+    Floats,
+    by_angle,
+    by_component,
+    by_direction,
+    by_hold,
+    by_mount,
+    by_setting,
+    by_weight,
+    with_readings,
+)
 from tests.simulator import draw_session
 
 
@@ -81,6 +91,7 @@ def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_i
         (by_direction, "direction", 0.02, "of the force in every direction", 50),
         (by_component, "component", 0.015, "of each component by itself", 50),
         (by_angle, "angle_rad", np.deg2rad(1.0), "of each joint angle", 50),
+        (by_weight, "weight", 0.01, "of each weight", 50),
         (by_setting, "turn_rad", np.deg2rad(1.0), "of the cell's orientation from setting to setting", 50),
         (by_hold, "hold_mm", 1.0, "of where the tip is held from setting to setting", 50),
         (by_mount, "apart_rad", np.deg2rad(1.0) / np.sqrt(2.0), "of each joint angle between tip and bone", 52),

@@ -101,6 +101,8 @@ def found() -> Answer:
             "direction_sd_pct": 0.1,
             "angle_deg": 0.75,
             "angle_sd_deg": 0.3,
+            "weight_pct": 0.62,
+            "weight_sd_pct": 0.2,
             "mounting_deg": 0.35,
             "mounting_sd_deg": 0.1,
             "hold_mm": 1.15,

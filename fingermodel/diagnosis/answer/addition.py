@@ -176,7 +176,7 @@ def add_effects(
         component=by_case.component,
         direction=by_case.direction,
         angle_rad=by_case.angle_rad,
-        **values.mounting._asdict(),
+        **values.groups._asdict(),
     )
     fit = refit_map(problem, start=best.theta, also=also, starts=starts, progress=progress, errors=errors)
     return Addition(fit, best.explanation.names, gain, recipe)

@@ -17,6 +17,7 @@ _AS_TOLD = {
     "component": ("component", "pct", 100.0),
     "direction": ("direction", "pct", 100.0),
     "angle_rad": ("angle", "deg", _DEG),
+    "weight": ("weight", "pct", 100.0),
     "turn_rad": ("mounting", "deg", _DEG),
     "hold_mm": ("hold", "mm", 1.0),
     "apart_rad": ("apart", "deg", _DEG),

@@ -254,7 +254,7 @@ def _predict(diagnosis: Diagnosis, fit: Optimum, cases: Sequence[PlannedReading]
     values = fit.hyper.values(fit.best)
     usual, unit = np.nan_to_num(np.median(blocks, axis=0), nan=1.0), np.array([1.0, 1.0, 1.0, LEVER_MM])
     noise = as_read(usual, unit, values.errors.noise, session.observations.noise_assumed)
-    return mean, spread + by_case(mean, unit, values.errors, values.mounting) + noise + 1e-9 * np.eye(4)
+    return mean, spread + by_case(mean, unit, values.errors, values.groups) + noise + 1e-9 * np.eye(4)
 
 
 def information(

@@ -132,7 +132,7 @@ class Fitter:
         values, fitted = self.hyper.values(node), session.fitted
         blocks = [values.budget * session.nuisances[fitted]]
         blocks += [
-            size * session.mounted[name][fitted] for name, size in values.mounting._asdict().items() if size > 0.0
+            size * session.by_group[name][fitted] for name, size in values.groups._asdict().items() if size > 0.0
         ]
         blocks += [width * session.smooth(name)[fitted] for name, width in self.hyper.smooth_blocks(node).items()]
         if before is not None:

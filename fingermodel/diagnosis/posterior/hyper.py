@@ -14,31 +14,31 @@ from numpy.typing import NDArray
 from fingermodel.diagnosis import settings
 from fingermodel.diagnosis.posterior.axis import Axis
 from fingermodel.diagnosis.session_model.case_noise import CaseErrors
-from fingermodel.diagnosis.session_model.mounting import MountingErrors
+from fingermodel.diagnosis.session_model.group_errors import GroupErrors
 from fingermodel.diagnosis.session_model.session import Session
 
 Floats = NDArray[np.float64]
 
 # Indices on the axes: scatter of tensions, noise, the other kinds of scatter (see `CaseErrors`), budget, anatomy,
-# errors of a mounting (see `MountingErrors`), something smooth of each family (see `Session.smooth`), and what carries
+# errors by group of cases (see `GroupErrors`), something smooth of each family (see `Session.smooth`), and what carries
 # it; then one error of form for each member that has a form.
 Node = tuple[int, ...]
-SCATTER, NOISE, COMPONENT, DIRECTION, ANGLE, BUDGET, ANATOMY, TURN, HOLD, APART, SMOOTH = range(11)
+SCATTER, NOISE, COMPONENT, DIRECTION, ANGLE, BUDGET, ANATOMY, WEIGHT, TURN, HOLD, APART, SMOOTH = range(12)
 # Those of `CaseErrors`.
 OF_CASES = slice(SCATTER, BUDGET)
-# Those of `MountingErrors`.
-OF_MOUNTING = slice(TURN, SMOOTH)
+# Those of `GroupErrors`.
+OF_GROUPS = slice(WEIGHT, SMOOTH)
 FAMILIES = ("torque", "tension", "loaded", "constant")
 CARRIER = SMOOTH + len(FAMILIES)
 FORMS = CARRIER + 1
-# Blocks of weights that act at every node (see `Linearised`); and those of a mounting's errors in each setting.
+# Blocks of weights that act at every node (see `Linearised`); and those of errors by group.
 ACTING = ("held", "budget", "anatomy")
-MOUNTED = MountingErrors._fields
+GROUPS = GroupErrors._fields
 # Scatter of a usual bench, relative.
 _USUAL_SCATTER = 0.01
 _SIZES = (settings.TENSION, settings.EXTRA_NOISE_N, settings.COMPONENT, settings.DIRECTION, settings.ANGLE_RAD)
 _GRIDS = (
-    *[size.values for size in (*_SIZES, settings.MOUNTING)],
+    *[size.values for size in (*_SIZES, settings.OF_GROUP, settings.OF_GROUP.times(settings.WEIGHT))],
     settings.ASSUMED_NOISE_MULTIPLES,
     settings.MULTIPLES,
     settings.SMOOTH_N,
@@ -49,12 +49,12 @@ GRIDS = hashlib.sha256(repr([grid.tolist() for grid in _GRIDS]).encode()).hexdig
 
 
 class Values(NamedTuple):
-    """Of a node: sizes of noise by case, multiples, errors of a mounting, amplitudes by family [N], errors of form."""
+    """Of a node: sizes of noise by case, multiples, errors by group, amplitudes by family [N], errors of form."""
 
     errors: CaseErrors
     budget: float
     anatomy: float
-    mounting: MountingErrors
+    groups: GroupErrors
     smooth_N: Floats
     forms: Floats
 
@@ -64,9 +64,9 @@ class Hyperparameters:
     """The axes of one session.
 
     Attributes:
-        axes: scatter and noise (see `CaseErrors`), multiples of the budget and of the anatomy, errors of a
-            mounting (see `MountingErrors`), amplitude of each family of something smooth [N], and what carries it: the
-            index among the carriers.
+        axes: scatter and noise (see `CaseErrors`), multiples of the budget and of the anatomy, errors by
+            group of cases (see `GroupErrors`), amplitude of each family of something smooth [N], and what carries it:
+            the index among the carriers.
         form: error of an effect's form.
         carriers: of something smooth (see `Session.carriers`).
         tendons: how many of them are tendons.
@@ -102,8 +102,8 @@ class Hyperparameters:
                 *others,
                 *[multiple] * 2,
                 *[
-                    Axis.of(settings.MOUNTING.times(size)) if size * session.mounted[name].any() else Axis.none()
-                    for name, size in MountingErrors.stated(session.model.budget)._asdict().items()
+                    Axis.of(settings.OF_GROUP.times(size)) if size * session.by_group[name].any() else Axis.none()
+                    for name, size in GroupErrors.usual(session.model.budget)._asdict().items()
                 ],
                 *[smooth] * len(FAMILIES),
                 Axis(np.arange(float(len(carriers))), of_each),
@@ -197,8 +197,8 @@ class Hyperparameters:
         """What a node stands for."""
         at = [axis.value[i] for axis, i in zip(self.axes, node, strict=False)]
         forms = self.form.values[list(node[FORMS:])]
-        errors, mounting = CaseErrors(*at[OF_CASES]), MountingErrors(*at[OF_MOUNTING])
-        return Values(errors, at[BUDGET], at[ANATOMY], mounting, np.array(at[SMOOTH:CARRIER]), forms)
+        errors, groups = CaseErrors(*at[OF_CASES]), GroupErrors(*at[OF_GROUPS])
+        return Values(errors, at[BUDGET], at[ANATOMY], groups, np.array(at[SMOOTH:CARRIER]), forms)
 
     def smooth_newton(self, node: Node) -> float:
         """Largest amplitude [N] of what is smooth at a node."""
@@ -229,9 +229,9 @@ class Hyperparameters:
             forms = {f"form{k}": width for k, width in enumerate(errors) if width > 0.0}
             multiples = [self.axes[k].value[node[k]] for k in (BUDGET, ANATOMY)]
             always = dict(zip(ACTING, (1.0, *multiples), strict=True))
-            sizes = [self.axes[k].value[node[k]] for k in range(TURN, SMOOTH)]
-            mounted = {name: size for name, size in zip(MOUNTED, sizes, strict=True) if size > 0.0}
-            self._widths[node] = always | mounted | self.smooth_blocks(node) | forms
+            sizes = [self.axes[k].value[node[k]] for k in range(WEIGHT, SMOOTH)]
+            of_groups = {name: size for name, size in zip(GROUPS, sizes, strict=True) if size > 0.0}
+            self._widths[node] = always | of_groups | self.smooth_blocks(node) | forms
         return self._widths[node]
 
     @cached_property
@@ -252,7 +252,7 @@ class Hyperparameters:
         noise = self.axes[NOISE].mode if self.noise_assumed else node[NOISE]
         usual = self.start(0)
         of_cases = (node[SCATTER], noise, *node[NOISE + 1 : BUDGET])
-        return (*of_cases, *usual[BUDGET:TURN], *node[OF_MOUNTING], *usual[SMOOTH:])
+        return (*of_cases, *usual[BUDGET:WEIGHT], *node[OF_GROUPS], *usual[SMOOTH:])
 
     def sizes(self, node: Node) -> list[int]:
         """How many values each axis of a node has along which one may step."""
@@ -278,7 +278,7 @@ class Hyperparameters:
         """This node, and those with more scatter, noise or something smooth: there a bad case may be a sound one."""
         more = [
             (*node[:axis], index, *node[axis + 1 :])
-            for axis in (*range(BUDGET), *range(TURN, CARRIER))
+            for axis in (*range(BUDGET), *range(WEIGHT, CARRIER))
             for index in range(node[axis] + 1, len(self.axes[axis].values))
         ]
         return list(dict.fromkeys([node, *more, *map(self.of_all, [node, *more])]))

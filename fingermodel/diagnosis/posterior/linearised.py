@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fingermodel.diagnosis.posterior.gaussian import Quadratic
-from fingermodel.diagnosis.posterior.hyper import ACTING, MOUNTED, OF_CASES, Hyperparameters, Node, is_smooth
+from fingermodel.diagnosis.posterior.hyper import ACTING, GROUPS, OF_CASES, Hyperparameters, Node, is_smooth
 from fingermodel.diagnosis.session_model.candidates import Explanation, free_mask
 from fingermodel.diagnosis.session_model.discrepancy import form_columns
 from fingermodel.diagnosis.session_model.session import Session
@@ -192,8 +192,8 @@ class Linearised:
             return self.form_errors[int(name.removeprefix("form"))]
         if is_smooth(name):
             return session.smooth(name)
-        if name in MOUNTED:
-            return session.mounted[name]
+        if name in GROUPS:
+            return session.by_group[name]
         return session.nuisances if name == BUDGET else np.zeros((len(session.rows), 0))
 
     def place(self, name: str) -> Floats:

@@ -22,6 +22,7 @@ from fingermodel.diagnosis.posterior.hyper import (
     NOISE,
     SCATTER,
     TURN,
+    WEIGHT,
     Node,
 )
 from fingermodel.diagnosis.posterior.optimum import Optimum
@@ -246,9 +247,9 @@ class Posterior:
 
     @property
     def other_scatter(self) -> dict[str, tuple[float, float]]:
-        """By case of components, directions and angles; by setting of a mounting's errors: mean and sd."""
+        """By case of components, directions and angles; by group of a weight and a mounting: mean and sd."""
         axes = {"component": COMPONENT, "direction": DIRECTION, "angle_rad": ANGLE}
-        axes |= {"turn_rad": TURN, "hold_mm": HOLD, "apart_rad": APART}
+        axes |= {"weight": WEIGHT, "turn_rad": TURN, "hold_mm": HOLD, "apart_rad": APART}
         return {kind: self.hyperparameter(axis) for kind, axis in axes.items()}
 
     @property

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from fingermodel.diagnosis.posterior.hyper import ACTING, FORMS, MOUNTED, SMOOTH, Node
+from fingermodel.diagnosis.posterior.hyper import ACTING, FORMS, GROUPS, SMOOTH, Node
 from fingermodel.diagnosis.posterior.linearised import Linearised
 from fingermodel.diagnosis.settings import FORM_NAMED
 from fingermodel.fitting.roots import root_of_one_plus
@@ -40,7 +40,7 @@ class OwnPart:
             changes: (fitted readings, k) each; of several columns they are those of all together.
         """
         fit = self._fit
-        names = [name for name in fit.acting(self._node) if name in (*ACTING, *MOUNTED)]
+        names = [name for name in fit.acting(self._node) if name in (*ACTING, *GROUPS)]
         columns = fit.whitened_blocks(names, self._node) * fit.widths(names, self._node)
         root, out = root_of_one_plus(columns.T @ columns), list[float]()
         whitening = fit.whitening(self._node)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fingermodel.diagnosis.session_model.mounting import MountingErrors
+from fingermodel.diagnosis.session_model.group_errors import GroupErrors
 from fingermodel.fitting.roots import root_of
 
 Floats = NDArray[np.float64]
@@ -157,7 +157,7 @@ def as_read(blocks: Floats, unit: Floats, noise: float, assumed: bool) -> Floats
     return noise**2 * blocks if assumed else blocks + _each((noise * unit) ** 2)
 
 
-def by_case(mean: Floats, unit: Floats, errors: CaseErrors, mounting: MountingErrors) -> Floats:
+def by_case(mean: Floats, unit: Floats, errors: CaseErrors, groups: GroupErrors) -> Floats:
     """Covariance (n, L, L) of scatter from case to case of readings that are expected, each clamped anew.
 
     All tensions scatter alike, and angles turn the force. A tip that is held elsewhere gives it a lever.
@@ -166,13 +166,13 @@ def by_case(mean: Floats, unit: Floats, errors: CaseErrors, mounting: MountingEr
         mean: (n, L) what is expected [N, N mm].
         unit: (L,) what of each reading counts as much as a newton.
         errors: how large they are.
-        mounting: errors of the mounting in each setting.
+        groups: errors of each weight, and of the mounting in each setting.
     """
     is_force = unit == 1.0
     force = np.linalg.norm(mean * is_force, axis=1)[:, None]
-    aside = np.linalg.norm([errors.direction, errors.angle_rad, mounting.turn_rad])
-    lever_mm = mounting.hold_mm * ~is_force
-    out: Floats = errors.scatter**2 * mean[:, :, None] * mean[:, None, :]
+    aside = np.linalg.norm([errors.direction, errors.angle_rad, groups.turn_rad])
+    lever_mm = groups.hold_mm * ~is_force
+    out: Floats = (errors.scatter**2 + groups.weight**2) * mean[:, :, None] * mean[:, None, :]
     return out + _each((errors.component * mean) ** 2 + (aside * force * unit) ** 2 + (lever_mm * force) ** 2)
 
 

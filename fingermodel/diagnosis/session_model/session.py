@@ -28,7 +28,7 @@ from fingermodel.diagnosis.session_model.discrepancy import (
     tension_columns,
     torque_columns,
 )
-from fingermodel.diagnosis.session_model.mounting import clamped_anew, zero_moments
+from fingermodel.diagnosis.session_model.group_errors import by_group, zero_moments
 from fingermodel.diagnosis.session_model.whitening import NoiseWhitening, WhitenedSmooth
 from fingermodel.diagnosis.settings import CLAMP_SHARE
 from fingermodel.fingers import Plane
@@ -53,7 +53,6 @@ _THE_SAME_FROM_ANYWHERE = (
     "places",
     "tares",
     "nuisances",
-    "mounted",
     "torque_answer",
     "_answer_by_row",
     "_by_angle",
@@ -317,9 +316,9 @@ class Session:
         return np.array(columns).T if columns else np.zeros((len(self.rows), 0))
 
     @cached_property
-    def mounted(self) -> dict[str, Floats]:
-        """(n, k) change of every reading per unit of each error of a mounting (see `MountingErrors`), by its name."""
-        return clamped_anew(self.observations, self.rows, self._by_angle)
+    def by_group(self) -> dict[str, Floats]:
+        """(n, k) change of every reading per unit of each error by group of cases (see `GroupErrors`), by its name."""
+        return by_group(self.observations, self.rows, self._by_tension, self._by_angle)
 
     def _clamp_twist(self) -> list[Floats]:
         model, inputs, topology = self.model, self.observations.inputs, self.model.finger.topology

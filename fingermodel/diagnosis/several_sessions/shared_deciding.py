@@ -157,7 +157,7 @@ def _ranked(
         anew = 0.0 if reading == READINGS[2] else values.budget
         plain = rest @ covariance[np.ix_(~of_angle, ~of_angle)] @ rest.swapaxes(1, 2)
         plain += anew**2 * angles @ angles.swapaxes(1, 2) + noise[np.ix_(read, read)]
-        plain += by_case(mean[which][:, read], unit[read], values.errors, values.mounting)
+        plain += by_case(mean[which][:, read], unit[read], values.errors, values.groups)
         means = (mean[:, None] + change)[which][..., read]
         spreads = plain[:, None] + _outer(sd[which][..., read])
         most = most_information(means, spreads, prior)

@@ -122,7 +122,7 @@ function included(body) {
 }
 
 const SCATTER = [["Scatter of each component by itself", "component", "pct"], ["Scatter of forces in every direction", "direction", "pct"],
-  ["Scatter of joint angles", "angle", "deg"], ["Turn of the cell from setting to setting", "mounting", "deg"],
+  ["Scatter of joint angles", "angle", "deg"], ["Error of each weight", "weight", "pct"], ["Turn of the cell from setting to setting", "mounting", "deg"],
   ["Place where the tip is held, from setting to setting", "hold", "mm"], ["Joint angles of a setting at tip and bone", "apart", "deg"]];
 
 function rig(body) {

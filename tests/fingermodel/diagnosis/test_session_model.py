@@ -17,7 +17,6 @@ from daq.errors import SessionError
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation, Member
 from fingermodel.diagnosis.session_model.case_noise import CaseErrors
 from fingermodel.diagnosis.session_model.discrepancy import LEFT_OUT, Places, reduced
-from fingermodel.diagnosis.session_model.mounting import MountingErrors
 from fingermodel.diagnosis.session_model.session import Session as SessionModel
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.diagnosis.session_model.whitening import whitened
@@ -134,7 +133,7 @@ def test_scatter_gives_the_readings_what_a_tension_a_component_the_force_or_an_a
         np.testing.assert_allclose(more - plain, expected, rtol=5e-3, atol=1e-7)
 
 
-@pytest.mark.parametrize("kind", MountingErrors._fields)
+@pytest.mark.parametrize("kind", ["turn_rad", "hold_mm", "apart_rad"])
 def test_a_finger_that_is_clamped_anew_changes_what_is_read_in_one_setting_alone(
     session: SessionModel, kind: str
 ) -> None:
@@ -159,10 +158,24 @@ def test_a_finger_that_is_clamped_anew_changes_what_is_read_in_one_setting_alone
             changed = [np.where(bone, -1.0, 1.0)[:, None] * (np.asarray(t) - now) for t in there]
         expected += [(c * here[:, None]).reshape(-1)[session.rows] / step for c in changed]
     columns = [column for column in expected if np.abs(column).max() > 1e-6]
-    assert session.mounted[kind].shape[1] == len(columns)
+    assert session.by_group[kind].shape[1] == len(columns)
     for column in columns:
-        miss = np.abs(session.mounted[kind] - column[:, None]).max(axis=0).min()
+        miss = np.abs(session.by_group[kind] - column[:, None]).max(axis=0).min()
         assert miss < 0.01 * np.abs(column).max()
+
+
+def test_a_weight_errs_alike_wherever_it_hangs_and_some_of_it_on_each_tendon(session: SessionModel) -> None:
+    tension, theta = np.asarray(session.observations.inputs.tension), session.problem.centre
+    by_tension, covariance = session.by_tension(theta), np.zeros((len(session.rows), len(session.rows)))
+    for weight in np.unique(tension[tension > 0.0].round(6)):
+        here = np.isclose(tension, weight, atol=1e-6)
+        on = [here * (np.arange(tension.shape[1]) == t) for t in range(tension.shape[1])]
+        for hangs in [here, *on]:
+            if hangs.any(axis=1).sum() > 1:
+                column = (hangs[:, None, :] * by_tension).sum(axis=2)[session.rows // 6, session.rows % 6]
+                covariance += 0.5 * np.outer(column, column)
+    found = session.by_group["weight"]
+    np.testing.assert_allclose(found @ found.T, covariance, rtol=1e-9, atol=1e-9)
 
 
 def test_something_smooth_in_torque_reaches_tip_and_bone_together(session: SessionModel) -> None:

@@ -1,4 +1,4 @@
-"""What the mounting of finger and cell adds to the readings, as columns beside the model."""
+"""Errors that a group of cases has in common, as columns beside the model: of a weight, a setting or a mounting."""
 
 from __future__ import annotations
 
@@ -11,40 +11,48 @@ from numpy.typing import NDArray
 from fingermodel.budget import Budget
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.session_model.discrepancy import Places
-from fingermodel.diagnosis.settings import LEVER_MM
+from fingermodel.diagnosis.settings import LEVER_MM, WEIGHT
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
+# Tensions [N] that agree in so many digits are of one weight.
+_ALIKE_DIGITS = 6
 
-class MountingErrors(NamedTuple):
-    """How large errors of a mounting are that are made anew in each setting, for which the finger is clamped anew.
+
+class GroupErrors(NamedTuple):
+    """How large errors are that a group of cases has in common: of one weight, or of one setting.
+
+    For each setting the finger is clamped anew.
 
     Attributes:
+        weight: of each weight that hangs in several cases, relative.
         turn_rad: by which the cell is turned about each axis, at the tip and at the bone.
         hold_mm: by which the tip is held elsewhere along each axis.
         apart_rad: by which each joint angle differs at the tip, and the other way at the bone, from their mean.
     """
 
+    weight: float = 0.0
     turn_rad: float = 0.0
     hold_mm: float = 0.0
     apart_rad: float = 0.0
 
     @classmethod
-    def stated(cls, budget: Budget) -> MountingErrors:
-        """As large as a budget states those of a whole session."""
+    def usual(cls, budget: Budget) -> GroupErrors:
+        """Of each setting as large as a budget states those of a whole session, and those of usual weights."""
         turn, apart = np.deg2rad([budget.cell_rotation_sd_deg, budget.angle_sd_deg / np.sqrt(2.0)]).tolist()
-        return cls(turn, budget.mount_offset_sd_mm, apart)
+        return cls(WEIGHT, turn, budget.mount_offset_sd_mm, apart)
 
 
-def clamped_anew(observations: Observations, rows: Rows, by_angle: Floats) -> dict[str, Floats]:
-    """(n, k) change of every reading per unit of each of the errors, in one setting a column.
+def by_group(observations: Observations, rows: Rows, by_tension: Floats, by_angle: Floats) -> dict[str, Floats]:
+    """(n, k) change of every reading per unit of each of the errors, in one group a column.
 
     What is turned, and what has a lever, is what was read.
 
     Args:
         observations: of the session.
         rows: (n,) indices of the readings into the flattened (cases, 6) wrench.
+        by_tension: (n, muscles) change of every reading by the logarithm of each tension.
         by_angle: (n, rotations) change of every reading per radian of each joint angle.
     """
     inputs, reading = observations.inputs, np.nan_to_num(observations.wrench).reshape(-1, 2, 3)
@@ -57,10 +65,26 @@ def clamped_anew(observations: Observations, rows: Rows, by_angle: Floats) -> di
     sign = np.where(bone, -1.0, 1.0)
     both = [(tip + other) * sign for tip, other in zip(at_tip, at_bone, strict=True) if tip.any() and other.any()]
     return {
+        "weight": _of_weights(np.asarray(inputs.tension), rows // 6, by_tension),
         "turn_rad": _in_each([*at_tip, *at_bone], of_turn),
         "hold_mm": _in_each(at_tip, of_hold),
         "apart_rad": _in_each(both, by_angle),
     }
+
+
+def _of_weights(tension: Floats, cases: Rows, by_tension: Floats) -> Floats:
+    """Columns (n, k) of the error of each weight that hangs in several cases.
+
+    Half of its variance is of the weight on whichever tendon, half of what hangs on one tendon.
+    """
+    alike = np.unique(np.round(tension, _ALIKE_DIGITS), return_inverse=True)[1].reshape(tension.shape)
+    on = [
+        (alike == k) & (np.arange(tension.shape[1]) == tendon if tendon is not None else True) & (tension > 0.0)
+        for k in np.unique(alike)
+        for tendon in (None, *range(tension.shape[1]))
+    ]
+    columns = [(here[cases] * by_tension).sum(axis=1) / np.sqrt(2.0) for here in on if here.any(axis=1).sum() > 1]
+    return np.array(columns).reshape(-1, len(cases)).T
 
 
 def _in_each(where: Sequence[Floats], changes: Floats) -> Floats:
