@@ -3,9 +3,9 @@
     python -m benchmarks.scatter [--each 8] [--first 0]
 
 Readings of the first simulator are changed. Case by case: all of a case by one factor, each component by one of its
-own, the force's direction, or as by other joint angles. By weight. Or setting by setting, as by a cell that is turned, a
-tip that is held elsewhere, or joint angles that differ between tip and bone. Every second session has an effect of the
-catalogue.
+own, the force's direction, or as by other joint angles. By weight. Or setting by setting, as by a cell that is turned,
+a tip that is held elsewhere, or joint angles that differ between tip and bone. Every second session has an effect of
+the catalogue.
 """
 
 from __future__ import annotations
