@@ -337,7 +337,7 @@ def other_scatter(sizes: Mapping[str, float]) -> list[str]:
     Args:
         sizes: by kind (see `ReadingErrors`).
     """
-    told = [(factor * sizes[kind], words, least) for kind, (factor, words, least) in _OTHER_SCATTER.items()]
+    told = [(factor * sizes.get(kind, 0.0), words, least) for kind, (factor, words, least) in _OTHER_SCATTER.items()]
     return [f"{size:.1f}{words}" for size, words, least in told if size >= least]
 
 
@@ -350,7 +350,7 @@ def _said_of(errors: ReadingErrors) -> list[str]:
     if (errors.extra_noise_N or 0.0) >= _TOLD_NOISE_N:
         extra.append(f"{1000.0 * (errors.extra_noise_N or 0.0):.0f} mN of each reading")
     if extra:
-        out.append(f"The readings scatter by {' and by '.join(extra)}; the uncertainties count that.")
+        out.append(f"The readings scatter by {', by '.join(extra)}; the uncertainties count that.")
     if errors.not_counted:
         out.append(
             f"Not counted: {_few(list(errors.not_counted))}, far from what all others say; diagnose says what may "

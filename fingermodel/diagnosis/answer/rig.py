@@ -34,9 +34,10 @@ def of_rig(d: Diagnosis, bent_most: Sequence[str]) -> dict[str, Any]:
     posterior, assumed = d.posterior, d.session.observations.noise_assumed
     repeatability = {f"{key}_pct": 100.0 * v for key, v in _with_sd(posterior.scatter).items()}
     repeatability["stated_pct"] = 100.0 * d.session.stated_scatter
-    for kind, (value, sd) in posterior.other_scatter.items():
-        name, unit, times = _AS_TOLD[kind]
-        repeatability |= {f"{name}_{unit}": times * value, f"{name}_sd_{unit}": times * sd}
+    for kind, (name, unit, times) in _AS_TOLD.items():
+        known = posterior.other_scatter.get(kind)
+        both: tuple[float | None, ...] = (None, None) if known is None else tuple(times * v for v in known)
+        repeatability |= dict(zip((f"{name}_{unit}", f"{name}_sd_{unit}"), both, strict=True))
     return {
         "repeatability": repeatability,
         "budget_multiple": _with_sd(posterior.budget) | {"carried_by": list(bent_most)},
@@ -60,7 +61,7 @@ def remarks(d: Diagnosis) -> list[str]:
         than = f", where {100 * stated:.1f} % is stated" if stated else ", where none is stated"
         out.append(f"The cases repeat to {100 * scatter:.1f} % of their tensions{than}.")
     if others := other_scatter({kind: value for kind, (value, _) in posterior.other_scatter.items()}):
-        out.append(f"Besides, the readings scatter by {' and by '.join(others)}.")
+        out.append(f"Besides, the readings scatter by {', by '.join(others)}.")
     multiple = posterior.budget[0]
     if multiple > 1.5:
         carried = ", ".join(row["name"] for row in bent(d.session.problem, d.theta_of(d.best))[:3])

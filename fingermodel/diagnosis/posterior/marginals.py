@@ -247,10 +247,14 @@ class Posterior:
 
     @property
     def other_scatter(self) -> dict[str, tuple[float, float]]:
-        """By case of components, directions and angles; by group of a weight and a mounting: mean and sd."""
+        """By case of components, directions and angles; by group of a weight and a mounting: mean and sd.
+
+        None of what these readings cannot show.
+        """
         axes = {"component": COMPONENT, "direction": DIRECTION, "angle_rad": ANGLE}
         axes |= {"weight": WEIGHT, "turn_rad": TURN, "hold_mm": HOLD, "apart_rad": APART}
-        return {kind: self.hyperparameter(axis) for kind, axis in axes.items()}
+        known = self.nothing.hyper.axes
+        return {kind: self.hyperparameter(axis) for kind, axis in axes.items() if len(known[axis].values) > 1}
 
     @property
     def budget(self) -> tuple[float, float]:
