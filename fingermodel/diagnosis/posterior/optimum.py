@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -123,7 +124,13 @@ class Optimum(Integrated):
 
     @cached_property
     def _steps(self) -> Steps:
-        return Steps(self.log_joints)
+        # A cycle of references would keep all columns until the garbage collector runs.
+        fit = weakref.proxy(self)
+
+        def log_joints(nodes: Sequence[Node]) -> list[float]:
+            return list(fit.log_joints(nodes))
+
+        return Steps(log_joints)
 
     @cached_property
     def mode(self) -> Node:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -289,3 +291,17 @@ def test_an_effect_that_anatomy_undoes_is_not_named_beside_something_smooth(hang
     undone = replace(hanger)
     undone.own.__dict__["newton"] = {name: 0.5 * hanger.own.smooth_newton(smooth)}
     assert named(undone) == frozenset()
+
+
+def test_a_fit_is_let_go_as_soon_as_nobody_asks_for_it(fitter: Fitter) -> None:
+    # Its columns are many megabytes; the garbage collector might come late.
+    fit = fitter.fit(NOTHING, fitter.session.problem.centre, fitter.hyper.usual)
+    assert fit.nodes
+    assert fit.own.named(fit.best)
+    known = weakref.ref(fit)
+    gc.disable()
+    try:
+        del fit
+        assert known() is None
+    finally:
+        gc.enable()
