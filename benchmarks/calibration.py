@@ -33,17 +33,15 @@ from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.hyper import (
     ANATOMY,
     ANGLE,
-    APART,
     BUDGET,
     COMPONENT,
     DIRECTION,
     FORMS,
-    HOLD,
+    GROUP,
+    GROUPS,
     NOISE,
     SCATTER,
     SMOOTH,
-    TURN,
-    WEIGHT,
     Hyperparameters,
     Node,
 )
@@ -63,10 +61,7 @@ AXES = {
     "angle": ANGLE,
     "budget_multiple": BUDGET,
     "anatomy_multiple": ANATOMY,
-    "weight": WEIGHT,
-    "turn": TURN,
-    "hold": HOLD,
-    "apart": APART,
+    **{name: GROUP + k for k, name in enumerate(GROUPS)},
     "smooth": SMOOTH,
 }
 KINDS: tuple[Literal["budget"], Literal["anatomy"]] = ("budget", "anatomy")

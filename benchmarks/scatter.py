@@ -19,6 +19,7 @@ import numpy as np
 
 from benchmarks.machine import publish
 from fingermodel.diagnosis.diagnose import Diagnosis, diagnose
+from fingermodel.fitting.fit_report import OTHER_SCATTER
 from fingermodel.session import Session
 from tests.scattered import (
     Floats,
@@ -36,6 +37,7 @@ from tests.scattered import (
 from tests.simulator import draw_session, draw_truth
 
 HERE = Path(__file__).parent
+UNITS = {"pct": " %", "deg": "°", "mm": " mm"}
 
 
 KINDS: dict[str, Callable[[Session, Rng], Floats]] = {
@@ -72,7 +74,7 @@ def main() -> None:
         f"Made by `python -m benchmarks.scatter --each {given.each} --first {given.first}`.",
         "",
         "| scatter | clean: nothing missing | none of the catalogue | an effect named | hidden effect found alone "
-        "| another named | read: tensions, components, directions, angles; weights, cell, hold, tip and bone |",
+        "| another named | read: tensions, components, directions, angles, weights, cell, hold, tip and bone |",
         "|---|---|---|---|---|---|---|",
     ]
     for kind, change in KINDS.items():
@@ -88,15 +90,9 @@ def main() -> None:
         false = sum(bool(v.kind == "found" and set(v.names) - hidden) for hidden, v in acting)
         scatter = np.median([100.0 * d.posterior.scatter[0] for _, d in found])
         others = [d.posterior.other_scatter for _, d in found]
-        component, aside = (np.median([100.0 * o[k][0] for o in others]) for k in ("component", "direction"))
-        angle, cell, apart = (
-            np.rad2deg(np.median([o[k][0] for o in others])) for k in ("angle_rad", "turn_rad", "apart_rad")
-        )
-        hold_mm = np.median([o["hold_mm"][0] for o in others])
+        usual = [(kind.factor * np.median([o[name][0] for o in others]), kind) for name, kind in OTHER_SCATTER.items()]
         told = [*(f"{n}/{len(clean)}" for n in counts), *(f"{n}/{len(acting)}" for n in (alone, false))]
-        weight = np.median([100.0 * o["weight"][0] for o in others])
-        of_cases = f"{scatter:.1f} %, {component:.1f} %, {aside:.1f} %, {angle:.1f}°"
-        read = f"{of_cases}; {weight:.1f} %, {cell:.1f}°, {hold_mm:.1f} mm, {apart:.1f}°"
+        read = ", ".join([f"{scatter:.1f} %", *(f"{size:.1f}{UNITS[kind.unit]}" for size, kind in usual)])
         lines.append(f"| {kind} | {' | '.join(told)} | {read} |")
         print(lines[-1], flush=True)
     publish(HERE / "scatter.md", lines)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,18 +14,8 @@ from fingermodel.fitting.problems import Problem, residual_at
 Floats = NDArray[np.float64]
 # Of two parameters: they are listed from here on, and cannot be told apart from there on.
 CORRELATED, ALIKE = 0.9, 0.95
-# Scatter (relative, of an angle in degrees) and noise beside the measured one [N] that are worth telling.
+# Relative scatter of the tensions, and noise beside the measured one [N], that are worth telling.
 _TOLD_SCATTER, _TOLD_NOISE_N = 0.004, 0.002
-# Of each other kind of scatter (see `ReadingErrors`) a factor, its words, and from where it is told.
-_OTHER_SCATTER = {
-    "component": (100.0, " % of each component by itself", 0.4),
-    "direction": (100.0, " % of the force in every direction", 0.4),
-    "angle_rad": (np.rad2deg(1.0), "° of each joint angle", 0.2),
-    "weight": (100.0, " % of each weight", 0.4),
-    "turn_rad": (np.rad2deg(1.0), "° of the cell's orientation from setting to setting", 0.2),
-    "hold_mm": (1.0, " mm of where the tip is held from setting to setting", 0.2),
-    "apart_rad": (np.rad2deg(1.0), "° of each joint angle between tip and bone", 0.2),
-}
 Outcome = Literal["converged", "stalled", "too_many_evaluations", "not_finite"]
 
 
@@ -47,6 +37,37 @@ class FittedParameter:
     def moved(self) -> float:
         """How far the value went, in standard deviations of its prior; 0 where that is flat."""
         return abs(self.value - self.initial) / self.prior_sd if self.prior_sd else 0.0
+
+
+class ScatterKind(NamedTuple):
+    """How a kind of scatter is told.
+
+    Attributes:
+        key: of it in an answer.
+        unit: of it there.
+        factor: from its own unit to that one.
+        words: what follows its size.
+        least: size from which it is worth telling, in that unit.
+    """
+
+    key: str
+    unit: str
+    factor: float
+    words: str
+    least: float
+
+
+_DEG = float(np.rad2deg(1.0))
+# All but that of the tensions (see `ReadingErrors`).
+OTHER_SCATTER = {
+    "component": ScatterKind("component", "pct", 100.0, " % of each component by itself", 0.4),
+    "direction": ScatterKind("direction", "pct", 100.0, " % of the force in every direction", 0.4),
+    "angle_rad": ScatterKind("angle", "deg", _DEG, "° of each joint angle", 0.2),
+    "weight": ScatterKind("weight", "pct", 100.0, " % of each weight", 0.4),
+    "turn_rad": ScatterKind("mounting", "deg", _DEG, "° of the cell's orientation from setting to setting", 0.2),
+    "hold_mm": ScatterKind("hold", "mm", 1.0, " mm of where the tip is held from setting to setting", 0.2),
+    "apart_rad": ScatterKind("apart", "deg", _DEG, "° of each joint angle between tip and bone", 0.2),
+}
 
 
 @dataclass(frozen=True)
@@ -337,8 +358,8 @@ def other_scatter(sizes: Mapping[str, float]) -> list[str]:
     Args:
         sizes: by kind (see `ReadingErrors`).
     """
-    told = [(factor * sizes.get(kind, 0.0), words, least) for kind, (factor, words, least) in _OTHER_SCATTER.items()]
-    return [f"{size:.1f}{words}" for size, words, least in told if size >= least]
+    told = [(kind.factor * sizes.get(name, 0.0), kind) for name, kind in OTHER_SCATTER.items()]
+    return [f"{size:.1f}{kind.words}" for size, kind in told if size >= kind.least]
 
 
 def _said_of(errors: ReadingErrors) -> list[str]:
@@ -346,7 +367,7 @@ def _said_of(errors: ReadingErrors) -> list[str]:
     out, extra = [], []
     if errors.scatter >= _TOLD_SCATTER:
         extra.append(f"{100.0 * errors.scatter:.1f} % of each tension from case to case")
-    extra += other_scatter({kind: getattr(errors, kind) for kind in _OTHER_SCATTER})
+    extra += other_scatter({name: getattr(errors, name) for name in OTHER_SCATTER})
     if (errors.extra_noise_N or 0.0) >= _TOLD_NOISE_N:
         extra.append(f"{1000.0 * (errors.extra_noise_N or 0.0):.0f} mN of each reading")
     if extra:

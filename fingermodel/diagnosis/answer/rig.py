@@ -5,23 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from fingermodel.diagnosis.answer.where import bent
 from fingermodel.diagnosis.diagnose import Diagnosis
-from fingermodel.fitting.fit_report import other_scatter
-
-_DEG = float(np.rad2deg(1.0))
-# Name, unit and factor of each kind of scatter but that of the tensions.
-_AS_TOLD = {
-    "component": ("component", "pct", 100.0),
-    "direction": ("direction", "pct", 100.0),
-    "angle_rad": ("angle", "deg", _DEG),
-    "weight": ("weight", "pct", 100.0),
-    "turn_rad": ("mounting", "deg", _DEG),
-    "hold_mm": ("hold", "mm", 1.0),
-    "apart_rad": ("apart", "deg", _DEG),
-}
+from fingermodel.fitting.fit_report import OTHER_SCATTER, other_scatter
 
 
 def of_rig(d: Diagnosis, bent_most: Sequence[str]) -> dict[str, Any]:
@@ -32,12 +18,12 @@ def of_rig(d: Diagnosis, bent_most: Sequence[str]) -> dict[str, Any]:
         bent_most: parameters of the budget that are bent most by what acts.
     """
     posterior, assumed = d.posterior, d.session.observations.noise_assumed
-    repeatability = {f"{key}_pct": 100.0 * v for key, v in _with_sd(posterior.scatter).items()}
+    repeatability: dict[str, float | None] = {f"{key}_pct": 100.0 * v for key, v in _with_sd(posterior.scatter).items()}
     repeatability["stated_pct"] = 100.0 * d.session.stated_scatter
-    for kind, (name, unit, times) in _AS_TOLD.items():
-        known = posterior.other_scatter.get(kind)
-        both: tuple[float | None, ...] = (None, None) if known is None else tuple(times * v for v in known)
-        repeatability |= dict(zip((f"{name}_{unit}", f"{name}_sd_{unit}"), both, strict=True))
+    others = posterior.other_scatter
+    for name, (key, unit, factor, *_) in OTHER_SCATTER.items():
+        both = [factor * v for v in others[name]] if name in others else [None, None]
+        repeatability |= dict(zip((f"{key}_{unit}", f"{key}_sd_{unit}"), both, strict=True))
     return {
         "repeatability": repeatability,
         "budget_multiple": _with_sd(posterior.budget) | {"carried_by": list(bent_most)},

@@ -23,17 +23,18 @@ Floats = NDArray[np.float64]
 # errors by group of cases (see `GroupErrors`), something smooth of each family (see `Session.smooth`), and what carries
 # it; then one error of form for each member that has a form.
 Node = tuple[int, ...]
-SCATTER, NOISE, COMPONENT, DIRECTION, ANGLE, BUDGET, ANATOMY, WEIGHT, TURN, HOLD, APART, SMOOTH = range(12)
+SCATTER, NOISE, COMPONENT, DIRECTION, ANGLE, BUDGET, ANATOMY, GROUP = range(8)
+GROUPS = GroupErrors._fields
+SMOOTH = GROUP + len(GROUPS)
 # Those of `CaseErrors`.
 OF_CASES = slice(SCATTER, BUDGET)
 # Those of `GroupErrors`.
-OF_GROUPS = slice(WEIGHT, SMOOTH)
+OF_GROUPS = slice(GROUP, SMOOTH)
 FAMILIES = ("torque", "tension", "loaded", "constant")
 CARRIER = SMOOTH + len(FAMILIES)
 FORMS = CARRIER + 1
-# Blocks of weights that act at every node (see `Linearised`); and those of errors by group.
+# Blocks of weights that act at every node (see `Linearised`); those of errors by group have the names of `GROUPS`.
 ACTING = ("held", "budget", "anatomy")
-GROUPS = GroupErrors._fields
 # Scatter of a usual bench, relative.
 _USUAL_SCATTER = 0.01
 _SIZES = (settings.TENSION, settings.EXTRA_NOISE_N, settings.COMPONENT, settings.DIRECTION, settings.ANGLE_RAD)
@@ -64,9 +65,9 @@ class Hyperparameters:
     """The axes of one session.
 
     Attributes:
-        axes: scatter and noise (see `CaseErrors`), multiples of the budget and of the anatomy, errors by
-            group of cases (see `GroupErrors`), amplitude of each family of something smooth [N], and what carries it:
-            the index among the carriers.
+        axes: scatter and noise (see `CaseErrors`), multiples of the budget and of the anatomy, errors by group of cases
+            (see `GroupErrors`), amplitude of each family of something smooth [N], and what carries it: the index among
+            the carriers.
         form: error of an effect's form.
         carriers: of something smooth (see `Session.carriers`).
         tendons: how many of them are tendons.
@@ -229,7 +230,7 @@ class Hyperparameters:
             forms = {f"form{k}": width for k, width in enumerate(errors) if width > 0.0}
             multiples = [self.axes[k].value[node[k]] for k in (BUDGET, ANATOMY)]
             always = dict(zip(ACTING, (1.0, *multiples), strict=True))
-            sizes = [self.axes[k].value[node[k]] for k in range(WEIGHT, SMOOTH)]
+            sizes = [self.axes[k].value[node[k]] for k in range(GROUP, SMOOTH)]
             of_groups = {name: size for name, size in zip(GROUPS, sizes, strict=True) if size > 0.0}
             self._widths[node] = always | of_groups | self.smooth_blocks(node) | forms
         return self._widths[node]
@@ -252,7 +253,7 @@ class Hyperparameters:
         noise = self.axes[NOISE].mode if self.noise_assumed else node[NOISE]
         usual = self.start(0)
         of_cases = (node[SCATTER], noise, *node[NOISE + 1 : BUDGET])
-        return (*of_cases, *usual[BUDGET:WEIGHT], *node[OF_GROUPS], *usual[SMOOTH:])
+        return (*of_cases, *usual[BUDGET:GROUP], *node[OF_GROUPS], *usual[SMOOTH:])
 
     def sizes(self, node: Node) -> list[int]:
         """How many values each axis of a node has along which one may step."""
@@ -278,7 +279,7 @@ class Hyperparameters:
         """This node, and those with more scatter, noise or something smooth: there a bad case may be a sound one."""
         more = [
             (*node[:axis], index, *node[axis + 1 :])
-            for axis in (*range(BUDGET), *range(WEIGHT, CARRIER))
+            for axis in (*range(BUDGET), *range(GROUP, CARRIER))
             for index in range(node[axis] + 1, len(self.axes[axis].values))
         ]
         return list(dict.fromkeys([node, *more, *map(self.of_all, [node, *more])]))

@@ -14,15 +14,13 @@ from scipy.special import logsumexp
 from fingermodel.diagnosis.posterior.hyper import (
     ANATOMY,
     ANGLE,
-    APART,
     BUDGET,
     COMPONENT,
     DIRECTION,
-    HOLD,
+    GROUP,
+    GROUPS,
     NOISE,
     SCATTER,
-    TURN,
-    WEIGHT,
     Node,
 )
 from fingermodel.diagnosis.posterior.optimum import Optimum
@@ -252,7 +250,7 @@ class Posterior:
         None of what these readings cannot show.
         """
         axes = {"component": COMPONENT, "direction": DIRECTION, "angle_rad": ANGLE}
-        axes |= {"weight": WEIGHT, "turn_rad": TURN, "hold_mm": HOLD, "apart_rad": APART}
+        axes |= {name: GROUP + k for k, name in enumerate(GROUPS)}
         known = self.nothing.hyper.axes
         return {kind: self.hyperparameter(axis) for kind, axis in axes.items() if len(known[axis].values) > 1}
 

@@ -14,10 +14,7 @@ _LOST = 3.0 * NODES_WITHIN
 
 
 class Steps:
-    """Steps between nodes, and what was gained by each.
-
-    Attributes:
-        known: log joint of the nodes that were asked for.
+    """Steps between nodes, none of which is asked for twice.
 
     Args:
         log_joints: of several nodes.
@@ -25,8 +22,7 @@ class Steps:
 
     def __init__(self, log_joints: Callable[[Sequence[Node]], Sequence[float]]) -> None:
         self._log_joints = log_joints
-        self.known: dict[Node, float] = {}
-        self._gained: dict[Node, float] = {}
+        self._known: dict[Node, float] = {}
 
     def at(self, node: Node) -> float:
         """Log joint of a node."""
@@ -34,10 +30,10 @@ class Steps:
 
     def each(self, nodes: Sequence[Node]) -> list[float]:
         """The same of several."""
-        unknown = [node for node in nodes if node not in self.known]
+        unknown = [node for node in nodes if node not in self._known]
         if unknown:
-            self.known.update(zip(unknown, self._log_joints(unknown), strict=True))
-        return [self.known[node] for node in nodes]
+            self._known.update(zip(unknown, self._log_joints(unknown), strict=True))
+        return [self._known[node] for node in nodes]
 
     def best(self, nodes: Iterable[Node]) -> Node:
         """The most probable of some nodes."""
@@ -76,34 +72,26 @@ class Steps:
         """
         found = dict(zip(starts, self.each(starts), strict=True))
         asked: set[Node] = set()
-        while outmost := _within(found, NODES_WITHIN) - asked:
+        # The most that a step gained, wherever it was taken.
+        gained: dict[Node, float] = {}
+        while outmost := _near(found) - asked:
             asked |= outmost
-            steps = [(node, there) for node in sorted(outmost) for there in neighbours(node)]
+            steps = [(node, there, _step(node, there)) for node in sorted(outmost) for there in neighbours(node)]
             least = max(found.values()) - _LOST
-            new = sorted({there for node, there in steps if found[node] + self._most(node, there) >= least})
+            new = sorted({there for node, there, step in steps if found[node] + gained.get(step, np.inf) >= least})
             found |= zip(new, self.each(new), strict=True)
-            for node, there in steps:
+            for node, there, step in steps:
                 if there in found:
-                    self._gain(node, there)
+                    gained[step] = max(gained.get(step, -np.inf), found[there] - found[node])
         return found
 
-    def _most(self, node: Node, there: Node) -> float:
-        """The most that a step from one node to another gained, wherever it was taken."""
-        return self._gained.get(_change(node, there), np.inf)
 
-    def _gain(self, node: Node, there: Node) -> float:
-        gain = self.at(there) - self.at(node)
-        step = _change(node, there)
-        self._gained[step] = max(self._gained.get(step, -np.inf), gain)
-        return gain
-
-
-def _change(node: Node, there: Node) -> Node:
-    """Each axis on which two nodes differ, with its index at either."""
+def _step(node: Node, there: Node) -> Node:
+    """From a node to another, wherever it is taken: each axis on which they differ, with its index at either."""
     return tuple(k for axis, (a, b) in enumerate(zip(node, there, strict=True)) if a != b for k in (axis, a, b))
 
 
-def _within(known: dict[Node, float], most: float) -> set[Node]:
+def _near(known: dict[Node, float]) -> set[Node]:
     """Nodes that are hardly less probable than the best."""
-    least = max(known.values()) - most
+    least = max(known.values()) - NODES_WITHIN
     return {node for node, log_joint in known.items() if log_joint >= least}

@@ -32,10 +32,10 @@ class GroupErrors(NamedTuple):
         apart_rad: by which each joint angle differs at the tip, and the other way at the bone, from their mean.
     """
 
-    weight: float = 0.0
-    turn_rad: float = 0.0
-    hold_mm: float = 0.0
-    apart_rad: float = 0.0
+    weight: float
+    turn_rad: float
+    hold_mm: float
+    apart_rad: float
 
     @classmethod
     def usual(cls, budget: Budget) -> GroupErrors:
@@ -77,13 +77,12 @@ def _of_weights(tension: Floats, cases: Rows, by_tension: Floats) -> Floats:
 
     Half of its variance is of the weight on whichever tendon, half of what hangs on one tendon.
     """
-    alike = np.unique(np.round(tension, _ALIKE_DIGITS), return_inverse=True)[1].reshape(tension.shape)
-    on = [
-        (alike == k) & (np.arange(tension.shape[1]) == tendon if tendon is not None else True) & (tension > 0.0)
-        for k in np.unique(alike)
-        for tendon in (None, *range(tension.shape[1]))
-    ]
-    columns = [(here[cases] * by_tension).sum(axis=1) / np.sqrt(2.0) for here in on if here.any(axis=1).sum() > 1]
+    rounded, columns = np.round(tension, _ALIKE_DIGITS), list[Floats]()
+    each_tendon = np.eye(tension.shape[1], dtype=bool)
+    for weight in np.unique(rounded[rounded > 0.0]):
+        hangs = rounded == weight
+        several = [on for on in (hangs, *(hangs & tendon for tendon in each_tendon)) if on.any(axis=1).sum() > 1]
+        columns += [(on[cases] * by_tension).sum(axis=1) / np.sqrt(2.0) for on in several]
     return np.array(columns).reshape(-1, len(cases)).T
 
 
