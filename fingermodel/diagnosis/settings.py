@@ -134,6 +134,8 @@ SHARED_P = 0.02
 # below the best one's from which its neighbours are not summed.
 WITHIN = 2.0
 NODES_WITHIN = 2.0
+# Most nodes of one explanation; those beyond count as if the axes were independent of each other.
+MOST_NODES = 100
 # Most refits of a search.
 MOST_FITS = 30
 # Of everything that is drawn.

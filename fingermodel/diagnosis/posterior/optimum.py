@@ -25,7 +25,7 @@ from fingermodel.diagnosis.posterior.hyper import CARRIER, NOISE, Node
 from fingermodel.diagnosis.posterior.integrated import Integrated
 from fingermodel.diagnosis.posterior.linearised import ANATOMY, BUDGET, HELD, OTHERS, OWN
 from fingermodel.diagnosis.posterior.own_part import OwnPart
-from fingermodel.diagnosis.posterior.steps import Steps
+from fingermodel.diagnosis.posterior.steps import Steps, log_share
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.settings import NODES_WITHIN
 
@@ -161,7 +161,7 @@ class Optimum(Integrated):
 
     @cached_property
     def nodes(self) -> dict[Node, float]:
-        """Log joint of the nodes that matter, exact masses of cut priors included."""
+        """Log joint of the nodes that matter, with exact masses of cut priors, and their share of what lies beyond."""
         mode, hyper = self.mode, self.hyper
         carried = hyper.with_carriers(mode) if mode[CARRIER] else []
         starts = list(dict.fromkeys([mode, *hyper.returned(mode), *carried]))
@@ -172,6 +172,7 @@ class Optimum(Integrated):
         if cut.sum() > 1:
             freed, _ = self.freed(best)
             further = log_mass(freed.mean, freed.covariance, cut) - log_mass_apart(freed.mean, freed.covariance, cut)
+        further -= log_share(known)
         return {node: value + further for node, value in known.items()}
 
     @cached_property

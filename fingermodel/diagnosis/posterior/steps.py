@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
+from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.hyper import Node
-from fingermodel.diagnosis.settings import NODES_WITHIN
+from fingermodel.diagnosis.settings import MOST_NODES, NODES_WITHIN
 
 # A step that lost so much wherever it was taken is not taken again.
 _LOST = 3.0 * NODES_WITHIN
@@ -62,25 +63,30 @@ class Steps:
         return node
 
     def explored(self, starts: Sequence[Node], neighbours: Callable[[Node], list[Node]]) -> dict[Node, float]:
-        """Log joint of the nodes that matter: from the best ones outwards, until all beyond are improbable.
+        """Log joint of the nodes that matter: from the best one outwards, until all beyond are improbable.
 
-        Neighbours are asked of nodes that are at most `NODES_WITHIN` less probable than the best.
+        Neighbours are asked of nodes that are at most `NODES_WITHIN` less probable than the best, the best first, until
+        `MOST_NODES` are known.
 
         Args:
             starts: where to begin.
             neighbours: of a node.
         """
         found = dict(zip(starts, self.each(starts), strict=True))
-        asked: set[Node] = set()
+        ahead = set(found)
         # The most that a step gained, wherever it was taken.
         gained: dict[Node, float] = {}
-        while outmost := _near(found) - asked:
-            asked |= outmost
-            steps = [(node, there, _step(node, there)) for node in sorted(outmost) for there in neighbours(node)]
-            least = max(found.values()) - _LOST
-            new = sorted({there for node, there, step in steps if found[node] + gained.get(step, np.inf) >= least})
+        while ahead and len(found) < MOST_NODES:
+            node, most = max(ahead, key=lambda n: found[n]), max(found.values())
+            if found[node] < most - NODES_WITHIN:
+                break
+            ahead.remove(node)
+            steps = {there: _step(node, there) for there in neighbours(node)}
+            least = most - _LOST - found[node]
+            new = [there for there, step in steps.items() if there not in found and gained.get(step, least) >= least]
             found |= zip(new, self.each(new), strict=True)
-            for node, there, step in steps:
+            ahead.update(new)
+            for there, step in steps.items():
                 if there in found:
                     gained[step] = max(gained.get(step, -np.inf), found[there] - found[node])
         return found
@@ -91,7 +97,23 @@ def _step(node: Node, there: Node) -> Node:
     return tuple(k for axis, (a, b) in enumerate(zip(node, there, strict=True)) if a != b for k in (axis, a, b))
 
 
-def _near(known: dict[Node, float]) -> set[Node]:
-    """Nodes that are hardly less probable than the best."""
-    least = max(known.values()) - NODES_WITHIN
-    return {node for node, log_joint in known.items() if log_joint >= least}
+def log_share(found: Mapping[Node, float]) -> float:
+    """Log of the share of all that is probable which some nodes have, if the axes are independent of each other.
+
+    Each axis is told by the nodes that differ from the best one on it alone.
+
+    Args:
+        found: log joint of each node.
+    """
+    best = max(found, key=lambda n: found[n])
+    nodes, ratio = np.array(list(found)), np.array(list(found.values())) - found[best]
+    away = nodes != np.array(best)
+    log_ratio, log_total = np.zeros(len(nodes)), 0.0
+    for axis, index in enumerate(best):
+        alone = away[:, axis] & (away.sum(axis=1) == 1)
+        of_index = np.full(nodes[:, axis].max() + 1, -np.inf)
+        of_index[nodes[alone, axis]] = ratio[alone]
+        of_index[index] = 0.0
+        log_ratio += of_index[nodes[:, axis]]
+        log_total += float(logsumexp(of_index))
+    return float(logsumexp(log_ratio)) - log_total

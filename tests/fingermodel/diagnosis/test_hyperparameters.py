@@ -14,9 +14,10 @@ from fingermodel.diagnosis.posterior.hyper import (
     Hyperparameters,
     Node,
 )
-from fingermodel.diagnosis.posterior.steps import Steps
+from fingermodel.diagnosis.posterior.steps import Steps, log_share
 from fingermodel.diagnosis.session_model.session import Session as SessionModel
 from fingermodel.diagnosis.session_model.session import session_of
+from fingermodel.diagnosis.settings import MOST_NODES
 from fingermodel.session import Session
 
 
@@ -111,3 +112,17 @@ def test_steps_that_lose_much_are_taken_from_few_nodes_and_hardly_missed() -> No
     assert len(found) < len(flat) * len(slopes) / 2
     every = np.prod([np.exp(-s * np.arange(4)).sum() for s in slopes])
     assert np.exp(list(found.values())).sum() == pytest.approx(every, rel=0.1)
+
+
+def test_of_many_nodes_that_are_hardly_less_probable_some_stand_for_the_rest() -> None:
+    slopes = np.linspace(0.1, 1.2, 14)
+
+    def flipped(node: Node) -> list[Node]:
+        return [(*node[:k], 1 - node[k], *node[k + 1 :]) for k in range(len(node))]
+
+    found = Steps(lambda nodes: [-float(slopes @ np.array(n)) for n in nodes]).explored([(0,) * len(slopes)], flipped)
+    assert len(found) < MOST_NODES + len(slopes)
+    every = np.log1p(np.exp(-slopes)).sum()
+    known = np.log(np.exp(list(found.values())).sum())
+    assert known < every - 1.0
+    assert known - log_share(found) == pytest.approx(every)
