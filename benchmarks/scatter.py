@@ -28,10 +28,12 @@ from tests.scattered import (
     by_component,
     by_direction,
     by_hold,
+    by_line,
     by_mount,
     by_one_factor,
     by_setting,
     by_weight,
+    by_zero,
     with_readings,
 )
 from tests.simulator import draw_session, draw_truth
@@ -47,6 +49,8 @@ KINDS: dict[str, Callable[[Session, Rng], Floats]] = {
     "joint angles, 1°": by_angle,
     "each weight, 1 %": by_weight,
     "the cell in each setting, 1° about each axis": by_setting,
+    "each tendon's line at the bone, 1.5°": by_line,
+    "the zero of each setting, 20 mN": by_zero,
     "where the tip is held in each setting, 1 mm": by_hold,
     "joint angles of each setting at tip and bone, 1°": by_mount,
 }

@@ -75,6 +75,28 @@ def by_weight(bench: Session, rng: Rng) -> Floats:
     return wrench + _changed(bench, inputs._replace(tension=jnp.asarray(tension)))
 
 
+def by_zero(bench: Session, rng: Rng) -> Floats:
+    """Each setting at either mount with a zero of its own, 0.02 N, and 0.2 N mm of its moments."""
+    wrench = _wrench(bench)
+    inputs = bench.observations.inputs
+    setting, bone = (np.asarray(of)[: len(wrench)].astype(int) for of in (inputs.setting, inputs.at_bone))
+    errors = np.array([0.02] * 3 + [0.2] * 3) * rng.normal(size=(2 * setting.max() + 2, 6))
+    return wrench + errors[2 * setting + bone]
+
+
+def by_line(bench: Session, rng: Rng) -> Floats:
+    """Each tendon with its line at the metacarpal turned in the sagittal and the frontal plane, 1.5 degrees."""
+    wrench, inputs = _wrench(bench), bench.observations.inputs
+    tension = np.asarray(inputs.tension)[: len(wrench)]
+    angles = np.deg2rad(1.5) * rng.normal(size=(tension.shape[1], 2))
+    straight = np.array(bench.model.values.suture)
+    turned = np.array(
+        [Rotation.from_euler("yz", of_tendon).apply(v) for of_tendon, v in zip(angles, straight, strict=True)]
+    )
+    wrench[:, :3] += (tension @ (turned - straight)) * np.asarray(inputs.at_bone)[: len(wrench), None]
+    return wrench
+
+
 def with_readings(bench: Session, wrench: Floats) -> Session:
     """The same bench with other readings (cases, 6)."""
     cases = tuple(replace(case, wrench=own) for case, own in zip(bench.measured.cases, wrench, strict=True))

@@ -57,8 +57,8 @@ COMPONENT = DIRECTION = Amount(0.3, 0.01, np.array([0.0, 0.005, 0.01, 0.02, 0.04
 ANGLE_RAD = Amount(0.3, np.deg2rad(1.0), np.deg2rad([0.0, 0.5, 1.0, 2.0]))
 STATED_FACTOR = 1.5
 # Errors that a group of cases has in common. Those of one setting, for which the finger is clamped anew, are multiples
-# of what the budget states of a whole session; that of one weight, of WEIGHT.
-WEIGHT = 0.01
+# of what the budget states of a whole session; those of one weight, and of one tendon's line, of a usual one.
+WEIGHT, LINE_RAD = 0.01, np.deg2rad(1.0)
 OF_GROUP = Amount(0.3, 1.0, np.array([0.0, 0.5, 1.0, 2.0, 3.0]))
 # Noise that plateau and tare do not show, of each reading by itself [N]: drift, what settles late. Where the noise is
 # assumed, a multiple of it instead, log-normal about 1.

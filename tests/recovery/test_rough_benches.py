@@ -22,9 +22,11 @@ from tests.scattered import (
     by_component,
     by_direction,
     by_hold,
+    by_line,
     by_mount,
     by_setting,
     by_weight,
+    by_zero,
     with_readings,
 )
 from tests.simulator import draw_session
@@ -92,6 +94,8 @@ def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_i
         (by_component, "component", 0.015, "of each component by itself", 50),
         (by_angle, "angle_rad", np.deg2rad(1.0), "of each joint angle", 50),
         (by_weight, "weight", 0.01, "of each weight", 50),
+        (by_line, "line_rad", np.deg2rad(1.5), "of each tendon's line at the bone", 50),
+        (by_zero, "zero_N", 0.02, "of the zero from setting to setting", 50),
         (by_setting, "turn_rad", np.deg2rad(1.0), "of the cell's orientation from setting to setting", 50),
         (by_hold, "hold_mm", 1.0, "of where the tip is held from setting to setting", 50),
         (by_mount, "apart_rad", np.deg2rad(1.0) / np.sqrt(2.0), "of each joint angle between tip and bone", 52),

@@ -166,14 +166,15 @@ def by_case(mean: Floats, unit: Floats, errors: CaseErrors, groups: GroupErrors)
         mean: (n, L) what is expected [N, N mm].
         unit: (L,) what of each reading counts as much as a newton.
         errors: how large they are.
-        groups: errors of each weight, and of the mounting in each setting.
+        groups: errors of each weight and line, and of zero and mounting in each setting.
     """
     is_force = unit == 1.0
     force = np.linalg.norm(mean * is_force, axis=1)[:, None]
-    aside = np.linalg.norm([errors.direction, errors.angle_rad, groups.turn_rad])
+    aside = np.linalg.norm([errors.direction, errors.angle_rad, groups.line_rad, groups.turn_rad])
     lever_mm = groups.hold_mm * ~is_force
     out: Floats = (errors.scatter**2 + groups.weight**2) * mean[:, :, None] * mean[:, None, :]
-    return out + _each((errors.component * mean) ** 2 + (aside * force * unit) ** 2 + (lever_mm * force) ** 2)
+    of_each = (errors.component * mean) ** 2 + (aside * force * unit) ** 2 + (lever_mm * force) ** 2
+    return out + _each(of_each + (groups.zero_N * unit) ** 2)
 
 
 def _each(variance: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""Errors that a group of cases has in common, as columns beside the model: of a weight, a setting or a mounting."""
+"""Errors that a group of cases has in common, as columns beside the model: of a weight, a line or a setting."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fingermodel.budget import Budget
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.session_model.discrepancy import Places
-from fingermodel.diagnosis.settings import LEVER_MM, WEIGHT
+from fingermodel.diagnosis.settings import LEVER_MM, LINE_RAD, WEIGHT
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -21,30 +21,37 @@ _ALIKE_DIGITS = 6
 
 
 class GroupErrors(NamedTuple):
-    """How large errors are that a group of cases has in common: of one weight, or of one setting.
+    """How large errors are that a group of cases has in common: of one weight, one tendon's line, or one setting.
 
-    For each setting the finger is clamped anew.
+    For each setting the finger is clamped, and the cell tared, anew.
 
     Attributes:
         weight: of each weight that hangs in several cases, relative.
+        line_rad: by which each tendon's line at the metacarpal is turned about each axis.
+        zero_N: that the tare missed along each axis, at the tip and at the bone; of a moment `LEVER_MM` times as many
+            N mm.
         turn_rad: by which the cell is turned about each axis, at the tip and at the bone.
         hold_mm: by which the tip is held elsewhere along each axis.
         apart_rad: by which each joint angle differs at the tip, and the other way at the bone, from their mean.
     """
 
     weight: float
+    line_rad: float
+    zero_N: float
     turn_rad: float
     hold_mm: float
     apart_rad: float
 
     @classmethod
     def usual(cls, budget: Budget) -> GroupErrors:
-        """Of each setting as large as a budget states those of a whole session, and those of usual weights."""
+        """Of each setting as large as a budget states those of a whole session; of usual weights and lines."""
         turn, apart = np.deg2rad([budget.cell_rotation_sd_deg, budget.angle_sd_deg / np.sqrt(2.0)]).tolist()
-        return cls(WEIGHT, turn, budget.mount_offset_sd_mm, apart)
+        return cls(WEIGHT, LINE_RAD, budget.zero_tip_sd_N, turn, budget.mount_offset_sd_mm, apart)
 
 
-def by_group(observations: Observations, rows: Rows, by_tension: Floats, by_angle: Floats) -> dict[str, Floats]:
+def by_group(
+    observations: Observations, rows: Rows, suture: Floats, by_tension: Floats, by_angle: Floats
+) -> dict[str, Floats]:
     """(n, k) change of every reading per unit of each of the errors, in one group a column.
 
     What is turned, and what has a lever, is what was read.
@@ -52,6 +59,7 @@ def by_group(observations: Observations, rows: Rows, by_tension: Floats, by_angl
     Args:
         observations: of the session.
         rows: (n,) indices of the readings into the flattened (cases, 6) wrench.
+        suture: (muscles, 3) direction of each tendon at the metacarpal.
         by_tension: (n, muscles) change of every reading by the logarithm of each tension.
         by_angle: (n, rotations) change of every reading per radian of each joint angle.
     """
@@ -62,10 +70,14 @@ def by_group(observations: Observations, rows: Rows, by_tension: Floats, by_angl
     setting, bone, check = (np.asarray(of)[rows // 6] for of in (inputs.setting, inputs.at_bone, inputs.is_check))
     settings = np.unique(setting[~check])
     at_tip, at_bone = ([1.0 * ((setting == k) & (bone == at) & ~check) for k in settings] for at in (False, True))
+    unit = np.where(rows % 6 < 3, 1.0, LEVER_MM)[:, None] * np.eye(6)[rows % 6]
+    zeros = [here for of_mount in (at_tip, at_bone) if sum(here.any() for here in of_mount) > 1 for here in of_mount]
     sign = np.where(bone, -1.0, 1.0)
     both = [(tip + other) * sign for tip, other in zip(at_tip, at_bone, strict=True) if tip.any() and other.any()]
     return {
         "weight": _of_weights(np.asarray(inputs.tension), rows // 6, by_tension),
+        "line_rad": _in_each([1.0 * (bone & ~check)], _of_lines(np.asarray(inputs.tension), rows, suture)),
+        "zero_N": _in_each(zeros, unit),
         "turn_rad": _in_each([*at_tip, *at_bone], of_turn),
         "hold_mm": _in_each(at_tip, of_hold),
         "apart_rad": _in_each(both, by_angle),
@@ -84,6 +96,14 @@ def _of_weights(tension: Floats, cases: Rows, by_tension: Floats) -> Floats:
         several = [on for on in (hangs, *(hangs & tendon for tendon in each_tendon)) if on.any(axis=1).sum() > 1]
         columns += [(on[cases] * by_tension).sum(axis=1) / np.sqrt(2.0) for on in several]
     return np.array(columns).reshape(-1, len(cases)).T
+
+
+def _of_lines(tension: Floats, rows: Rows, suture: Floats) -> Floats:
+    """Change (n, 3 muscles) of every reading at the metacarpal per radian of each tendon's line about each axis."""
+    across = np.cross(np.eye(3)[:, None], suture)
+    pulled = np.zeros((len(tension), *across.shape[:2], 6))
+    pulled[..., :3] = tension[:, None, :, None] * across
+    return pulled[rows // 6, :, :, rows % 6].reshape(len(rows), -1)
 
 
 def _in_each(where: Sequence[Floats], changes: Floats) -> Floats:

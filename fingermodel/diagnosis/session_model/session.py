@@ -318,7 +318,8 @@ class Session:
     @cached_property
     def by_group(self) -> dict[str, Floats]:
         """(n, k) change of every reading per unit of each error by group of cases (see `GroupErrors`), by its name."""
-        return by_group(self.observations, self.rows, self._by_tension, self._by_angle)
+        suture = np.asarray(self.model.values.suture)
+        return by_group(self.observations, self.rows, suture, self._by_tension, self._by_angle)
 
     def _clamp_twist(self) -> list[Floats]:
         model, inputs, topology = self.model, self.observations.inputs, self.model.finger.topology

@@ -133,7 +133,7 @@ def test_scatter_gives_the_readings_what_a_tension_a_component_the_force_or_an_a
         np.testing.assert_allclose(more - plain, expected, rtol=5e-3, atol=1e-7)
 
 
-@pytest.mark.parametrize("kind", ["turn_rad", "hold_mm", "apart_rad"])
+@pytest.mark.parametrize("kind", ["zero_N", "turn_rad", "hold_mm", "apart_rad"])
 def test_a_finger_that_is_clamped_anew_changes_what_is_read_in_one_setting_alone(
     session: SessionModel, kind: str
 ) -> None:
@@ -144,7 +144,11 @@ def test_a_finger_that_is_clamped_anew_changes_what_is_read_in_one_setting_alone
     expected = list[Floats]()
     for k, at in itertools.product(np.unique(setting[~check]), (False, True)):
         here = (setting == k) & (bone == at) & ~check
-        if kind == "turn_rad":
+        if kind == "zero_N":
+            changed = [
+                step * np.array([1.0, 1.0, 1.0, 10.0, 10.0, 10.0]) * (np.arange(6) == c) + 0 * wrench for c in range(6)
+            ]
+        elif kind == "turn_rad":
             turns = [Rotation.from_rotvec(step * axis) for axis in np.eye(3)]
             changed = [np.concatenate([t.apply(wrench[:, :3]), t.apply(wrench[:, 3:])], axis=1) - wrench for t in turns]
         elif kind == "hold_mm":
@@ -162,6 +166,18 @@ def test_a_finger_that_is_clamped_anew_changes_what_is_read_in_one_setting_alone
     for column in columns:
         miss = np.abs(session.by_group[kind] - column[:, None]).max(axis=0).min()
         assert miss < 0.01 * np.abs(column).max()
+
+
+def test_a_line_that_is_turned_shows_at_the_bone_wherever_its_tendon_is_loaded(session: SessionModel) -> None:
+    inputs, step, found = session.observations.inputs, 1e-6, session.by_group["line_rad"]
+    tension, suture = np.asarray(inputs.tension), np.array(session.model.values.suture)
+    for muscle, axis in itertools.product(range(len(suture)), np.eye(3)):
+        turned = Rotation.from_rotvec(step * axis).apply(suture[muscle]) - suture[muscle]
+        change = np.zeros((len(tension), 6))
+        change[:, :3] = np.where(np.asarray(inputs.at_bone)[:, None], tension[:, [muscle]] * turned / step, 0.0)
+        column = change.reshape(-1)[session.rows]
+        if np.abs(column).max() > 1e-6:
+            assert np.abs(found - column[:, None]).max(axis=0).min() < 1e-4 * np.abs(column).max()
 
 
 def test_a_weight_errs_alike_wherever_it_hangs_and_some_of_it_on_each_tendon(session: SessionModel) -> None:
