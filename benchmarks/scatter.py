@@ -27,6 +27,7 @@ from tests.scattered import (
     by_angle,
     by_component,
     by_direction,
+    by_drift,
     by_hold,
     by_line,
     by_mount,
@@ -39,7 +40,7 @@ from tests.scattered import (
 from tests.simulator import draw_session, draw_truth
 
 HERE = Path(__file__).parent
-UNITS = {"pct": " %", "deg": "°", "mm": " mm"}
+UNITS = {"pct": " %", "deg": "°", "mm": " mm", "mN": " mN"}
 
 
 KINDS: dict[str, Callable[[Session, Rng], Floats]] = {
@@ -51,6 +52,7 @@ KINDS: dict[str, Callable[[Session, Rng], Floats]] = {
     "the cell in each setting, 1° about each axis": by_setting,
     "each tendon's line at the bone, 1.5°": by_line,
     "the zero of each setting, 20 mN": by_zero,
+    "the zero within each setting, a cosine of 20 mN": by_drift,
     "where the tip is held in each setting, 1 mm": by_hold,
     "joint angles of each setting at tip and bone, 1°": by_mount,
 }

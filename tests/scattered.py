@@ -84,6 +84,19 @@ def by_zero(bench: Session, rng: Rng) -> Floats:
     return wrench + errors[2 * setting + bone]
 
 
+def by_drift(bench: Session, rng: Rng) -> Floats:
+    """Each setting at either mount with a zero that swings once to and fro, by 0.02 N, and 0.2 N mm of its moments."""
+    wrench, inputs = _wrench(bench), bench.observations.inputs
+    setting, bone = (np.asarray(of)[: len(wrench)].astype(int) for of in (inputs.setting, inputs.at_bone))
+    elapsed, place = np.asarray(inputs.elapsed)[: len(wrench)], 2 * setting + bone
+    for one in np.unique(place):
+        here = place == one
+        share = (elapsed[here] - elapsed[here].min()) / max(float(np.ptp(elapsed[here])), 1e-9)
+        swing = np.sin(2.0 * np.pi * (share + rng.uniform()))
+        wrench[here] += np.outer(swing, np.array([0.02] * 3 + [0.2] * 3) * rng.normal(size=6))
+    return wrench
+
+
 def by_line(bench: Session, rng: Rng) -> Floats:
     """Each tendon with its line at the metacarpal turned in the sagittal and the frontal plane, 1.5 degrees."""
     wrench, inputs = _wrench(bench), bench.observations.inputs

@@ -66,6 +66,7 @@ OTHER_SCATTER = {
     "weight": ScatterKind("weight", "pct", 100.0, " % of each weight", 0.4),
     "line_rad": ScatterKind("line", "deg", _DEG, "° of each tendon's line at the bone", 0.2),
     "zero_N": ScatterKind("zero", "mN", 1000.0, " mN of the zero from setting to setting", 5.0),
+    "drift_N": ScatterKind("drift", "mN", 1000.0, " mN of the zero's drift within a setting", 5.0),
     "turn_rad": ScatterKind("mounting", "deg", _DEG, "° of the cell's orientation from setting to setting", 0.2),
     "hold_mm": ScatterKind("hold", "mm", 1.0, " mm of where the tip is held from setting to setting", 0.2),
     "apart_rad": ScatterKind("apart", "deg", _DEG, "° of each joint angle between tip and bone", 0.2),
@@ -86,6 +87,7 @@ class ReadingErrors:
         weight: error of each weight that hangs in several cases, relative.
         line_rad: how far each tendon's line at the metacarpal is turned about each axis.
         zero_N: what the tare missed in each setting (ten times as many N mm of a moment).
+        drift_N: by which that zero moves to and fro within a setting.
         turn_rad: how far the cell is turned in each setting.
         hold_mm: how far from its usual place the tip is held in each setting.
         apart_rad: how far each joint angle of a setting differs between tip and bone from their mean.
@@ -100,6 +102,7 @@ class ReadingErrors:
     weight: float = 0.0
     line_rad: float = 0.0
     zero_N: float = 0.0
+    drift_N: float = 0.0
     turn_rad: float = 0.0
     hold_mm: float = 0.0
     apart_rad: float = 0.0

@@ -107,6 +107,8 @@ def found() -> Answer:
             "line_sd_deg": 0.2,
             "zero_mN": 12.5,
             "zero_sd_mN": 3.0,
+            "drift_mN": 6.5,
+            "drift_sd_mN": 2.0,
             "mounting_deg": 0.35,
             "mounting_sd_deg": 0.1,
             "hold_mm": 1.15,

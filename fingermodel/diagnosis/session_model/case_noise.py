@@ -174,7 +174,7 @@ def by_case(mean: Floats, unit: Floats, errors: CaseErrors, groups: GroupErrors)
     lever_mm = groups.hold_mm * ~is_force
     out: Floats = (errors.scatter**2 + groups.weight**2) * mean[:, :, None] * mean[:, None, :]
     of_each = (errors.component * mean) ** 2 + (aside * force * unit) ** 2 + (lever_mm * force) ** 2
-    return out + _each(of_each + (groups.zero_N * unit) ** 2)
+    return out + _each(of_each + (groups.zero_N**2 + groups.drift_N**2) * unit**2)
 
 
 def _each(variance: Floats) -> Floats:

@@ -18,6 +18,8 @@ Rows = NDArray[np.intp]
 
 # Tensions [N] that agree in so many digits are of one weight.
 _ALIKE_DIGITS = 6
+# Half waves by which a zero moves within a setting.
+_WAVES = (1, 2, 3)
 
 
 class GroupErrors(NamedTuple):
@@ -30,6 +32,7 @@ class GroupErrors(NamedTuple):
         line_rad: by which each tendon's line at the metacarpal is turned about each axis.
         zero_N: that the tare missed along each axis, at the tip and at the bone; of a moment `LEVER_MM` times as many
             N mm.
+        drift_N: by which that zero moves to and fro within the setting, as `zero_N`.
         turn_rad: by which the cell is turned about each axis, at the tip and at the bone.
         hold_mm: by which the tip is held elsewhere along each axis.
         apart_rad: by which each joint angle differs at the tip, and the other way at the bone, from their mean.
@@ -38,6 +41,7 @@ class GroupErrors(NamedTuple):
     weight: float
     line_rad: float
     zero_N: float
+    drift_N: float
     turn_rad: float
     hold_mm: float
     apart_rad: float
@@ -46,7 +50,7 @@ class GroupErrors(NamedTuple):
     def usual(cls, budget: Budget) -> GroupErrors:
         """Of each setting as large as a budget states those of a whole session; of usual weights and lines."""
         turn, apart = np.deg2rad([budget.cell_rotation_sd_deg, budget.angle_sd_deg / np.sqrt(2.0)]).tolist()
-        return cls(WEIGHT, LINE_RAD, budget.zero_tip_sd_N, turn, budget.mount_offset_sd_mm, apart)
+        return cls(WEIGHT, LINE_RAD, budget.zero_tip_sd_N, budget.zero_tip_sd_N, turn, budget.mount_offset_sd_mm, apart)
 
 
 def by_group(
@@ -78,6 +82,7 @@ def by_group(
         "weight": _of_weights(np.asarray(inputs.tension), rows // 6, by_tension),
         "line_rad": _in_each([1.0 * (bone & ~check)], _of_lines(np.asarray(inputs.tension), rows, suture)),
         "zero_N": _in_each(zeros, unit),
+        "drift_N": _in_each(_to_and_fro([*at_tip, *at_bone], np.asarray(inputs.elapsed)[rows // 6]), unit),
         "turn_rad": _in_each([*at_tip, *at_bone], of_turn),
         "hold_mm": _in_each(at_tip, of_hold),
         "apart_rad": _in_each(both, by_angle),
@@ -104,6 +109,18 @@ def _of_lines(tension: Floats, rows: Rows, suture: Floats) -> Floats:
     pulled = np.zeros((len(tension), *across.shape[:2], 6))
     pulled[..., :3] = tension[:, None, :, None] * across
     return pulled[rows // 6, :, :, rows % 6].reshape(len(rows), -1)
+
+
+def _to_and_fro(where: Sequence[Floats], elapsed: Floats) -> list[Floats]:
+    """Slow changes (n,) in each of some sets of readings (n,): the slower, the larger."""
+    out = list[Floats]()
+    for here in where:
+        of_here = elapsed[here > 0.0]
+        lasts = np.ptp(of_here) if len(of_here) else 0.0
+        if lasts > 0.0:
+            share = (elapsed - of_here.min()) / lasts
+            out += [here * np.cos(k * np.pi * share) / k for k in _WAVES]
+    return out
 
 
 def _in_each(where: Sequence[Floats], changes: Floats) -> Floats:

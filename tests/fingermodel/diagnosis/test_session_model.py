@@ -168,6 +168,21 @@ def test_a_finger_that_is_clamped_anew_changes_what_is_read_in_one_setting_alone
         assert miss < 0.01 * np.abs(column).max()
 
 
+def test_a_zero_moves_slowly_within_a_setting_and_not_on_the_whole(session: SessionModel) -> None:
+    inputs, found = session.observations.inputs, session.by_group["drift_N"]
+    cases, component = np.divmod(session.rows, 6)
+    elapsed = np.asarray(inputs.elapsed)[cases]
+    place = 2 * np.asarray(inputs.setting)[cases] + np.asarray(inputs.at_bone)[cases]
+    assert found.shape[1] > 0
+    for column in found.T:
+        here = np.flatnonzero(column)
+        assert len(np.unique(place[here])) == len(np.unique(component[here])) == 1
+        there = column[here][np.argsort(elapsed[here])]
+        turns = np.diff(np.sign(np.diff(there)))
+        assert (turns != 0).sum() <= 3
+        assert np.ptp(there) > 0.5 * np.abs(there).max()
+
+
 def test_a_line_that_is_turned_shows_at_the_bone_wherever_its_tendon_is_loaded(session: SessionModel) -> None:
     inputs, step, found = session.observations.inputs, 1e-6, session.by_group["line_rad"]
     tension, suture = np.asarray(inputs.tension), np.array(session.model.values.suture)
