@@ -153,8 +153,6 @@ def test_hints_say_where_something_unknown_acts() -> None:
     assert min(gains) > 0.0
     assert found.hints[0].log_evidence_gain > 3.0
     assert all(h.formula.startswith(("torque[", "tension[", "force.")) for h in found.hints)
-    unseen = [(before, after) for hint in found.hints for before, after in hint.unseen.values()]
-    assert all(after < before for before, after in unseen)
     curve = found.curves[0]
     assert curve.log_evidence > 3.0
     assert np.isfinite(curve.sd).all()

@@ -8,7 +8,7 @@ clamps through the finger's Jacobian, a tension through the slope with respect t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
@@ -19,7 +19,6 @@ from fingermodel.diagnosis.posterior.gaussian import gain_of_each
 from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.verdict.predictive import unseen_errors
 
 Floats = NDArray[np.float64]
 
@@ -41,7 +40,6 @@ class Hint:
         k: most probable value.
         log_evidence_gain: over the model as it is.
         left_out_gain: log density that it adds to the cases, each predicted from all others.
-        unseen: RMSE [N] of the validation forces by mount, without and with it.
     """
 
     stage: str
@@ -52,24 +50,20 @@ class Hint:
     k: float
     log_evidence_gain: float
     left_out_gain: float
-    unseen: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """As the answer gives it, with an effect document that can be added."""
         left = self.formula.partition("=")[0].rstrip("+* ")
         name = "hint_" + "".join(c if c.isalnum() else "_" for c in left).strip("_")
         place = f"at the {self.joint} joint" if self.joint else f"at stage {self.stage}"
-        falls = ", ".join(f"{at} {a:.3f} → {b:.3f} N" for at, (a, b) in self.unseen.items())
-        unseen = f"; RMSE of the validation cases: {falls}" if falls else ""
         return {
             "stage": self.stage,
             "joint": self.joint,
             "formula": self.formula.split("= ", 1)[1] if self.stage == "torque" else self.formula,
             "log_evidence_gain": self.log_evidence_gain,
             "left_out_gain": self.left_out_gain,
-            "unseen_rmse_N": {place: {"before": a, "after": b} for place, (a, b) in self.unseen.items()},
-            "text": f"{self.formula} with k about {self.k:.3g} {self.unit} ({place}) explains part of what is left"
-            f"{unseen}",
+            "text": f"{self.formula} with k about {self.k:.3g} {self.unit} ({place}) explains part of what is left; "
+            "adding it shows whether the error of the validation cases falls",
             "effect": {
                 "format": "fingertwin-effect/1",
                 "name": name.lower(),
@@ -102,8 +96,7 @@ def hints(fit: Optimum, node: Node) -> tuple[Hint, ...]:
         if gain[i] < WORTH or left_out[i] <= 0.0:
             break
         k = float(scale * s[i] / (1.0 + a[i]))
-        unseen = unseen_errors(fit, node, k * terms[i][2])
-        out.append(Hint(stage, joint, formula, unit, scale, k, float(gain[i]), float(left_out[i]), unseen))
+        out.append(Hint(stage, joint, formula, unit, scale, k, float(gain[i]), float(left_out[i])))
     return tuple(out)
 
 
