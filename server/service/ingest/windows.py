@@ -148,13 +148,13 @@ class Windows:
 
 
 def _log_ended(connection: Connection, session: str, stream: Row[Any]) -> bool:
-    """Return whether the last that is known of a session is that this stream's log has ended, with what is there."""
-    newest = select(events).where(events.c.session == session).order_by(events.c.arrival.desc()).limit(1)
-    row = connection.execute(newest).first()
-    if row is None:
-        return False
-    last = event_of(body_of_event(row))
-    return last.kind == "ended" and last.stream == stream.id and last.value.get("samples") == stream.next_seq
+    """Return whether the last that is known of a stream is that its log has ended, with what is there."""
+    of_it = (events.c.session == session) & events.c.body.contains(stream.id, autoescape=True)
+    for row in connection.execute(select(events).where(of_it).order_by(events.c.arrival.desc())):
+        last = event_of(body_of_event(row))
+        if last.stream == stream.id:
+            return last.kind == "ended" and last.value.get("samples") == stream.next_seq
+    return False
 
 
 def _lacking(connection: Connection, session: str, stream: str, window: Span, whole: bool) -> str:

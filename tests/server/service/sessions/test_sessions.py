@@ -145,8 +145,8 @@ def test_once_a_log_has_ended_nothing_waits_for_readings_until_it_is_gone_on_wit
     client.post(AT, json={"id": RECORDED, "document": document}).raise_for_status()
     describe(client, RECORDED)
 
-    def tell(number: int, kind: str, **value: int) -> None:
-        event = {"at_s": 1.0, "kind": kind, "stream": STREAM, "utc_s": 1.0, "value": value}
+    def tell(number: int, kind: str, stream: str = STREAM, **value: int) -> None:
+        event = {"at_s": 1.0, "kind": kind, "stream": stream, "utc_s": 1.0, "value": value}
         body = json.dumps(event, sort_keys=True, separators=(",", ":")).encode()
         headers = {"Content-Type": "application/json", SHA256: hashlib.sha256(body).hexdigest(), EPOCH: EPOCH_1}
         client.put(f"{events_path(RECORDED, EPOCH_1)}/{number}", content=body, headers=headers).raise_for_status()
@@ -169,6 +169,9 @@ def test_once_a_log_has_ended_nothing_waits_for_readings_until_it_is_gone_on_wit
         put(client, RECORDED, chunk).raise_for_status()
     assert state() == ("waiting", False)
     tell(3, "ended", samples=chunks[-1].next_seq)
+    assert state() == ("failed", True)
+    tell(4, "started", "b" * 32)  # another replay of the session: its own recording has ended all the same
+    tell(5, "ended", "b" * 32, samples=7)
     assert state() == ("failed", True)
 
 
