@@ -15,7 +15,7 @@ from sqlalchemy import ColumnElement, Connection, Row, func, select
 from daq.errors import OutsideError, ReadingsError
 from daq.recordings.plateaus import Plateau
 from daq.recordings.readings import ReadingBlock
-from daq.recordings.windows import Span, gather
+from daq.recordings.windows import Span, gather, outside
 from server.service.ingest.stored import STORED, body_of_event, chunk_of, event_of
 from server.service.storage.database import Database
 from server.service.storage.schema import chunks, events, streams
@@ -129,6 +129,12 @@ class Windows:
         try:
             found = gather(blocks_of(connection, session, stream, window), {window: name}, _WHERE).plateaus[window]
             out.plateaus[window] = found
+        except OutsideError:
+            # Only the chunks near the window were read; the message tells of the whole recording.
+            mine = (chunks.c.session == session) & (chunks.c.stream == stream)
+            span = select(func.min(chunks.c.first_s), func.max(chunks.c.last_s)).where(mine)
+            first_s, last_s = connection.execute(span).one()
+            found = out.failed[window] = outside(window, name, first_s, last_s, _WHERE)
         except ReadingsError as error:
             # Without what it was raised in: it is kept.
             found = out.failed[window] = error.with_traceback(None)

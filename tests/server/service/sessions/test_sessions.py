@@ -133,7 +133,9 @@ def test_a_window_outside_a_finished_recording_is_an_error_until_it_is_mended(fr
     assert (moved["case"]["state"], "outside the recording" in moved["case"]["why"]) == ("failed", True)
     refused = client.get(f"{path}/comparison")
     assert refused.status_code == 422
-    assert "case c001: loaded_s [9000, 9003] s lies outside the recording" in refused.text
+    end_s = next(c.t_s[-1] for c in reversed(list(chunks_of(RECORDED))) if len(c))
+    said = "case c001: loaded_s [9000, 9003] s lies outside the recording, which runs from 0 to"
+    assert f"{said} {end_s:g} s" in refused.text
     client.post(f"{path}/edits/{moved['edit']}/undo", json={}).raise_for_status()
     assert client.get(f"{path}/comparison").status_code == 200
 
