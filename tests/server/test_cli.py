@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
+import time
 from pathlib import Path
 from typing import NoReturn
 
@@ -209,6 +211,23 @@ def test_an_interrupt_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     answer = run("refit", H01)
     assert (answer.code, answer.out, answer.err.count("\n")) == (130, "", 1)
     assert answer.err.startswith("fingertwin: Interrupted")
+
+
+def test_an_interrupt_within_a_callback_of_the_garbage_collector_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: object) -> NoReturn:
+        gc.callbacks.remove(interrupt)
+        raise KeyboardInterrupt
+
+    def collect(*_: object, **__: object) -> NoReturn:
+        gc.callbacks.append(interrupt)
+        gc.collect()
+        for _n in range(500):
+            time.sleep(0.01)
+        pytest.fail("it went on")
+
+    monkeypatch.setattr("server.commands.twin.Session.open", collect)
+    answer = run("refit", H01)
+    assert (answer.code, answer.out, answer.err.count("\n")) == (130, "", 1)
 
 
 def test_a_pipe_gets_no_progress_bar_and_no_escape_codes(tmp_path: Path) -> None:
