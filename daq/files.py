@@ -9,6 +9,37 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
+from daq.errors import InputError
+
+
+def require_writable(path: Path, *, folder: bool = False) -> None:
+    """Refuse a file, or a folder, that cannot be written; nothing is left there.
+
+    Args:
+        path: of it; it need not be there, nor the folders above it.
+        folder: whether files are to be written into it.
+
+    Raises:
+        InputError: a file there could not be written.
+    """
+    try:
+        if not folder and (not path.name or path.is_dir()):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        nearest = path if folder else path.parent
+        while not nearest.exists():
+            nearest = nearest.parent
+        # Written to, not asked for its rights: these do not tell all on every system.
+        probe = nearest / f".{uuid4().hex[:12]}"
+        probe.touch(exist_ok=False)
+        probe.unlink()
+    except OSError as error:
+        kind = "folder" if folder else "file"
+        raise InputError(
+            f"cannot write {path} ({error.strerror})",
+            f"a {kind} that can be written",
+            f"Name another {kind}, or ask for the right to write there",
+        ) from error
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:

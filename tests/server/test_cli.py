@@ -160,6 +160,33 @@ def test_an_answer_that_cannot_be_written(tmp_path: Path, arguments: list[str], 
     assert list((tmp_path / "folder").iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["diagnose", RAW, "--json", "file/out"], "file/out"),
+        (["diagnose", RAW, "--figures", "file"], "file"),
+        (["diagnose", RAW, "--frozen", "file"], "file"),
+        (["refit", RAW, "--out", "file/out"], "file/out"),
+        (["refit", RAW], "models"),
+        (["add", "hanger_mass", RAW], "models"),
+        (["next", RAW, "--freeze"], "models"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_told_before_anything_is_computed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], named: str
+) -> None:
+    def compute(*_: object) -> NoReturn:
+        pytest.fail("it was computed")
+
+    (tmp_path / "file").touch()
+    (tmp_path / "models").touch()
+    monkeypatch.chdir(tmp_path)
+    for place in ("diagnosis.run_diagnosis", "planning.run_diagnosis", "twin.refit_compared", "additions.add_bench"):
+        monkeypatch.setattr(f"server.commands.{place}", compute)
+    refused(*arguments, saying=str(Path(named)))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "models"]
+
+
 def full_disk(*_: object) -> NoReturn:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
