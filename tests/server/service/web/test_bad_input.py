@@ -30,7 +30,7 @@ from tests.server.service.running import ServiceReceiver
 
 LARGE = "x" * 10_000_000
 JSON = {"Content-Type": "application/json"}
-ASKED = b'{"postures_deg": {"MCP": [%s]}, "masses_g": {"FDP": [%s]}}'
+ASKED = b'{"postures_deg": {"MCP": [%s], "PIP": [60], "DIP": [40]}, "masses_g": {"FDP": [%s]}}'
 
 
 @pytest.fixture(scope="module", params=["sqlite", "postgresql"])
@@ -103,6 +103,8 @@ def test_a_document_with_something_absurd_is_refused(
         (ASKED % (b'"40"', b"950"), "body.postures_deg.MCP.0: Input should be a valid number"),
         (ASKED % (b"true", b"950"), "body.postures_deg.MCP.0: Input should be a valid number"),
         (ASKED % (b"40", b"-1"), "below zero"),
+        (ASKED % (b"4000", b"950"), "body.postures_deg.MCP.0: Input should be less than or equal to 180"),
+        (b'{"masses_g": {"FDP": [950]}, "postures_deg": {"MCP": [0], "PIP": [65]}}', "postures_deg lacks DIP"),
         (
             b'{"masses_g": {"FDP": [1]}, "postures_deg": {"%s": [1]}}' % LARGE[:9_000_000].encode(),
             "at most 60 characters",
