@@ -41,6 +41,30 @@ def require_writable(path: Path, *, folder: bool = False) -> None:
         ) from error
 
 
+def read_text(path: Path, wanted: str) -> str:
+    """Read a text in UTF-8.
+
+    Args:
+        path: of the file.
+        wanted: what it should be, such as `a notebook as text`.
+
+    Raises:
+        InputError: it cannot be read, or is in another encoding.
+    """
+    try:
+        return path.read_text("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path} is not UTF-8 text (byte {error.start})",
+            f"{wanted} in UTF-8",
+            "Save it as UTF-8; spreadsheets call that 'CSV UTF-8'",
+        ) from error
+    except OSError as error:
+        raise InputError(
+            f"{path} cannot be read ({error.strerror})", wanted, "Check the path and its rights"
+        ) from error
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary name beside `path`; rename it to `path` when the block ends well, else remove it.
