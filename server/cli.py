@@ -240,7 +240,7 @@ def effects(
 @app.command(rich_help_panel=OUT)
 def export(
     source: Annotated[
-        str, typer.Argument(help="Name a session or a revision of a model; for osim and mjcf also a finger.")
+        str, typer.Argument(help="Name a session or a revision of a model; for osim and mjcf a revision or a finger.")
     ],
     file_format: Annotated[
         Literal["csv", "parquet", "xlsx", "hdf5", "c3d", "mat", "supplement", "osim", "mjcf"],

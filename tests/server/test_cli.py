@@ -36,6 +36,10 @@ def test_help_of_a_command_lists_its_options(command: str, options: str) -> None
     assert [o for o in options.split() if o not in answer.out] == []
 
 
+def test_help_of_export_says_that_a_finger_for_other_programs_comes_of_no_session() -> None:
+    assert "for osim and mjcf a revision or a finger" in " ".join(run("export", "--help").out.split())
+
+
 def test_help_lists_the_commands_and_is_what_no_argument_gives() -> None:
     answer = run("--help")
     assert [c for c in COMMANDS if f"\n  {c} " not in answer.out] == []
