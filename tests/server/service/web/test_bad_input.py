@@ -216,6 +216,17 @@ def test_what_is_not_there_is_said(service: ServiceReceiver, path: str, status: 
     refused(service.client().get(path), status)
 
 
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("/api/v1/sessions/H01/comparison?modle=x", "'modle'; expected one of model. Did you mean model?"),
+        ("/api/v1/sessions/H01?model=x", "'model'; expected none at this address"),
+    ],
+)
+def test_a_query_parameter_that_is_not_known_is_refused(service: ServiceReceiver, path: str, said: str) -> None:
+    refused(service.client().get(path), 422, said)
+
+
 def test_an_edit_with_something_absurd_changes_nothing(service: ServiceReceiver) -> None:
     client, place = service.client(), "/api/v1/sessions/H01/cases"
     version = client.get("/api/v1/sessions/H01").json()["version"]
