@@ -9,6 +9,61 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
+from daq.errors import InputError
+
+
+def require_writable(path: Path, *, folder: bool = False) -> None:
+    """Refuse a file, or a folder, that cannot be written; nothing is left there.
+
+    Args:
+        path: of it; it need not be there, nor the folders above it.
+        folder: whether files are to be written into it.
+
+    Raises:
+        InputError: a file there could not be written.
+    """
+    try:
+        if not folder and (not path.name or path.is_dir()):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        nearest = path if folder else path.parent
+        while not nearest.exists():
+            nearest = nearest.parent
+        # Written to, not asked for its rights: these do not tell all on every system.
+        probe = nearest / f".{uuid4().hex[:12]}"
+        probe.touch(exist_ok=False)
+        probe.unlink()
+    except OSError as error:
+        kind = "folder" if folder else "file"
+        raise InputError(
+            f"cannot write {path} ({error.strerror})",
+            f"a {kind} that can be written",
+            f"Name another {kind}, or ask for the right to write there",
+        ) from error
+
+
+def read_text(path: Path, wanted: str) -> str:
+    """Read a text in UTF-8.
+
+    Args:
+        path: of the file.
+        wanted: what it should be, such as `a notebook as text`.
+
+    Raises:
+        InputError: it cannot be read, or is in another encoding.
+    """
+    try:
+        return path.read_text("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path} is not UTF-8 text (byte {error.start})",
+            f"{wanted} in UTF-8",
+            "Save it as UTF-8; spreadsheets call that 'CSV UTF-8'",
+        ) from error
+    except OSError as error:
+        raise InputError(
+            f"{path} cannot be read ({error.strerror})", wanted, "Check the path and its rights"
+        ) from error
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import _thread
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Literal
@@ -236,7 +240,7 @@ def effects(
 @app.command(rich_help_panel=OUT)
 def export(
     source: Annotated[
-        str, typer.Argument(help="Name a session or a revision of a model; for osim and mjcf also a finger.")
+        str, typer.Argument(help="Name a session or a revision of a model; for osim and mjcf a revision or a finger.")
     ],
     file_format: Annotated[
         Literal["csv", "parquet", "xlsx", "hdf5", "c3d", "mat", "supplement", "osim", "mjcf"],
@@ -294,7 +298,8 @@ def main() -> None:
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # where an encoding lacks a letter, a ? does
     try:
-        code = app(sys.argv[1:] or ["--help"], standalone_mode=False)
+        with _lost_interrupts_repeated():
+            code = app(sys.argv[1:] or ["--help"], standalone_mode=False)
     except InputError as error:
         _fail(str(error), AGAIN_LATER if isinstance(error, LaterError) else 2)
     except TyperException as error:
@@ -316,6 +321,27 @@ def main() -> None:
     if code == 130:  # Typer makes Ctrl-C within a command an exit code
         _fail("Interrupted; nothing that was already written is lost.", 130)
     raise SystemExit(code if isinstance(code, int) else 0)
+
+
+@contextmanager
+def _lost_interrupts_repeated() -> Iterator[None]:
+    """Repeat an interrupt that Python drops since it came within a callback, such as JAX's of the garbage collector."""
+    before = sys.unraisablehook
+
+    def dropped(what: sys.UnraisableHookArgs) -> None:
+        if not issubclass(what.exc_type, KeyboardInterrupt):
+            before(what)
+            return
+        # Not at once: it would be dropped here as well.
+        again = threading.Timer(0.01, _thread.interrupt_main)
+        again.daemon = True
+        again.start()
+
+    sys.unraisablehook = dropped
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def _fail(text: str, code: int) -> None:

@@ -8,6 +8,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from daq.files import require_writable
+
 # Groups of commands, in the order in which help shows them.
 GROUPS = BEGIN, SESSION, BENCH, STUDY, OUT, SERVICE = (
     "To begin",
@@ -48,6 +50,19 @@ def effects_like(incomplete: str) -> list[str]:
     return [name for name in EFFECTS if name.startswith(incomplete)] + sessions_like(incomplete)
 
 
+def _writable_file(ctx: typer.Context, file: str | None) -> str | None:
+    """Refuse a file that cannot be written before anything is computed for it."""
+    if file not in (None, "-") and not ctx.resilient_parsing:
+        require_writable(Path(file))
+    return file
+
+
+def _writable_folder(ctx: typer.Context, folder: Path | None) -> Path | None:
+    if folder is not None and not ctx.resilient_parsing:
+        require_writable(folder, folder=True)
+    return folder
+
+
 app = typer.Typer(
     name="fingertwin",
     cls=Grouped,
@@ -65,7 +80,13 @@ Session = Annotated[
     ),
 ]
 Json = Annotated[
-    str | None, typer.Option("--json", metavar="FILE", help="Write the answer as JSON ('-' for standard output).")
+    str | None,
+    typer.Option(
+        "--json",
+        metavar="FILE",
+        callback=_writable_file,
+        help="Write the answer as JSON ('-' for standard output).",
+    ),
 ]
 ModelOption = Annotated[
     str | None,
@@ -88,5 +109,10 @@ ServiceOption = Annotated[
 ]
 Figures = Annotated[
     Path | None,
-    typer.Option("--figures", metavar="DIR", help="Write figures in this folder: one HTML page, PNG and SVG."),
+    typer.Option(
+        "--figures",
+        metavar="DIR",
+        callback=_writable_folder,
+        help="Write figures in this folder: one HTML page, PNG and SVG.",
+    ),
 ]

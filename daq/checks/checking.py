@@ -14,7 +14,7 @@ import numpy as np
 from daq.cells import CellSpec, cell_spec
 from daq.checks.cases import creep_findings, force_findings, plateau_findings, sign_findings, tare_findings
 from daq.checks.description import session_findings
-from daq.checks.recording import RecordingScan, recording_findings
+from daq.checks.recording import RecordingScan, recording_findings, unknown_range
 from daq.checks.weights import weight_findings
 from daq.checks.windows import overlap_findings, tare_life_findings, window_findings
 from daq.errors import InputError, ReadingsError, SessionError
@@ -138,6 +138,7 @@ def _of_recording(
     cell, name = session.load_cell, Path(session.readings or "readings").name
     return [
         *recording_findings(scan, name, cell.rate_hz if cell else None, spec),
+        *([unknown_range()] if spec is None and scan.rows else []),
         *window_findings(session, scan),
         *plateau_findings(session, plateaus),
     ]

@@ -134,6 +134,17 @@ class RecordingScan:
         }
 
 
+def unknown_range() -> Finding:
+    """Return the note on a cell whose range is not known."""
+    return finding(
+        "note",
+        "saturation_skipped",
+        "load_cell",
+        "the cell's range is not known, so saturation was not looked for",
+        remedy="State its calibration, such as `model: ATI Nano17-E SI-25-0.25`",
+    )
+
+
 def recording_findings(scan: RecordingScan, file: str, rate_hz: float | None, spec: CellSpec | None) -> list[Finding]:
     """Judge a scan.
 
@@ -147,16 +158,6 @@ def recording_findings(scan: RecordingScan, file: str, rate_hz: float | None, sp
     if not scan.rows:
         return out
     out += _clock(scan, file, rate_hz)
-    if spec is None:
-        out.append(
-            finding(
-                "note",
-                "saturation_skipped",
-                "load_cell",
-                "the cell's range is not known, so saturation was not looked for",
-                remedy="State its calibration, such as `model: ATI Nano17-E SI-25-0.25`",
-            )
-        )
     for k in np.flatnonzero(scan.saturated):
         assert spec is not None  # noqa: S101 - saturation is only counted against a range
         unit = "N" if k < 3 else "N mm"

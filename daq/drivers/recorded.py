@@ -17,7 +17,7 @@ from daq.drivers.base import LoadCell, Samples, Setting, Transport, samples
 from daq.drivers.frames import FrameStream
 from daq.errors import DriverError, ReadingsError
 from daq.recordings.readings import ReadingBlock, open_readings
-from daq.sessions import read_session
+from daq.sessions import read_session, session_names
 
 HEADER = b"FTRW"
 # Header, check of the eight words after it, time, six components, status.
@@ -161,9 +161,10 @@ class Replay(LoadCell):
         """Start nothing: a recording plays when it is read."""
 
     def own_transport(self, port: str) -> Transport:
-        """Open a readings file, or a session's folder."""
+        """Open a readings file, or a session: its folder, or a shipped one by name."""
         path = Path(port)
-        if path.is_dir() or path.name == "session.yaml":
+        shipped = not path.exists() and port in session_names()
+        if shipped or path.is_dir() or path.name == "session.yaml":
             session = read_session(path)
             if session.readings_path is None:
                 raise DriverError(f"session {session.id} has no readings", "a session with raw readings to replay")

@@ -47,7 +47,9 @@ def export(path: str | Path, out: str | Path, stream: str | None = None) -> Expo
         if len(streams) != 1:
             ids = " ".join(s.id[:12] for s in streams or journal.streams()) or "(it has none)"
             found = f"{len(streams) or 'no'} streams" + (f" called {stream}" if stream else "")
-            raise JournalError(f"{found} in {journal.path.name}", "one", f"Name it with --stream, of {ids}")
+            one_of_them = f"fingertwin journal export {path} --stream ID"
+            remedy = f"Write one as a recording with {one_of_them}; ID is one of {ids}"
+            raise JournalError(f"{found} in {journal.path.name}", "one", remedy)
         one = streams[0]
 
         def blocks() -> Iterator[ReadingBlock]:

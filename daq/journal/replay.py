@@ -138,11 +138,13 @@ class JournalReplay(LoadCell):
         self._path, self._speed = Path(path), speed
         require_complete(self._path)
         with JournalReader.open(self._path) as journal:
-            streams = [s for s in journal.streams() if s.id.startswith(stream or "")]
+            known = journal.streams()
+        streams = [s for s in known if s.id.startswith(stream or "")]
         if len(streams) != 1:
-            ids = " ".join(s.id[:12] for s in streams) or "(none)"
-            found = f"{len(streams)} streams in {self._path.name}"
-            raise DriverError(found, "one", f"Name it with --set stream=, of {ids}")
+            ids = " ".join(s.id[:12] for s in streams or known) or "(it has none)"
+            found = f"{len(streams)} streams" + (f" called {stream}" if stream else "") + f" in {self._path.name}"
+            one = f"fingertwin log --driver replay --port {path} --set stream=ID --out DIR"
+            raise DriverError(found, "one", f"Play one with {one}; ID is one of {ids}")
         self.stream: Stream = streams[0]
         folder = tempfile.mkdtemp()
         weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)

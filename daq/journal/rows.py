@@ -229,9 +229,15 @@ def said(error: sqlite3.Error, path: Path) -> JournalError:
         return disk_full(path)
     if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
         return JournalError(f"{path.name} is locked by another program", "no other writer", "Close that program")
-    if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
+    if code == sqlite3.SQLITE_NOTADB:
         return JournalError(
-            f"{path.name} is damaged ({error})", "a sound journal", f"Run fingertwin journal recover {path.name}"
+            f"{path.name} is no journal, or its first bytes are damaged",
+            "a journal that fingertwin wrote",
+            "Give another file, or the journal's copy",
+        )
+    if code == sqlite3.SQLITE_CORRUPT:
+        return JournalError(
+            f"{path.name} is damaged ({error})", "a sound journal", f"Run fingertwin journal recover {path} --out NEW"
         )
     return JournalError(
         f"{path.name} cannot be read or written ({error})", "a local disk", "Check the path, its rights and the disk"

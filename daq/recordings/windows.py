@@ -118,11 +118,11 @@ def gather(
         broken = True
     if not broken:
         rate = (rows - 1) / max(last - first, 1e-12)
-        outside = [w for w in windows if w[0] < first - 1.5 / max(rate, 1e-9) or w[1] > last + 1.5 / max(rate, 1e-9)]
-        for window in outside:
+        missed = [w for w in windows if w[0] < first - 1.5 / max(rate, 1e-9) or w[1] > last + 1.5 / max(rate, 1e-9)]
+        for window in missed:
             pieces.pop(window, None)
             plateaus.pop(window, None)
-            fault(_outside(window, windows[window], first, last, file))
+            fault(outside(window, windows[window], first, last, file))
         for window in list(pieces):
             close(window)
     return Recording(rows, first, last, plateaus)
@@ -151,7 +151,16 @@ def _reduce(held: list[ReadingBlock], window: Span, name: str, file: str) -> Pla
     return reduce_window(t, wrench, flagged)
 
 
-def _outside(window: Span, name: str, first: float, last: float, file: str) -> OutsideError:
+def outside(window: Span, name: str, first: float, last: float, file: str) -> OutsideError:
+    """Return the fault of a window that lies outside its recording.
+
+    Args:
+        window: [start, end] in s.
+        name: of the window.
+        first: time of the recording's first reading [s].
+        last: time of its last reading [s].
+        file: name of the readings.
+    """
     return OutsideError(
         f"{name} [{window[0]:g}, {window[1]:g}] s lies outside the recording, which runs from {first:g} to {last:g} s "
         f"({file})",

@@ -211,13 +211,17 @@ def _text(value: Any) -> str:
     return out
 
 
-def read_yaml(file: Path) -> Any:
+def read_yaml(file: Path, name: str | None = None) -> Any:
     """Read a YAML file, refusing a key given twice.
+
+    Args:
+        file: its path.
+        name: of it in messages; by default with its folder's.
 
     Raises:
         SessionError: it cannot be read, with the line of the fault.
     """
-    name = _short(file)
+    name = name or _short(file)
     try:
         text = file.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:

@@ -34,6 +34,21 @@ def open_client(url: str, token: str | None = None, timeout_s: float = TIMEOUT_S
     """
     import httpx
 
+    address = address_of(url)
+    headers = {"Authorization": f"Bearer {token}"} if token else {}
+    # A proxy that the environment names leads to the world outside; the service is the lab's own.
+    timeout = httpx.Timeout(timeout_s, connect=min(timeout_s, CONNECT_S))
+    return httpx.Client(base_url=address, headers=headers, timeout=timeout, trust_env=False)
+
+
+def address_of(url: str) -> httpx.URL:
+    """Return the address of a service.
+
+    Raises:
+        InputError: it is no address.
+    """
+    import httpx
+
     expected = "one such as http://bench-pc:8000"
     try:
         address = httpx.URL(url.rstrip("/"))
@@ -41,10 +56,7 @@ def open_client(url: str, token: str | None = None, timeout_s: float = TIMEOUT_S
         raise InputError(f"the address {url!r} of the service ({error})", expected) from error
     if address.scheme not in ("http", "https") or not address.host:
         raise InputError(f"the address {url!r} of the service", expected)
-    headers = {"Authorization": f"Bearer {token}"} if token else {}
-    # A proxy that the environment names leads to the world outside; the service is the lab's own.
-    timeout = httpx.Timeout(timeout_s, connect=min(timeout_s, CONNECT_S))
-    return httpx.Client(base_url=address, headers=headers, timeout=timeout, trust_env=False)
+    return address
 
 
 class Link:

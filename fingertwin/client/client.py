@@ -132,7 +132,8 @@ class Client:
         """Predict forces of any postures and loads; large numbers of load cases go in several requests.
 
         Args:
-            postures_deg: angle of each joint, flexion positive: a number, or one for each load case.
+            postures_deg: angle of each joint [deg], flexion positive: a number, or one for each load case. An
+                abduction that is left out is 0.
             masses_g: weight hung on each tendon; or
             tensions_N: the tension in each.
             model: a finger's name, or a revision.
@@ -141,7 +142,7 @@ class Client:
 
         Raises:
             InputError: columns of different lengths, or numbers that are none.
-            ServiceError: an unknown joint, tendon or model.
+            ServiceError: an unknown joint, tendon or model, or a joint without an angle.
         """
         more = {"model": model_name(model), "tension_factor": tension_factor, "gravity_m_s2": gravity_m_s2}
         return predict(self._exchange, postures_deg, masses_g, tensions_N, more)

@@ -49,7 +49,7 @@ def predict(
 
     Args:
         exchange: with the service.
-        postures_deg: angle of each joint; a number, or one for each load case.
+        postures_deg: angle of each joint [deg]; a number, or one for each load case. An abduction left out is 0.
         masses_g: weight on each tendon; or
         tensions_N: the tension in each.
         more: model, tension factor, gravity.

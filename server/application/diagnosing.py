@@ -26,11 +26,6 @@ def run_diagnosis(bench: Session, thorough: bool = False, tell: Any = None) -> D
     return diagnose(bench, thorough=thorough, progress=tell).details
 
 
-def diagnosis_body(bench: Session, diagnosis: Diagnosis, frozen: list[Path] | None = None) -> dict[str, Any]:
-    """Return the contract's answer, with what files of frozen predictions say; by default those in `models`."""
-    return diagnosis_answer(bench, diagnosis, frozen_documents(bench, frozen))
-
-
 def diagnosis_answer(bench: Session, diagnosis: Diagnosis, frozen: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
     """Return the contract's answer.
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
+from daq.files import require_writable
 from fingermodel.effects.catalogue import CATALOGUE, EFFECTS
 from fingermodel.effects.formula_tree import near
 from fingermodel.model_files import free_path, require_new
@@ -59,6 +60,7 @@ def _add_to_session(
     """Add effects to a session's model, refit, write the revision and show the fall of the error."""
     if out is not None:
         require_new(out)
+    require_writable(out or Path("models"), folder=out is None)
     chosen, own = resolved_effects(effects)
     with progress("Reading and correcting") as tell:
         bench = Session.open(session, model, progress=tell, effects=own)

@@ -7,7 +7,7 @@ from typing import Any
 
 from fingermodel.parameters import with_unit
 from fingermodel.session import Session, readings_digest
-from server.application.diagnosing import bare_verdict, diagnosis_body, drawn_effect, run_diagnosis
+from server.application.diagnosing import bare_verdict, diagnosis_answer, drawn_effect, frozen_documents, run_diagnosis
 from server.application.diagnosis_report import draw_diagnosis
 from server.application.provenance import origin_of
 from server.commands.console import answer, progress, say, table
@@ -29,9 +29,10 @@ def diagnose_session(
     """Diagnose one session and show it."""
     with progress("Reading and correcting") as tell:
         bench = Session.open(session, model, progress=tell, effects=effects)
+    predictions = frozen_documents(bench, frozen)
     with progress("Fitting every effect") as tell:
         diagnosis = run_diagnosis(bench, thorough, tell)
-    body = diagnosis_body(bench, diagnosis, frozen)
+    body = diagnosis_answer(bench, diagnosis, predictions)
     if bench.measured.session.amendments:
         entered = Session.of(bench.measured.as_entered, model, effects=effects)
         with progress("The same without the amendments") as tell:

@@ -18,6 +18,7 @@ from daq.errors import DriverError, InputError, JournalError
 from daq.journal.replay import JournalReplay, is_journal
 from daq.private import close_to_others, privately
 from daq.sessions import find_session, read_session, whole_document
+from daq.uplink.link import address_of
 from server.bench.ending import Told, ended_by_signals
 from server.commands.closing_copy import Closed, copied_at_end
 from server.commands.console import answer, say, table
@@ -76,6 +77,8 @@ def log_cell(options: LogOptions, json: str | None) -> bool:
         raise InputError("no --out", "the folder that the log goes to")
     if options.seconds is not None and options.seconds <= 0:
         raise InputError(f"--seconds {options.seconds:g}", "a time above 0")
+    if options.to is not None:
+        address_of(options.to)  # before a folder is made
     if options.out.is_dir() and not any(options.out.iterdir()):
         close_to_others(options.out)  # made for this log; what holds other things already is left as it is
     cell = _cell(options)

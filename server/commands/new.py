@@ -15,6 +15,7 @@ from rich.prompt import Prompt
 
 from daq.checks import check
 from daq.errors import InputError
+from daq.files import read_text
 from daq.lab.drafts import Choice, cases_of, is_readings_file, joined, posture_of, still_missing
 from daq.lab.files import LabFileMap, read_mapping
 from daq.lab.levels import Level
@@ -252,10 +253,11 @@ def _mapping(options: NewOptions, recordings: Sequence[Path], rate_hz: float | N
 
 def _notes(options: NewOptions, tendons: Sequence[str], asking: bool) -> tuple[Note, ...]:
     if options.notes is not None:
+        wanted = "a notebook as text or CSV"
         try:
-            text = sys.stdin.read() if str(options.notes) == "-" else options.notes.read_text("utf-8-sig")
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"{options.notes} cannot be read ({error})", "a notebook as text or CSV") from error
+            text = sys.stdin.read() if str(options.notes) == "-" else read_text(options.notes, wanted)
+        except UnicodeDecodeError as error:
+            raise InputError("standard input is not UTF-8 text", f"{wanted} in UTF-8", "Save it as UTF-8") from error
     elif asking:
         example = "What hung, line by line, such as 'FDP 950, hook, tip'; masses in g; 'tare' where you noted one"
         text = lines(example, lambda typed, whole: notes_of(typed, tendons, whole))

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
+from daq.files import read_text
 from daq.lab.drafts import posture_of
 from daq.sessions.protocols import Protocol, protocol_names, read_protocol
 from fingermodel.fingers.files import finger_names, read_finger
@@ -154,10 +155,7 @@ def _protocol(options: PlanOptions, finger: Finger, asking: bool) -> Protocol:
     postures = dict(posture_of(text) for text in options.postures)
     name, loads = options.protocol, None
     if options.loads is not None:
-        try:
-            loads = options.loads.read_text("utf-8-sig")
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"{options.loads} cannot be read ({error})", "loads as text or CSV") from error
+        loads = read_text(options.loads, "loads as text or CSV")
     if name is None and loads is None and asking:
         name = ask(
             f"Protocol: a file, one of {', '.join(protocol_names())}, or 'own' to type the loads",

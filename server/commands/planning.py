@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from daq.files import require_writable
 from fingermodel.diagnosis.next_cases.next_cases import plan_next
 from fingermodel.session import Session
 from server.application.diagnosing import run_diagnosis
@@ -16,6 +17,8 @@ def next_cases(
     session: str, model: str | None, effects: list[str], freeze: bool, out: Path | None, json: str | None
 ) -> None:
     """Diagnose a session, rank what could be measured next, and freeze what the explanations say of it."""
+    if freeze:
+        require_writable(out or Path("models"), folder=out is None)
     with progress("Reading and correcting") as tell:
         bench = Session.open(session, model, progress=tell, effects=effects)
     with progress("Fitting every effect") as tell:

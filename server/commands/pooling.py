@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
+from daq.files import require_writable
 from fingermodel.diagnosis.several_sessions.several import Pooled, diagnose_pooled
 from fingermodel.parameters import with_unit
 from fingermodel.session import Session
-from server.application.diagnosing import diagnosis_body
+from server.application.diagnosing import diagnosis_answer, frozen_documents
 from server.application.diagnosis_report import draw_diagnosis, draw_shared
 from server.application.pooling import pooled_body, write_law
 from server.commands.console import answer, progress, say, table
@@ -40,10 +41,13 @@ def diagnose_sessions(
         )
     if law is not None and law.exists():
         raise InputError(f"{law} is there already", "a new file", "Choose another name")
+    if law is not None:
+        require_writable(law)
     benches = []
     for name in sessions:
         with progress(f"Reading {name}") as tell:
             benches.append(Session.open(name, model, progress=tell, effects=effects))
+    predictions = [frozen_documents(bench, None) for bench in benches]
     with progress("Fitting every effect to every session") as tell:
         pooled = diagnose_pooled(
             [(b.measured.session.id, b.model, b.observations) for b in benches],
@@ -52,7 +56,8 @@ def diagnose_sessions(
             progress=tell,
         )
     each = {
-        bench.measured.session.id: diagnosis_body(bench, d) for bench, d in zip(benches, pooled.diagnoses, strict=True)
+        bench.measured.session.id: diagnosis_answer(bench, d, documents)
+        for bench, d, documents in zip(benches, pooled.diagnoses, predictions, strict=True)
     }
     body = pooled_body(pooled) | {"each": each}
     if figures:

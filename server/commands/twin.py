@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
+from daq.files import require_writable
 from fingermodel.comparing import compare
 from fingermodel.fitting.fit_report import CORRELATED, Fit, FittedParameter
 from fingermodel.model_files import free_path, require_new
@@ -59,6 +60,7 @@ def refit_session(
         raise InputError(f"--plane {plane} with --method slsqp", "no --plane", "Eq 5 is posed in the sagittal plane")
     if out is not None:
         require_new(out)
+    require_writable(out or Path("models"), folder=out is None)
     with progress("Reading and correcting") as tell:
         bench = Session.open(session, model, progress=tell, effects=effects, catalogue=method == "map")
     with progress("Refitting") as tell:

@@ -46,7 +46,7 @@ def test_large_numbers_of_load_cases_go_in_portions(
 
 
 def test_one_load_case_is_a_row(twin: Client) -> None:
-    found = twin.predict({"PIP": 65.0, "DIP": 50.0}, {"FDP": 950.0})
+    found = twin.predict({"MCP": 0.0, "PIP": 65.0, "DIP": 50.0}, {"FDP": 950.0})
     assert found.tip_force_N.shape == found.bone_force_N.shape == (1, 3)
 
 
@@ -63,7 +63,7 @@ def test_a_straight_finger_is_undetermined(twin: Client) -> None:
         ({"PIP": []}, {"FDP": 1.0}, "of shape"),
         ({"PIP": "a lot"}, {"FDP": 1.0}, "a lot"),
         ({"elbow": 1.0}, {"FDP": 1.0}, "elbow"),
-        ({"PIP": 1.0}, {"FDP": -1.0}, "below zero"),
+        ({"MCP": 1.0, "PIP": 1.0, "DIP": 1.0}, {"FDP": -1.0}, "below zero"),
         ({"PIP": 1.0}, None, "masses_g or tensions_N"),
     ],
 )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
+import time
 from pathlib import Path
 from typing import NoReturn
 
@@ -32,6 +34,10 @@ def test_help_of_a_command_lists_its_options(command: str, options: str) -> None
     answer = run(command, "--help")
     assert (answer.code, answer.err) == (0, "")
     assert [o for o in options.split() if o not in answer.out] == []
+
+
+def test_help_of_export_says_that_a_finger_for_other_programs_comes_of_no_session() -> None:
+    assert "for osim and mjcf a revision or a finger" in " ".join(run("export", "--help").out.split())
 
 
 def test_help_lists_the_commands_and_is_what_no_argument_gives() -> None:
@@ -158,6 +164,33 @@ def test_an_answer_that_cannot_be_written(tmp_path: Path, arguments: list[str], 
     assert list((tmp_path / "folder").iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["diagnose", RAW, "--json", "file/out"], "file/out"),
+        (["diagnose", RAW, "--figures", "file"], "file"),
+        (["diagnose", RAW, "--frozen", "file"], "file"),
+        (["refit", RAW, "--out", "file/out"], "file/out"),
+        (["refit", RAW], "models"),
+        (["add", "hanger_mass", RAW], "models"),
+        (["next", RAW, "--freeze"], "models"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_told_before_anything_is_computed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], named: str
+) -> None:
+    def compute(*_: object) -> NoReturn:
+        pytest.fail("it was computed")
+
+    (tmp_path / "file").touch()
+    (tmp_path / "models").touch()
+    monkeypatch.chdir(tmp_path)
+    for place in ("diagnosis.run_diagnosis", "planning.run_diagnosis", "twin.refit_compared", "additions.add_bench"):
+        monkeypatch.setattr(f"server.commands.{place}", compute)
+    refused(*arguments, saying=str(Path(named)))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "models"]
+
+
 def full_disk(*_: object) -> NoReturn:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -209,6 +242,23 @@ def test_an_interrupt_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     answer = run("refit", H01)
     assert (answer.code, answer.out, answer.err.count("\n")) == (130, "", 1)
     assert answer.err.startswith("fingertwin: Interrupted")
+
+
+def test_an_interrupt_within_a_callback_of_the_garbage_collector_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: object) -> NoReturn:
+        gc.callbacks.remove(interrupt)
+        raise KeyboardInterrupt
+
+    def collect(*_: object, **__: object) -> NoReturn:
+        gc.callbacks.append(interrupt)
+        gc.collect()
+        for _n in range(500):
+            time.sleep(0.01)
+        pytest.fail("it went on")
+
+    monkeypatch.setattr("server.commands.twin.Session.open", collect)
+    answer = run("refit", H01)
+    assert (answer.code, answer.out, answer.err.count("\n")) == (130, "", 1)
 
 
 def test_a_pipe_gets_no_progress_bar_and_no_escape_codes(tmp_path: Path) -> None:

@@ -169,6 +169,7 @@ def test_a_recording_is_logged_as_it_is(
         (["--driver", "replay", "--port", "a.csv", "--out", "x", "--set", "speed=fast"], "speed is 'fast'"),
         (["--driver", "ati-netft", "--out", "x", "--serial", "1", "--calibration", "1"], "lacks counts_per_N"),
         (["--driver", "replay", "--port", "a.csv", "--out", "x", "--seconds", "0"], "--seconds 0"),
+        (["--driver", "replay", "--port", "DEV-02", "--out", "x", "--to", "nonsense"], "the address 'nonsense'"),
     ],
 )
 def test_what_cannot_be_logged_is_said_in_one_line(

@@ -104,6 +104,9 @@ def test_faults_of_notebook_and_recording_are_one_line(lab: Path, tmp_path: Path
     wrong = tmp_path / "notes.txt"
     wrong.write_text("FDX 950, minor_flexion, tip", encoding="utf-8")
     assert "line 1 of the notebook names 'FDX'" in refused("new", lab / "rig.csv", "--notes", wrong, *rest)
+    wrong.write_text("FDP 950, große Beugung, tip", encoding="latin-1")
+    said = refused("new", lab / "rig.csv", "--notes", wrong, *rest)
+    assert "notes.txt is not UTF-8 text (byte 12); expected a notebook as text or CSV in UTF-8. Save it" in said
     plain = tmp_path / "plain.csv"
     plain.write_text((lab / "rig.csv").read_text("cp1252").replace(" [N]", ""), encoding="utf-8")
     assert "gives Kraft x no unit" in refused("new", plain, "--notes", lab / "notes.txt", *rest)

@@ -15,7 +15,7 @@ from sqlalchemy import ColumnElement, Connection, Row, func, select
 from daq.errors import OutsideError, ReadingsError
 from daq.recordings.plateaus import Plateau
 from daq.recordings.readings import ReadingBlock
-from daq.recordings.windows import Span, gather
+from daq.recordings.windows import Span, gather, outside
 from server.service.ingest.stored import STORED, body_of_event, chunk_of, event_of
 from server.service.storage.database import Database
 from server.service.storage.schema import chunks, events, streams
@@ -129,6 +129,12 @@ class Windows:
         try:
             found = gather(blocks_of(connection, session, stream, window), {window: name}, _WHERE).plateaus[window]
             out.plateaus[window] = found
+        except OutsideError:
+            # Only the chunks near the window were read; the message tells of the whole recording.
+            mine = (chunks.c.session == session) & (chunks.c.stream == stream)
+            span = select(func.min(chunks.c.first_s), func.max(chunks.c.last_s)).where(mine)
+            first_s, last_s = connection.execute(span).one()
+            found = out.failed[window] = outside(window, name, first_s, last_s, _WHERE)
         except ReadingsError as error:
             # Without what it was raised in: it is kept.
             found = out.failed[window] = error.with_traceback(None)
@@ -148,13 +154,13 @@ class Windows:
 
 
 def _log_ended(connection: Connection, session: str, stream: Row[Any]) -> bool:
-    """Return whether the last that is known of a session is that this stream's log has ended, with what is there."""
-    newest = select(events).where(events.c.session == session).order_by(events.c.arrival.desc()).limit(1)
-    row = connection.execute(newest).first()
-    if row is None:
-        return False
-    last = event_of(body_of_event(row))
-    return last.kind == "ended" and last.stream == stream.id and last.value.get("samples") == stream.next_seq
+    """Return whether the last that is known of a stream is that its log has ended, with what is there."""
+    of_it = (events.c.session == session) & events.c.body.contains(stream.id, autoescape=True)
+    for row in connection.execute(select(events).where(of_it).order_by(events.c.arrival.desc())):
+        last = event_of(body_of_event(row))
+        if last.stream == stream.id:
+            return last.kind == "ended" and last.value.get("samples") == stream.next_seq
+    return False
 
 
 def _lacking(connection: Connection, session: str, stream: str, window: Span, whole: bool) -> str:

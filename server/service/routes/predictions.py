@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated
 
 import numpy as np
 from fastapi import APIRouter, Query, Request, Response
 
+from daq.errors import InputError
 from daq.signals.friction import friction as balance
+from fingermodel.predicting import Predictor
 from fingermodel.predicting import predict as evaluate
 from server.service.answers import JsonAnswer
 from server.service.schemas.common import Matched, ModelName, SessionId, Shown, documented
@@ -23,6 +26,7 @@ router = APIRouter(route_class=AskingRoute, tags=["comparison"])
 def predict(body: Asked, request: Request) -> JsonAnswer:
     """Predict the forces of load cases, many at once or one alone."""
     predictor = of(request).models.predictor(body.model)
+    _require_all_joints(body.postures_deg, predictor)
     forces = evaluate(
         predictor,
         body.postures_deg,
@@ -35,6 +39,19 @@ def predict(body: Asked, request: Request) -> JsonAnswer:
     answer = {k: np.ascontiguousarray(v) for k, v in vars(forces).items()}
     head = {"schema": "fingertwin/predict/1", "model": predictor.name, "n": len(forces)}
     return JsonAnswer(head | answer | {"undetermined": undetermined})
+
+
+def _require_all_joints(postures_deg: Mapping[str, object], predictor: Predictor) -> None:
+    """Refuse postures that leave a joint of the finger open, other than an abduction, which is 0 then."""
+    joints = predictor.topology.rotations
+    needed = [j for j in joints if not j.endswith("abduction")]
+    lacking = [j for j in needed if j not in postures_deg]
+    if lacking and set(postures_deg) <= set(joints):
+        raise InputError(
+            f"postures_deg lacks {' and '.join(lacking)}",
+            f"an angle for each joint of {predictor.name}: {', '.join(needed)}",
+            "Give 0 for a joint that is straight",
+        )
 
 
 @router.get("/sessions/{session}/comparison", responses=documented(Compared) | {304: {"description": "Not Modified"}})

@@ -9,10 +9,13 @@ from pydantic import ConfigDict, Field, model_validator
 from server.service.schemas.common import Form, Plain, Shown, Summary, Vector
 
 MOST_ROWS = 100_000
-# Far beyond any angle in degrees, mass in g and tension in N, and far from where sums overflow.
+# Far beyond any mass in g and tension in N, and far from where sums overflow.
 Number = Annotated[float, Field(ge=-1e6, le=1e6)]
+Angle = Annotated[float, Field(ge=-180, le=180)]
+Name = Annotated[str, Field(max_length=60)]
 Column = Annotated[list[Number], Field(min_length=1, max_length=MOST_ROWS)]
-Columns = Annotated[dict[Annotated[str, Field(max_length=60)], Column], Field(max_length=40)]
+Columns = Annotated[dict[Name, Column], Field(max_length=40)]
+Angles = Annotated[list[Angle], Field(min_length=1, max_length=MOST_ROWS)]
 
 EXAMPLE: Any = {
     "model": "an1979_middle",
@@ -30,12 +33,17 @@ class Asked(Form):
         Field(max_length=200, description="A finger's name or a revision's id.", examples=["an1979_middle"]),
     ] = "an1979_middle"
     postures_deg: Annotated[
-        Columns, Field(description="Angle of each joint [deg], flexion positive; one left out is 0.")
+        dict[Name, Angles],
+        Field(
+            max_length=40,
+            description="Angle of each joint [deg], flexion positive. An abduction that is left out is 0.",
+        ),
     ]
     masses_g: Annotated[Columns | None, Field(description="Weight hung on each tendon [g].")] = None
     tensions_N: Annotated[Columns | None, Field(description="Or the tension in each tendon [N].")] = None
     tension_factor: Annotated[
-        float, Field(gt=0, le=1.5, description="Friction correction c: tension = c m g; of masses alone.")
+        float,
+        Field(gt=0, le=1.5, description="Friction correction c: tension = c m g; of masses alone."),
     ] = 1.0
     gravity_m_s2: Annotated[float, Field(ge=5, le=20)] = 9.81
 

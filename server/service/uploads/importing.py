@@ -142,7 +142,7 @@ def write_files(folder: Path, files: Sequence[tuple[str, str]]) -> None:
 
 
 def _read(parts: Services, folder: Path) -> Session:
-    data = read_yaml(folder / SESSION_FILE)
+    data = read_yaml(folder / SESSION_FILE, SESSION_FILE)
     require_plain(data)
     if isinstance(data, Mapping):
         here = {p.name for p in folder.iterdir()}

@@ -116,7 +116,7 @@ def held(files: Sent, mapping: Mapping[str, Any] | None) -> Iterator[Held]:
         raw: Any = mapping
         if mapping is None:
             sent = [p for p in paths if p.suffix.lower() in _MAPPINGS]
-            raw = read_yaml(sent[0]) if sent else None
+            raw = read_yaml(sent[0], sent[0].name) if sent else None
             require_plain(raw, sent[0].name if sent else "")
         known = None if raw is None else validated(LabFileMap, raw, "the mapping", WANTED, ReadingsError)
         yield Held(folder, recordings, _within(known, folder, {p.name for p in paths}))

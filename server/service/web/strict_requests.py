@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Callable, Coroutine, Iterable, Sequence
 from typing import Any, Protocol
 
 import orjson
@@ -13,6 +13,7 @@ from starlette.datastructures import Headers
 from starlette.requests import ClientDisconnect
 
 from daq.documents import unique_keys
+from daq.vocabulary import did_you_mean
 from server.service.web.problems import ProblemError, shortened
 from server.service.web.workers import GoneError, Kind, run, threaded, watched
 
@@ -81,6 +82,14 @@ def _require_json(headers: Headers) -> None:
     raise ProblemError(415, f"a body of type {shortened(kind or 'unknown')!r}", "Content-Type: application/json")
 
 
+def _require_known(given: Iterable[str], known: Sequence[str]) -> None:
+    """Refuse query parameters that a route does not have: its defaults would be taken in their place."""
+    for name in given:
+        if name not in known:
+            expected = f"one of {', '.join(known)}" if known else "none at this address"
+            raise ProblemError(422, f"query parameter {shortened(name)!r}", expected, did_you_mean(name, known))
+
+
 class Elsewhere(Protocol):
     """Something that may answer a request in the place of this process."""
 
@@ -108,10 +117,12 @@ class StrictRoute(APIRoute):
         """Return what answers a request."""
         handle = super().get_route_handler()
         takes_json = self.body_field is not None
+        known = [p.alias for p in self.dependant.query_params]
 
         async def strictly(request: Request) -> Response:
             if "\0" in request.url.path or "%00" in request.url.path or "%00" in request.url.query:
                 raise ProblemError(422, "a zero character in the address", "text without it")
+            _require_known(request.query_params, known)
             if takes_json:
                 _require_json(request.headers)
             asked = StrictRequest(request.scope, request.receive)

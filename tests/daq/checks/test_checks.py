@@ -294,6 +294,7 @@ def test_every_fault_of_the_description_is_listed_and_the_recording_still_looked
     assert len(lines) == 3
     assert "Did you mean FDP?" in lines[0]
     assert "constant_channel" in codes(report, "error")
+    assert "saturation_skipped" not in codes(report, "note")  # the cell is stated
 
 
 @pytest.mark.parametrize("name", ["nowhere", "synek2019_H1"])

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.drivers.recorded import ROW, Feed, RowDecoder, rows_of
+from daq.drivers.recorded import ROW, Feed, Replay, RowDecoder, rows_of
 from daq.recordings.readings import ReadingBlock
 from tests.settings import load_profile
 
@@ -40,6 +40,11 @@ def test_a_flipped_bit_costs_its_row(at: int, bit: int) -> None:
     data[4 * ROW.itemsize + at] ^= 1 << bit
     got = RowDecoder().feed(bytes(data))
     assert (got.wrench == np.delete(sent.wrench, 4, axis=0)).all()
+
+
+def test_a_shipped_session_is_played_by_its_name() -> None:
+    transport = Replay({"speed": "0"}).own_transport("DEV-02")
+    assert len(RowDecoder().feed(transport.read(0.1)).wrench)
 
 
 def test_a_recording_plays_in_its_own_time() -> None:

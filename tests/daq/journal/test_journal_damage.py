@@ -215,7 +215,7 @@ def test_checksum_of_the_log_is_the_one_that_sqlite_defines() -> None:
 
 @pytest.mark.parametrize(
     ("content", "said"),
-    [(None, "there is no"), (b"", "is no journal"), (b"Fx,Fy\n" * 500, "is damaged .file is not a database.")],
+    [(None, "there is no"), (b"", "is no journal"), (b"Fx,Fy\n" * 500, "is no journal, or its first")],
 )
 def test_what_is_no_journal_is_refused_in_one_line(path: Path, content: bytes | None, said: str) -> None:
     if content is not None:

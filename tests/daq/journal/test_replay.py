@@ -16,7 +16,8 @@ from daq.acquisition.transports import connect
 from daq.drivers.base import LoadCell, Transport
 from daq.drivers.gauge_lines import GaugeLines
 from daq.drivers.robotiq import Robotiq
-from daq.errors import DriverError
+from daq.errors import DriverError, JournalError
+from daq.journal.export import export
 from daq.journal.reader import JournalReader
 from daq.journal.replay import JournalReplay, _reads, is_journal
 from daq.journal.rows import Event
@@ -146,10 +147,20 @@ def test_what_was_not_understood_is_replayed_in_its_place(tmp_path: Path, monkey
 
 
 def test_a_stream_that_is_not_there_is_said(recorded: Path) -> None:
-    with pytest.raises(DriverError, match="0 streams in journal"):
+    with pytest.raises(DriverError, match="0 streams called ffffffffffff0 in journal"):
         JournalReplay(recorded, "ffffffffffff0")
     with pytest.raises(DriverError, match="speed is -1"):
         JournalReplay(recorded, speed=-1.0)
+
+
+def test_two_streams_are_told_with_commands_that_take_one(tmp_path: Path) -> None:
+    path, cell = tmp_path / "journal.sqlite3", Robotiq()
+    with closing(Journal.create(path, "bench")) as journal:
+        ids = [journal.add_stream(cell.name, cell.values, {}, cell.clock)[:12] for _ in range(2)]
+    with pytest.raises(DriverError, match="fingertwin log --driver replay .* --set stream=ID .* of " + " ".join(ids)):
+        JournalReplay(path)
+    with pytest.raises(JournalError, match="fingertwin journal export .* --stream ID; .* of " + " ".join(ids)):
+        export(path, tmp_path / "out.csv")
 
 
 def test_gauge_volts_are_decoded_by_the_calibration_that_the_journal_holds(tmp_path: Path) -> None:

@@ -28,10 +28,10 @@ READ = (
 )  # fmt: skip
 # Too long for an address, but nothing is kept of them: the last two are refused.
 ASKED: dict[str, Any] = {
-    "/api/v1/predictions": {"postures_deg": {"PIP": [65]}, "masses_g": {"FDP": [950]}},
+    "/api/v1/predictions": {"postures_deg": {"MCP": [0], "PIP": [65], "DIP": [50]}, "masses_g": {"FDP": [950]}},
     "/api/v1/fingers/an1979_middle/scalings": {"bones_mm": {"PP": 40.1, "MP": 25.2}, "name": "H07"},
     "/api/v1/activations": {"finger": "nope"},
-    "/api/v1/predictions?x": {"postures_deg": {"PIP": [65]}, "masses_g": {"FDP": ["heavy"]}},
+    "/api/v1/predictions?": {"postures_deg": {"PIP": [65]}, "masses_g": {"FDP": ["heavy"]}},
 }
 # Of an answer, another each time.
 OWN = {"x-request-id", "date"}

@@ -133,7 +133,9 @@ def test_a_window_outside_a_finished_recording_is_an_error_until_it_is_mended(fr
     assert (moved["case"]["state"], "outside the recording" in moved["case"]["why"]) == ("failed", True)
     refused = client.get(f"{path}/comparison")
     assert refused.status_code == 422
-    assert "case c001: loaded_s [9000, 9003] s lies outside the recording" in refused.text
+    end_s = next(c.t_s[-1] for c in reversed(list(chunks_of(RECORDED))) if len(c))
+    said = "case c001: loaded_s [9000, 9003] s lies outside the recording, which runs from 0 to"
+    assert f"{said} {end_s:g} s" in refused.text
     client.post(f"{path}/edits/{moved['edit']}/undo", json={}).raise_for_status()
     assert client.get(f"{path}/comparison").status_code == 200
 
@@ -145,8 +147,8 @@ def test_once_a_log_has_ended_nothing_waits_for_readings_until_it_is_gone_on_wit
     client.post(AT, json={"id": RECORDED, "document": document}).raise_for_status()
     describe(client, RECORDED)
 
-    def tell(number: int, kind: str, **value: int) -> None:
-        event = {"at_s": 1.0, "kind": kind, "stream": STREAM, "utc_s": 1.0, "value": value}
+    def tell(number: int, kind: str, stream: str = STREAM, **value: int) -> None:
+        event = {"at_s": 1.0, "kind": kind, "stream": stream, "utc_s": 1.0, "value": value}
         body = json.dumps(event, sort_keys=True, separators=(",", ":")).encode()
         headers = {"Content-Type": "application/json", SHA256: hashlib.sha256(body).hexdigest(), EPOCH: EPOCH_1}
         client.put(f"{events_path(RECORDED, EPOCH_1)}/{number}", content=body, headers=headers).raise_for_status()
@@ -169,6 +171,9 @@ def test_once_a_log_has_ended_nothing_waits_for_readings_until_it_is_gone_on_wit
         put(client, RECORDED, chunk).raise_for_status()
     assert state() == ("waiting", False)
     tell(3, "ended", samples=chunks[-1].next_seq)
+    assert state() == ("failed", True)
+    tell(4, "started", "b" * 32)  # another replay of the session: its own recording has ended all the same
+    tell(5, "ended", "b" * 32, samples=7)
     assert state() == ("failed", True)
 
 

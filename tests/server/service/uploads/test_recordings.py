@@ -211,6 +211,7 @@ def bad() -> dict[str, tuple[bytes, str]]:
         "torn.csv": (gzip.compress(b"t,Fx\n" + b"0.1,2\n" * 5000)[:12], "torn.csv"),
         "bomb.csv": (gzip.compress(bytes(4 << 20)), "bytes unpacked"),
         "bomb.xlsx": (packed.getvalue(), "bytes unpacked"),
+        "latin.yaml": (b"mapping: gr\xf6\xdfe\n", "latin.yaml is not UTF-8"),
         "bomb.yaml": (b"a: &a [1,2]\nb: [*a, *a]\nc: &c {d: *c}\n", "levels"),
     }
 
@@ -226,6 +227,7 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_line(
     assert answer.status_code == (413 if said == "bytes unpacked" else 422), answer.text
     assert said in answer.json()["detail"]
     assert "\n" not in answer.json()["detail"]
+    assert "fingertwin-" not in answer.json()["detail"]  # the service's own folder
 
 
 def test_every_prefix_of_a_recording_is_read_or_refused(service: ServiceReceiver, lab: Path) -> None:

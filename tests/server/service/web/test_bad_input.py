@@ -30,7 +30,7 @@ from tests.server.service.running import ServiceReceiver
 
 LARGE = "x" * 10_000_000
 JSON = {"Content-Type": "application/json"}
-ASKED = b'{"postures_deg": {"MCP": [%s]}, "masses_g": {"FDP": [%s]}}'
+ASKED = b'{"postures_deg": {"MCP": [%s], "PIP": [60], "DIP": [40]}, "masses_g": {"FDP": [%s]}}'
 
 
 @pytest.fixture(scope="module", params=["sqlite", "postgresql"])
@@ -103,6 +103,8 @@ def test_a_document_with_something_absurd_is_refused(
         (ASKED % (b'"40"', b"950"), "body.postures_deg.MCP.0: Input should be a valid number"),
         (ASKED % (b"true", b"950"), "body.postures_deg.MCP.0: Input should be a valid number"),
         (ASKED % (b"40", b"-1"), "below zero"),
+        (ASKED % (b"4000", b"950"), "body.postures_deg.MCP.0: Input should be less than or equal to 180"),
+        (b'{"masses_g": {"FDP": [950]}, "postures_deg": {"MCP": [0], "PIP": [65]}}', "postures_deg lacks DIP"),
         (
             b'{"masses_g": {"FDP": [1]}, "postures_deg": {"%s": [1]}}' % LARGE[:9_000_000].encode(),
             "at most 60 characters",
@@ -212,6 +214,17 @@ def test_work_on_an_empty_session_is_refused_at_once(service: ServiceReceiver, w
 )
 def test_what_is_not_there_is_said(service: ServiceReceiver, path: str, status: int) -> None:
     refused(service.client().get(path), status)
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("/api/v1/sessions/H01/comparison?modle=x", "'modle'; expected one of model. Did you mean model?"),
+        ("/api/v1/sessions/H01?model=x", "'model'; expected none at this address"),
+    ],
+)
+def test_a_query_parameter_that_is_not_known_is_refused(service: ServiceReceiver, path: str, said: str) -> None:
+    refused(service.client().get(path), 422, said)
 
 
 def test_an_edit_with_something_absurd_changes_nothing(service: ServiceReceiver) -> None:
