@@ -162,8 +162,9 @@ function why(r, best) {
   if (r.in_range === false) return "it would need a value beyond what is plausible";
   if (r.log_evidence_gain === null) return "it falls so far behind the others that it was weighed no further";
   if (r.log_evidence_gain <= 0) return "the readings are explained no better with it than with nothing";
-  if (best?.log_evidence_gain !== null && best) return `${best.candidates.join(" + ") || "another"} explains the same readings better by ${number(best.log_evidence_gain - r.log_evidence_gain, 1)} in ln evidence`;
-  return "it is less probable than 1 %";
+  const better = best ? best.log_evidence_gain - r.log_evidence_gain : 0;
+  if (better > 0) return `${name(best)} explains the same readings better by ${number(better, 1)} in ln evidence`;
+  return "it explains the readings only with another law than its own, or with something unknown beside it";
 }
 
 function next(body, planned) {
