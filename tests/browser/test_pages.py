@@ -92,6 +92,21 @@ def test_next_cases_go_onto_the_checklist_for_everybody(seen: Watched, browser: 
 
 
 @pytest.mark.usefixtures("searched")
+def test_only_what_the_answer_proposes_is_offered(seen: Watched) -> None:
+    def unknown(route: Any) -> None:
+        answer = route.fetch()
+        job = answer.json()
+        job["result"] |= {"verdict": "none_of_catalogue", "effects": [], "candidates": []}
+        route.fulfill(response=answer, json=job)
+
+    seen.page.route("**/api/v1/jobs/*", unknown)
+    seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
+    seen.page.get_by_role("link", name="Report, to print or save").wait_for()
+    assert seen.page.get_by_role("button", name=re.compile("^Add ")).count() == 0
+    assert seen.page.get_by_role("link", name="What is that?").count() == 0
+
+
+@pytest.mark.usefixtures("searched")
 def test_an_effect_is_shown_and_added_and_the_error_falls(seen: Watched) -> None:
     seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
     seen.page.get_by_role("link", name="What is that?").click()

@@ -11,9 +11,8 @@ const name = (r) => r.candidates.join(" + ") || (r.effects.length ? "something e
 export function answer(job, { session, model, add, amend, amendBlocks, keep, planned, signal }) {
   const body = job.result;
   const plane = body.judged_in === "sagittal" ? "sagittal" : "space";
-  const best = (body.ranking.find((r) => r.candidates.length) || { candidates: [] }).candidates;
   // Of several that cannot be told apart, the one that the verdict names first.
-  const names = body.verdict === "found" ? body.candidates : body.verdict === "nothing_missing" ? [] : best;
+  const names = body.verdict === "one_of" ? body.candidates.slice(0, 1) : body.candidates;
   const drawn = el("div", { class: "drawn" });
   const base = `#/sessions/${encodeURIComponent(session)}`;
   const draw = () => figure(drawn, `diagnosis/${which.value}`, { job: job.id, fit: after.value }, { signal, picked: (cases) => {
