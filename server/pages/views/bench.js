@@ -34,6 +34,8 @@ class BenchPage {
     this.ring = new Ring();
     this.rate = new Rate();
     this.state = null;
+    // Ids of the session's streams, the newest last.
+    this.streams = [];
     this.controlAt = -1e9;
     this.cases = [];
     this.steps = [];
@@ -112,13 +114,16 @@ class BenchPage {
     const { signal } = this.gone;
     const asked = performance.now();
     try {
-      const [state, found, list] = await Promise.all([get(`${this.path}/bench/state`, {}, signal), get(`${this.path}/cases`, {}, signal),
-        get(`${this.path}/checklist`, {}, signal)]);
+      const [state, found, list, session] = await Promise.all([get(`${this.path}/bench/state`, {}, signal), get(`${this.path}/cases`, {}, signal),
+        get(`${this.path}/checklist`, {}, signal), get(this.path, {}, signal)]);
+      const known = session.streams.map((s) => s.id);
       const first = this.state === null;
       const runs = (s) => Boolean(s?.begun && !s.closed);
       // Where a bench runs, it is read from afar, unless somebody has said otherwise.
       if ((first || runs(state) > runs(this.state)) && localStorage.getItem(SIZE) === null) this.resize(runs(state), false);
       this.state = state;
+      this.streams = [...known, ...this.streams.filter((id) => !known.includes(id))];
+      if (state.stream?.id || this.streams.length) this.traces.turn(state.stream?.id ?? this.streams.at(-1));
       // What the live stream has told meanwhile is newer.
       if (this.controlAt < asked) this.control(state.control);
       this.cases = found.cases;
@@ -147,7 +152,7 @@ class BenchPage {
 
   trace(body) {
     const { state } = this;
-    if (state?.stream?.id && body.stream !== state.stream.id) return;
+    if (!this.follows(body.stream)) return;
     const none = !this.ring.count;
     const readings = this.ring.take(body);
     if (!readings) return;
@@ -161,6 +166,17 @@ class BenchPage {
     if (!body.recent) this.rate.add(readings, this.heardAt);
     if (!this.hangs()) this.finger.live(this.raw(true), true, state?.place?.location);
     this.schedule();
+  }
+
+  /** Whether a stream is the one to show: the bench's, else the newest. */
+  follows(stream) {
+    if (!this.streams.includes(stream)) {
+      this.streams.push(stream);
+      this.soon();
+    }
+    if (stream !== (this.state?.stream?.id ?? this.streams.at(-1))) return false;
+    this.traces.turn(stream);
+    return true;
   }
 
   take(body) {
