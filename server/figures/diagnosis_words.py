@@ -273,6 +273,6 @@ METHOD = (
     "larger. Found needs a probability of 0.9 that it does, nothing missing one of 0.8.",
     "Validation cases are never fitted. They enter once, as a predictive check, which may veto a verdict. The "
     "sensitivity analysis conditions nothing.",
-    "The log evidence gain (natural logarithm) is against nothing missing: +3 multiplies an explanation's odds by "
+    "The ln evidence (natural logarithm) is against nothing missing: +3 multiplies an explanation's odds by "
     "about twenty, +5 by about 150. Size is the root mean square change of the fitted readings that the effect makes.",
 )

@@ -191,8 +191,8 @@ def test_many_effects_leave_classes_and_the_most_detectable() -> None:
 def test_steps_come_from_the_history_or_from_before_and_after() -> None:
     assert [s.lines for s in steps_of(found(), HISTORY)] == [
         ["start"],
-        ["+ worn pulley FDP", "log evidence +281.0"],
-        ["+ hanger mass", "+ goniometer bias", "− worn pulley FDP", "log evidence +25.4"],
+        ["+ worn pulley FDP", "ln evidence +281.0"],
+        ["+ hanger mass", "+ goniometer bias", "− worn pulley FDP", "ln evidence +25.4"],
     ]
     before, after = steps_of(found(), None)
     assert before.rmse_N["validation/tip"] == pytest.approx(0.9 * 0.171)

@@ -252,7 +252,7 @@ def test_the_fall_of_the_error_is_that_of_the_revision(service: ServiceReceiver)
     for asked in ({"revision": "r1"}, {"specimen": "P-r1"}):
         body = shown(service, "/revisions/waterfall", **asked)
         assert body["figure"] == drawn(revisions_figure({}, history))
-        assert "log evidence" in json.dumps(body["figure"]["layout"])
+        assert "ln evidence" in json.dumps(body["figure"]["layout"])
 
 
 def test_a_refit_of_a_search_is_a_model_whose_residuals_every_answer_shares(service: ServiceReceiver) -> None:
