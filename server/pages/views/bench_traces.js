@@ -299,11 +299,12 @@ export class Traces {
     const width = this.sizes[0][0] || 300;
     const step = Math.min(this.span / width, 0.25);
     if (!this.stale && (Math.abs(b - this.drawnEnd) < step || b === this.drawnEnd)) return false;
+    const { stale } = this;
     this.stale = false;
     this.drawnEnd = b;
     const off = this.hasTare && this.tareBox.checked;
     for (let i = 0; i < AXES; i++) drawTrace(this.canvases[i], this.sizes[i], this, i, CHANNELS[i][2], a, b, off ? this.offset[i] : 0);
-    if (now - this.drawnAt > 190) {
+    if (stale || now - this.drawnAt > 190) {
       this.drawnAt = now;
       this.numbers(off);
     }
