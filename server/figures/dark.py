@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 # Lightness of white paper once it is turned over: of a page of about #121417.
 PAGE = 0.19
 # From this chroma on a colour says something.
-_CHROMA = 0.03
+_CHROMA = 0.013
 # Lightness before, and after: of data's colours, and of greys.
 _BEFORE = (0.0, 0.25, 0.55, 0.80, 0.90, 1.0)
 _DATA, _GREYS = (1.0, 0.92, 0.78, 0.64, 0.48, PAGE), (1.0, 0.92, 0.66, 0.42, 0.28, PAGE)

@@ -42,7 +42,7 @@ _INKS = {"effects": INK, "nothing": MUTED, "else": "#8a5f00"}
 # One axis spans the whole width: a sign of the kind, bars from 0 to 1, then columns of numbers.
 _BEGIN, _END = -0.05, 2.75
 _COLUMNS = (
-    (0.58, "log evidence<br>gain"),
+    (0.58, "ln<br>evidence"),
     (0.78, "validation RMSE [N]<br>before → after"),
     (1.0, "size [N]<br>(95 %)"),
 )

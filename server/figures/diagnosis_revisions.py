@@ -111,7 +111,7 @@ def _step(index: int, revision: Mapping[str, Any]) -> Step:
     if not lines:
         lines = ["start" if index == 0 else "refit"]
     if value(revision.get("log_evidence_gain")) is not None:
-        lines.append(f"log evidence {signed(revision.get('log_evidence_gain'))}")
+        lines.append(f"ln evidence {signed(revision.get('log_evidence_gain'))}")
     found = {str(k): value(v) for k, v in part(revision, "rmse_N").items()}
     return Step(lines, {k: v for k, v in found.items() if v is not None})
 

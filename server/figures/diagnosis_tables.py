@@ -179,7 +179,7 @@ def ranking_table(answer: Answer) -> list[Table]:
         "",
         "explanation",
         "probability",
-        "log evidence gain",
+        "ln evidence",
         "size [N] (95 %)",
         "validation RMSE [N], before → after",
         "remarks",
@@ -294,7 +294,7 @@ def hints_table(answer: Answer) -> list[Table]:
         ]
         for h in rows(answer, "hints")
     ]
-    header = ["formula", "acts on", "log evidence gain", "left-out gain", "in words"]
+    header = ["formula", "acts on", "ln evidence", "left-out gain", "in words"]
     caption = "Left-out gain: log density that the formula adds to the cases, each predicted from all others [nat]."
     return [Table(header, lines, caption)] if lines else []
 
@@ -310,7 +310,7 @@ def ready_made_table(answer: Answer) -> list[Table]:
         ]
         for k in rows(answer, "ready_made")
     ]
-    return [Table(["ready-made effect", "probability", "log evidence gain", "in words"], lines)] if lines else []
+    return [Table(["ready-made effect", "probability", "ln evidence", "in words"], lines)] if lines else []
 
 
 def next_cases_table(answer: Answer) -> list[Table]:

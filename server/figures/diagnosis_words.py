@@ -57,16 +57,18 @@ def misfit_sentences(answer: Answer) -> list[str]:
     out = []
     chi = part(answer, "chi_square")
     if (found := value(chi.get("value"))) is not None:
-        said = f"χ² of the model without any effect: {number(found, 1)}"
+        said = f"χ² of the model without any effect, with the budget as stated: {number(found, 1)}"
         if (freedom := value(chi.get("degrees_of_freedom"))) is not None:
             said += f" at {freedom:g} degrees of freedom"
         if value(chi.get("p_value")) is not None:
             said += f" (p {_equals(chi.get('p_value'))})"
-        if (factor := value(chi.get("budget_factor"))) is not None and factor != 1:
-            said += f", with the budget taken {factor:g} times as large"
-        if (after := value(chi.get("after"))) is not None:
+        after = value(chi.get("after"))
+        if after is None or after == found:
+            counted = "Scatter and noise are taken as large as this model needs to explain the readings."
+        else:
             said += f"; {number(after, 1)} with the best explanation"
-        out.append(said + ".")
+            counted = "Scatter and noise are taken as large as the best explanation needs."
+        out += [f"{said}.", counted]
     return [*out, *_search(answer)]
 
 
@@ -271,6 +273,6 @@ METHOD = (
     "larger. Found needs a probability of 0.9 that it does, nothing missing one of 0.8.",
     "Validation cases are never fitted. They enter once, as a predictive check, which may veto a verdict. The "
     "sensitivity analysis conditions nothing.",
-    "The log evidence gain (natural logarithm) is against nothing missing: +3 multiplies an explanation's odds by "
+    "The ln evidence (natural logarithm) is against nothing missing: +3 multiplies an explanation's odds by "
     "about twenty, +5 by about 150. Size is the root mean square change of the fitted readings that the effect makes.",
 )

@@ -26,7 +26,7 @@ GLOSSARY = (
     ("budget", "the errors that every rig has, with their stated standard deviations (sd)"),
     ("friction factor c", "tension in the tendon, as a part of the hung weight"),
     ("probability", "of a statement, given these readings, the model and its priors"),
-    ("log evidence gain", "natural logarithm of how much more probable the readings are than with nothing added"),
+    ("ln evidence", "natural logarithm of how much more probable the readings are than with nothing added"),
     ("detectability d", "typical size of an effect against noise and budget; below 2 it cannot be seen"),
     ("suspect", "a load case that is more probably bad than not; it counts for nothing in the verdict"),
 )

@@ -125,6 +125,8 @@ def _curve(curve: Answer, name: str, title: str, subtitle: str) -> go.Figure:
         row, column = divmod(k, _ACROSS)
         lowest = k + _ACROSS >= len(parts)
         lost = number(value(found.get("log_evidence_lost")), 1)
+        # An error of a tension is of no joint.
+        place = plain(f"{found.get('muscle')} {found.get('joint') or ''}")
         axes = sheet.panel(
             axis(f"{rotations} [°]" if lowest else "", type="category", showticklabels=lowest),
             axis(_WHAT.get(str(curve.get("stage")), "") if column == 0 else "", zeroline=True, zerolinecolor=INK),
@@ -132,7 +134,7 @@ def _curve(curve: Answer, name: str, title: str, subtitle: str) -> go.Figure:
             top=row * (_PANEL + _HEAD) + _HEAD,
             wide=wide,
             high=_PANEL,
-            heading=f"{plain(found.get('muscle'))} {plain(found.get('joint'))}, {lost} nat",
+            heading=f"{place}, {lost} nat",
             above=0,
         )
 

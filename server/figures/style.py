@@ -24,7 +24,7 @@ FONT = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
 INK = "#222222"
 MUTED = "#6b6b6b"
 GRID = "#e6e6e6"
-BAND = "#e9edf2"
+BAND = "#e2eaf4"
 TEXT_PX = 13
 SMALL_PX = 11
 

@@ -1,7 +1,7 @@
 // Figures that the service draws, shown by Plotly as wide as their place, with the same in words for who cannot see them.
 import { get } from "./api.js";
 import { el, fill, problem, quiet } from "./dom.js";
-import { sized } from "./plot_size.js";
+import { LEAST, sized } from "./plot_size.js";
 
 let loading = null;
 
@@ -25,7 +25,7 @@ const CONFIG = {
 };
 
 // Figures with words beside their bars, which would meet if they were any narrower [px]: smaller ones are scaled down, as far as they can still be read.
-const LEAST = { ranking: 900, held_out: 900, sensitivity: 900, size: 1000, missing_torque: 880, confounding: 760, residual_map: 860 };
+const LEAST_OF = { ranking: 900, held_out: 900, sensitivity: 900, size: 1000, missing_torque: 880, confounding: 760, residual_map: 860 };
 
 const READABLE = 0.8;
 
@@ -68,7 +68,7 @@ export async function figure(place, path, query = {}, { picked, signal } = {}) {
     for (const old of place.querySelectorAll(".js-plotly-plot")) { shown.delete(old); lib.purge(old); }
     fill(place, box);
     const wide = () => Math.round(place.clientWidth);
-    const least = LEAST[drawn.name] || 0;
+    const least = LEAST_OF[drawn.name] || LEAST;
     const layout = () => {
       width_px = wide();
       const out = sized(drawn.figure, Math.max(width_px, least));

@@ -1,7 +1,7 @@
 // The layout of a figure for another width: what is told in pixels stays so, and what is to scale stays to scale.
 
-// Narrower, labels would meet: the figure is scrolled instead [px].
-const LEAST = 720;
+// Narrower, labels would meet: the figure is scaled down or scrolled instead [px].
+export const LEAST = 720;
 const NARROW = 820;
 
 export function sized(figure, wanted) {

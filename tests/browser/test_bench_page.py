@@ -335,6 +335,7 @@ def test_a_recorded_session_and_one_that_is_not_there_have_a_page_too(browser: A
         seen.page.locator(".finger-title").wait_for()
         until(seen, "() => document.querySelector('[data-kind=measured]').textContent.includes(' N')")
         assert "Model: an1979_middle." in seen.page.locator(".finger-views").inner_text()
+        assert "range not known" not in seen.text()
         assert key(seen, "next").count() == 0
         assert min(traces_drawn(seen)) > 100
         for width in (1440, 900, 390):

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from server.application.diagnosis_report import draw_diagnosis
+from tests.browser.pages import browsing
 from tests.browser.test_report import BROWSER, PNG, Page, elements, opened
 from tests.server.diagnosis_answers import HISTORY, found, hostile, nothing_missing
 from tests.server.diagnosis_pages import HEADINGS, NAMES
@@ -59,3 +60,17 @@ def test_a_picture_of_the_page_can_be_taken(browser: str, file: Path, tmp_path: 
     data = picture.read_bytes()
     assert data.startswith(PNG)
     assert len(data) > 100_000
+
+
+@pytest.mark.usefixtures("browser")
+def test_on_a_small_screen_what_would_settle_an_error_of_the_rig_can_be_read(tmp_path: Path) -> None:
+    answer = found()
+    error = {"name": "posture_angle.major_flexion.MCP", "value": -4.97, "widths": -5.0, "stated_sd": 1.0, "unit": "deg"}
+    answer["where"]["bent"] = [error | {"remedy": "measure the joint angles of major flexion again"}]
+    file = draw_diagnosis(answer, tmp_path, None, static=False)
+    with browsing() as chromium:
+        page = chromium.new_page(viewport={"width": 400, "height": 900})
+        page.goto(file.as_uri())
+        page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
+        assert page.get_by_role("columnheader", name="what would settle it").bounding_box()["width"] > 150
+        page.close()

@@ -92,6 +92,21 @@ def test_next_cases_go_onto_the_checklist_for_everybody(seen: Watched, browser: 
 
 
 @pytest.mark.usefixtures("searched")
+def test_only_what_the_answer_proposes_is_offered(seen: Watched) -> None:
+    def unknown(route: Any) -> None:
+        answer = route.fetch()
+        job = answer.json()
+        job["result"] |= {"verdict": "none_of_catalogue", "effects": [], "candidates": []}
+        route.fulfill(response=answer, json=job)
+
+    seen.page.route("**/api/v1/jobs/*", unknown)
+    seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
+    seen.page.get_by_role("link", name="Report, to print or save").wait_for()
+    assert seen.page.get_by_role("button", name=re.compile("^Add ")).count() == 0
+    assert seen.page.get_by_role("link", name="What is that?").count() == 0
+
+
+@pytest.mark.usefixtures("searched")
 def test_an_effect_is_shown_and_added_and_the_error_falls(seen: Watched) -> None:
     seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
     seen.page.get_by_role("link", name="What is that?").click()
@@ -164,6 +179,8 @@ def test_the_report_has_every_section_and_figure_on_paper(seen: Watched, tmp_pat
     )
     figures = seen.page.locator(".sheet .js-plotly-plot")
     assert figures.count() == 16
+    seen.page.set_viewport_size({"width": 1400, "height": 800})
+    assert figures.first.evaluate("(e) => e.offsetWidth <= e.closest('figure').clientWidth")
     assert seen.page.locator(".sheet details[open]").count() == 0, "details are folded on the screen"
     titles = seen.page.evaluate(
         "[...document.querySelectorAll('.sheet .js-plotly-plot')].map((p) => p.layout.title.text.split('<br>')[0])"
@@ -254,6 +271,12 @@ def test_figures_fill_their_place_and_follow_the_window(seen: Watched) -> None:
             """() => { const plot = document.querySelector('.js-plotly-plot'); const place = plot.closest('.drawn');
             return Math.abs(plot._fullLayout.width - place.clientWidth) < 5; }"""
         )
+    # In a place that is a little narrower than a figure can be, it is drawn smaller: nothing has to be scrolled.
+    seen.page.set_viewport_size({"width": 700, "height": 800})
+    seen.page.wait_for_function(
+        """() => { const plot = document.querySelector('.js-plotly-plot'); const box = plot.closest('figure');
+        return plot.style.transform && box.clientWidth < 720 && box.scrollWidth === box.clientWidth; }"""
+    )
     # Turned dark, it is drawn anew in the colours of the page.
     light = seen.page.evaluate("document.querySelector('.js-plotly-plot').layout.font.color")
     seen.page.emulate_media(color_scheme="dark")

@@ -89,6 +89,14 @@ def test_what_the_catalogue_does_not_hold_is_not_named() -> None:
     assert found.verdict.kind in ("none_of_catalogue", "undecided")
     assert not found.verdict.effects
     assert answered("DEV-12")["beyond"]["probability"] > 0.8
+    likeliest = answered("DEV-12")["ranking"][0]
+    gains: dict[str, float] = {}
+    for row in answered("DEV-12")["ranking"]:
+        gains.setdefault(" + ".join(row["effects"]), row["log_evidence_gain"])
+    assert likeliest["effects"] == ["none_of_catalogue"]
+    # An effect with another law than its own is something else, and one of several: their mean is below the best.
+    assert gains["sheath_friction"] - 5.0 < likeliest["log_evidence_gain"] < gains["sheath_friction"]
+    assert gains[""] == 0.0
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ from server.figures.diagnosis_revisions import revisions_figure, steps_of
 from server.figures.diagnosis_sensitivity import assumptions, sensitivity_figure
 from server.figures.diagnosis_size import curves, size_figure
 from server.figures.diagnosis_torque import torque_figure
+from server.figures.shared_law import own_curve_figure
 from server.figures.style import NothingToDrawError
 from tests.server.diagnosis_answers import HISTORY, found, none_of_catalogue, nothing_missing, one_of, undecided
 from tests.server.diagnosis_pages import bars
@@ -54,6 +55,13 @@ def test_cells_that_come_twice_are_pooled_and_colours_end_at_twenty() -> None:
     figure = residual_map({"where": {"cells": [cell | {"z_rms": 1e4}, cell | {"posture": "b", "z_rms": 0.01}]}})
     assert figure.data[0].z[0] == pytest.approx((math.log10(20), math.log10(0.5)))
     assert figure.data[0].text[0][0] == "10000"
+
+
+def test_an_error_of_a_tension_is_named_by_its_tendon_alone() -> None:
+    curve = none_of_catalogue()["curve"]
+    parts = [{**p, "joint": ""} for p in curve["parts"]]
+    figure = own_curve_figure({"curve": {**curve, "stage": "tension", "parts": parts}})
+    assert "<b>FDS, 4.0 nat</b>" in [n.text for n in figure.layout.annotations]
 
 
 def test_torque_of_alike_cases_is_their_mean() -> None:
@@ -191,8 +199,8 @@ def test_many_effects_leave_classes_and_the_most_detectable() -> None:
 def test_steps_come_from_the_history_or_from_before_and_after() -> None:
     assert [s.lines for s in steps_of(found(), HISTORY)] == [
         ["start"],
-        ["+ worn pulley FDP", "log evidence +281.0"],
-        ["+ hanger mass", "+ goniometer bias", "− worn pulley FDP", "log evidence +25.4"],
+        ["+ worn pulley FDP", "ln evidence +281.0"],
+        ["+ hanger mass", "+ goniometer bias", "− worn pulley FDP", "ln evidence +25.4"],
     ]
     before, after = steps_of(found(), None)
     assert before.rmse_N["validation/tip"] == pytest.approx(0.9 * 0.171)

@@ -76,6 +76,7 @@ def test_the_verdict_comes_first_and_the_sections_in_order(tmp_path: Path) -> No
     words = " ".join(read.words)
     for said in (
         "812.4 at 120 degrees of freedom (p < 0.001); 131.9 with the best explanation",
+        "Scatter and noise are taken as large as the best explanation needs.",
         "378 explanations searched, fitted or by the linearised model.",
         "FDS hung, not FDP",
         "The whole session: the finger is mirrored (probability 0.03",
@@ -96,6 +97,11 @@ def test_the_verdict_comes_first_and_the_sections_in_order(tmp_path: Path) -> No
         "The diagnosis took 1.8 s.",
     ):
         assert said in words
+
+
+def test_a_chi_square_without_any_effect_says_how_scatter_and_noise_are_counted(tmp_path: Path) -> None:
+    words = page(ANSWERS["none_of_catalogue"]() | {"chi_square": {"value": 390.5, "after": 390.5}}, tmp_path).words
+    assert "Scatter and noise are taken as large as this model needs to explain the readings." in " ".join(words)
 
 
 @pytest.mark.parametrize(

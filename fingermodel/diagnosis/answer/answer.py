@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtrc, logsumexp
 
 from fingermodel.diagnosis.answer.effect_size import effect_size
 from fingermodel.diagnosis.answer.rig import of_rig, remarks
 from fingermodel.diagnosis.answer.where import where
 from fingermodel.diagnosis.diagnose import Diagnosis
-from fingermodel.diagnosis.posterior.marginals import Entry, Posterior
+from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Explanation
 from fingermodel.diagnosis.session_model.slips import Explained
@@ -232,9 +232,16 @@ def _of_effect(posterior: Posterior, effect: str) -> float:
 
 
 def _gain(posterior: Posterior, fit: Optimum) -> float:
-    """Log evidence over the model without any effect."""
-    nothing = posterior.nothing
-    return (fit.log_posterior - fit.log_prior) - (nothing.log_posterior - nothing.log_prior)
+    """Log evidence over nothing at all."""
+    return fit.log_posterior - fit.log_prior - _of_nothing(posterior) if fit.explanation.size else 0.0
+
+
+def _of_nothing(posterior: Posterior) -> float:
+    """Log evidence of no effect and nothing smooth, which "nothing missing" stands for."""
+    fit = posterior.nothing
+    plain = [value for node, value in fit.nodes.items() if not fit.hyper.smooth_blocks(node)]
+    whole = logsumexp(plain) if plain else fit.log_joint(fit.hyper.without_smooth(fit.best))
+    return float(whole) - fit.log_prior
 
 
 def ranking(d: Diagnosis) -> list[dict[str, Any]]:
@@ -250,7 +257,7 @@ def ranking(d: Diagnosis) -> list[dict[str, Any]]:
             "effects": ["none_of_catalogue"],
             "candidates": [],
             "probability": probability[None],
-            "log_evidence_gain": _smooth_gain(posterior),
+            "log_evidence_gain": _unnamed_gain(d),
             "validation_rmse_N": {"before": d.validation_rmse(posterior.nothing), "after": None},
             "parameters": [],
             "indistinguishable_from": [],
@@ -260,17 +267,25 @@ def ranking(d: Diagnosis) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda r: -r["probability"])
 
 
-def _smooth_gain(posterior: Posterior) -> float | None:
-    """Log evidence of something unknown alone over nothing at all; None where neither was left in question."""
+def _unnamed_gain(d: Diagnosis) -> float | None:
+    """Log evidence over nothing at all of what counts as something else; None where that is not in question.
 
-    def mass(holds: Any) -> float:
-        return posterior.probability(lambda e: not e.explanation.size and holds(e))
-
-    def smooth(e: Entry) -> bool:
-        return e.beyond_newton > 0.0
-
-    some, none = mass(smooth), mass(lambda e: not smooth(e))
-    return float(np.log(some / none)) if some > 0.0 and none > 0.0 else None
+    Its hypotheses are an explanation, what is smooth beside it, and what carries that; each has its own prior.
+    """
+    joint: list[float] = []
+    prior: dict[tuple[Explanation, tuple[str, ...]], float] = {}
+    for e in d.posterior.entries:
+        if not e.unnamed:
+            continue
+        if e.fit is None or e.node is None:
+            promise = d.searched.promised[e.explanation]
+            joint.append(promise.log_posterior)
+            prior[e.explanation, ()] = promise.log_prior
+        else:
+            joint.append(e.fit.nodes[e.node])
+            smooth = tuple(e.fit.hyper.smooth_blocks(e.node))
+            prior[e.explanation, smooth] = e.fit.log_prior + e.fit.hyper.log_prior_of_smooth(e.node)
+    return float(logsumexp(joint) - logsumexp([*prior.values()])) - _of_nothing(d.posterior) if joint else None
 
 
 def _row(d: Diagnosis, fit: Optimum, probability: float) -> dict[str, Any]:

@@ -78,6 +78,11 @@ class Entry:
         """Whether a known thing outside the catalogue is among what acts."""
         return any(m.candidate.outside for m in self.explanation.members)
 
+    @property
+    def unnamed(self) -> bool:
+        """Whether something acts, and nothing of it by its name."""
+        return not self.named and (self.beyond_newton > 0.0 or self.outside)
+
 
 @dataclass(frozen=True)
 class Promise:
@@ -220,7 +225,7 @@ class Posterior:
         """By the names that act and nothing unknown beside them; None is whatever has something unknown or outside."""
         out: dict[tuple[str, ...] | None, float] = {(): 0.0, None: 0.0}
         for entry in self.entries:
-            key = None if not entry.named and (entry.beyond_newton > 0.0 or entry.outside) else entry.explanation.names
+            key = None if entry.unnamed else entry.explanation.names
             out[key] = out.get(key, 0.0) + entry.probability
         return out
 

@@ -11,9 +11,8 @@ const name = (r) => r.candidates.join(" + ") || (r.effects.length ? "something e
 export function answer(job, { session, model, add, amend, amendBlocks, keep, planned, signal }) {
   const body = job.result;
   const plane = body.judged_in === "sagittal" ? "sagittal" : "space";
-  const best = (body.ranking.find((r) => r.candidates.length) || { candidates: [] }).candidates;
   // Of several that cannot be told apart, the one that the verdict names first.
-  const names = body.verdict === "found" ? body.candidates : body.verdict === "nothing_missing" ? [] : best;
+  const names = body.verdict === "one_of" ? body.candidates.slice(0, 1) : body.candidates;
   const drawn = el("div", { class: "drawn" });
   const base = `#/sessions/${encodeURIComponent(session)}`;
   const draw = () => figure(drawn, `diagnosis/${which.value}`, { job: job.id, fit: after.value }, { signal, picked: (cases) => {
@@ -162,8 +161,9 @@ function why(r, best) {
   if (r.in_range === false) return "it would need a value beyond what is plausible";
   if (r.log_evidence_gain === null) return "it falls so far behind the others that it was weighed no further";
   if (r.log_evidence_gain <= 0) return "the readings are explained no better with it than with nothing";
-  if (best?.log_evidence_gain !== null && best) return `${best.candidates.join(" + ") || "another"} explains the same readings better by ${number(best.log_evidence_gain - r.log_evidence_gain, 1)} in ln evidence`;
-  return "it is less probable than 1 %";
+  const better = best ? best.log_evidence_gain - r.log_evidence_gain : 0;
+  if (better > 0) return `${name(best)} explains the same readings better by ${number(better, 1)} in ln evidence`;
+  return "it explains the readings only with another law than its own, or with something unknown beside it";
 }
 
 function next(body, planned) {

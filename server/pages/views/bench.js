@@ -34,6 +34,9 @@ class BenchPage {
     this.ring = new Ring();
     this.rate = new Rate();
     this.state = null;
+    // Ids of the session's streams, the newest last; and whether a log without a protocol runs or has ended.
+    this.streams = [];
+    this.log = null;
     this.controlAt = -1e9;
     this.cases = [];
     this.steps = [];
@@ -112,13 +115,17 @@ class BenchPage {
     const { signal } = this.gone;
     const asked = performance.now();
     try {
-      const [state, found, list] = await Promise.all([get(`${this.path}/bench/state`, {}, signal), get(`${this.path}/cases`, {}, signal),
-        get(`${this.path}/checklist`, {}, signal)]);
+      const [state, found, list, session] = await Promise.all([get(`${this.path}/bench/state`, {}, signal), get(`${this.path}/cases`, {}, signal),
+        get(`${this.path}/checklist`, {}, signal), get(this.path, {}, signal)]);
+      const known = session.streams.map((s) => s.id);
+      this.log = session.source === "none" && known.length ? await this.logOf(known.at(-1)) : null;
       const first = this.state === null;
       const runs = (s) => Boolean(s?.begun && !s.closed);
       // Where a bench runs, it is read from afar, unless somebody has said otherwise.
       if ((first || runs(state) > runs(this.state)) && localStorage.getItem(SIZE) === null) this.resize(runs(state), false);
       this.state = state;
+      this.streams = [...known, ...this.streams.filter((id) => !known.includes(id))];
+      if (state.stream?.id || this.streams.length) this.traces.turn(state.stream?.id ?? this.streams.at(-1));
       // What the live stream has told meanwhile is newer.
       if (this.controlAt < asked) this.control(state.control);
       this.cases = found.cases;
@@ -145,9 +152,15 @@ class BenchPage {
     }
   }
 
+  /** A log without a protocol: whether it has ended. */
+  async logOf(stream) {
+    const { events } = await get(`${this.path}/events`, { kind: "ended", limit: 1000 }, this.gone.signal);
+    return { ended: events.some((e) => e.stream === stream) };
+  }
+
   trace(body) {
     const { state } = this;
-    if (state?.stream?.id && body.stream !== state.stream.id) return;
+    if (!this.follows(body.stream)) return;
     const none = !this.ring.count;
     const readings = this.ring.take(body);
     if (!readings) return;
@@ -161,6 +174,17 @@ class BenchPage {
     if (!body.recent) this.rate.add(readings, this.heardAt);
     if (!this.hangs()) this.finger.live(this.raw(true), true, state?.place?.location);
     this.schedule();
+  }
+
+  /** Whether a stream is the one to show: the bench's, else the newest. */
+  follows(stream) {
+    if (!this.streams.includes(stream)) {
+      this.streams.push(stream);
+      this.soon();
+    }
+    if (stream !== (this.state?.stream?.id ?? this.streams.at(-1))) return false;
+    this.traces.turn(stream);
+    return true;
   }
 
   take(body) {
@@ -193,6 +217,13 @@ class BenchPage {
     if (this.state.begun) return false;
     if (this.silentS() < 3 && this.rate.hz(performance.now()) > 0) return true;
     return this.state.has_readings && performance.now() - this.shownAt < LISTEN_MS ? undefined : false;
+  }
+
+  /** How a log without a protocol stands: "runs", "silent" or "ended"; "" until it has been listened to, null without one. */
+  logged() {
+    if (!this.log || this.log.ended) return this.log && "ended";
+    const arriving = this.arriving();
+    return arriving ? "runs" : arriving === undefined ? "" : "silent";
   }
 
   silentS() {
@@ -235,7 +266,7 @@ class BenchPage {
     const now = this.ring.lastS;
     const tareAgeS = state?.tare ? now - state.tare.window_s[1] : 0;
     const overloaded = this.silentS() < 1 && this.ring.overloadedSince(now - 1);
-    this.warnings.show(warningsOf({ bench: state, estimate: this.hangs(), overloaded, silentS: this.silentS(), away: this.away, now, tareAgeS }));
+    this.warnings.show(warningsOf({ bench: state, estimate: this.hangs(), logging: this.log !== null && !this.log.ended, overloaded, silentS: this.silentS(), away: this.away, now, tareAgeS }));
   }
 
   /** What passes with time alone. */
@@ -253,7 +284,7 @@ class BenchPage {
 
   big(always) {
     const bench = this.state;
-    const given = nowOf({ bench, prompt: this.prompt?.todo, reason: this.prompt?.reason, cases: this.cases, picked: this.picked, arriving: this.arriving(), estimate: this.hangs(), raw: this.raw(false), hasTare: Boolean(bench.tare?.mean) });
+    const given = nowOf({ bench, prompt: this.prompt?.todo, reason: this.prompt?.reason, cases: this.cases, picked: this.picked, arriving: this.arriving(), log: this.logged(), estimate: this.hangs(), raw: this.raw(false), hasTare: Boolean(bench.tare?.mean) });
     this.now.show(given, performance.now(), always);
   }
 
@@ -276,8 +307,10 @@ class BenchPage {
     const arriving = this.arriving();
     const stream = state.stream;
     const running = state.begun && !state.closed && stream?.state !== "ended";
-    this.chip("mode", !state.begun ? (arriving ? "replaying" : arriving === undefined ? "" : state.steps.length ? "recorded" : "not begun") : state.closed ? "closed: predictions are shown" : "running: validation is blind");
-    this.chip("rate", running ? (!hz ? "no readings now" : `${Math.round(hz)} readings/s`) : "", running && !hz ? "warn" : "");
+    const log = this.logged();
+    this.chip("mode", !state.begun && log !== null ? (log === "ended" ? "log ended" : log && "logging") : !state.begun ? (arriving ? "replaying" : arriving === undefined ? "" : state.steps.length ? "recorded" : "not begun") : state.closed ? "closed: predictions are shown" : "running: validation is blind");
+    const told = running || log === "runs" || log === "silent";
+    this.chip("rate", told ? (!hz ? "no readings now" : `${Math.round(hz)} readings/s`) : "", told && !hz ? "warn" : "");
     this.chip("gaps", stream ? `${stream.gaps} gaps${stream.lost_samples ? `, ${stream.lost_samples} lost` : ""}` : "", stream?.gaps ? "warn" : "");
     const age = state.tare && !Number.isNaN(this.ring.lastS) ? Math.max(this.ring.lastS - state.tare.window_s[1], 0) : null;
     this.chip("tare", !running ? "" : state.tare ? `tare${age === null ? "" : ` ${seconds(age)} ago`}` : "no tare", running && !state.tare ? "warn" : "");

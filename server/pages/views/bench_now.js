@@ -47,11 +47,11 @@ function set(node, text) {
 }
 
 /** What is now, from how the bench stands, from what hangs, and from the readings of this moment. */
-export function nowOf({ bench, prompt, reason, cases, picked, arriving, estimate, raw, hasTare }) {
+export function nowOf({ bench, prompt, reason, cases, picked, arriving, log = null, estimate, raw, hasTare }) {
   const step = bench.steps.find((s) => s.id === bench.now);
   const last = cases.find((c) => c.id === picked && c.state === "measured") ?? cases.findLast((c) => c.state === "measured");
   const ended = bench.begun && (bench.closed || bench.stream?.state === "ended");
-  const out = { step: stepText(bench, step), todo: capital(prompt ?? todoOf(bench, step, ended, arriving)), state: "", kind: "", force: null, prediction: "" };
+  const out = { step: stepText(bench, step), todo: capital(prompt ?? todoOf(bench, step, ended, arriving, log)), state: "", kind: "", force: null, prediction: "" };
   if (estimate) {
     out.kind = `${estimate.case} now`;
     out.axes = true;
@@ -100,7 +100,12 @@ function stepText(bench, step) {
   return `${masses(step.masses_g)} · ${words(step.posture)} · ${step.location}`;
 }
 
-function todoOf(bench, step, ended, arriving) {
+// Of a log without a protocol.
+const OF_LOG = { runs: "a load cell is being logged: its readings are coming in", silent: "a load cell is being logged, but no readings come",
+  ended: "the log has ended: its readings are stored" };
+
+function todoOf(bench, step, ended, arriving, log) {
+  if (!bench.begun && log !== null) return OF_LOG[log] ?? "";
   if (!bench.begun && arriving) return "a recording is being replayed: its readings are coming in";
   if (!bench.begun && arriving === undefined) return "";
   if (!bench.begun) return bench.steps.length ? "recorded: no bench is running" : "waiting for the bench to begin";

@@ -36,6 +36,8 @@ export class Traces {
     this.drawnAt = 0;
     this.stale = true;
     this.stored = false;
+    // The stream that is shown; null is the session's own.
+    this.stream = null;
     this.fingers = new Map();
     this.build();
   }
@@ -99,6 +101,19 @@ export class Traces {
     this.scheme.removeEventListener("change", this.recolour);
     clearTimeout(this.asking);
     clearTimeout(this.joining);
+  }
+
+  /** Show another stream: its times are its own, and nothing of the one before is drawn beside it. */
+  turn(stream) {
+    if (stream === this.stream) return;
+    const other = this.stream !== null;
+    this.stream = stream;
+    if (!other) return;
+    this.ring.clear();
+    this.past = this.window = this.end = null;
+    if (this.whole) this.span = LIVE_SPAN_S;
+    this.whole = false;
+    this.moved();
   }
 
   /** Draw all anew with the next frame. */
@@ -193,13 +208,15 @@ export class Traces {
 
   async ask(a, b) {
     const room = this.span;
+    const { stream } = this;
     try {
       const query = Number.isNaN(this.ring.firstS) && this.end === null ? { points: POINTS } : { from_s: Math.max(a - room / 2, 0), to_s: b + room / 2, points: POINTS };
-      const found = await get(`${at("sessions", this.session)}/readings`, query, this.signal);
-      this.keepPast(found);
+      const found = await get(`${at("sessions", this.session)}/readings`, stream ? { ...query, stream } : query, this.signal);
+      if (stream === this.stream) this.keepPast(found);
     } catch (error) {
       if (error.name === "AbortError") return;
-      fill(this.note, error.status === 409 ? "" : `Earlier readings cannot be shown: ${error.detail || error.message}`);
+      // Of a stream that begins nothing is stored yet.
+      fill(this.note, error.status === 409 || error.status === 404 ? "" : `Earlier readings cannot be shown: ${error.detail || error.message}`);
     }
     this.touch();
   }
@@ -282,11 +299,12 @@ export class Traces {
     const width = this.sizes[0][0] || 300;
     const step = Math.min(this.span / width, 0.25);
     if (!this.stale && (Math.abs(b - this.drawnEnd) < step || b === this.drawnEnd)) return false;
+    const { stale } = this;
     this.stale = false;
     this.drawnEnd = b;
     const off = this.hasTare && this.tareBox.checked;
     for (let i = 0; i < AXES; i++) drawTrace(this.canvases[i], this.sizes[i], this, i, CHANNELS[i][2], a, b, off ? this.offset[i] : 0);
-    if (now - this.drawnAt > 190) {
+    if (stale || now - this.drawnAt > 190) {
       this.drawnAt = now;
       this.numbers(off);
     }

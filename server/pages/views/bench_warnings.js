@@ -45,7 +45,7 @@ export class Warnings {
 }
 
 /** All that is wrong: what the bench says, what its readings show, and what the page itself notices. */
-export function warningsOf({ bench, estimate, overloaded, silentS, away, now, tareAgeS }) {
+export function warningsOf({ bench, estimate, logging, overloaded, silentS, away, now, tareAgeS }) {
   const out = [];
   const add = (id, grave, title, to_do, text = "") => out.push({ id, grave, title, to_do, text });
   const stream = bench?.stream;
@@ -53,8 +53,8 @@ export function warningsOf({ bench, estimate, overloaded, silentS, away, now, ta
   if (away) add("away", true, "The service does not answer", "Go on at the bench's terminal: nothing is lost.");
   if (running && stream?.state === "lost") add("lost", true, "The load cell's cable is out", "Plug it in again: logging goes on by itself.", stream.why);
   else if (running && !away && stream?.state === "silent") add("silent", true, "The load cell is silent", "Look at its cable and its power.");
-  else if (running && !away && silentS > 3) add("nothing", true, "Nothing comes from the bench", "Look at the cell's cable, and whether the log still runs.");
-  if (running && (overloaded || stream?.overloaded)) add("overload", true, "The load is beyond the cell's range", "Take weight off at once: the cell can be damaged. Then tare.");
+  else if ((running || logging) && !away && silentS > 3) add("nothing", true, "Nothing comes from the bench", "Look at the cell's cable, and whether the log still runs.");
+  if ((running || logging) && (overloaded || stream?.overloaded)) add("overload", true, "The load is beyond the cell's range", "Take weight off at once: the cell can be damaged. Then tare.");
   for (const w of running ? bench.warnings : []) add(`${w.code} ${w.at_s}`, w.code === "doubtful_force", w.title, w.to_do, w.text);
   const said = running && bench.warnings.some((w) => w.code === "doubtful_force");
   const doubt = estimate?.doubts?.find(Boolean);

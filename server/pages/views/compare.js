@@ -98,7 +98,7 @@ export async function view(main, { session, asked }) {
       { title: "number", n: true, cell: ([, e]) => String(e[shown].cases) },
       { title: "RMSE [N]", n: true, cell: ([, e]) => number(e[shown].rmse_N) },
       { title: "RMSE [%]", n: true, cell: ([, e]) => number(e[shown].rmse_rel_pct, 1) },
-      { title: "size [%]", n: true, cell: ([, e]) => number(e[shown].magnitude_error_pct, 1) },
+      { title: "magnitude [%]", n: true, cell: ([, e]) => number(e[shown].magnitude_error_pct, 1) },
       { title: "direction [deg]", n: true, cell: ([, e]) => number(e[shown].direction_error_deg, 1) },
     ], found, { caption: `Errors ${shown === "sagittal" ? "in the sagittal plane" : "in space"}${shown === body.judged_in ? ", in which this finger is judged" : ""}; RMSE over force components (Synek et al. 2019, Eqs 6 and 7)` }));
   }

@@ -21,7 +21,7 @@ from server.figures.comparison import comparison_sections
 from server.figures.dark import for_dark, turned
 from server.figures.diagnosis_revisions import revisions_figure
 from server.figures.report import figures_of
-from server.figures.style import INK, MUTED, TENDONS
+from server.figures.style import BAND, INK, MUTED, TENDONS
 from server.service.routes.figures import COMPARISON
 from server.service.sessions.blinding import HIDDEN
 from server.service.storage.database import now_utc
@@ -208,6 +208,8 @@ def test_on_a_dark_page_words_and_data_stand_out_and_pale_stays_pale(service: Se
     assert luminance(page) < 0.01
     assert all(contrast(turned(c), page) > 4.5 for c in (INK, MUTED))
     assert all(contrast(turned(t.color), page) > 3.0 for t in TENDONS.values())
+    # Pale bars and bands are seen, too: a page's panel is a little lighter than its paper.
+    assert all(contrast(turned(c), turned("#e4e4e4")) > 1.25 for c in (BAND, "#d5dee7", "#cdeae1"))
     greys = [f"#{v:02x}{v:02x}{v:02x}" for v in range(0, 256, 5)]
     lights = [luminance(turned(g)) for g in greys]
     assert lights == sorted(lights, reverse=True)
@@ -252,7 +254,7 @@ def test_the_fall_of_the_error_is_that_of_the_revision(service: ServiceReceiver)
     for asked in ({"revision": "r1"}, {"specimen": "P-r1"}):
         body = shown(service, "/revisions/waterfall", **asked)
         assert body["figure"] == drawn(revisions_figure({}, history))
-        assert "log evidence" in json.dumps(body["figure"]["layout"])
+        assert "ln evidence" in json.dumps(body["figure"]["layout"])
 
 
 def test_a_refit_of_a_search_is_a_model_whose_residuals_every_answer_shares(service: ServiceReceiver) -> None:
