@@ -3,9 +3,9 @@
     python -m benchmarks.scatter [--each 8] [--first 0]
 
 Readings of the first simulator are changed. Case by case: all of a case by one factor, each component by one of its
-own, the force's direction, or as by other joint angles. By weight. Or setting by setting, as by a cell that is turned,
-a tip that is held elsewhere, or joint angles that differ between tip and bone. Every second session has an effect of
-the catalogue.
+own, the force's direction, or as by other joint angles. By weight, or by each tendon's line. Or setting by setting: as
+by a cell that is turned, a zero that is off or drifts, a tip that is held elsewhere, or joint angles that differ
+between tip and bone. Every second session has an effect of the catalogue.
 """
 
 from __future__ import annotations
@@ -80,7 +80,8 @@ def main() -> None:
         f"Made by `python -m benchmarks.scatter --each {given.each} --first {given.first}`.",
         "",
         "| scatter | clean: nothing missing | none of the catalogue | an effect named | hidden effect found alone "
-        "| another named | read: tensions, components, directions, angles, weights, cell, hold, tip and bone |",
+        "| another named | read: tensions, components, directions, angles, weights, lines, zeros, drift, cell, hold, "
+        "tip and bone |",
         "|---|---|---|---|---|---|---|",
     ]
     for kind, change in KINDS.items():
