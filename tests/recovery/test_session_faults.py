@@ -75,6 +75,25 @@ def test_what_was_entered_wrongly_throughout_is_named(
     assert bool(first["amend"]) == ("exchanged" in words)
 
 
+def test_a_posture_that_was_another_one_of_the_times_it_was_set_is_named(tmp_path: Path) -> None:
+    draw_session(tmp_path, 55, {}, nuisance_scale=0.8)
+    session = Recorded(tmp_path)
+    cases = session.document["cases"]
+    set_to, entered = "hyperextension", "minor_flexion"
+    wrong = [case for case in cases if (case["posture"], case["location"]) == (set_to, "bone")]
+    assert any((case["posture"], case["location"]) == (entered, "bone") for case in cases)
+    for case in wrong:
+        case["posture"] = entered
+    session.write()
+    found = diagnosed(tmp_path)
+    words = f"the posture was {set_to}, not {entered} from {wrong[0]['id']} to {wrong[-1]['id']}"
+    assert [f["words"] for f in found["session_faults"]] == [words]
+    assert found["effects"] == []
+    (change,) = found["session_faults"][0]["amend"]
+    assert [case.id for case in block_of(read_session(tmp_path), change["cases"])] == [case["id"] for case in wrong]
+    assert change["posture"] == set_to
+
+
 def test_the_gain_of_one_mount_is_named_with_its_value(tmp_path: Path) -> None:
     draw_session(tmp_path, 55, {}, nuisance_scale=0.8)
     session = Recorded(tmp_path)

@@ -5,10 +5,11 @@ Tendons or postures exchanged, the side mirrored, an angle's sign, a unit, the a
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import combinations, permutations
+from itertools import combinations, groupby, permutations
 from typing import Literal
 
 import jax.numpy as jnp
@@ -163,7 +164,7 @@ class Entries:
                     yield self._block("tendon_labels", f"{words} {where}", here, away, amend, tension=exchanged)
 
     def _postures(self) -> Iterator[Corrected]:
-        """Two postures exchanged throughout; one that was another, in all its cases or those of a mount."""
+        """Two postures exchanged throughout; one that was another, in all its cases, at a mount, or once."""
         o, angles = self.session.observations, self.session.observations.posture_angles
         cases = {name: of_label(o.postures, name) for name in self._used}
         everywhere = {name: np.tile(angles[name], (len(o.ids), 1)) for name in cases}
@@ -179,6 +180,10 @@ class Entries:
             blocks = {"": (name, cases[name])}
             for p in dict.fromkeys(o.locations):
                 blocks[f" at the {p}"] = f"{name},{p}", np.logical_and(cases[name], of_label(o.locations, p))
+            for first, last in self._set_once:
+                if o.postures[first] == name:
+                    ids, here = (o.ids[first], o.ids[last]), np.isin(np.arange(len(o.ids)), range(first, last + 1))
+                    blocks[f" from {ids[0]} to {ids[1]}"] = f"{ids[0]}..{ids[1]}", here
             for where, (named, here) in blocks.items():
                 words, amend = f"the posture was {done}, not {name}{where}", (Amend(named, posture=done),)
                 yield self._block("posture", words, here, away[done], amend, posture=everywhere[done])
@@ -190,6 +195,16 @@ class Entries:
             name for name in self.session.observations.posture_angles if name in self.session.observations.postures
         ]
         return names if len(names) <= _MOST_BLOCKS else []
+
+    @cached_property
+    def _set_once(self) -> list[tuple[int, int]]:
+        """First and last of the cases for which the finger was set up once, where it was set so more than once."""
+        o = self.session.observations
+        each = list(zip(o.postures, o.locations, np.asarray(o.inputs.setting).tolist(), strict=True))
+        spans = [(one := list(alike))[:1] + one[-1:] for _, alike in groupby(range(len(each)), each.__getitem__)]
+        times = Counter(each[first][:2] for first, _ in spans)
+        several = [(first, last) for first, last in spans if times[each[first][:2]] > 1]
+        return several if len(spans) <= _MOST_BLOCKS else []
 
     def _block(
         self, kind: Kind, words: str, here: Mask, away: Floats, amend: tuple[Amend, ...], **changed: Floats
