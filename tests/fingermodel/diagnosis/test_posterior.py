@@ -57,11 +57,11 @@ def sheath(fitter: Fitter, nothing: Optimum) -> Optimum:
 @pytest.mark.parametrize(
     "axes",
     [
-        (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
-        (4, 1, 0, 0, 0, 2, 3, 0, 0, 0, 0, 3, 0, 0, 0, 0),
-        (2, 0, 1, 2, 2, 0, 2, 2, 2, 2, 2, 0, 4, 3, 2, 1),
-        (2, 0, 0, 0, 0, 0, 2, 0, 0, 0, 0, 4, 0, 3, 0, 9),
-        (2, 0, 1, 2, 2, 0, 2, 2, 2, 2, 2, 0, 5, 0, 0, 2),
+        (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
+        (4, 1, 0, 0, 0, 2, 3, 0, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 0),
+        (2, 0, 1, 2, 2, 0, 2, 2, 2, 2, 2, 2, 2, 2, 0, 4, 3, 2, 1),
+        (2, 0, 0, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 4, 0, 3, 0, 9),
+        (2, 0, 1, 2, 2, 0, 2, 2, 2, 2, 2, 2, 2, 2, 0, 5, 0, 0, 2),
     ],
 )
 def test_evidence_is_that_of_the_dense_gaussian(nothing: Optimum, axes: tuple[int, ...]) -> None:
@@ -78,7 +78,7 @@ def test_the_steepest_slopes_leave_the_misfit_that_they_have(nothing: Optimum) -
     slopes[:, own] += 1e5 * np.outer(rng.normal(size=len(slopes)), rng.normal(size=len(own)))
     # The anatomy spreads as widely as it may.
     widest = len(nothing.hyper.axes[ANATOMY].values) - 1
-    steep, node = replace(nothing, slopes=slopes), (0, 0, 0, 0, 0, 0, widest, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    steep, node = replace(nothing, slopes=slopes), (0, 0, 0, 0, 0, 0, widest, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
     names = steep.acting(node)
     columns, residual, _ = steep.whitened_at(names, node, None)
     widths, places = steep.widths(names, node), steep.places(names)
@@ -92,9 +92,9 @@ def test_the_steepest_slopes_leave_the_misfit_that_they_have(nothing: Optimum) -
 def test_readings_and_weights_say_the_same(hanger: Optimum, width: float) -> None:
     forms = [0] * len(hanger.form_errors)
     axes = [
-        (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
-        (4, 1, 0, 0, 0, 2, 3, 0, 0, 0, 0, 3, 0, 0, 0, 0),
-        (4, 1, 1, 2, 2, 1, 0, 2, 2, 2, 2, 0, 5, 3, 2, 5),
+        (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
+        (4, 1, 0, 0, 0, 2, 3, 0, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 0),
+        (4, 1, 1, 2, 2, 1, 0, 2, 2, 2, 2, 2, 2, 2, 0, 5, 3, 2, 5),
     ]
     nodes = [(*some, *forms) for some in axes]
     covariance, right, of_noise = hanger.among_readings(nodes, None)
@@ -133,7 +133,11 @@ def test_other_readings_have_the_likelihood_of_the_dense_gaussian(nothing: Optim
 
 
 @pytest.mark.parametrize(
-    "axes", [(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0), (4, 1, 1, 2, 2, 2, 3, 2, 2, 2, 2, 3, 2, 0, 0, 0)]
+    "axes",
+    [
+        (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
+        (4, 1, 1, 2, 2, 2, 3, 2, 2, 2, 2, 2, 2, 2, 3, 2, 0, 0, 0),
+    ],
 )
 def test_further_columns_are_informed_beside_all_that_acts(nothing: Optimum, axes: tuple[int, ...]) -> None:
     columns = np.random.default_rng(8).normal(size=(len(nothing.residual), 3))
@@ -146,7 +150,7 @@ def test_further_columns_are_informed_beside_all_that_acts(nothing: Optimum, axe
 
 @pytest.mark.parametrize("spread", [1.0, 3.0])
 def test_cases_are_left_out_as_the_dense_gaussian_leaves_them_out(nothing: Optimum, spread: float) -> None:
-    node, cases = (4, 1, 0, 0, 0, 2, 3, 0, 0, 0, 0, 3, 2, 0, 0, 0), nothing.session.fitted_noise.cases
+    node, cases = (4, 1, 0, 0, 0, 2, 3, 0, 0, 0, 0, 0, 0, 0, 3, 2, 0, 0, 0), nothing.session.fitted_noise.cases
     column = 0.01 * np.random.default_rng(5).normal(size=len(cases))
 
     def log_density(column: Floats) -> float:
