@@ -80,7 +80,9 @@ class BadCases:
         As many cases as may be slips are explained entirely.
         """
         base, every = begun.nothing, begun.every
-        gains = (base.log_joint(n) + 0.5 * (base.misfit(n) - every.misfit(n)) for n in {base.best, every.best})
+        # What the nodes have together that the best one has not.
+        rest = base.log_posterior - base.log_joint(base.best)
+        gains = (rest + base.log_joint(n) + 0.5 * (base.misfit(n) - every.misfit(n)) for n in {base.best, every.best})
         apart = every.left_out(every.best).items()
         worst = sorted((one.misfit for case, one in apart if case not in every.bad), reverse=True)
         further = self.most - len(begun.slips)

@@ -66,7 +66,8 @@ class CaseOdds:
             without = bad_cases - {case}
             bad, sound = [], []
             for fit in near:
-                bad.append(fit.log_posterior + LOG_PRIOR_ODDS)
+                # Of one node each: how many others are hardly less probable is alike.
+                bad.append(fit.log_joint(fit.best) + LOG_PRIOR_ODDS)
                 sound.append(max(fit.log_joint(node, without) for node in self._hyper.widened(fit.best)))
             out[case] = float(logsumexp(bad) - logsumexp(sound))
         slips = self.explained(leader, bad_cases) if bad_cases else {}
