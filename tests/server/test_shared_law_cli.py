@@ -30,10 +30,7 @@ def test_the_published_specimens_share_an_error_of_moment_arms(told: tuple[Path,
     assert shared["log_evidence_over_own"] > 3.0
     assert shared["permutation_p"] <= 0.02
     assert all(gain > 0.0 for gain in shared["left_out_gain"].values())
-    carried = [(c["muscle"], c["joint"]) for c in shared["carried_by"][:4]]
-    assert carried[0] == ("RI", "PIP")
-    assert ("FDS", "PIP") in carried
-    assert {muscle for muscle, _ in carried} == {"RI", "FDS"}
+    assert {(c["muscle"], c["joint"]) for c in shared["carried_by"][:2]} == {("RI", "PIP"), ("FDS", "PIP")}
 
 
 def test_its_law_lowers_the_tip_error_of_specimens_that_it_was_not_learned_from(
