@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -104,25 +103,6 @@ def test_the_gain_of_one_mount_is_named_with_its_value(tmp_path: Path) -> None:
     said, value = fault["words"].rsplit(" ", 1)
     assert said == "the cell at the bone has a gain of"
     assert float(value) == pytest.approx(1.4, abs=0.03)
-
-
-def test_a_weight_that_weighs_another_amount_is_named_with_it(tmp_path: Path) -> None:
-    """Not as an effect of its tendon, of which other weights say nothing."""
-    draw_session(tmp_path, 55, {}, protocol="three_levels", nuisance_scale=0.8)
-    session = Recorded(tmp_path)
-    used = [round(float(g), 3) for case in session.document["cases"] for g in case["masses_g"].values()]
-    weight = max(set(used), key=used.count)
-    for case in session.document["cases"]:
-        case["masses_g"] = {m: 1.15 * g if round(float(g), 3) == weight else g for m, g in case["masses_g"].items()}
-    session.write()
-    found = diagnosed(tmp_path)
-    (fault,) = found["session_faults"]
-    assert fault["kind"] == "weight"
-    said = re.fullmatch(r"the weight of (\S+) g weighs (\d+) g", fault["words"])
-    assert said
-    assert float(said[1]) == pytest.approx(1.15 * weight)
-    assert float(said[2]) == pytest.approx(weight, rel=0.03)
-    assert found["effects"] == []
 
 
 def test_a_gain_below_one_is_a_share_of_the_force_that_passes_the_cell_by(tmp_path: Path) -> None:

@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.settings import AMOUNT, GAIN_SPREAD
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Kind = Literal["tendon_labels", "side", "posture", "mass_unit", "axes", "unit", "gain", "weight", "tare"]
+Kind = Literal["tendon_labels", "side", "posture", "mass_unit", "axes", "unit", "gain", "tare"]
 
 # Masses in another unit: what one that was entered as a gram is in grams.
 _UNITS_G = {
@@ -57,40 +56,6 @@ class Amend:
 
 
 @dataclass(frozen=True, eq=False)
-class Factor:
-    """A number that is another than was entered: a mount's gain, or what one weight weighs.
-
-    Attributes:
-        words: what is said of it; the value goes into the braces.
-        entered: the value then.
-        value: by which it is another.
-        spread: standard deviation of its prior about 1.
-        acts: (cases, muscles) on which tensions, or (cases, 1) on which readings.
-    """
-
-    words: str
-    entered: float
-    value: float
-    spread: float
-    acts: Mask
-
-    def column(self, session: Session, theta: Floats) -> Floats:
-        """(n, 1) change of the fitted readings per unit of a further relative change, at some parameters."""
-        rows = session.rows[session.fitted]
-        if self.acts.shape[1] == 1:
-            changed = session.readings(theta)
-        else:
-            changed = (session.by_tension(theta) * self.acts[:, None, :]).sum(axis=2)
-        here = self.acts.any(axis=1, keepdims=True)
-        column: Floats = (changed * here).reshape(-1, 1)[rows]
-        return column
-
-    def said(self, further: float) -> str:
-        """What is said where it is another by a further relative change."""
-        return self.words.format(self.entered * self.value * (1.0 + further))
-
-
-@dataclass(frozen=True, eq=False)
 class Corrected:
     """The session with one fault put right.
 
@@ -101,7 +66,7 @@ class Corrected:
         away: (n,) readings less the model then [N, N mm], in units of the readings as they were entered.
         log_density: log of how many times less a unit of the readings is than one of those stated, summed over those
             fitted.
-        factor: by which something is another than was entered, where that is a number that the readings tell.
+        gain: the mount whose readings were divided by a gain, and that gain.
         amend: amendments that put it right; none where amendments cannot.
     """
 
@@ -110,7 +75,7 @@ class Corrected:
     observations: Observations
     away: Floats
     log_density: float = 0.0
-    factor: Factor | None = None
+    gain: tuple[str, float] | None = None
     amend: tuple[Amend, ...] = ()
 
 
@@ -159,37 +124,15 @@ class Entries:
         words = "the readings are what the cell exerts on the finger: every sign is turned"
         return self._one("axes", words, replace(o, wrench=-o.wrench))
 
-    def factors(self) -> Iterator[Factor]:
-        """What may be another by any factor: the gain of either mount, and each weight, on one tendon or all."""
+    def with_gain(self, place: str, gain: float) -> Corrected:
+        """The readings of one mount divided by a gain."""
         o = self.session.observations
-        places = dict.fromkeys(np.array(o.locations)[self.session.rows[self.session.fitted] // 6])
-        for place in places if len(places) > 1 else ():
-            words = f"the cell at the {place} has a gain of {{:.2f}}"
-            yield Factor(words, 1.0, 1.0, GAIN_SPREAD, of_label(o.locations, place)[:, None])
-        topology = self.session.model.finger.topology
-        mass_g = np.array([[masses.get(m, 0.0) for m in topology.muscles] for masses in o.masses_g])
-        for weight in np.unique(mass_g[mass_g > 0.0]):
-            hangs = mass_g == weight
-            on = np.flatnonzero(hangs.any(axis=0)).tolist()
-            words = f"the weight of {weight:g} g{{}} weighs {{{{:.0f}}}} g"
-            yield Factor(words.format(""), weight, 1.0, AMOUNT, hangs)
-            for m in on if len(on) > 1 else ():
-                alone = hangs & (np.arange(len(topology.muscles)) == m)
-                yield Factor(words.format(f" on {topology.muscles[m]}"), weight, 1.0, AMOUNT, alone)
-
-    def with_factor(self, factor: Factor) -> Corrected:
-        """The session with something by a factor another than was entered."""
-        o = self.session.observations
-        if factor.acts.shape[1] > 1:
-            tension = np.where(factor.acts, factor.value, 1.0) * np.asarray(o.inputs.tension)
-            return replace(self._one("weight", "", _with(o, tension=tension)), factor=factor)
-        by_case = np.where(factor.acts[:, 0], 1.0 / factor.value, 1.0)
-        noise = o.noise.turned(by_case[:, None, None] * np.eye(6))
-        here = factor.acts[self.session.rows // 6, 0]
-        density = -float((here & self.session.fitted).sum() * np.log(factor.value))
-        found = self._one("gain", "", replace(o, wrench=o.wrench * by_case[:, None], noise=noise))
-        away = np.where(here, factor.value, 1.0) * found.away
-        return replace(found, away=away, log_density=density, factor=factor)
+        factor = np.where(of_label(o.locations, place), 1.0 / gain, 1.0)
+        noise = o.noise.turned(factor[:, None, None] * np.eye(6))
+        here = of_label(o.locations, place)[self.session.rows // 6]
+        density = -float((here & self.session.fitted).sum() * np.log(gain))
+        found = self._one("gain", "", replace(o, wrench=o.wrench * factor[:, None], noise=noise))
+        return replace(found, away=np.where(here, gain, 1.0) * found.away, log_density=density, gain=(place, gain))
 
     def _one(self, kind: Kind, words: str, observations: Observations) -> Corrected:
         return Corrected(kind, words, observations, self._residual(observations))

@@ -1,7 +1,7 @@
 """Faults of a whole session, as explanations of their own: its labels or units put right, and the base model fitted.
 
-Tendons or postures exchanged, the side mirrored, the sign of an angle, a unit, one mount's gain, one weight. Each is
-one way in which what was entered differs from what was done in many cases at once.
+Tendons or postures exchanged, the side mirrored, the sign of an angle, a unit, one mount's gain. Each is one way in
+which what was entered differs from what was done in many cases at once: in all, or all of a posture or a mount.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
-from fingermodel.diagnosis.settings import P_FAULT, SURE, SUSPECT
-from fingermodel.diagnosis.verdict.corrections import Amend, Corrected, Entries, Factor, Kind
+from fingermodel.diagnosis.settings import GAIN_SPREAD, P_FAULT, SURE, SUSPECT
+from fingermodel.diagnosis.verdict.corrections import Amend, Corrected, Entries, Kind, of_label
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, check
 
 Floats = NDArray[np.float64]
@@ -81,7 +81,7 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     )
     entries, fitted = Entries(session, session.problem.centre), session.fitted
     by_balance = list(entries.frames())
-    offers = [*entries.corrected(), *_factors(as_measured, entries), *([] if by_balance else [entries.turned()])]
+    offers = [*entries.corrected(), *_gains(as_measured, entries), *([] if by_balance else [entries.turned()])]
     # What changes the same fitted readings alike is one fault; what changes none is looked for in `unseen_faults`.
     apart = {o.away[fitted].tobytes(): o for o in reversed(offers) if _strikes(o, entries, fitted)}
     offers = list(apart.values())
@@ -203,25 +203,34 @@ def _fitted(
         log_posterior = float(np.logaddexp(alone, beside.log_posterior))
         best = max(best, beside, key=lambda fit: fit.log_posterior)
     words, log_gain = offer.words, 0.0
-    if offer.factor:
-        words, log_gain = _told(best, offer.factor)
+    if offer.gain:
+        words, log_gain = _regained(best, *offer.gain)
     return PutRight(offer.kind, words, log_share + offer.log_density + log_posterior + log_gain, offer.amend)
 
 
-def _factors(fit: Optimum, entries: Entries) -> Iterator[Corrected]:
-    """Other gains and weights, each as large as the readings want it about a fit."""
-    for factor in entries.factors():
-        information, score = fit.asked(factor.column(fit.session, fit.theta), fit.node)
-        value = 1.0 + float(score[0] / (information[0] + factor.spread**-2))
-        if value > 0.0:
-            yield entries.with_factor(replace(factor, value=value))
+def _gains(fit: Optimum, entries: Entries) -> Iterator[Corrected]:
+    """Another gain of either mount alone, where the readings want it most about a fit."""
+    places = dict.fromkeys(np.array(fit.session.observations.locations)[fit.session.rows[fit.session.fitted] // 6])
+    for place in places if len(places) > 1 else ():
+        information, score = fit.asked(_of_mount(fit, place), fit.node)
+        gain = 1.0 + float(score[0] / (information[0] + GAIN_SPREAD**-2))
+        if gain > 0.0:
+            yield entries.with_gain(place, gain)
 
 
-def _told(fit: Optimum, factor: Factor) -> tuple[str, float]:
-    """A factor with which a session was fitted: in words, and the log of its prior summed over what it may be."""
-    information, score = (float(value[0]) for value in fit.asked(factor.column(fit.session, fit.theta), fit.best))
-    # It is what it was taken for times 1 + w; its prior is N(1, spread²).
-    mean, precision = (1.0 - factor.value) / factor.value, (factor.value / factor.spread) ** 2
+def _regained(fit: Optimum, place: str, gain: float) -> tuple[str, float]:
+    """A gain about which a session was fitted: in words, and the log of its prior summed over what it may be."""
+    information, score = (float(value[0]) for value in fit.asked(_of_mount(fit, place), fit.best))
+    # The gain is what it was taken for times 1 + w; its prior is N(1, GAIN_SPREAD²).
+    mean, precision = (1.0 - gain) / gain, (gain / GAIN_SPREAD) ** 2
     best = (score + mean * precision) / (information + precision)
     log = 0.5 * (best**2 * (information + precision) - mean**2 * precision - np.log1p(information / precision))
-    return factor.said(best), float(log)
+    return f"the cell at the {place} has a gain of {gain * (1.0 + best):.2f}", float(log)
+
+
+def _of_mount(fit: Optimum, place: str) -> Floats:
+    """(n, 1) fitted readings of one mount as predicted at a fit, and 0 for the other."""
+    session = fit.session
+    rows = session.rows[session.fitted]
+    predicted = session.readings(fit.theta).reshape(-1)[rows]
+    return (predicted * of_label(session.observations.locations, place)[rows // 6])[:, None]
