@@ -40,13 +40,15 @@ _USUAL_SCATTER = 0.01
 _SIZES = (settings.TENSION, settings.EXTRA_NOISE_N, settings.COMPONENT, settings.DIRECTION, settings.ANGLE_RAD)
 _GRIDS = (
     *[size.values for size in (*_SIZES, settings.OF_GROUP, settings.OF_GROUP.times(settings.WEIGHT))],
+    settings.OF_GROUP.times(settings.LINE_RAD).values,
     settings.ASSUMED_NOISE_MULTIPLES,
     settings.MULTIPLES,
     settings.SMOOTH_N,
     settings.FORM_ERRORS,
 )
-# A node that was kept means the same only where this is the same.
-GRIDS = hashlib.sha256(repr([grid.tolist() for grid in _GRIDS]).encode()).hexdigest()[:12]
+# A node that was kept means the same only where this is the same: the axes in their order, and their values.
+_AXES = (CaseErrors._fields, ACTING[1:], GROUPS, FAMILIES)
+GRIDS = hashlib.sha256(repr([_AXES, *[grid.tolist() for grid in _GRIDS]]).encode()).hexdigest()[:12]
 
 
 class Values(NamedTuple):
