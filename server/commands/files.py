@@ -10,6 +10,7 @@ from server.application.exported_files import export_file
 from server.application.simulating import simulate_session_at
 from server.commands.console import answer, progress, say
 from server.commands.exchange import export_finger
+from server.figures.comparison_words import counted
 
 
 def export_source(source: str, file_format: str, out: Path | None, model: str | None, json: str | None) -> None:
@@ -21,7 +22,7 @@ def export_source(source: str, file_format: str, out: Path | None, model: str | 
         body: dict[str, Any] = {"source": source} | export_file(source, file_format, out, model, tell)
     if answer("export", body, json):
         return
-    rows = f"{body['rows']} rows: " if body["rows"] is not None else ""
+    rows = f"{counted(body['rows'], 'row')}: " if body["rows"] is not None else ""
     say(f"{rows}{body['file']}")
     if file_format == "supplement":
         kinds = ", ".join(f"{n} {kind}" for kind, n in body["replaced"].items()) or "nothing"

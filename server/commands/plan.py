@@ -30,6 +30,7 @@ from server.application.new_session import lacking, notes_of
 from server.commands.console import answer, progress, say
 from server.commands.questions import ask, ask_finger, ask_postures, lines, number
 from server.commands.scaling import measures
+from server.figures.comparison_words import counted
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def plan_bench(options: PlanOptions, json: str | None) -> None:
     say(f"  weights to have ready, at most: {heaviest}")
     say(
         f"{told['cases']} load cases, at least {told['length_s'] / 60:.0f} min; "
-        f"{told['pages']} pages: {options.out / SHEET}"
+        f"{counted(told['pages'], 'page')}: {options.out / SHEET}"
     )
     say(
         f"Run it: fingertwin log … --protocol {options.out / PROTOCOL}; "
