@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.machine import publish
 from fingermodel.diagnosis.diagnose import Diagnosis, diagnose
-from fingermodel.fitting.fit_report import OTHER_SCATTER
+from fingermodel.fitting.reading_errors import OTHER_SCATTER
 from fingermodel.session import Session
 from tests.scattered import (
     Floats,

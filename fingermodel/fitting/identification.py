@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from fingermodel.compiled.programs import stored
 from fingermodel.fingers import FingerValues
-from fingermodel.fitting.fit_report import AS_STATED, Fit, Optimum, Outcome, ReadingErrors, describe
+from fingermodel.fitting.fit_report import Fit, Optimum, Outcome, describe
 from fingermodel.fitting.problems import Differentiated, Problem, objective_at
+from fingermodel.fitting.reading_errors import AS_STATED, ReadingErrors
 from fingermodel.fitting.solver import CONVERGED, NOT_FINITE, STALLED, Solution, minimise
 from fingermodel.model import predict_batch, predict_parts
 from fingermodel.stages import LoadCaseInput

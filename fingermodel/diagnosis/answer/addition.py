@@ -20,9 +20,10 @@ from fingermodel.diagnosis.session_model.candidates import Candidate, Candidates
 from fingermodel.diagnosis.session_model.session import session_of
 from fingermodel.effects.formula_tree import near
 from fingermodel.fingers import Plane
-from fingermodel.fitting.fit_report import Fit, ReadingErrors
+from fingermodel.fitting.fit_report import Fit
 from fingermodel.fitting.identification import refit_map
 from fingermodel.fitting.problems import Problem
+from fingermodel.fitting.reading_errors import ReadingErrors
 from fingermodel.model import Model
 
 Floats = NDArray[np.float64]

@@ -7,7 +7,7 @@ from typing import Any
 
 from fingermodel.diagnosis.answer.where import bent
 from fingermodel.diagnosis.diagnose import Diagnosis
-from fingermodel.fitting.fit_report import OTHER_SCATTER, other_scatter
+from fingermodel.fitting.reading_errors import OTHER_SCATTER, other_scatter
 
 
 def of_rig(d: Diagnosis, bent_most: Sequence[str]) -> dict[str, Any]:

@@ -61,14 +61,13 @@ class CaseOdds:
         self, bad_cases: frozenset[int], fits: Collection[Optimum], leader: Optimum
     ) -> tuple[dict[int, float], dict[int, Explained]]:
         """Log odds of the cases taken for bad, by some explanations; and what may have been done instead."""
-        out, near = {}, [fit for fit in fits if fit.log_posterior >= leader.log_posterior - _MOST]
+        near = [fit for fit in fits if fit.log_posterior >= leader.log_posterior - _MOST] if bad_cases else []
+        # Of one node each: how many others are hardly less probable is alike.
+        bad = LOG_PRIOR_ODDS + logsumexp([fit.log_joint(fit.best) for fit in near]) if near else 0.0
+        out = {}
         for case in bad_cases:
             without = bad_cases - {case}
-            bad, sound = [], []
-            for fit in near:
-                # Of one node each: how many others are hardly less probable is alike.
-                bad.append(fit.log_joint(fit.best) + LOG_PRIOR_ODDS)
-                sound.append(max(fit.log_joint(node, without) for node in self._hyper.widened(fit.best)))
-            out[case] = float(logsumexp(bad) - logsumexp(sound))
+            sound = [max(fit.log_joint(node, without) for node in self._hyper.widened(fit.best)) for fit in near]
+            out[case] = float(bad - logsumexp(sound))
         slips = self.explained(leader, bad_cases) if bad_cases else {}
         return {case: odds + (slips[case].gain if case in slips else 0.0) for case, odds in out.items()}, slips

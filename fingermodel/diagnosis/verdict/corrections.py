@@ -180,10 +180,7 @@ class Entries:
             blocks = {"": (name, cases[name])}
             for p in dict.fromkeys(o.locations):
                 blocks[f" at the {p}"] = f"{name},{p}", np.logical_and(cases[name], of_label(o.locations, p))
-            for first, last in self._set_once:
-                if o.postures[first] == name:
-                    ids, here = (o.ids[first], o.ids[last]), np.isin(np.arange(len(o.ids)), range(first, last + 1))
-                    blocks[f" from {ids[0]} to {ids[1]}"] = f"{ids[0]}..{ids[1]}", here
+            blocks |= self._set_once.get(name, {})
             for where, (named, here) in blocks.items():
                 words, amend = f"the posture was {done}, not {name}{where}", (Amend(named, posture=done),)
                 yield self._block("posture", words, here, away[done], amend, posture=everywhere[done])
@@ -197,14 +194,22 @@ class Entries:
         return names if len(names) <= _MOST_BLOCKS else []
 
     @cached_property
-    def _set_once(self) -> list[tuple[int, int]]:
-        """First and last of the cases for which the finger was set up once, where it was set so more than once."""
-        o = self.session.observations
+    def _set_once(self) -> dict[str, dict[str, tuple[str, Mask]]]:
+        """Cases for which the finger was set up once, by posture and words, with the name of their block.
+
+        Of postures that were set more than once at a mount.
+        """
+        o, out = self.session.observations, dict[str, dict[str, tuple[str, Mask]]]()
         each = list(zip(o.postures, o.locations, np.asarray(o.inputs.setting).tolist(), strict=True))
-        spans = [(one := list(alike))[:1] + one[-1:] for _, alike in groupby(range(len(each)), each.__getitem__)]
-        times = Counter(each[first][:2] for first, _ in spans)
-        several = [(first, last) for first, last in spans if times[each[first][:2]] > 1]
-        return several if len(spans) <= _MOST_BLOCKS else []
+        stretches = [list(alike) for _, alike in groupby(range(len(each)), each.__getitem__)]
+        times = Counter(each[cases[0]][:2] for cases in stretches)
+        for cases in stretches if len(stretches) <= _MOST_BLOCKS else ():
+            posture, place, _ = each[cases[0]]
+            if times[posture, place] > 1:
+                first, last = o.ids[cases[0]], o.ids[cases[-1]]
+                here = f"{first}..{last}", np.isin(np.arange(len(each)), cases)
+                out.setdefault(posture, {})[f" from {first} to {last}"] = here
+        return out
 
     def _block(
         self, kind: Kind, words: str, here: Mask, away: Floats, amend: tuple[Amend, ...], **changed: Floats
