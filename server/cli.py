@@ -332,10 +332,15 @@ def _lost_interrupts_repeated() -> Iterator[None]:
         if not issubclass(what.exc_type, KeyboardInterrupt):
             before(what)
             return
-        # Not at once: it would be dropped here as well.
-        again = threading.Timer(0.01, _thread.interrupt_main)
-        again.daemon = True
-        again.start()
+        while True:
+            again = threading.Timer(0.01, _thread.interrupt_main)
+            again.daemon = True
+            try:
+                again.start()
+                return
+            except KeyboardInterrupt:
+                # It came before this has returned, where it would be dropped as well.
+                continue
 
     sys.unraisablehook = dropped
     try:

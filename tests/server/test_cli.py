@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import gc
 import os
+import threading
 import time
 from pathlib import Path
 from typing import NoReturn
@@ -244,7 +245,19 @@ def test_an_interrupt_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     assert answer.err.startswith("fingertwin: Interrupted")
 
 
-def test_an_interrupt_within_a_callback_of_the_garbage_collector_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("busy_s", [0.0, 0.1])
+def test_an_interrupt_within_a_callback_of_the_garbage_collector_is_not_lost(
+    monkeypatch: pytest.MonkeyPatch, busy_s: float
+) -> None:
+    """Nor on a machine so busy that it comes again before the callback has ended."""
+    plain, stalls = threading.Timer.start, [busy_s]
+
+    def start(self: threading.Timer) -> None:
+        plain(self)
+        time.sleep(stalls.pop() if stalls else 0.0)
+
+    monkeypatch.setattr(threading.Timer, "start", start)
+
     def interrupt(*_: object) -> NoReturn:
         gc.callbacks.remove(interrupt)
         raise KeyboardInterrupt
