@@ -170,7 +170,11 @@ def form_columns(at: Places, change: Floats, rows: Rows) -> Floats:
             loaded = _ASIDE * size * (load > 0.0) * kind
             if loaded.any():
                 varying += [loaded, loaded * (load - 0.5)]
-    return reduced(at, varying, np.stack(alike, axis=1))
+    columns = reduced(at, varying, np.stack(alike, axis=1)) / at.unit[:, None]
+    # How large an effect is, its own parameters say: an error of its form is what is left of one beside the change.
+    along = own / np.sqrt(max(float(own @ own), 1e-300))
+    columns -= along[:, None] * (along @ columns)
+    return columns * at.unit[:, None]
 
 
 def reduced(at: Places, varying: Sequence[Floats], alike: Floats | None = None) -> Floats:
