@@ -133,6 +133,8 @@ SHARED_P = 0.02
 # Log posterior of an explanation below the leader's from which it is not fitted, and of a node of the hyperparameters
 # below the best one's from which its neighbours are not summed.
 WITHIN = 2.0
+# The same from which its hyperparameters are not looked at further than where it leads upwards.
+FAR = 30.0
 NODES_WITHIN = 2.0
 # Most nodes of one explanation; those beyond count as if the axes were independent of each other.
 MOST_NODES = 100

@@ -47,6 +47,7 @@ class Fitter:
         node: Node,
         bad: frozenset[int] = frozenset(),
         log_prior: float | None = None,
+        leader: float = -np.inf,
     ) -> Optimum:
         """Fit from a start, alternating with the hyperparameters until both stand.
 
@@ -56,6 +57,7 @@ class Fitter:
             node: hyperparameters to begin with; those of other members' forms are replaced.
             bad: cases whose reading may be anything.
             log_prior: of the explanation; by default the candidates'.
+            leader: log posterior of the leader so far (see `Optimum`).
         """
         forms = [m for m in explanation.members if m.candidate.has_form]
         at = node if len(node) == FORMS + len(forms) else (*node[:FORMS], *[self.hyper.form.mode] * len(forms))
@@ -63,7 +65,7 @@ class Fitter:
         found, most = None, _ROUGH
         for left in reversed(range(_ROUNDS)):
             theta, unkept = self._solved(explanation, start, at, bad, found, most if left else _EVALUATIONS)
-            found = self.linearised(explanation, theta, at, bad, prior, unkept)
+            found = replace(self.linearised(explanation, theta, at, bad, prior, unkept), leader=leader)
             stands = self.hyper.near(at, found.mode)
             if stands and found.settled:
                 break

@@ -27,7 +27,7 @@ from fingermodel.diagnosis.posterior.linearised import ANATOMY, BUDGET, HELD, OT
 from fingermodel.diagnosis.posterior.own_part import OwnPart
 from fingermodel.diagnosis.posterior.steps import Steps, log_share
 from fingermodel.diagnosis.session_model.candidates import Explanation
-from fingermodel.diagnosis.settings import NODES_WITHIN
+from fingermodel.diagnosis.settings import FAR, NODES_WITHIN
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -51,11 +51,13 @@ class Optimum(Integrated):
         node: of the hyperparameters under which it was fitted.
         unkept: misfit that the linearised model promises to save, and the solver did not save: at a kink, or where the
             model bends. The evidence does not count it.
+        leader: log posterior of the leader when it was fitted; an explanation far below needs no more than a rough one.
     """
 
     log_prior: float
     node: Node
     unkept: float
+    leader: float = -np.inf
 
     @property
     def settled(self) -> bool:
@@ -136,10 +138,16 @@ class Optimum(Integrated):
     def mode(self) -> Node:
         """The node to which the one that it was fitted under leads upwards."""
         best = self._climbed_from([self.node])
+        if self._hopeless(best):
+            return self.hyper.plainly(best)
         if best[NOISE] != self.hyper.axes[NOISE].mode and best == self.hyper.without_smooth(best):
             # What is taken for noise may be something smooth.
             best = self._steps.best([best, self._climbed_from(self.hyper.with_one_family(best))])
         return self.hyper.plainly(best)
+
+    def _hopeless(self, node: Node) -> bool:
+        """Whether a node is so far below the leader that the sum over all nodes would not come near it."""
+        return self._steps.at(node) < self.leader - FAR
 
     def _climbed_from(self, starts: Sequence[Node]) -> Node:
         """Where the best of some nodes leads upwards."""
@@ -150,7 +158,7 @@ class Optimum(Integrated):
     def of_one(self) -> Node:
         """The mode, or a better node where what is smooth is of one tendon or of one rotation alone."""
         nodes = self.hyper.with_carriers(self.mode)
-        if max(self._steps.each(nodes)) < self._steps.at(self.mode) - NODES_WITHIN:
+        if self._hopeless(self.mode) or max(self._steps.each(nodes)) < self._steps.at(self.mode) - NODES_WITHIN:
             return self.mode
         return self._steps.best([self.mode, self._climbed_from(nodes)])
 
@@ -165,7 +173,7 @@ class Optimum(Integrated):
         mode, hyper = self.mode, self.hyper
         carried = hyper.with_carriers(mode) if mode[CARRIER] else []
         starts = list(dict.fromkeys([mode, *hyper.returned(mode), *carried]))
-        known = self._steps.explored(starts, hyper.neighbours)
+        known = self._steps.known if self._hopeless(mode) else self._steps.explored(starts, hyper.neighbours)
         best = max(known, key=lambda n: known[n])
         # Together or one by one makes the same difference at every node, near enough.
         further, cut = 0.0, self._one_sided

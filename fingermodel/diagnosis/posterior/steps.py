@@ -19,11 +19,14 @@ class Steps:
 
     Args:
         log_joints: of several nodes.
+
+    Attributes:
+        known: log joint of each node that was asked for.
     """
 
     def __init__(self, log_joints: Callable[[Sequence[Node]], Sequence[float]]) -> None:
         self._log_joints = log_joints
-        self._known: dict[Node, float] = {}
+        self.known: dict[Node, float] = {}
 
     def at(self, node: Node) -> float:
         """Log joint of a node."""
@@ -31,10 +34,10 @@ class Steps:
 
     def each(self, nodes: Sequence[Node]) -> list[float]:
         """The same of several."""
-        unknown = [node for node in nodes if node not in self._known]
+        unknown = [node for node in nodes if node not in self.known]
         if unknown:
-            self._known.update(zip(unknown, self._log_joints(unknown), strict=True))
-        return [self._known[node] for node in nodes]
+            self.known.update(zip(unknown, self._log_joints(unknown), strict=True))
+        return [self.known[node] for node in nodes]
 
     def best(self, nodes: Iterable[Node]) -> Node:
         """The most probable of some nodes."""

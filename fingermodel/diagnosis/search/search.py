@@ -234,7 +234,11 @@ class _Search:
     def _fit(self, explanation: Explanation, host: Optimum) -> None:
         best = host.best if host in self.fits.values() else self.begun.nothing.best
         node = self._hyper.without_smooth(best)
-        self._keep(self._fitter.fit(explanation, host.expected(explanation, node), node, self.begun.bad))
+        self._fit_from(explanation, host.expected(explanation, node), node)
+
+    def _fit_from(self, explanation: Explanation, start: Floats, node: Node) -> None:
+        leader = self.leader.log_posterior
+        self._keep(self._fitter.fit(explanation, start, node, self.begun.bad, leader=leader))
 
     def _until_none_promises(self, most: int) -> None:
         """Fit neighbours of the leader that promise to come near it, and more than they have, until none is left."""
@@ -258,14 +262,13 @@ class _Search:
         for members in dict.fromkeys([leader.explanation.members, *((m,) for m in leader.explanation.members)]):
             explanation = Explanation(members)
             for start in (problem.centre, every.expected(explanation, node)) if members else ():
-                self._keep(self._fitter.fit(explanation, start, leader.best, self.begun.bad))
+                self._fit_from(explanation, start, leader.best)
         leader = self.leader
         others = [f for f in self.fits.values() if f is not leader]
         promised = self._promised(leader, [f.explanation for f in others], self._nodes(leader))
         for fit in others:
             if self._near(promised[fit.explanation]) and promised[fit.explanation] > fit.log_posterior + _MORE:
-                start = leader.expected(fit.explanation, leader.best)
-                self._keep(self._fitter.fit(fit.explanation, start, fit.best, self.begun.bad))
+                self._fit_from(fit.explanation, leader.expected(fit.explanation, leader.best), fit.best)
 
     def _rest(self) -> dict[Explanation, Promise]:
         """What the leader promises explanations that were not fitted.
