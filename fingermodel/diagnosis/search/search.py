@@ -25,9 +25,9 @@ from fingermodel.diagnosis.settings import MOST_FITS, WITHIN
 
 Floats = NDArray[np.float64]
 
-# Singles that are fitted whatever they promise about the base, and from which pairs are made; most pairs that are
-# fitted first; and singles that are fitted whatever they promise about where all candidates fit.
-_FIRST, _FIRST_OF_ALL = 8, 3
+# Singles from which pairs are made, and most pairs that are fitted first; and singles that are fitted whatever they
+# promise, about the base and about where all candidates fit.
+_FIRST, _ALWAYS = 8, 3
 # Prior widths from its null at which a parameter is tried that has no slope there.
 _SHAPES = (-1.6, -1.0, -0.4, 0.4, 1.0, 1.6)
 # A little of something smooth [N].
@@ -172,10 +172,10 @@ class _Search:
         about_base = better(self._offered(self.begun.nothing, self._singles), self._shaped(self.begun.nothing))
         about_all = self._offered(every, self._singles)
         pairs = list[dict[Explanation, Offer]]()
-        for host, offers, most in ((self.begun.nothing, about_base, _FIRST), (every, about_all, _FIRST_OF_ALL)):
+        for host, offers in ((self.begun.nothing, about_base), (every, about_all)):
             firsts = best_forms(offers)[:_FIRST]
             # The best are fitted whatever they promise: the base is bent to do without them.
-            for explanation in firsts[:most]:
+            for explanation in firsts[:_ALWAYS]:
                 self._fit(explanation, offers[explanation].host)
             pairs.append(self._offered(host, self._candidates.pairs(firsts)))
         self._fit_singles(better(about_base, about_all))
