@@ -89,6 +89,8 @@ SLIP_SHARES = {
     "window": 0.03,
 }
 AMOUNT = 0.5
+# The same of a weight wherever it hangs. Weights scatter; one that is hardly off is no mistake.
+LEAST_AMOUNT = 0.05
 # A fault of the whole session: how often, and how far one mount's gain may then be from 1.
 P_FAULT = 0.02
 GAIN_SPREAD = 0.3

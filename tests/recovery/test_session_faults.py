@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -103,6 +104,48 @@ def test_the_gain_of_one_mount_is_named_with_its_value(tmp_path: Path) -> None:
     said, value = fault["words"].rsplit(" ", 1)
     assert said == "the cell at the bone has a gain of"
     assert float(value) == pytest.approx(1.4, abs=0.03)
+
+
+@pytest.mark.parametrize("factor", [1.15, 0.7])
+def test_a_weight_that_weighs_another_amount_is_named_with_it(tmp_path: Path, factor: float) -> None:
+    """Not as an effect of its tendon, of which other weights say nothing."""
+    draw_session(tmp_path, 55, {}, protocol="three_levels", nuisance_scale=0.8)
+    session = Recorded(tmp_path)
+    weight = _weights(session)[-1]
+    _weighed(session, {weight: factor * weight})
+    found = diagnosed(tmp_path)
+    (fault,) = found["session_faults"]
+    assert fault["kind"] == "weight"
+    said = re.fullmatch(r"the weight of (\S+) g weighs (\d+) g", fault["words"])
+    assert said
+    assert float(said[1]) == pytest.approx(factor * weight)
+    assert float(said[2]) == pytest.approx(weight, rel=0.03)
+    assert found["effects"] == []
+
+
+def test_two_weights_exchanged_throughout_are_a_fault_of_the_session(tmp_path: Path) -> None:
+    draw_session(tmp_path, 55, {}, protocol="three_levels", nuisance_scale=0.8)
+    session = Recorded(tmp_path)
+    one, other = sorted(_weights(session)[-2:])
+    _weighed(session, {one: other, other: one})
+    found = diagnosed(tmp_path)
+    assert [f["words"] for f in found["session_faults"]] == [
+        f"the weights of {one:g} g and {other:g} g were exchanged throughout"
+    ]
+    assert found["effects"] == []
+
+
+def _weights(session: Recorded) -> list[float]:
+    """The weights of a session [g], the most used one last."""
+    used = [round(float(g), 3) for case in session.document["cases"] for g in case["masses_g"].values()]
+    return sorted(set(used), key=used.count)
+
+
+def _weighed(session: Recorded, entered: dict[float, float]) -> None:
+    """Enter some weights [g] as others."""
+    for case in session.document["cases"]:
+        case["masses_g"] = {m: entered.get(round(float(g), 3), g) for m, g in case["masses_g"].items()}
+    session.write()
 
 
 def test_a_gain_below_one_is_a_share_of_the_force_that_passes_the_cell_by(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """What may have been entered wrongly in many cases alike, and the session with it put right.
 
-Tendons or postures exchanged, the side mirrored, an angle's sign, a unit, the axes, the tare.
+Tendons or postures exchanged, the side mirrored, an angle's sign, a unit, the axes, the tare, weights.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.session_model.session import Session
+from fingermodel.diagnosis.settings import AMOUNT, GAIN_SPREAD, LEAST_AMOUNT
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Kind = Literal["tendon_labels", "side", "posture", "mass_unit", "axes", "unit", "gain", "tare"]
+Kind = Literal["tendon_labels", "side", "posture", "mass_unit", "axes", "unit", "gain", "weight", "tare"]
 
 # Masses in another unit: what one that was entered as a gram is in grams.
 _UNITS_G = {
@@ -56,6 +57,48 @@ class Amend:
 
 
 @dataclass(frozen=True, eq=False)
+class Factor:
+    """A number that is another than was entered: a mount's gain, or what one weight weighs.
+
+    Attributes:
+        saying: what is said of it; the value goes into the braces.
+        entered: the value then.
+        value: by which it is another.
+        spread: standard deviation of its prior about 1.
+        least: how far from 1 it is at least.
+        acts: (cases, muscles) on which tensions, or (cases, 1) on which readings.
+    """
+
+    saying: str
+    entered: float
+    value: float
+    spread: float
+    least: float
+    acts: Mask
+
+    def column(self, session: Session, theta: Floats) -> Floats:
+        """(n, 1) change of the fitted readings per unit of a further relative change, at some parameters."""
+        rows = session.rows[session.fitted]
+        if self.acts.shape[1] == 1:
+            changed = session.readings(theta)
+        else:
+            changed = (session.by_tension(theta) * self.acts[:, None, :]).sum(axis=2)
+        here = self.acts.any(axis=1, keepdims=True)
+        column: Floats = (changed * here).reshape(-1, 1)[rows]
+        return column
+
+    @property
+    def words(self) -> str:
+        """What is said of it."""
+        return self.saying.format(self.entered * self.value)
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is far enough from what was entered, and no less than nothing."""
+        return self.value > 0.0 and abs(self.value - 1.0) >= self.least
+
+
+@dataclass(frozen=True, eq=False)
 class Corrected:
     """The session with one fault put right.
 
@@ -66,7 +109,7 @@ class Corrected:
         away: (n,) readings less the model then [N, N mm], in units of the readings as they were entered.
         log_density: log of how many times less a unit of the readings is than one of those stated, summed over those
             fitted.
-        gain: the mount whose readings were divided by a gain, and that gain.
+        factor: by which something is another than was entered, where that is a number that the readings tell.
         amend: amendments that put it right; none where amendments cannot.
     """
 
@@ -75,7 +118,7 @@ class Corrected:
     observations: Observations
     away: Floats
     log_density: float = 0.0
-    gain: tuple[str, float] | None = None
+    factor: Factor | None = None
     amend: tuple[Amend, ...] = ()
 
 
@@ -104,6 +147,7 @@ class Entries:
         yield from self._angles()
         yield self._one("side", "the side is the other one (readings are mirrored)", _mirrored(o))
         yield from self._tares()
+        yield from self._weights()
         for unit, grams in _UNITS_G.items():
             tension = np.asarray(o.inputs.tension) * grams
             yield self._one("mass_unit", f"masses are in {unit}", _with(o, tension=tension))
@@ -124,15 +168,36 @@ class Entries:
         words = "the readings are what the cell exerts on the finger: every sign is turned"
         return self._one("axes", words, replace(o, wrench=-o.wrench))
 
-    def with_gain(self, place: str, gain: float) -> Corrected:
-        """The readings of one mount divided by a gain."""
+    def factors(self) -> Iterator[Factor]:
+        """What may be another by any factor: the gain of either mount, and each weight, on one tendon or all."""
         o = self.session.observations
-        factor = np.where(of_label(o.locations, place), 1.0 / gain, 1.0)
-        noise = o.noise.turned(factor[:, None, None] * np.eye(6))
-        here = of_label(o.locations, place)[self.session.rows // 6]
-        density = -float((here & self.session.fitted).sum() * np.log(gain))
-        found = self._one("gain", "", replace(o, wrench=o.wrench * factor[:, None], noise=noise))
-        return replace(found, away=np.where(here, gain, 1.0) * found.away, log_density=density, gain=(place, gain))
+        places = dict.fromkeys(np.array(o.locations)[self.session.rows[self.session.fitted] // 6])
+        for place in places if len(places) > 1 else ():
+            words = f"the cell at the {place} has a gain of {{:.2f}}"
+            yield Factor(words, 1.0, 1.0, GAIN_SPREAD, 0.0, of_label(o.locations, place)[:, None])
+        muscles, mass_g = self.session.model.finger.topology.muscles, self._mass_g
+        for weight in np.unique(mass_g[mass_g > 0.0]):
+            hangs = mass_g == weight
+            on = np.flatnonzero(hangs.any(axis=0)).tolist()
+            words = f"the weight of {weight:g} g{{}} weighs {{{{:.0f}}}} g"
+            yield Factor(words.format(""), weight, 1.0, AMOUNT, LEAST_AMOUNT, hangs)
+            for m in on if len(on) > 1 else ():
+                alone = hangs & (np.arange(len(muscles)) == m)
+                yield Factor(words.format(f" on {muscles[m]}"), weight, 1.0, AMOUNT, LEAST_AMOUNT, alone)
+
+    def with_factor(self, factor: Factor) -> Corrected:
+        """The session with something by a factor another than was entered."""
+        o = self.session.observations
+        if factor.acts.shape[1] > 1:
+            tension = np.where(factor.acts, factor.value, 1.0) * np.asarray(o.inputs.tension)
+            return replace(self._one("weight", "", _with(o, tension=tension)), factor=factor)
+        by_case = np.where(factor.acts[:, 0], 1.0 / factor.value, 1.0)
+        noise = o.noise.turned(by_case[:, None, None] * np.eye(6))
+        here = factor.acts[self.session.rows // 6, 0]
+        density = -float((here & self.session.fitted).sum() * np.log(factor.value))
+        found = self._one("gain", "", replace(o, wrench=o.wrench * by_case[:, None], noise=noise))
+        away = np.where(here, factor.value, 1.0) * found.away
+        return replace(found, away=away, log_density=density, factor=factor)
 
     def _one(self, kind: Kind, words: str, observations: Observations) -> Corrected:
         return Corrected(kind, words, observations, self._residual(observations))
@@ -237,6 +302,22 @@ class Entries:
         if len(o.posture_angles) > 1 and 0.0 < np.rad2deg(np.abs(angles).max()) < np.pi:
             words = "the angles of all postures are in radians"
             yield self._one("posture", words, _with(o, posture=np.rad2deg(angles)))
+
+    def _weights(self) -> Iterator[Corrected]:
+        """Two weights exchanged throughout."""
+        o, mass_g = self.session.observations, self._mass_g
+        used = np.unique(mass_g[mass_g > 0.0]).tolist()
+        pairs = [(a, b) for a, b in combinations(used, 2) if b / a - 1.0 >= LEAST_AMOUNT]
+        for a, b in pairs if len(used) <= _MOST_BLOCKS else ():
+            factor = np.where(mass_g == a, b / a, np.where(mass_g == b, a / b, 1.0))
+            words = f"the weights of {a:g} g and {b:g} g were exchanged throughout"
+            yield self._one("weight", words, _with(o, tension=factor * np.asarray(o.inputs.tension)))
+
+    @cached_property
+    def _mass_g(self) -> Floats:
+        """(cases, muscles) that hangs on each tendon."""
+        muscles, masses = self.session.model.finger.topology.muscles, self.session.observations.masses_g
+        return np.array([[of_case.get(m, 0.0) for m in muscles] for of_case in masses])
 
     def _tares(self) -> Iterator[Corrected]:
         """Readings that were tared already when the tare was taken away; one tare of each mount for all its cases."""

@@ -1,14 +1,15 @@
 """Faults of a whole session, as explanations of their own: its labels or units put right, and the base model fitted.
 
-Tendons or postures exchanged, the side mirrored, the sign of an angle, a unit, one mount's gain. Each is one way in
-which what was entered differs from what was done in many cases at once: in all, or all of a posture or a mount.
+Tendons or postures exchanged, the side mirrored, the sign of an angle, a unit, one mount's gain, one weight. Each is
+one way in which what was entered differs from what was done in many cases at once.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import get_args
 
 import numpy as np
@@ -21,8 +22,8 @@ from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
-from fingermodel.diagnosis.settings import GAIN_SPREAD, P_FAULT, SURE, SUSPECT
-from fingermodel.diagnosis.verdict.corrections import Amend, Corrected, Entries, Kind, of_label
+from fingermodel.diagnosis.settings import P_FAULT, SURE, SUSPECT
+from fingermodel.diagnosis.verdict.corrections import Amend, Corrected, Entries, Factor, Kind
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, check
 
 Floats = NDArray[np.float64]
@@ -30,6 +31,10 @@ Mask = NDArray[np.bool_]
 
 # Faults that are fitted, of those that promise most.
 _FITTED = 2
+# Relative change of a factor from which the session is fitted again with it.
+_MOVED = 0.02
+# Units of chi-square that a step of the fit must promise at which the columns of scatter are made.
+_ROUGH = 2.0
 
 
 @dataclass(frozen=True)
@@ -49,7 +54,7 @@ class SessionFault:
     amend: tuple[Amend, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PutRight:
     """How well the readings are explained with one fault put right.
 
@@ -58,12 +63,25 @@ class PutRight:
         words: what was done instead of what was entered.
         log_posterior: of the base model, and of one effect beside it; the fault's own prior included.
         amend: as of a `SessionFault`.
+        fit: the better of the two.
+        entered: fits the session as it was entered.
     """
 
     kind: Kind
     words: str
     log_posterior: float
     amend: tuple[Amend, ...]
+    fit: Optimum
+    entered: Fitter
+
+    @cached_property
+    def without(self) -> float:
+        """Log posterior of the same explanation without the fault, fitted from there.
+
+        Where a search without the fault went astray, a fault may win by where its own fit began.
+        """
+        fit = self.fit
+        return self.entered.fit(fit.explanation, fit.theta, fit.mode, fit.bad).log_posterior
 
 
 def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
@@ -81,12 +99,13 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     )
     entries, fitted = Entries(session, session.problem.centre), session.fitted
     by_balance = list(entries.frames())
-    offers = [*entries.corrected(), *_gains(as_measured, entries), *([] if by_balance else [entries.turned()])]
+    offers = [*entries.corrected(), *([] if by_balance else [entries.turned()])]
     # What changes the same fitted readings alike is one fault; what changes none is looked for in `unseen_faults`.
     apart = {o.away[fitted].tobytes(): o for o in reversed(offers) if _strikes(o, entries, fitted)}
     offers = list(apart.values())
     away = np.array([entries.away[fitted], *(o.away[fitted] for o in offers)])
-    counts = Counter(o.kind for o in [*offers, *by_balance])
+    factors = _factors(nothing, entries)
+    counts = Counter(o.kind for o in [*offers, *factors, *by_balance])
     prior = {kind: _log_share(count) for kind, count in counts.items()}
     # Readings miss the finger as it was measured by more than noise, and by less than most faults. How much of that may
     # be something smooth is not known before: with some of it, the others' misfit does not decide; or as they read.
@@ -95,6 +114,8 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
         as_entered, *values = as_measured.log_joints_of(away.T, node)
         gains = {o: prior[o.kind] + value - as_entered for o, value in zip(offers, values, strict=True)}
         best |= dict.fromkeys([o for o in sorted(offers, key=lambda o: -gains[o])[:_FITTED] if gains[o] > 0.0])
+    likely = sorted(factors, key=lambda o: -prior[o.kind] - factors[o])[:1]
+    best |= dict.fromkeys(o for o in likely if prior[o.kind] + factors[o] > 0.0)
     alone = {o: _fitted(candidates, nothing, o, prior[o.kind], frozenset()) for o in [*by_balance, *best]}
     if not (alone and nothing.bad):
         return list(alone.values())
@@ -116,8 +137,10 @@ def session_faults(found: Sequence[PutRight], posterior: Posterior) -> list[Sess
         What is more probable than not, most probable first.
     """
     # As a slip in one case it is weighed by the whole likelihood, not by a power of it.
-    as_it_is = [fit.log_posterior for fit in posterior.fits.values()]
-    return _probable(found, [f.log_posterior for f in found], as_it_is)
+    as_it_is, values = [fit.log_posterior for fit in posterior.fits.values()], [f.log_posterior for f in found]
+    if _probable(found, values, as_it_is):
+        as_it_is += [f.without for f in found if f.log_posterior >= max(as_it_is)]
+    return _probable(found, values, as_it_is)
 
 
 def unseen_faults(
@@ -153,7 +176,8 @@ def unseen_faults(
 
 def outdoes(found: Sequence[PutRight], log_posterior: float) -> bool:
     """Whether a fault is sure whatever may act, if nothing that acts has a higher log posterior than this."""
-    return any(f.log_posterior - log_posterior > logit(SURE) for f in found)
+    sure = [f for f in found if f.log_posterior - log_posterior > logit(SURE)]
+    return any(f.log_posterior - f.without > logit(SURE) for f in sure)
 
 
 def _probable(
@@ -184,53 +208,56 @@ def _log_share(alike: int) -> float:
 
 
 def _fitted(
-    candidates: Candidates, nothing: Optimum, offer: Corrected, log_share: float, bad: frozenset[int]
+    candidates: Candidates,
+    nothing: Optimum,
+    offer: Corrected,
+    log_share: float,
+    bad: frozenset[int],
+    more: bool = True,
 ) -> PutRight:
-    """Fit the base model with a fault put right, and one effect beside it."""
+    """Fit the base model with a fault put right, and one effect beside it; once more where its factor has moved."""
     session = nothing.session
     other = _with_readings(session, offer.observations)
     fitter = Fitter(other, candidates, nothing.hyper)
-    first = fitter.fit(NOTHING, session.problem.centre, nothing.hyper.start(0), bad)
+    first = fitter.fit_at(NOTHING, [session.problem.centre], nothing.hyper.usual, bad, _ROUGH)
     again = replace(fitter, session=other.seen_from(first.theta))
-    best = again.fit(NOTHING, first.theta, first.mode, bad)
+    best = again.fit(NOTHING, first.theta, nothing.hyper.usual, bad, leader=nothing.log_posterior)
     alone = log_posterior = best.log_posterior
     if alone + offer.log_density >= nothing.log_posterior:
         # An effect may act as well: the one that the base promises most.
         node = best.hyper.without_smooth(best.best)
         promised = best.promises(candidates.singles, [best.best, node])
         single = candidates.singles[int(np.argmax(promised + [candidates.log_prior(e) for e in candidates.singles]))]
-        beside = again.fit(single, best.expected(single, node), node, bad)
+        beside = again.fit(single, best.expected(single, node), node, bad, leader=nothing.log_posterior)
         log_posterior = float(np.logaddexp(alone, beside.log_posterior))
         best = max(best, beside, key=lambda fit: fit.log_posterior)
     words, log_gain = offer.words, 0.0
-    if offer.gain:
-        words, log_gain = _regained(best, *offer.gain)
-    return PutRight(offer.kind, words, log_share + offer.log_density + log_posterior + log_gain, offer.amend)
+    if offer.factor:
+        factor, log_gain = _told(best, offer.factor)
+        if more and factor.counts and abs(factor.value / offer.factor.value - 1.0) > _MOVED:
+            moved = Entries(session, session.problem.centre).with_factor(factor)
+            return _fitted(candidates, nothing, moved, log_share, bad, more=False)
+        words = factor.words
+    value = log_share + offer.log_density + log_posterior + log_gain
+    return PutRight(offer.kind, words, value, offer.amend, best, Fitter(session, candidates, nothing.hyper))
 
 
-def _gains(fit: Optimum, entries: Entries) -> Iterator[Corrected]:
-    """Another gain of either mount alone, where the readings want it most about a fit."""
-    places = dict.fromkeys(np.array(fit.session.observations.locations)[fit.session.rows[fit.session.fitted] // 6])
-    for place in places if len(places) > 1 else ():
-        information, score = fit.asked(_of_mount(fit, place), fit.node)
-        gain = 1.0 + float(score[0] / (information[0] + GAIN_SPREAD**-2))
-        if gain > 0.0:
-            yield entries.with_gain(place, gain)
+def _factors(fit: Optimum, entries: Entries) -> dict[Corrected, float]:
+    """Other gains and weights, each as the readings want it about a fit, and the log evidence that it promises."""
+    out = dict[Corrected, float]()
+    for factor in entries.factors():
+        told, log_gain = _told(fit, factor)
+        if told.counts:
+            out[entries.with_factor(told)] = log_gain
+    return out
 
 
-def _regained(fit: Optimum, place: str, gain: float) -> tuple[str, float]:
-    """A gain about which a session was fitted: in words, and the log of its prior summed over what it may be."""
-    information, score = (float(value[0]) for value in fit.asked(_of_mount(fit, place), fit.best))
-    # The gain is what it was taken for times 1 + w; its prior is N(1, GAIN_SPREAD²).
-    mean, precision = (1.0 - gain) / gain, (gain / GAIN_SPREAD) ** 2
+def _told(fit: Optimum, factor: Factor) -> tuple[Factor, float]:
+    """A factor with which a session was fitted, as it is told there; and the log of its prior, summed over values."""
+    information, score = (float(value[0]) for value in fit.asked(factor.column(fit.session, fit.theta), fit.best))
+    # It is what it was taken for times 1 + w; its prior is N(1, spread²).
+    mean, precision = (1.0 - factor.value) / factor.value, (factor.value / factor.spread) ** 2
     best = (score + mean * precision) / (information + precision)
     log = 0.5 * (best**2 * (information + precision) - mean**2 * precision - np.log1p(information / precision))
-    return f"the cell at the {place} has a gain of {gain * (1.0 + best):.2f}", float(log)
-
-
-def _of_mount(fit: Optimum, place: str) -> Floats:
-    """(n, 1) fitted readings of one mount as predicted at a fit, and 0 for the other."""
-    session = fit.session
-    rows = session.rows[session.fitted]
-    predicted = session.readings(fit.theta).reshape(-1)[rows]
-    return (predicted * of_label(session.observations.locations, place)[rows // 6])[:, None]
+    told = replace(factor, value=factor.value * (1.0 + best))
+    return told, float(log) if told.counts else -np.inf
