@@ -35,7 +35,7 @@ _UNITS_G = {
     "grams, ten times too many": 0.1,
     "grams, ten times too few": 10.0,
 }
-# Postures, and changes of posture or mount, from which on blocks of cases are not looked at: there would be too many.
+# Postures, changes of posture or mount, and weights, from which on they are not looked at: there would be too many.
 _MOST_BLOCKS = 20
 # A wrench of the other hand.
 _MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
@@ -75,17 +75,6 @@ class Factor:
     spread: float
     least: float
     acts: Mask
-
-    def column(self, session: Session, theta: Floats) -> Floats:
-        """(n, 1) change of the fitted readings per unit of a further relative change, at some parameters."""
-        rows = session.rows[session.fitted]
-        if self.acts.shape[1] == 1:
-            changed = session.readings(theta)
-        else:
-            changed = (session.by_tension(theta) * self.acts[:, None, :]).sum(axis=2)
-        here = self.acts.any(axis=1, keepdims=True)
-        column: Floats = (changed * here).reshape(-1, 1)[rows]
-        return column
 
     @property
     def words(self) -> str:
@@ -168,22 +157,37 @@ class Entries:
         words = "the readings are what the cell exerts on the finger: every sign is turned"
         return self._one("axes", words, replace(o, wrench=-o.wrench))
 
-    def factors(self) -> Iterator[Factor]:
+    def factors(self) -> list[Factor]:
         """What may be another by any factor: the gain of either mount, and each weight, on one tendon or all."""
-        o = self.session.observations
+        o, out = self.session.observations, list[Factor]()
         places = dict.fromkeys(np.array(o.locations)[self.session.rows[self.session.fitted] // 6])
         for place in places if len(places) > 1 else ():
             words = f"the cell at the {place} has a gain of {{:.2f}}"
-            yield Factor(words, 1.0, 1.0, GAIN_SPREAD, 0.0, of_label(o.locations, place)[:, None])
+            out.append(Factor(words, 1.0, 1.0, GAIN_SPREAD, 0.0, of_label(o.locations, place)[:, None]))
         muscles, mass_g = self.session.model.finger.topology.muscles, self._mass_g
-        for weight in np.unique(mass_g[mass_g > 0.0]):
+        for weight in self._weights_g:
             hangs = mass_g == weight
             on = np.flatnonzero(hangs.any(axis=0)).tolist()
             words = f"the weight of {weight:g} g{{}} weighs {{{{:.0f}}}} g"
-            yield Factor(words.format(""), weight, 1.0, AMOUNT, LEAST_AMOUNT, hangs)
+            out.append(Factor(words.format(""), weight, 1.0, AMOUNT, LEAST_AMOUNT, hangs))
             for m in on if len(on) > 1 else ():
                 alone = hangs & (np.arange(len(muscles)) == m)
-                yield Factor(words.format(f" on {muscles[m]}"), weight, 1.0, AMOUNT, LEAST_AMOUNT, alone)
+                out.append(Factor(words.format(f" on {muscles[m]}"), weight, 1.0, AMOUNT, LEAST_AMOUNT, alone))
+        return out
+
+    def columns(self, factors: Sequence[Factor], theta: Floats) -> Floats:
+        """(n, k) change of the fitted readings per unit of a further relative change of each, at some parameters."""
+        session, out = self.session, list[Floats]()
+        reading = session.readings(theta)
+        by_tension = session.by_tension(theta) if any(f.acts.shape[1] > 1 for f in factors) else None
+        for factor in factors:
+            acts = factor.acts
+            if by_tension is None or acts.shape[1] == 1:
+                changed = reading * acts
+            else:
+                changed = (by_tension * acts[:, None, :]).sum(axis=2)
+            out.append(changed.reshape(-1)[session.rows[session.fitted]])
+        return np.array(out).T
 
     def with_factor(self, factor: Factor) -> Corrected:
         """The session with something by a factor another than was entered."""
@@ -306,12 +310,16 @@ class Entries:
     def _weights(self) -> Iterator[Corrected]:
         """Two weights exchanged throughout."""
         o, mass_g = self.session.observations, self._mass_g
-        used = np.unique(mass_g[mass_g > 0.0]).tolist()
-        pairs = [(a, b) for a, b in combinations(used, 2) if b / a - 1.0 >= LEAST_AMOUNT]
-        for a, b in pairs if len(used) <= _MOST_BLOCKS else ():
+        for a, b in [(a, b) for a, b in combinations(self._weights_g, 2) if b / a - 1.0 >= LEAST_AMOUNT]:
             factor = np.where(mass_g == a, b / a, np.where(mass_g == b, a / b, 1.0))
             words = f"the weights of {a:g} g and {b:g} g were exchanged throughout"
             yield self._one("weight", words, _with(o, tension=factor * np.asarray(o.inputs.tension)))
+
+    @cached_property
+    def _weights_g(self) -> list[float]:
+        """Masses in use; none where they are so many that a weight hangs in hardly more than one case."""
+        used = np.unique(self._mass_g[self._mass_g > 0.0]).tolist()
+        return used if len(used) <= _MOST_BLOCKS else []
 
     @cached_property
     def _mass_g(self) -> Floats:

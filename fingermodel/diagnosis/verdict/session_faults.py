@@ -233,7 +233,7 @@ def _fitted(
         best = max(best, beside, key=lambda fit: fit.log_posterior)
     words, log_gain = offer.words, 0.0
     if offer.factor:
-        factor, log_gain = _told(best, offer.factor)
+        ((factor, log_gain),) = _told(best, Entries(best.session, best.theta), [offer.factor])
         if more and factor.counts and abs(factor.value / offer.factor.value - 1.0) > _MOVED:
             moved = Entries(session, session.problem.centre).with_factor(factor)
             return _fitted(candidates, nothing, moved, log_share, bad, more=False)
@@ -244,20 +244,25 @@ def _fitted(
 
 def _factors(fit: Optimum, entries: Entries) -> dict[Corrected, float]:
     """Other gains and weights, each as the readings want it about a fit, and the log evidence that it promises."""
-    out = dict[Corrected, float]()
-    for factor in entries.factors():
-        told, log_gain = _told(fit, factor)
-        if told.counts:
-            out[entries.with_factor(told)] = log_gain
+    told = _told(fit, entries, entries.factors())
+    return {entries.with_factor(factor): log_gain for factor, log_gain in told if factor.counts}
+
+
+def _told(fit: Optimum, entries: Entries, factors: Sequence[Factor]) -> list[tuple[Factor, float]]:
+    """Factors with which a session was fitted, as they are told there; and the log of each's prior, summed over values.
+
+    Args:
+        fit: of the session with what they make of it, or as it was entered where each is 1.
+        entries: of that session.
+        factors: of it.
+    """
+    out = []
+    every = zip(factors, *fit.asked(entries.columns(factors, fit.theta), fit.best), strict=True) if factors else ()
+    for factor, information, score in every:
+        # It is what it was taken for times 1 + w; its prior is N(1, spread²).
+        mean, precision = (1.0 - factor.value) / factor.value, (factor.value / factor.spread) ** 2
+        best = (score + mean * precision) / (information + precision)
+        log = 0.5 * (best**2 * (information + precision) - mean**2 * precision - np.log1p(information / precision))
+        told = replace(factor, value=factor.value * (1.0 + float(best)))
+        out.append((told, float(log) if told.counts else -np.inf))
     return out
-
-
-def _told(fit: Optimum, factor: Factor) -> tuple[Factor, float]:
-    """A factor with which a session was fitted, as it is told there; and the log of its prior, summed over values."""
-    information, score = (float(value[0]) for value in fit.asked(factor.column(fit.session, fit.theta), fit.best))
-    # It is what it was taken for times 1 + w; its prior is N(1, spread²).
-    mean, precision = (1.0 - factor.value) / factor.value, (factor.value / factor.spread) ** 2
-    best = (score + mean * precision) / (information + precision)
-    log = 0.5 * (best**2 * (information + precision) - mean**2 * precision - np.log1p(information / precision))
-    told = replace(factor, value=factor.value * (1.0 + best))
-    return told, float(log) if told.counts else -np.inf
