@@ -51,12 +51,15 @@ class Steps:
             sizes: values of each axis.
         """
         node, axis, stood = start, 0, 0
+        # By axis and direction, what the last step there lost.
+        lost: dict[tuple[int, int], float] = {}
         while stood < len(sizes):
             before = node
             for step in (1, -1):
-                while 0 <= node[axis] + step < sizes[axis]:
+                while 0 <= node[axis] + step < sizes[axis] and lost.get((axis, step), 0.0) < _LOST:
                     trial = (*node[:axis], node[axis] + step, *node[axis + 1 :])
-                    if self.at(trial) <= self.at(node):
+                    lost[axis, step] = self.at(node) - self.at(trial)
+                    if lost[axis, step] >= 0.0:
                         break
                     node = trial
                 if node != before:
