@@ -20,6 +20,8 @@ Floats = NDArray[np.float64]
 
 # Rounds of optimum and hyperparameters, and units of chi-square that a step must promise.
 _ROUNDS, _FLOOR = 3, 0.02
+# The same at which the columns of scatter are made.
+_BEGUN = 2.0
 # Evaluations of a round whose hyperparameters may still move, and of one whose stand.
 _ROUGH, _EVALUATIONS = 40, 80
 # What is far from fitting need not be known to the last digit (see `minimise`).
@@ -39,6 +41,15 @@ class Fitter:
     session: Session
     candidates: Candidates
     hyper: Hyperparameters
+
+    def begun(self, explanation: Explanation, node: Node, bad: frozenset[int]) -> tuple[Fitter, Floats]:
+        """Fits whose scatter changes a reading as the finger does that is roughly fitted, not the normative one.
+
+        Returns:
+            Them, and (parameters,) of that finger, fitted from the priors' centre.
+        """
+        rough = self.fit_at(explanation, [self.session.problem.centre], node, bad, _BEGUN)
+        return replace(self, session=self.session.seen_from(rough.theta)), rough.theta
 
     def fit(
         self,

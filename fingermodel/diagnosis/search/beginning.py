@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -22,8 +22,6 @@ Slipped = tuple[frozenset[int], ...]
 
 # Share of the work that is left by every fit, as far as anybody knows: most searches take some 14.
 _LEFT_PER_FIT = 0.87
-# Units of chi-square that a step of the fit must promise at which the columns of scatter are made.
-_ROUGH = 2.0
 
 
 def bad_in(slips: Slipped) -> frozenset[int]:
@@ -114,10 +112,8 @@ class Beginner:
         """Fit all candidates at once, and the base model from there and from the priors' centre."""
         problem, explanation = self.session.problem, self._every
         node, bad = self.hyper.usual, bad_in(slips)
-        rough = self._about_centre.fit_at(explanation, [problem.centre], node, bad, _ROUGH)
-        # Scatter changes a reading as the fitted finger does, not as the normative one.
-        fitter = replace(self._about_centre, session=self.session.seen_from(rough.theta))
-        every = fitter.fit(explanation, rough.theta, node, bad, 0.0)
+        fitter, begin = self._about_centre.begun(explanation, node, bad)
+        every = fitter.fit(explanation, begin, node, bad, 0.0)
         starts = [problem.centre, np.where(problem.free, every.theta, problem.centre)]
         found = []
         for start in [*starts, *([] if self._start is None else [self._start])]:

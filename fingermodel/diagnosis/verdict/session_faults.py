@@ -33,8 +33,6 @@ Mask = NDArray[np.bool_]
 _FITTED = 2
 # Relative change of a factor from which the session is fitted again with it.
 _MOVED = 0.02
-# Units of chi-square that a step of the fit must promise at which the columns of scatter are made.
-_ROUGH = 2.0
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,8 @@ class PutRight:
 def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     """Put faults of the whole session right, one at a time, and fit the base model again, slips beside it or not.
 
-    Those that balance shows are all fitted; of the others, those that promise most where the finger is as measured.
+    Those that balance shows are all fitted; of the others, those that promise most where the finger is as measured; and
+    the gain or weight that promises most about the base model.
 
     Args:
         candidates: of the diagnosis.
@@ -104,7 +103,7 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     apart = {o.away[fitted].tobytes(): o for o in reversed(offers) if _strikes(o, entries, fitted)}
     offers = list(apart.values())
     away = np.array([entries.away[fitted], *(o.away[fitted] for o in offers)])
-    factors = _factors(nothing, entries)
+    factors = {o: gain for o, gain in _factors(nothing, entries).items() if _strikes(o, entries, fitted)}
     counts = Counter(o.kind for o in [*offers, *factors, *by_balance])
     prior = {kind: _log_share(count) for kind, count in counts.items()}
     # Readings miss the finger as it was measured by more than noise, and by less than most faults. How much of that may
@@ -116,13 +115,14 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
         best |= dict.fromkeys([o for o in sorted(offers, key=lambda o: -gains[o])[:_FITTED] if gains[o] > 0.0])
     likely = sorted(factors, key=lambda o: -prior[o.kind] - factors[o])[:1]
     best |= dict.fromkeys(o for o in likely if prior[o.kind] + factors[o] > 0.0)
-    alone = {o: _fitted(candidates, nothing, o, prior[o.kind], frozenset()) for o in [*by_balance, *best]}
-    if not (alone and nothing.bad):
-        return list(alone.values())
-    # Beside slips the likeliest is likelier still.
+    alone = {o: _fitted(candidates, nothing, o, prior[o.kind], frozenset(), 0) for o in [*by_balance, *best]}
+    if not alone:
+        return []
+    # Beside an effect, and beside slips, the likeliest is likelier still.
     likeliest = max(alone, key=lambda o: alone[o].log_posterior)
-    beside = _fitted(candidates, nothing, likeliest, prior[likeliest.kind], nothing.bad)
-    alone[likeliest] = max(alone[likeliest], beside, key=lambda put: put.log_posterior)
+    for bad in dict.fromkeys([frozenset[int](), nothing.bad]):
+        beside = _fitted(candidates, nothing, likeliest, prior[likeliest.kind], bad, 2)
+        alone[likeliest] = max(alone[likeliest], beside, key=lambda put: put.log_posterior)
     return list(alone.values())
 
 
@@ -213,30 +213,29 @@ def _fitted(
     offer: Corrected,
     log_share: float,
     bad: frozenset[int],
-    more: bool = True,
+    rounds: int,
 ) -> PutRight:
-    """Fit the base model with a fault put right, and one effect beside it; once more where its factor has moved."""
+    """Fit the base model with a fault put right; in rounds, while its factor moves, one effect beside it as well."""
     session = nothing.session
     other = _with_readings(session, offer.observations)
-    fitter = Fitter(other, candidates, nothing.hyper)
-    first = fitter.fit_at(NOTHING, [session.problem.centre], nothing.hyper.usual, bad, _ROUGH)
-    again = replace(fitter, session=other.seen_from(first.theta))
-    best = again.fit(NOTHING, first.theta, nothing.hyper.usual, bad, leader=nothing.log_posterior)
+    node = nothing.hyper.usual
+    fitter, begin = Fitter(other, candidates, nothing.hyper).begun(NOTHING, node, bad)
+    best = fitter.fit(NOTHING, begin, node, bad, leader=nothing.log_posterior)
     alone = log_posterior = best.log_posterior
-    if alone + offer.log_density >= nothing.log_posterior:
+    if rounds and alone + offer.log_density >= nothing.log_posterior:
         # An effect may act as well: the one that the base promises most.
         node = best.hyper.without_smooth(best.best)
         promised = best.promises(candidates.singles, [best.best, node])
         single = candidates.singles[int(np.argmax(promised + [candidates.log_prior(e) for e in candidates.singles]))]
-        beside = again.fit(single, best.expected(single, node), node, bad, leader=nothing.log_posterior)
+        beside = fitter.fit(single, best.expected(single, node), node, bad, leader=nothing.log_posterior)
         log_posterior = float(np.logaddexp(alone, beside.log_posterior))
         best = max(best, beside, key=lambda fit: fit.log_posterior)
     words, log_gain = offer.words, 0.0
     if offer.factor:
         ((factor, log_gain),) = _told(best, Entries(best.session, best.theta), [offer.factor])
-        if more and factor.counts and abs(factor.value / offer.factor.value - 1.0) > _MOVED:
+        if rounds > 1 and factor.counts and abs(factor.value / offer.factor.value - 1.0) > _MOVED:
             moved = Entries(session, session.problem.centre).with_factor(factor)
-            return _fitted(candidates, nothing, moved, log_share, bad, more=False)
+            return _fitted(candidates, nothing, moved, log_share, bad, rounds - 1)
         words = factor.words
     value = log_share + offer.log_density + log_posterior + log_gain
     return PutRight(offer.kind, words, value, offer.amend, best, Fitter(session, candidates, nothing.hyper))
