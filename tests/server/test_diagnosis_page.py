@@ -14,6 +14,8 @@ import plotly.graph_objects as go
 import pytest
 from matplotlib.image import imread
 
+import server
+from fingermodel.fitting.reading_errors import OTHER_SCATTER
 from server.application.diagnosis_report import diagnosis_sections, draw_diagnosis
 from server.figures.diagnosis_map import residual_map
 from server.figures.diagnosis_tables import bent_table
@@ -248,3 +250,8 @@ def test_importing_the_report_loads_no_drawing_library() -> None:
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
     assert out.stdout.strip() == "[]"
+
+
+def test_the_table_of_the_rig_has_a_row_for_every_error_that_an_answer_tells() -> None:
+    rows = (Path(server.__file__).parent / "pages" / "views" / "answer.js").read_text(encoding="utf-8")
+    assert [kind.key for kind in OTHER_SCATTER.values() if f'"{kind.key}", "{kind.unit}"' not in rows] == []

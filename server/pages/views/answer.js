@@ -121,15 +121,17 @@ function included(body) {
 }
 
 const SCATTER = [["Scatter of each component by itself", "component", "pct"], ["Scatter of forces in every direction", "direction", "pct"],
-  ["Scatter of joint angles", "angle", "deg"], ["Error of each weight", "weight", "pct"], ["Turn of the cell from setting to setting", "mounting", "deg"],
+  ["Scatter of joint angles", "angle", "deg"], ["Error of each weight", "weight", "pct"],
+  ["Turn of each tendon's line at the bone", "line", "deg"], ["Zero, from setting to setting", "zero", "mN"], ["Zero, within a setting", "drift", "mN"],
+  ["Turn of the cell from setting to setting", "mounting", "deg"],
   ["Place where the tip is held, from setting to setting", "hold", "mm"], ["Joint angles of a setting at tip and bone", "apart", "deg"]];
 
 function rig(body) {
   const { beyond, repeatability: r, budget_multiple: b, anatomy_multiple: a, noise_multiple: n, predictive_check: p } = body;
   const rows = [
     r && ["Repeatability of the tensions", `${number(r.value_pct, 2)} ± ${number(r.sd_pct, 2)} %`, r.stated_pct ? `${number(r.stated_pct, 1)} %` : "none stated"],
-    ...(r ? SCATTER : []).filter(([, of, unit]) => r[`${of}_${unit}`] >= 0.1).map(([name, of, unit]) =>
-      [name, `${number(r[`${of}_${unit}`], 2)} ± ${number(r[`${of}_sd_${unit}`], 2)}${{ deg: "°", pct: " %", mm: " mm" }[unit]}`, "none stated"]),
+    ...(r ? SCATTER : []).filter(([, of, unit]) => r[`${of}_${unit}`] >= (unit === "mN" ? 1 : 0.1)).map(([name, of, unit]) =>
+      [name, `${number(r[`${of}_${unit}`], 2)} ± ${number(r[`${of}_sd_${unit}`], 2)}${{ deg: "°", pct: " %", mm: " mm", mN: " mN" }[unit]}`, "none stated"]),
     b && ["Multiple of the budget", `${number(b.value, 2)} ± ${number(b.sd, 2)}`, b.carried_by.length ? `bent most: ${b.carried_by.slice(0, 3).join(", ")}` : "1"],
     a && ["Multiple of the anatomy's spread", `${number(a.value, 2)} ± ${number(a.sd, 2)}`, "1"],
     n && ["Multiple of the noise", `${number(n.value, 2)} ± ${number(n.sd, 2)}`, n.assumed ? "no uncertainty stated" : "1"],
