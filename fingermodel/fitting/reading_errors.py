@@ -16,6 +16,7 @@ class ScatterKind(NamedTuple):
         key: of it in an answer.
         unit: of it there.
         factor: from its own unit to that one.
+        title: of a row that tells it.
         words: what follows its size.
         least: size from which it is worth telling, in that unit.
     """
@@ -23,6 +24,7 @@ class ScatterKind(NamedTuple):
     key: str
     unit: str
     factor: float
+    title: str
     words: str
     least: float
 
@@ -30,16 +32,45 @@ class ScatterKind(NamedTuple):
 _DEG = float(np.rad2deg(1.0))
 # All but that of the tensions (see `ReadingErrors`).
 OTHER_SCATTER = {
-    "component": ScatterKind("component", "pct", 100.0, " % of each component by itself", 0.4),
-    "direction": ScatterKind("direction", "pct", 100.0, " % of the force in every direction", 0.4),
-    "angle_rad": ScatterKind("angle", "deg", _DEG, "° of each joint angle", 0.2),
-    "weight": ScatterKind("weight", "pct", 100.0, " % of each weight", 0.4),
-    "line_rad": ScatterKind("line", "deg", _DEG, "° of each tendon's line at the bone", 0.2),
-    "zero_N": ScatterKind("zero", "mN", 1000.0, " mN of the zero from setting to setting", 5.0),
-    "drift_N": ScatterKind("drift", "mN", 1000.0, " mN of the zero's drift within a setting", 5.0),
-    "turn_rad": ScatterKind("mounting", "deg", _DEG, "° of the cell's orientation from setting to setting", 0.2),
-    "hold_mm": ScatterKind("hold", "mm", 1.0, " mm of where the tip is held from setting to setting", 0.2),
-    "apart_rad": ScatterKind("apart", "deg", _DEG, "° of each joint angle between tip and bone", 0.2),
+    "component": ScatterKind(
+        "component", "pct", 100.0, "scatter of each component by itself", " % of each component by itself", 0.4
+    ),
+    "direction": ScatterKind(
+        "direction", "pct", 100.0, "scatter of forces in every direction", " % of the force in every direction", 0.4
+    ),
+    "angle_rad": ScatterKind("angle", "deg", _DEG, "scatter of joint angles", "° of each joint angle", 0.2),
+    "weight": ScatterKind("weight", "pct", 100.0, "error of each weight", " % of each weight", 0.4),
+    "line_rad": ScatterKind(
+        "line", "deg", _DEG, "turn of each tendon's line at the bone", "° of each tendon's line at the bone", 0.2
+    ),
+    "zero_N": ScatterKind("zero", "mN", 1000.0, "zero, by setting", " mN of the zero from setting to setting", 5.0),
+    "drift_N": ScatterKind(
+        "drift", "mN", 1000.0, "drift of the zero within a setting", " mN of the zero's drift within a setting", 5.0
+    ),
+    "turn_rad": ScatterKind(
+        "mounting",
+        "deg",
+        _DEG,
+        "turn of the cell by setting",
+        "° of the cell's orientation from setting to setting",
+        0.2,
+    ),
+    "hold_mm": ScatterKind(
+        "hold",
+        "mm",
+        1.0,
+        "place where the tip is held, by setting",
+        " mm of where the tip is held from setting to setting",
+        0.2,
+    ),
+    "apart_rad": ScatterKind(
+        "apart",
+        "deg",
+        _DEG,
+        "joint angles at tip and bone, by setting",
+        "° of each joint angle between tip and bone",
+        0.2,
+    ),
 }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from fingermodel.fitting.reading_errors import OTHER_SCATTER
 from fingermodel.parameters import with_unit
 from server.figures.diagnosis_answer import (
     Answer,
@@ -63,6 +64,10 @@ def suspects_table(answer: Answer) -> list[Table]:
     return [Table(header, lines, "Load cases that are not as the others make them expected.")] if lines else []
 
 
+# Units of an answer's keys, as tables have them.
+_SIGNS = {"pct": "%", "deg": "°", "mm": "mm", "mN": "mN"}
+
+
 def rig_table(answer: Answer) -> list[Table]:
     """Tabulate what the readings say of the rig against what is stated: repeatability, budget, noise."""
     keys = ("repeatability", "budget_multiple", "anatomy_multiple", "noise_multiple", "extra_noise_N")
@@ -71,13 +76,10 @@ def rig_table(answer: Answer) -> list[Table]:
     stated = value(repeat.get("stated_pct"))
     lines = [
         ["repeatability of the tensions [%]", *_both(repeat, "_pct"), fixed(stated, 1) if stated else "none", ""],
-        ["scatter of each component by itself [%]", *_both(repeat, "_pct", of="component"), "none", ""],
-        ["scatter of forces in every direction [%]", *_both(repeat, "_pct", of="direction"), "none", ""],
-        ["scatter of joint angles [°]", *_both(repeat, "_deg", of="angle"), "none", ""],
-        ["error of each weight [%]", *_both(repeat, "_pct", of="weight"), "none", ""],
-        ["turn of the cell by setting [°]", *_both(repeat, "_deg", of="mounting"), "none", ""],
-        ["place where the tip is held, by setting [mm]", *_both(repeat, "_mm", of="hold"), "none", ""],
-        ["joint angles at tip and bone, by setting [°]", *_both(repeat, "_deg", of="apart"), "none", ""],
+        *[
+            [f"{of.title} [{_SIGNS[of.unit]}]", *_both(repeat, f"_{of.unit}", of=of.key), "none", ""]
+            for of in OTHER_SCATTER.values()
+        ],
         ["multiple of the budget", *_both(budget), "1", f"bent most: {carried}" if carried else ""],
         ["multiple of the anatomy's spread", *_both(anatomy), "1", ""],
         ["multiple of the assumed noise", *_both(noise if noise.get("assumed") is True else {}), "1", ""],
