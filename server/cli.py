@@ -323,6 +323,10 @@ def main() -> None:
     raise SystemExit(code if isinstance(code, int) else 0)
 
 
+# When an interrupt comes again [s]: by then a callback has ended, however busy the machine is.
+_AGAIN_S = 0.2
+
+
 @contextmanager
 def _lost_interrupts_repeated() -> Iterator[None]:
     """Repeat an interrupt that Python drops since it came within a callback, such as JAX's of the garbage collector."""
@@ -333,7 +337,7 @@ def _lost_interrupts_repeated() -> Iterator[None]:
             before(what)
             return
         while True:
-            again = threading.Timer(0.01, _thread.interrupt_main)
+            again = threading.Timer(_AGAIN_S, _thread.interrupt_main)
             again.daemon = True
             try:
                 again.start()
