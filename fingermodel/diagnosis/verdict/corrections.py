@@ -82,6 +82,17 @@ class Factor:
         return self.saying.format(self.entered * self.value)
 
     @property
+    def kind(self) -> Kind:
+        """Of the fault that it is."""
+        return "weight" if self.acts.shape[1] > 1 else "gain"
+
+    @property
+    def cases(self) -> Mask:
+        """(cases,) in which of them it acts."""
+        out: Mask = np.any(self.acts, axis=1)
+        return out
+
+    @property
     def counts(self) -> bool:
         """Whether it is far enough from what was entered, and no less than nothing."""
         return self.value > 0.0 and abs(self.value - 1.0) >= self.least
@@ -179,10 +190,10 @@ class Entries:
         """(n, k) change of the fitted readings per unit of a further relative change of each, at some parameters."""
         session, out = self.session, list[Floats]()
         reading = session.readings(theta)
-        by_tension = session.by_tension(theta) if any(f.acts.shape[1] > 1 for f in factors) else None
+        by_tension = session.by_tension(theta) if any(f.kind == "weight" for f in factors) else None
         for factor in factors:
             acts = factor.acts
-            if by_tension is None or acts.shape[1] == 1:
+            if by_tension is None or factor.kind == "gain":
                 changed = reading * acts
             else:
                 changed = (by_tension * acts[:, None, :]).sum(axis=2)
@@ -192,14 +203,14 @@ class Entries:
     def with_factor(self, factor: Factor) -> Corrected:
         """The session with something by a factor another than was entered."""
         o = self.session.observations
-        if factor.acts.shape[1] > 1:
+        if factor.kind == "weight":
             tension = np.where(factor.acts, factor.value, 1.0) * np.asarray(o.inputs.tension)
-            return replace(self._one("weight", "", _with(o, tension=tension)), factor=factor)
+            return replace(self._one(factor.kind, "", _with(o, tension=tension)), factor=factor)
         by_case = np.where(factor.acts[:, 0], 1.0 / factor.value, 1.0)
         noise = o.noise.turned(by_case[:, None, None] * np.eye(6))
         here = factor.acts[self.session.rows // 6, 0]
         density = -float((here & self.session.fitted).sum() * np.log(factor.value))
-        found = self._one("gain", "", replace(o, wrench=o.wrench * by_case[:, None], noise=noise))
+        found = self._one(factor.kind, "", replace(o, wrench=o.wrench * by_case[:, None], noise=noise))
         away = np.where(here, factor.value, 1.0) * found.away
         return replace(found, away=away, log_density=density, factor=factor)
 

@@ -100,11 +100,13 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     by_balance = list(entries.frames())
     offers = [*entries.corrected(), *([] if by_balance else [entries.turned()])]
     # What changes the same fitted readings alike is one fault; what changes none is looked for in `unseen_faults`.
-    apart = {o.away[fitted].tobytes(): o for o in reversed(offers) if _strikes(o, entries, fitted)}
+    struck = (o for o in reversed(offers) if _strikes(entries, fitted & (o.away != entries.away)))
+    apart = {o.away[fitted].tobytes(): o for o in struck}
     offers = list(apart.values())
     away = np.array([entries.away[fitted], *(o.away[fitted] for o in offers)])
-    factors = {o: gain for o, gain in _factors(nothing, entries).items() if _strikes(o, entries, fitted)}
-    counts = Counter(o.kind for o in [*offers, *factors, *by_balance])
+    told = (f for f in _told(nothing, entries, entries.factors()) if f[0].counts)
+    factors = [f for f in told if _strikes(entries, fitted & f[0].cases[session.rows // 6])]
+    counts = Counter([*(o.kind for o in [*offers, *by_balance]), *(factor.kind for factor, _ in factors)])
     prior = {kind: _log_share(count) for kind, count in counts.items()}
     # Readings miss the finger as it was measured by more than noise, and by less than most faults. How much of that may
     # be something smooth is not known before: with some of it, the others' misfit does not decide; or as they read.
@@ -113,15 +115,18 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
         as_entered, *values = as_measured.log_joints_of(away.T, node)
         gains = {o: prior[o.kind] + value - as_entered for o, value in zip(offers, values, strict=True)}
         best |= dict.fromkeys([o for o in sorted(offers, key=lambda o: -gains[o])[:_FITTED] if gains[o] > 0.0])
-    likely = sorted(factors, key=lambda o: -prior[o.kind] - factors[o])[:1]
-    best |= dict.fromkeys(o for o in likely if prior[o.kind] + factors[o] > 0.0)
-    alone = {o: _fitted(candidates, nothing, o, prior[o.kind], frozenset(), 0) for o in [*by_balance, *best]}
+    promised = [(prior[factor.kind] + log_gain, factor) for factor, log_gain in factors]
+    promise, factor = max(promised, key=lambda of: of[0], default=(0.0, None))
+    best |= {entries.with_factor(factor): None} if factor and promise > 0.0 else {}
+    bases = {o: _base(candidates, nothing, o, frozenset()) for o in [*by_balance, *best]}
+    alone = {o: _fitted(nothing, o, prior[o.kind], base, 0) for o, base in bases.items()}
     if not alone:
         return []
     # Beside an effect, and beside slips, the likeliest is likelier still.
     likeliest = max(alone, key=lambda o: alone[o].log_posterior)
     for bad in dict.fromkeys([frozenset[int](), nothing.bad]):
-        beside = _fitted(candidates, nothing, likeliest, prior[likeliest.kind], bad, 2)
+        base = _base(candidates, nothing, likeliest, bad) if bad else bases[likeliest]
+        beside = _fitted(nothing, likeliest, prior[likeliest.kind], base, 2)
         alone[likeliest] = max(alone[likeliest], beside, key=lambda put: put.log_posterior)
     return list(alone.values())
 
@@ -162,7 +167,7 @@ def unseen_faults(
         return []
     entries, fitted = Entries(session, leader.theta), session.fitted
     offers = [o for o in entries.corrected() if np.array_equal(o.away[fitted], entries.away[fitted])]
-    offers = [o for o in offers if _strikes(o, entries, ~fitted)]
+    offers = [o for o in offers if _strikes(entries, ~fitted & (o.away != entries.away))]
     precision = np.linalg.inv(as_entered.predictions[0][1].covariance)
     likely = sorted(offers, key=lambda o: float(o.away[~fitted] @ precision @ o.away[~fitted]))[:_FITTED]
     values = []
@@ -190,9 +195,8 @@ def _probable(
     return sorted((f for f in out if f.probability >= SUSPECT), key=lambda f: -f.probability)
 
 
-def _strikes(offer: Corrected, entries: Entries, chosen: Mask) -> bool:
-    """Whether a fault changes some readings (n,) of more cases than one slip does: two, where they are exchanged."""
-    changed = chosen & (offer.away != entries.away)
+def _strikes(entries: Entries, changed: Mask) -> bool:
+    """Whether the readings (n,) that a fault changes are of more cases than a slip: two, where they are exchanged."""
     return len(np.unique(entries.session.rows[changed] // 6)) > 2
 
 
@@ -207,27 +211,27 @@ def _log_share(alike: int) -> float:
     return float(np.log(P_FAULT / len(get_args(Kind)) / max(alike, 1)))
 
 
-def _fitted(
-    candidates: Candidates,
-    nothing: Optimum,
-    offer: Corrected,
-    log_share: float,
-    bad: frozenset[int],
-    rounds: int,
-) -> PutRight:
-    """Fit the base model with a fault put right; in rounds, while its factor moves, one effect beside it as well."""
-    session = nothing.session
-    other = _with_readings(session, offer.observations)
+def _base(candidates: Candidates, nothing: Optimum, offer: Corrected, bad: frozenset[int]) -> tuple[Fitter, Optimum]:
+    """Fit the base model with a fault put right; and what fits further effects beside it."""
     node = nothing.hyper.usual
+    other = _with_readings(nothing.session, offer.observations)
     fitter, begin = Fitter(other, candidates, nothing.hyper).begun(NOTHING, node, bad)
-    best = fitter.fit(NOTHING, begin, node, bad, leader=nothing.log_posterior)
+    return fitter, fitter.fit(NOTHING, begin, node, bad, leader=nothing.log_posterior)
+
+
+def _fitted(
+    nothing: Optimum, offer: Corrected, log_share: float, base: tuple[Fitter, Optimum], rounds: int
+) -> PutRight:
+    """Weigh the base model with a fault put right; in rounds, while its factor moves, one effect beside it as well."""
+    session, (fitter, best) = nothing.session, base
+    candidates = fitter.candidates
     alone = log_posterior = best.log_posterior
     if rounds and alone + offer.log_density >= nothing.log_posterior:
         # An effect may act as well: the one that the base promises most.
         node = best.hyper.without_smooth(best.best)
         promised = best.promises(candidates.singles, [best.best, node])
         single = candidates.singles[int(np.argmax(promised + [candidates.log_prior(e) for e in candidates.singles]))]
-        beside = fitter.fit(single, best.expected(single, node), node, bad, leader=nothing.log_posterior)
+        beside = fitter.fit(single, best.expected(single, node), node, best.bad, leader=nothing.log_posterior)
         log_posterior = float(np.logaddexp(alone, beside.log_posterior))
         best = max(best, beside, key=lambda fit: fit.log_posterior)
     words, log_gain = offer.words, 0.0
@@ -235,16 +239,10 @@ def _fitted(
         ((factor, log_gain),) = _told(best, Entries(best.session, best.theta), [offer.factor])
         if rounds > 1 and factor.counts and abs(factor.value / offer.factor.value - 1.0) > _MOVED:
             moved = Entries(session, session.problem.centre).with_factor(factor)
-            return _fitted(candidates, nothing, moved, log_share, bad, rounds - 1)
+            return _fitted(nothing, moved, log_share, _base(candidates, nothing, moved, best.bad), rounds - 1)
         words = factor.words
     value = log_share + offer.log_density + log_posterior + log_gain
     return PutRight(offer.kind, words, value, offer.amend, best, Fitter(session, candidates, nothing.hyper))
-
-
-def _factors(fit: Optimum, entries: Entries) -> dict[Corrected, float]:
-    """Other gains and weights, each as the readings want it about a fit, and the log evidence that it promises."""
-    told = _told(fit, entries, entries.factors())
-    return {entries.with_factor(factor): log_gain for factor, log_gain in told if factor.counts}
 
 
 def _told(fit: Optimum, entries: Entries, factors: Sequence[Factor]) -> list[tuple[Factor, float]]:
