@@ -57,29 +57,29 @@ class Amend:
 
 
 @dataclass(frozen=True, eq=False)
-class Factor:
-    """A number that is another than was entered: a mount's gain, or what one weight weighs.
+class Change:
+    """Something that is another than was entered by a relative amount: a mount's gain, a weight, two exchanged weights.
 
     Attributes:
-        saying: what is said of it; the value goes into the braces.
+        saying: what is said of it; the value goes into the braces, if there are any.
         entered: the value then.
-        value: by which it is another.
-        spread: standard deviation of its prior about 1.
-        least: how far from 1 it is at least.
-        acts: (cases, muscles) on which tensions, or (cases, 1) on which readings.
+        spread: standard deviation of the amount's prior about 0; 0 where the amount is known to be 1.
+        least: that the amount is at least.
+        acts: (cases, muscles) relative change of tensions per unit of the amount, or (cases, 1) of readings.
+        amount: as the readings tell it; 0 where nothing is put right.
     """
 
     saying: str
     entered: float
-    value: float
     spread: float
     least: float
-    acts: Mask
+    acts: Floats
+    amount: float = 0.0
 
     @property
     def words(self) -> str:
         """What is said of it."""
-        return self.saying.format(self.entered * self.value)
+        return self.saying.format(self.entered * (1.0 + self.amount))
 
     @property
     def kind(self) -> Kind:
@@ -89,13 +89,13 @@ class Factor:
     @property
     def cases(self) -> Mask:
         """(cases,) in which of them it acts."""
-        out: Mask = np.any(self.acts, axis=1)
+        out: Mask = np.any(self.acts != 0.0, axis=1)
         return out
 
     @property
     def counts(self) -> bool:
         """Whether it is far enough from what was entered, and no less than nothing."""
-        return self.value > 0.0 and abs(self.value - 1.0) >= self.least
+        return self.amount > -1.0 and abs(self.amount) >= self.least
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ class Corrected:
         away: (n,) readings less the model then [N, N mm], in units of the readings as they were entered.
         log_density: log of how many times less a unit of the readings is than one of those stated, summed over those
             fitted.
-        factor: by which something is another than was entered, where that is a number that the readings tell.
+        change: that was put right, where the readings tell its amount.
         amend: amendments that put it right; none where amendments cannot.
     """
 
@@ -118,7 +118,7 @@ class Corrected:
     observations: Observations
     away: Floats
     log_density: float = 0.0
-    factor: Factor | None = None
+    change: Change | None = None
     amend: tuple[Amend, ...] = ()
 
 
@@ -147,7 +147,6 @@ class Entries:
         yield from self._angles()
         yield self._one("side", "the side is the other one (readings are mirrored)", _mirrored(o))
         yield from self._tares()
-        yield from self._weights()
         for unit, grams in _UNITS_G.items():
             tension = np.asarray(o.inputs.tension) * grams
             yield self._one("mass_unit", f"masses are in {unit}", _with(o, tension=tension))
@@ -168,51 +167,52 @@ class Entries:
         words = "the readings are what the cell exerts on the finger: every sign is turned"
         return self._one("axes", words, replace(o, wrench=-o.wrench))
 
-    def factors(self) -> list[Factor]:
-        """What may be another by any factor: the gain of either mount, and each weight, on one tendon or all."""
-        o, out = self.session.observations, list[Factor]()
+    def changes(self) -> list[Change]:
+        """What may be another by an amount: the gain of either mount, and each weight, on one tendon or all; or two."""
+        o, out = self.session.observations, list[Change]()
         places = dict.fromkeys(np.array(o.locations)[self.session.rows[self.session.fitted] // 6])
         for place in places if len(places) > 1 else ():
-            words = f"the cell at the {place} has a gain of {{:.2f}}"
-            out.append(Factor(words, 1.0, 1.0, GAIN_SPREAD, 0.0, of_label(o.locations, place)[:, None]))
+            here = of_label(o.locations, place)[:, None].astype(float)
+            out.append(Change(f"the cell at the {place} has a gain of {{:.2f}}", 1.0, GAIN_SPREAD, 0.0, here))
         muscles, mass_g = self.session.model.finger.topology.muscles, self._mass_g
-        for weight in self._weights_g:
-            hangs = mass_g == weight
-            on = np.flatnonzero(hangs.any(axis=0)).tolist()
+        hangs = {weight: (mass_g == weight).astype(float) for weight in self._weights_g}
+        for weight, here in hangs.items():
+            on = np.flatnonzero(here.any(axis=0)).tolist()
             words = f"the weight of {weight:g} g{{}} weighs {{{{:.0f}}}} g"
-            out.append(Factor(words.format(""), weight, 1.0, AMOUNT, LEAST_AMOUNT, hangs))
+            out.append(Change(words.format(""), weight, AMOUNT, LEAST_AMOUNT, here))
             for m in on if len(on) > 1 else ():
-                alone = hangs & (np.arange(len(muscles)) == m)
-                out.append(Factor(words.format(f" on {muscles[m]}"), weight, 1.0, AMOUNT, LEAST_AMOUNT, alone))
+                alone = here * (np.arange(len(muscles)) == m)
+                out.append(Change(words.format(f" on {muscles[m]}"), weight, AMOUNT, LEAST_AMOUNT, alone))
+        for a, b in combinations(hangs, 2):
+            if b / a - 1.0 >= LEAST_AMOUNT:
+                words = f"the weights of {a:g} g and {b:g} g were exchanged throughout"
+                out.append(Change(words, 1.0, 0.0, 0.0, hangs[a] * (b / a - 1.0) + hangs[b] * (a / b - 1.0)))
         return out
 
-    def columns(self, factors: Sequence[Factor], theta: Floats) -> Floats:
-        """(n, k) change of the fitted readings per unit of a further relative change of each, at some parameters."""
+    def columns(self, changes: Sequence[Change], theta: Floats) -> Floats:
+        """(n, k) change of the fitted readings per unit of a further amount of each, at some parameters."""
         session, out = self.session, list[Floats]()
         reading = session.readings(theta)
-        by_tension = session.by_tension(theta) if any(f.kind == "weight" for f in factors) else None
-        for factor in factors:
-            acts = factor.acts
-            if by_tension is None or factor.kind == "gain":
-                changed = reading * acts
+        by_tension = session.by_tension(theta) if any(c.kind == "weight" for c in changes) else None
+        for change in changes:
+            if by_tension is None or change.kind == "gain":
+                changed = reading * change.acts
             else:
-                changed = (by_tension * acts[:, None, :]).sum(axis=2)
+                changed = np.einsum("crm,cm->cr", by_tension, change.acts)
             out.append(changed.reshape(-1)[session.rows[session.fitted]])
         return np.array(out).T
 
-    def with_factor(self, factor: Factor) -> Corrected:
-        """The session with something by a factor another than was entered."""
-        o = self.session.observations
-        if factor.kind == "weight":
-            tension = np.where(factor.acts, factor.value, 1.0) * np.asarray(o.inputs.tension)
-            return replace(self._one(factor.kind, "", _with(o, tension=tension)), factor=factor)
-        by_case = np.where(factor.acts[:, 0], 1.0 / factor.value, 1.0)
-        noise = o.noise.turned(by_case[:, None, None] * np.eye(6))
-        here = factor.acts[self.session.rows // 6, 0]
-        density = -float((here & self.session.fitted).sum() * np.log(factor.value))
-        found = self._one(factor.kind, "", replace(o, wrench=o.wrench * by_case[:, None], noise=noise))
-        away = np.where(here, factor.value, 1.0) * found.away
-        return replace(found, away=away, log_density=density, factor=factor)
+    def put_right(self, change: Change) -> Corrected:
+        """The session with something by its amount another than was entered."""
+        o, factor = self.session.observations, 1.0 + change.amount * change.acts
+        if change.kind == "weight":
+            found = self._one(change.kind, change.words, _with(o, tension=factor * np.asarray(o.inputs.tension)))
+            return replace(found, change=change if change.spread else None)
+        noise = o.noise.turned(np.eye(6) / factor[:, :, None])
+        here = factor[self.session.rows // 6, 0]
+        density = -float(np.log(here[self.session.fitted]).sum())
+        found = self._one(change.kind, change.words, replace(o, wrench=o.wrench / factor, noise=noise))
+        return replace(found, away=here * found.away, log_density=density, change=change)
 
     def _one(self, kind: Kind, words: str, observations: Observations) -> Corrected:
         return Corrected(kind, words, observations, self._residual(observations))
@@ -317,14 +317,6 @@ class Entries:
         if len(o.posture_angles) > 1 and 0.0 < np.rad2deg(np.abs(angles).max()) < np.pi:
             words = "the angles of all postures are in radians"
             yield self._one("posture", words, _with(o, posture=np.rad2deg(angles)))
-
-    def _weights(self) -> Iterator[Corrected]:
-        """Two weights exchanged throughout."""
-        o, mass_g = self.session.observations, self._mass_g
-        for a, b in [(a, b) for a, b in combinations(self._weights_g, 2) if b / a - 1.0 >= LEAST_AMOUNT]:
-            factor = np.where(mass_g == a, b / a, np.where(mass_g == b, a / b, 1.0))
-            words = f"the weights of {a:g} g and {b:g} g were exchanged throughout"
-            yield self._one("weight", words, _with(o, tension=factor * np.asarray(o.inputs.tension)))
 
     @cached_property
     def _weights_g(self) -> list[float]:

@@ -18,12 +18,13 @@ from scipy.special import logit, logsumexp
 
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.posterior.fitting import Fitter
+from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.settings import P_FAULT, SURE, SUSPECT
-from fingermodel.diagnosis.verdict.corrections import Amend, Corrected, Entries, Factor, Kind
+from fingermodel.diagnosis.verdict.corrections import Amend, Change, Corrected, Entries, Kind
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, check
 
 Floats = NDArray[np.float64]
@@ -31,7 +32,7 @@ Mask = NDArray[np.bool_]
 
 # Faults that are fitted, of those that promise most.
 _FITTED = 2
-# Relative change of a factor from which the session is fitted again with it.
+# Relative move of a changed value from which the session is fitted again with it.
 _MOVED = 0.02
 
 
@@ -86,7 +87,7 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     """Put faults of the whole session right, one at a time, and fit the base model again, slips beside it or not.
 
     Those that balance shows are all fitted; of the others, those that promise most where the finger is as measured; and
-    the gain or weight that promises most about the base model.
+    the gain or weights that promise most about the base model.
 
     Args:
         candidates: of the diagnosis.
@@ -104,9 +105,8 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     apart = {o.away[fitted].tobytes(): o for o in struck}
     offers = list(apart.values())
     away = np.array([entries.away[fitted], *(o.away[fitted] for o in offers)])
-    told = (f for f in _told(nothing, entries, entries.factors()) if f[0].counts)
-    factors = [f for f in told if _strikes(entries, fitted & f[0].cases[session.rows // 6])]
-    counts = Counter([*(o.kind for o in [*offers, *by_balance]), *(factor.kind for factor, _ in factors)])
+    changes = [c for c in entries.changes() if _strikes(entries, fitted & c.cases[session.rows // 6])]
+    counts = Counter([*(o.kind for o in [*offers, *by_balance]), *(change.kind for change in changes)])
     prior = {kind: _log_share(count) for kind, count in counts.items()}
     # Readings miss the finger as it was measured by more than noise, and by less than most faults. How much of that may
     # be something smooth is not known before: with some of it, the others' misfit does not decide; or as they read.
@@ -115,9 +115,12 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
         as_entered, *values = as_measured.log_joints_of(away.T, node)
         gains = {o: prior[o.kind] + value - as_entered for o, value in zip(offers, values, strict=True)}
         best |= dict.fromkeys([o for o in sorted(offers, key=lambda o: -gains[o])[:_FITTED] if gains[o] > 0.0])
-    promised = [(prior[factor.kind] + log_gain, factor) for factor, log_gain in factors]
-    promise, factor = max(promised, key=lambda of: of[0], default=(0.0, None))
-    best |= {entries.with_factor(factor): None} if factor and promise > 0.0 else {}
+    promised: dict[str, Change] = {}
+    for fit, node in ((as_measured, hyper.with_smooth(hyper.usual)), (nothing, nothing.best)):
+        told = [(prior[change.kind] + gain, change) for change, gain in _told(fit, node, entries, changes)]
+        likely = sorted(told, key=lambda of: -of[0])[:_FITTED]
+        promised |= {change.saying: change for promise, change in likely if promise > 0.0}
+    best |= dict.fromkeys(entries.put_right(change) for change in promised.values())
     bases = {o: _base(candidates, nothing, o, frozenset()) for o in [*by_balance, *best]}
     alone = {o: _fitted(nothing, o, prior[o.kind], base, 0) for o, base in bases.items()}
     if not alone:
@@ -222,7 +225,7 @@ def _base(candidates: Candidates, nothing: Optimum, offer: Corrected, bad: froze
 def _fitted(
     nothing: Optimum, offer: Corrected, log_share: float, base: tuple[Fitter, Optimum], rounds: int
 ) -> PutRight:
-    """Weigh the base model with a fault put right; in rounds, while its factor moves, one effect beside it as well."""
+    """Weigh the base model with a fault put right; in rounds, while its amount moves, one effect beside it as well."""
     session, (fitter, best) = nothing.session, base
     candidates = fitter.candidates
     alone = log_posterior = best.log_posterior
@@ -235,31 +238,37 @@ def _fitted(
         log_posterior = float(np.logaddexp(alone, beside.log_posterior))
         best = max(best, beside, key=lambda fit: fit.log_posterior)
     words, log_gain = offer.words, 0.0
-    if offer.factor:
-        ((factor, log_gain),) = _told(best, Entries(best.session, best.theta), [offer.factor])
-        if rounds > 1 and factor.counts and abs(factor.value / offer.factor.value - 1.0) > _MOVED:
-            moved = Entries(session, session.problem.centre).with_factor(factor)
-            return _fitted(nothing, moved, log_share, _base(candidates, nothing, moved, best.bad), rounds - 1)
-        words = factor.words
+    if offer.change:
+        ((change, log_gain),) = _told(best, best.best, Entries(best.session, best.theta), [offer.change])
+        moved = (1.0 + change.amount) / (1.0 + offer.change.amount) - 1.0
+        if rounds > 1 and change.counts and abs(moved) > _MOVED:
+            again = Entries(session, session.problem.centre).put_right(change)
+            return _fitted(nothing, again, log_share, _base(candidates, nothing, again, best.bad), rounds - 1)
+        words = change.words
     value = log_share + offer.log_density + log_posterior + log_gain
     return PutRight(offer.kind, words, value, offer.amend, best, Fitter(session, candidates, nothing.hyper))
 
 
-def _told(fit: Optimum, entries: Entries, factors: Sequence[Factor]) -> list[tuple[Factor, float]]:
-    """Factors with which a session was fitted, as they are told there; and the log of each's prior, summed over values.
+def _told(fit: Optimum, node: Node, entries: Entries, changes: Sequence[Change]) -> list[tuple[Change, float]]:
+    """Changes with which a session was fitted, as they are told there; and the log of what each gains over none.
 
     Args:
-        fit: of the session with what they make of it, or as it was entered where each is 1.
+        fit: of the session with what they make of it, or as it was entered where each is 0.
+        node: of the hyperparameters.
         entries: of that session.
-        factors: of it.
+        changes: of it.
     """
     out = []
-    every = zip(factors, *fit.asked(entries.columns(factors, fit.theta), fit.best), strict=True) if factors else ()
-    for factor, information, score in every:
-        # It is what it was taken for times 1 + w; its prior is N(1, spread²).
-        mean, precision = (1.0 - factor.value) / factor.value, (factor.value / factor.spread) ** 2
+    every = zip(changes, *fit.asked(entries.columns(changes, fit.theta), node), strict=True) if changes else ()
+    for change, information, score in every:
+        if not change.spread:
+            out.append((replace(change, amount=1.0), float(score - 0.5 * information)))
+            continue
+        # It is what it was taken for times 1 + w; the prior of its amount is N(0, spread²).
+        value = 1.0 + change.amount
+        mean, precision = -change.amount / value, (value / change.spread) ** 2
         best = (score + mean * precision) / (information + precision)
         log = 0.5 * (best**2 * (information + precision) - mean**2 * precision - np.log1p(information / precision))
-        told = replace(factor, value=factor.value * (1.0 + float(best)))
+        told = replace(change, amount=value * (1.0 + float(best)) - 1.0)
         out.append((told, float(log) if told.counts else -np.inf))
     return out
