@@ -30,7 +30,14 @@ from fingermodel.diagnosis.verdict.hints import Hint, hints
 from fingermodel.diagnosis.verdict.own_curve import own_curves
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, checks, holding, together
 from fingermodel.diagnosis.verdict.sensitivity import Sensitivity, sensitivity
-from fingermodel.diagnosis.verdict.session_faults import SessionFault, outdoes, put_right, session_faults, unseen_faults
+from fingermodel.diagnosis.verdict.session_faults import (
+    SessionFault,
+    changed_beside,
+    outdoes,
+    put_right,
+    session_faults,
+    unseen_faults,
+)
 from fingermodel.diagnosis.verdict.verdict import Verdict, judge, likeliest, stated_node, sure_names
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
@@ -179,6 +186,8 @@ def diagnose(
     asked = sensitivity(posterior, verdict)
     found: tuple[Hint, ...] = ()
     curves: tuple[SmoothCurve, ...] = ()
+    if posterior.leader.explanation.size:
+        put = [*put, *changed_beside(candidates, posterior.leader)]
     faults = tuple(session_faults(put, posterior) or unseen_faults(candidates, posterior, checked))
     if faults:
         # To be put right in the session: what would make up for it is no finding.

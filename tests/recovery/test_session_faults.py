@@ -106,10 +106,12 @@ def test_the_gain_of_one_mount_is_named_with_its_value(tmp_path: Path) -> None:
     assert float(value) == pytest.approx(1.4, abs=0.03)
 
 
-@pytest.mark.parametrize("factor", [1.15, 0.7])
-def test_a_weight_that_weighs_another_amount_is_named_with_it(tmp_path: Path, factor: float) -> None:
-    """Not as an effect of its tendon, of which other weights say nothing."""
-    draw_session(tmp_path, 55, {}, protocol="three_levels", nuisance_scale=0.8)
+@pytest.mark.parametrize(("factor", "effects"), [(1.15, {}), (0.7, {}), (1.12, {"hood_shift": 0.4})])
+def test_a_weight_that_weighs_another_amount_is_named_with_it(
+    tmp_path: Path, factor: float, effects: dict[str, float]
+) -> None:
+    """Not as an effect of its tendon, of which other weights say nothing; beside an effect too."""
+    draw_session(tmp_path, 55, effects, protocol="three_levels", nuisance_scale=0.8)
     session = Recorded(tmp_path)
     weight = _weights(session)[-1]
     _weighed(session, {weight: factor * weight})
@@ -135,9 +137,26 @@ def test_two_weights_exchanged_throughout_are_a_fault_of_the_session(tmp_path: P
     assert found["effects"] == []
 
 
-def _weights(session: Recorded) -> list[float]:
-    """The weights of a session [g], the most used one last."""
-    used = [round(float(g), 3) for case in session.document["cases"] for g in case["masses_g"].values()]
+def test_two_weights_exchanged_in_the_validation_cases_alone_are_a_fault_of_the_session(tmp_path: Path) -> None:
+    draw_session(tmp_path, 55, {}, protocol="three_levels", nuisance_scale=0.8)
+    session = Recorded(tmp_path)
+    one, other = sorted(_weights(session, "validation")[-2:])
+    for case in session.document["cases"]:
+        if case["role"] == "identification":
+            # Two sets of weights: those of the validation cases have nominal values of their own.
+            case["masses_g"] = {m: g + 1.0 if g in (one, other) else g for m, g in case["masses_g"].items()}
+    _weighed(session, {one: other, other: one})
+    found = diagnosed(tmp_path)
+    assert [f["words"] for f in found["session_faults"]] == [
+        f"the weights of {one:g} g and {other:g} g were exchanged throughout"
+    ]
+    assert found["effects"] == []
+
+
+def _weights(session: Recorded, role: str = "") -> list[float]:
+    """The weights of a session [g], or of its cases of one role, the most used one last."""
+    cases = [case for case in session.document["cases"] if not role or case["role"] == role]
+    used = [round(float(g), 3) for case in cases for g in case["masses_g"].values()]
     return sorted(set(used), key=used.count)
 
 

@@ -190,7 +190,7 @@ class Entries:
         return out
 
     def columns(self, changes: Sequence[Change], theta: Floats) -> Floats:
-        """(n, k) change of the fitted readings per unit of a further amount of each, at some parameters."""
+        """(n, k) change of the readings per unit of a further amount of each, at some parameters."""
         session, out = self.session, list[Floats]()
         reading = session.readings(theta)
         by_tension = session.by_tension(theta) if any(c.kind == "weight" for c in changes) else None
@@ -199,8 +199,8 @@ class Entries:
                 changed = reading * change.acts
             else:
                 changed = np.einsum("crm,cm->cr", by_tension, change.acts)
-            out.append(changed.reshape(-1)[session.rows[session.fitted]])
-        return np.array(out).T
+            out.append(changed.reshape(-1)[session.rows])
+        return np.array(out).reshape(-1, len(session.rows)).T
 
     def put_right(self, change: Change) -> Corrected:
         """The session with something by its amount another than was entered."""

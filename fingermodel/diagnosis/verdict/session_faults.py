@@ -59,6 +59,7 @@ class PutRight:
 
     Attributes:
         kind: of fault.
+        fault: which of its kind, whatever its amount.
         words: what was done instead of what was entered.
         log_posterior: of the base model, and of one effect beside it; the fault's own prior included.
         amend: as of a `SessionFault`.
@@ -67,6 +68,7 @@ class PutRight:
     """
 
     kind: Kind
+    fault: str
     words: str
     log_posterior: float
     amend: tuple[Amend, ...]
@@ -105,7 +107,7 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     apart = {o.away[fitted].tobytes(): o for o in struck}
     offers = list(apart.values())
     away = np.array([entries.away[fitted], *(o.away[fitted] for o in offers)])
-    changes = [c for c in entries.changes() if _strikes(entries, fitted & c.cases[session.rows // 6])]
+    changes = _changes(entries, fitted)
     counts = Counter([*(o.kind for o in [*offers, *by_balance]), *(change.kind for change in changes)])
     prior = {kind: _log_share(count) for kind, count in counts.items()}
     # Readings miss the finger as it was measured by more than noise, and by less than most faults. How much of that may
@@ -115,11 +117,8 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
         as_entered, *values = as_measured.log_joints_of(away.T, node)
         gains = {o: prior[o.kind] + value - as_entered for o, value in zip(offers, values, strict=True)}
         best |= dict.fromkeys([o for o in sorted(offers, key=lambda o: -gains[o])[:_FITTED] if gains[o] > 0.0])
-    promised: dict[str, Change] = {}
-    for fit, node in ((as_measured, hyper.with_smooth(hyper.usual)), (nothing, nothing.best)):
-        told = [(prior[change.kind] + gain, change) for change, gain in _told(fit, node, entries, changes)]
-        likely = sorted(told, key=lambda of: -of[0])[:_FITTED]
-        promised |= {change.saying: change for promise, change in likely if promise > 0.0}
+    promised = _promised(as_measured, hyper.with_smooth(hyper.usual), entries, changes, prior)
+    promised |= _promised(nothing, nothing.best, entries, changes, prior)
     best |= dict.fromkeys(entries.put_right(change) for change in promised.values())
     bases = {o: _base(candidates, nothing, o, frozenset()) for o in [*by_balance, *best]}
     alone = {o: _fitted(nothing, o, prior[o.kind], base, 0) for o, base in bases.items()}
@@ -134,16 +133,38 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     return list(alone.values())
 
 
+def changed_beside(candidates: Candidates, leader: Optimum) -> list[PutRight]:
+    """Put a gain or weights right beside an explanation, and fit it again.
+
+    Beside a strong effect the base model alone does not show what else is another.
+
+    Args:
+        candidates: of the diagnosis.
+        leader: the explanation, of a session as it was entered.
+    """
+    entries = Entries(leader.session, leader.theta)
+    changes = _changes(entries, leader.session.fitted)
+    prior = {kind: _log_share(count) for kind, count in Counter(change.kind for change in changes).items()}
+    out = []
+    for change in _promised(leader, leader.best, entries, changes, prior).values():
+        offer = entries.put_right(change)
+        fitter = Fitter(_with_readings(leader.session, offer.observations), candidates, leader.hyper)
+        fit = fitter.fit(leader.explanation, leader.theta, leader.best, leader.bad)
+        out.append(_fitted(leader, offer, prior[change.kind], (fitter, fit), 0))
+    return out
+
+
 def session_faults(found: Sequence[PutRight], posterior: Posterior) -> list[SessionFault]:
     """Weigh faults of the whole session against everything that was found without them.
 
     Args:
-        found: of `put_right`.
+        found: of `put_right` and `changed_beside`; of one fault the better.
         posterior: of the session as entered.
 
     Returns:
         What is more probable than not, most probable first.
     """
+    found = list({f.fault: f for f in sorted(found, key=lambda f: f.log_posterior)}.values())
     # As a slip in one case it is weighed by the whole likelihood, not by a power of it.
     as_it_is, values = [fit.log_posterior for fit in posterior.fits.values()], [f.log_posterior for f in found]
     if _probable(found, values, as_it_is):
@@ -169,9 +190,14 @@ def unseen_faults(
     if not (as_entered.vetoes or as_entered.bad):
         return []
     entries, fitted = Entries(session, leader.theta), session.fitted
-    offers = [o for o in entries.corrected() if np.array_equal(o.away[fitted], entries.away[fitted])]
-    offers = [o for o in offers if _strikes(entries, ~fitted & (o.away != entries.away))]
     precision = np.linalg.inv(as_entered.predictions[0][1].covariance)
+    changes = [c for c in _changes(entries, ~fitted) if not (fitted & c.cases[session.rows // 6]).any()]
+    columns = entries.columns(changes, leader.theta)[~fitted]
+    weighed = precision @ columns
+    told = _told(changes, (columns * weighed).sum(axis=0), weighed.T @ entries.away[~fitted])
+    offers = [*entries.corrected(), *(entries.put_right(change) for change, _ in told if change.counts)]
+    offers = [o for o in offers if np.array_equal(o.away[fitted], entries.away[fitted])]
+    offers = [o for o in offers if _strikes(entries, ~fitted & (o.away != entries.away))]
     likely = sorted(offers, key=lambda o: float(o.away[~fitted] @ precision @ o.away[~fitted]))[:_FITTED]
     values = []
     for offer in likely:
@@ -201,6 +227,20 @@ def _probable(
 def _strikes(entries: Entries, changed: Mask) -> bool:
     """Whether the readings (n,) that a fault changes are of more cases than a slip: two, where they are exchanged."""
     return len(np.unique(entries.session.rows[changed] // 6)) > 2
+
+
+def _changes(entries: Entries, of: Mask) -> list[Change]:
+    """Those of more cases than a slip, among the cases of some readings (n,)."""
+    return [c for c in entries.changes() if _strikes(entries, of & c.cases[entries.session.rows // 6])]
+
+
+def _promised(
+    fit: Optimum, node: Node, entries: Entries, changes: Sequence[Change], log_prior: Mapping[Kind, float]
+) -> dict[str, Change]:
+    """Changes that promise most about a fit, if they promise anything, by what is said of them."""
+    told = [(log_prior[change.kind] + gain, change) for change, gain in _told_by(fit, node, entries, changes)]
+    likely = sorted(told, key=lambda of: -of[0])[:_FITTED]
+    return {change.saying: change for promise, change in likely if promise > 0.0}
 
 
 def _with_readings(session: Session, observations: Observations) -> Session:
@@ -239,17 +279,18 @@ def _fitted(
         best = max(best, beside, key=lambda fit: fit.log_posterior)
     words, log_gain = offer.words, 0.0
     if offer.change:
-        ((change, log_gain),) = _told(best, best.best, Entries(best.session, best.theta), [offer.change])
+        ((change, log_gain),) = _told_by(best, best.best, Entries(best.session, best.theta), [offer.change])
         moved = (1.0 + change.amount) / (1.0 + offer.change.amount) - 1.0
         if rounds > 1 and change.counts and abs(moved) > _MOVED:
             again = Entries(session, session.problem.centre).put_right(change)
             return _fitted(nothing, again, log_share, _base(candidates, nothing, again, best.bad), rounds - 1)
         words = change.words
     value = log_share + offer.log_density + log_posterior + log_gain
-    return PutRight(offer.kind, words, value, offer.amend, best, Fitter(session, candidates, nothing.hyper))
+    fault = offer.change.saying if offer.change else offer.words
+    return PutRight(offer.kind, fault, words, value, offer.amend, best, Fitter(session, candidates, nothing.hyper))
 
 
-def _told(fit: Optimum, node: Node, entries: Entries, changes: Sequence[Change]) -> list[tuple[Change, float]]:
+def _told_by(fit: Optimum, node: Node, entries: Entries, changes: Sequence[Change]) -> list[tuple[Change, float]]:
     """Changes with which a session was fitted, as they are told there; and the log of what each gains over none.
 
     Args:
@@ -258,17 +299,21 @@ def _told(fit: Optimum, node: Node, entries: Entries, changes: Sequence[Change])
         entries: of that session.
         changes: of it.
     """
+    return _told(changes, *fit.asked(entries.columns(changes, fit.theta)[fit.session.fitted], node))
+
+
+def _told(changes: Sequence[Change], information: Floats, score: Floats) -> list[tuple[Change, float]]:
+    """The same by information (k,) and score (k,) of what is added to the relative amount of each."""
     out = []
-    every = zip(changes, *fit.asked(entries.columns(changes, fit.theta), node), strict=True) if changes else ()
-    for change, information, score in every:
+    for change, certain, slope in zip(changes, information.tolist(), score.tolist(), strict=True):
         if not change.spread:
-            out.append((replace(change, amount=1.0), float(score - 0.5 * information)))
+            out.append((replace(change, amount=1.0), slope - 0.5 * certain))
             continue
         # It is what it was taken for times 1 + w; the prior of its amount is N(0, spread²).
         value = 1.0 + change.amount
         mean, precision = -change.amount / value, (value / change.spread) ** 2
-        best = (score + mean * precision) / (information + precision)
-        log = 0.5 * (best**2 * (information + precision) - mean**2 * precision - np.log1p(information / precision))
-        told = replace(change, amount=value * (1.0 + float(best)) - 1.0)
+        best = (slope + mean * precision) / (certain + precision)
+        log = 0.5 * (best**2 * (certain + precision) - mean**2 * precision - np.log1p(certain / precision))
+        told = replace(change, amount=value * (1.0 + best) - 1.0)
         out.append((told, float(log) if told.counts else -np.inf))
     return out
