@@ -59,6 +59,10 @@ def amend(
     mass: Annotated[
         list[str] | None, typer.Option(metavar="TENDON=GRAMS", help="Say what really hung there; 0 stands for nothing.")
     ] = None,
+    weight: Annotated[
+        list[str] | None,
+        typer.Option(metavar="TRUE=ENTERED", help="550=484 says that the weight entered as 484 g weighs 550 g."),
+    ] = None,
     posture: Annotated[str | None, typer.Option(help="Name the posture that was really set.")] = None,
     exchange: Annotated[
         str | None, typer.Option(metavar="CASE", help="Name another case that was entered in this one's place.")
@@ -79,6 +83,7 @@ def amend(
         case,
         tendon=tendon or [],
         mass=mass or [],
+        weight=weight or [],
         posture=posture,
         exchange=exchange,
         exclude=exclude,

@@ -5,8 +5,9 @@ They lie in `amendments.yaml` in the session's folder, or under `amendments` in 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
+from math import isclose
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,9 @@ from daq.files import replacing
 from daq.sessions import AMENDMENTS_FILE, AMENDMENTS_FORMAT
 from daq.sessions.models import Amendment, LoadCase, Session
 from daq.vocabulary import TENDONS, did_you_mean
+
+# Relative difference within which two masses are one: each is written in decimals.
+_SAME_MASS = 1e-6
 
 
 def amendment(session: Session, case: str, why: str, **really: Any) -> Amendment:
@@ -31,6 +35,7 @@ def amendments_of(
     *,
     tendons: Mapping[str, str] | None = None,
     masses_g: Mapping[str, float] | None = None,
+    weights_g: Mapping[float, float] | None = None,
     posture: str | None = None,
     exclude: bool = False,
     by: str | None = None,
@@ -43,27 +48,28 @@ def amendments_of(
         why: how it is known.
         tendons: the tendon that bore the weight, by the one that was entered; two that both bore one are exchanged.
         masses_g: what really hung [g], by tendon; 0 for nothing. Other tendons keep what was entered.
+        weights_g: what a weight really weighs [g], by what was entered wherever it hung; two may be exchanged.
         posture: that was really set.
         exclude: whether to leave the cases out.
         by: who says so.
 
     Raises:
-        SessionError: no such tendon or posture, or nothing that changes.
+        SessionError: no such tendon, weight or posture, or nothing that changes.
     """
     if not why.strip():
         raise SessionError("an amendment without a reason", "why, in some words")
-    for tendon in [*(tendons or {}).values(), *(masses_g or {})]:
-        if tendon not in TENDONS:
-            raise SessionError(f"tendon {tendon!r}", f"one of {' '.join(TENDONS)}", did_you_mean(tendon, TENDONS))
-    if posture is not None and posture not in session.postures_deg:
-        hint = did_you_mean(posture, session.postures_deg)
-        raise SessionError(f"posture {posture!r}", f"one of {' '.join(session.postures_deg)}", hint)
+    _expect_known([*(tendons or {}).values(), *(masses_g or {})], TENDONS, "tendon")
+    _expect_known([posture] if posture is not None else [], session.postures_deg, "posture")
+    entries = [case_of(session.amended, case.id) for case in cases]
+    _expect_hung(weights_g or {}, entries)
     at, out = datetime.now(UTC).isoformat(timespec="seconds"), []
-    for case in cases:
-        entry, moved = case_of(session.amended, case.id), dict(tendons or {})
+    for case, entry in zip(cases, entries, strict=True):
+        moved = dict(tendons or {})
         if len(cases) > 1:
             moved = {entered: true for entered, true in moved.items() if entered in entry.masses_g}
-        masses = _moved(entry.masses_g, moved, case.id) | {t: float(g) for t, g in (masses_g or {}).items()}
+        masses = _moved(entry.masses_g, moved, case.id)
+        masses = {t: _weighed(g, weights_g or {}) for t, g in masses.items()}
+        masses |= {t: float(g) for t, g in (masses_g or {}).items()}
         masses = {tendon: grams for tendon, grams in masses.items() if grams > 0.0}
         changes: dict[str, Any] = {}
         if masses != entry.masses_g:
@@ -195,6 +201,28 @@ def words(amended: Amendment) -> str:
     if amended.excluded is not None:
         parts.append("left out")
     return ", ".join(parts)
+
+
+def _expect_known(names: Iterable[str], known: Collection[str], what: str) -> None:
+    """Refuse a name that is not known."""
+    for name in names:
+        if name not in known:
+            raise SessionError(f"{what} {name!r}", f"one of {' '.join(known)}", did_you_mean(name, known))
+
+
+def _expect_hung(weights_g: Iterable[float], entries: Sequence[LoadCase]) -> None:
+    """Refuse a weight that hangs in none of the cases."""
+    hung = sorted({grams for entry in entries for grams in entry.masses_g.values()})
+    for weight in weights_g:
+        if not any(isclose(weight, grams, rel_tol=_SAME_MASS) for grams in hung):
+            used = ", ".join(f"{grams:g}" for grams in hung) or "none"
+            raise SessionError(f"no weight of {weight:g} g in these cases", f"one that was entered [g]: {used}")
+
+
+def _weighed(entered_g: float, weights_g: Mapping[float, float]) -> float:
+    """Return what a mass really was, by what one of the weights weighs."""
+    known = (true for entered, true in weights_g.items() if isclose(entered, entered_g, rel_tol=_SAME_MASS))
+    return float(next(known, entered_g))
 
 
 def _moved(masses: Mapping[str, float], tendons: Mapping[str, str], case: str) -> dict[str, float]:

@@ -12,8 +12,9 @@ from daq.sessions.models import Amendment, Session
 from server.application.amending import amendable, keep_amendments, take_back
 from server.commands.console import answer, say
 
-# The tendon or weight that `--tendon` and `--mass` give.
+# What `--tendon`, `--mass` and `--weight` give.
 _TENDON, _MASS = "TRUE=ENTERED, such as FDS=FDP", "TENDON=GRAMS, such as FDP=950"
+_WEIGHT = "TRUE=ENTERED in grams, such as 550=484"
 
 
 def amend_case(
@@ -22,6 +23,7 @@ def amend_case(
     *,
     tendon: Sequence[str],
     mass: Sequence[str],
+    weight: Sequence[str],
     posture: str | None,
     exchange: str | None,
     exclude: bool,
@@ -31,7 +33,7 @@ def amend_case(
     json: str | None,
 ) -> None:
     """Amend a case, take its last amendment back, or list what was amended; see `fingertwin amend --help`."""
-    changes = bool(tendon or mass or posture or exchange or exclude)
+    changes = bool(tendon or mass or weight or posture or exchange or exclude)
     read = read_session(session)
     if case is None:
         if changes or undo:
@@ -50,13 +52,13 @@ def amend_case(
     if not changes:
         raise InputError(
             f"nothing to amend in case {case}",
-            "--tendon, --mass, --posture, --exchange or --exclude",
+            "--tendon, --mass, --weight, --posture, --exchange or --exclude",
             "Say what it was",
         )
     if why is None:
         raise InputError("an amendment without a reason", '--why "…"', "Say how it is known")
     if exchange is not None:
-        if tendon or mass or posture or exclude:
+        if tendon or mass or weight or posture or exclude:
             raise InputError("--exchange beside another change", "one of them", "Amend in two steps")
         if len(cases) > 1:
             raise InputError(f"--exchange with {len(cases)} cases", "two cases", "Name one, and the other one after it")
@@ -64,7 +66,18 @@ def amend_case(
     else:
         tendons = {entered: true for true, entered in (_pair(t, _TENDON) for t in tendon)}
         masses = {name: _grams(value, _MASS) for name, value in (_pair(m, _MASS) for m in mass)}
-        new = amendments_of(read, cases, why, tendons=tendons, masses_g=masses, posture=posture, exclude=exclude, by=by)
+        weighed = [[_grams(value, _WEIGHT) for value in _pair(w, _WEIGHT)] for w in weight]
+        new = amendments_of(
+            read,
+            cases,
+            why,
+            tendons=tendons,
+            masses_g=masses,
+            weights_g={entered: true for true, entered in weighed},
+            posture=posture,
+            exclude=exclude,
+            by=by,
+        )
     _tell(session, keep_amendments(session, folder, new), new, json)
 
 

@@ -25,6 +25,7 @@ from benchmarks.session_faults import (
 )
 from daq.sessions import read_session
 from daq.sessions.amendments import amendments_of, block_of
+from daq.sessions.models import Session
 from tests.recovery.diagnosed import diagnosed
 from tests.simulator import draw_session
 
@@ -59,21 +60,25 @@ def test_what_was_entered_wrongly_throughout_is_named(
     assert (first["kind"], first["probability"] > 0.9) == (kind, True)
     assert words in first["words"]
     assert found["effects"] == []
-    # What is proposed puts the entries right.
-    bench = read_session(tmp_path)
+    if first["amend"]:
+        _expect_put_right(tmp_path, first["amend"], original)
+    assert bool(first["amend"]) == ("exchanged" in words)
+
+
+def _expect_put_right(folder: Path, amend: list[dict[str, Any]], original: Session) -> None:
+    """Expect that the amendments that a fault proposes put the entries right."""
+    bench = read_session(folder)
     made = {
         a.case: a.changes
-        for change in first["amend"]
+        for change in amend
         for a in amendments_of(
-            bench, block_of(bench, change["cases"]), "x", tendons=change["tendons"], posture=change["posture"]
+            bench, block_of(bench, change["cases"]), "x", **{k: v for k, v in change.items() if k != "cases"}
         )
     }
-    if first["amend"]:
-        assert {c.id: (c.masses_g, c.posture) for c in original.cases} == {
-            c.id: (made.get(c.id, {}).get("masses_g", c.masses_g), made.get(c.id, {}).get("posture", c.posture))
-            for c in bench.cases
-        }
-    assert bool(first["amend"]) == ("exchanged" in words)
+    assert {c.id: (c.masses_g, c.posture) for c in original.cases} == {
+        c.id: (made.get(c.id, {}).get("masses_g", c.masses_g), made.get(c.id, {}).get("posture", c.posture))
+        for c in bench.cases
+    }
 
 
 def test_a_posture_that_was_another_one_of_the_times_it_was_set_is_named(tmp_path: Path) -> None:
@@ -127,7 +132,7 @@ def test_a_weight_that_weighs_another_amount_is_named_with_it(
 
 def test_two_weights_exchanged_throughout_are_a_fault_of_the_session(tmp_path: Path) -> None:
     draw_session(tmp_path, 55, {}, protocol="three_levels", nuisance_scale=0.8)
-    session = Recorded(tmp_path)
+    original, session = read_session(tmp_path), Recorded(tmp_path)
     one, other = sorted(_weights(session)[-2:])
     _weighed(session, {one: other, other: one})
     found = diagnosed(tmp_path)
@@ -135,6 +140,7 @@ def test_two_weights_exchanged_throughout_are_a_fault_of_the_session(tmp_path: P
         f"the weights of {one:g} g and {other:g} g were exchanged throughout"
     ]
     assert found["effects"] == []
+    _expect_put_right(tmp_path, found["session_faults"][0]["amend"], original)
 
 
 def test_two_weights_exchanged_in_the_validation_cases_alone_are_a_fault_of_the_session(tmp_path: Path) -> None:

@@ -80,6 +80,18 @@ def test_a_block_of_cases_is_amended_where_that_is_a_change_and_taken_back_as_on
     assert run("compare", folder, "--json", "-").body("compare")["cases"] == before
 
 
+def test_weights_are_amended_wherever_they_hung(folder: Path) -> None:
+    before = run("compare", folder, "--json", "-").body("compare")["cases"]
+    one, other = sorted({grams for c in before for grams in c["masses_g"].values()})[:2]
+    body = amended(folder, "all", "--weight", f"{one}={other}", "--weight", f"{other}={one}", "--why", "weighed again")
+    weighs = {one: other, other: one}
+    after = run("compare", folder, "--json", "-").body("compare")["cases"]
+    assert [c["masses_g"] for c in after] == [
+        {tendon: weighs.get(grams, grams) for tendon, grams in c["masses_g"].items()} for c in before
+    ]
+    assert body["made"] == [c["id"] for c in before if set(c["masses_g"].values()) & set(weighs)]
+
+
 def test_a_range_of_cases_names_them_in_their_order(folder: Path) -> None:
     ids = [c["id"] for c in run("compare", folder, "--json", "-").body("compare")["cases"]]
     body = amended(folder, f"{ids[2]}..{ids[4]}", "--exclude", "--why", "the clamp had slipped")
@@ -99,6 +111,8 @@ def test_a_range_of_cases_names_them_in_their_order(folder: Path) -> None:
         (["CASE", "--mass", "FDP=heavy", "--why", "x"], "no mass", "FDP=950"),
         (["CASE", "--mass", "FDP=-5", "--why", "x"], "-5 g", "0 g or more"),
         (["CASE", "--mass", "FDP=0.95", "--why", "x"], "0.95 g", "1 g or more"),
+        (["all", "--weight", "FDP=950", "--why", "x"], "no mass", "550=484"),
+        (["all", "--weight", "550=483.5", "--why", "x"], "no weight of 483.5 g", "one that was entered [g]"),
         (["CASE", "--undo"], "no amendment", "fingertwin amend"),
         (["CASE", "--undo", "--exclude"], "--undo beside", "one of them"),
         (["CASE", "--exchange", "CASE", "--why", "x"], "the same entry", "two that differ"),

@@ -48,11 +48,13 @@ class Amend:
     Attributes:
         cases: the block, as `daq.sessions.amendments.block_of` has it.
         tendons: the tendon that bore a weight, by the one that was entered.
+        weights_g: what a weight really weighs [g], by what was entered.
         posture: that was really set; None where it was as entered.
     """
 
     cases: str
     tendons: dict[str, str] = field(default_factory=dict)
+    weights_g: dict[float, float] = field(default_factory=dict)
     posture: str | None = None
 
 
@@ -66,6 +68,7 @@ class Change:
         spread: standard deviation of the amount's prior about 0; 0 where the amount is known to be 1.
         least: that the amount is at least.
         acts: (cases, muscles) relative change of tensions per unit of the amount, or (cases, 1) of readings.
+        amend: amendments that put it right; none where its amount is only estimated.
         amount: as the readings tell it; 0 where nothing is put right.
     """
 
@@ -74,6 +77,7 @@ class Change:
     spread: float
     least: float
     acts: Floats
+    amend: tuple[Amend, ...] = ()
     amount: float = 0.0
 
     @property
@@ -186,7 +190,8 @@ class Entries:
         for a, b in combinations(hangs, 2):
             if b / a - 1.0 >= LEAST_AMOUNT:
                 words = f"the weights of {a:g} g and {b:g} g were exchanged throughout"
-                out.append(Change(words, 1.0, 0.0, 0.0, hangs[a] * (b / a - 1.0) + hangs[b] * (a / b - 1.0)))
+                acts = hangs[a] * (b / a - 1.0) + hangs[b] * (a / b - 1.0)
+                out.append(Change(words, 1.0, 0.0, 0.0, acts, (Amend("all", weights_g={a: b, b: a}),)))
         return out
 
     def columns(self, changes: Sequence[Change], theta: Floats) -> Floats:
@@ -207,7 +212,7 @@ class Entries:
         o, factor = self.session.observations, 1.0 + change.amount * change.acts
         if change.kind == "weight":
             found = self._one(change.kind, change.words, _with(o, tension=factor * np.asarray(o.inputs.tension)))
-            return replace(found, change=change if change.spread else None)
+            return replace(found, change=change if change.spread else None, amend=change.amend)
         noise = o.noise.turned(np.eye(6) / factor[:, :, None])
         here = factor[self.session.rows // 6, 0]
         density = -float(np.log(here[self.session.fitted]).sum())

@@ -225,7 +225,8 @@ def amend_blocks(session: SessionId, body: AmendedBlocks, request: Request) -> J
     known, made = parts.sessions.read(session).session(), list[Amendment]()
     for one in body.amend:
         cases = block_of(known, one.cases)
-        made += amendments_of(known, cases, body.why, tendons=one.tendons, posture=one.posture)
+        really = one.model_dump(exclude={"cases"})
+        made += amendments_of(known, cases, body.why, **really)
     return _edited(parts, session, "amend", made[0].case, _kept(made))
 
 

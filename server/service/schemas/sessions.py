@@ -228,6 +228,14 @@ class AmendedBlock(Form):
         description="The tendon that bore the weight, by the one that was entered.",
         examples=[{"FDP": "FDS", "FDS": "FDP"}],
     )
+    weights_g: dict[Annotated[float, Field(gt=0.0, lt=1e6, strict=False)], Annotated[float, Field(gt=0.0, lt=1e6)]] = (
+        Field(
+            default_factory=dict,
+            max_length=40,
+            description="What a weight really weighs [g], by what was entered wherever it hung.",
+            examples=[{"484": 550.0}],
+        )
+    )
     posture: Annotated[str, Field(max_length=200)] | None = Field(None, description="The posture that was really set.")
 
 

@@ -234,10 +234,20 @@ def test_a_block_of_cases_is_amended_in_one_edit(fresh: ServiceReceiver) -> None
     assert now == {c["id"]: {swap.get(t, t): g for t, g in c["masses_g"].items()} for c in before}
     client.post(f"{path}/edits/{done.json()['edit']}/undo", json={}).raise_for_status()
     assert [c["masses_g"] for c in client.get(f"{path}/cases").json()["cases"]] == [c["masses_g"] for c in before]
+    (heavy, *_) = sorted({grams for c in before for grams in c["masses_g"].values()}, reverse=True)
+    weighed = {"amend": [{"cases": "all", "weights_g": {str(heavy): 2.0 * heavy}}], "why": "weighed again"}
+    done = client.post(f"{path}/amend", json=weighed)
+    assert done.status_code == 200, done.text
+    after = [c["masses_g"] for c in client.get(f"{path}/cases").json()["cases"]]
+    assert after == [{t: 2.0 * g if g == heavy else g for t, g in c["masses_g"].items()} for c in before]
+    client.post(f"{path}/edits/{done.json()['edit']}/undo", json={}).raise_for_status()
+    for weights in ({"1.5": 2.0}, {"heavy": 2.0}, {str(heavy): 0.0}):
+        refused = client.post(f"{path}/amend", json={"amend": [{"cases": "all", "weights_g": weights}], "why": "x"})
+        assert refused.status_code == 422, weights
     for cases in ("nowhere", "tip,bone,c001..", ""):
         refused = client.post(f"{path}/amend", json={"amend": [{"cases": cases, "posture": "hook"}], "why": "x"})
         assert refused.status_code == 422, cases
-    assert len(client.get(f"{path}/edits").json()["edits"]) == 2
+    assert len(client.get(f"{path}/edits").json()["edits"]) == 4
 
 
 @pytest.mark.parametrize(
