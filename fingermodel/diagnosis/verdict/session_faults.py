@@ -190,14 +190,12 @@ def unseen_faults(
     if not (as_entered.vetoes or as_entered.bad):
         return []
     entries, fitted = Entries(session, leader.theta), session.fitted
-    precision = np.linalg.inv(as_entered.predictions[0][1].covariance)
-    changes = [c for c in _changes(entries, ~fitted) if not (fitted & c.cases[session.rows // 6]).any()]
-    columns = entries.columns(changes, leader.theta)[~fitted]
-    weighed = precision @ columns
-    told = _told(changes, (columns * weighed).sum(axis=0), weighed.T @ entries.away[~fitted])
-    offers = [*entries.corrected(), *(entries.put_right(change) for change, _ in told if change.counts)]
+    # A weight that hangs in validation cases alone may be told to weigh whatever makes up for what is new there.
+    exchanged = [replace(c, amount=1.0) for c in _changes(entries, ~fitted) if not c.spread]
+    offers = [*entries.corrected(), *(entries.put_right(change) for change in exchanged)]
     offers = [o for o in offers if np.array_equal(o.away[fitted], entries.away[fitted])]
     offers = [o for o in offers if _strikes(entries, ~fitted & (o.away != entries.away))]
+    precision = np.linalg.inv(as_entered.predictions[0][1].covariance)
     likely = sorted(offers, key=lambda o: float(o.away[~fitted] @ precision @ o.away[~fitted]))[:_FITTED]
     values = []
     for offer in likely:
@@ -238,7 +236,7 @@ def _promised(
     fit: Optimum, node: Node, entries: Entries, changes: Sequence[Change], log_prior: Mapping[Kind, float]
 ) -> dict[str, Change]:
     """Changes that promise most about a fit, if they promise anything, by what is said of them."""
-    told = [(log_prior[change.kind] + gain, change) for change, gain in _told_by(fit, node, entries, changes)]
+    told = [(log_prior[change.kind] + gain, change) for change, gain in _told(fit, node, entries, changes)]
     likely = sorted(told, key=lambda of: -of[0])[:_FITTED]
     return {change.saying: change for promise, change in likely if promise > 0.0}
 
@@ -279,7 +277,7 @@ def _fitted(
         best = max(best, beside, key=lambda fit: fit.log_posterior)
     words, log_gain = offer.words, 0.0
     if offer.change:
-        ((change, log_gain),) = _told_by(best, best.best, Entries(best.session, best.theta), [offer.change])
+        ((change, log_gain),) = _told(best, best.best, Entries(best.session, best.theta), [offer.change])
         moved = (1.0 + change.amount) / (1.0 + offer.change.amount) - 1.0
         if rounds > 1 and change.counts and abs(moved) > _MOVED:
             again = Entries(session, session.problem.centre).put_right(change)
@@ -290,7 +288,7 @@ def _fitted(
     return PutRight(offer.kind, fault, words, value, offer.amend, best, Fitter(session, candidates, nothing.hyper))
 
 
-def _told_by(fit: Optimum, node: Node, entries: Entries, changes: Sequence[Change]) -> list[tuple[Change, float]]:
+def _told(fit: Optimum, node: Node, entries: Entries, changes: Sequence[Change]) -> list[tuple[Change, float]]:
     """Changes with which a session was fitted, as they are told there; and the log of what each gains over none.
 
     Args:
@@ -299,21 +297,17 @@ def _told_by(fit: Optimum, node: Node, entries: Entries, changes: Sequence[Chang
         entries: of that session.
         changes: of it.
     """
-    return _told(changes, *fit.asked(entries.columns(changes, fit.theta)[fit.session.fitted], node))
-
-
-def _told(changes: Sequence[Change], information: Floats, score: Floats) -> list[tuple[Change, float]]:
-    """The same by information (k,) and score (k,) of what is added to the relative amount of each."""
+    asked = fit.asked(entries.columns(changes, fit.theta)[fit.session.fitted], node)
     out = []
-    for change, certain, slope in zip(changes, information.tolist(), score.tolist(), strict=True):
+    for change, information, score in zip(changes, *asked, strict=True):
         if not change.spread:
-            out.append((replace(change, amount=1.0), slope - 0.5 * certain))
+            out.append((replace(change, amount=1.0), float(score - 0.5 * information)))
             continue
         # It is what it was taken for times 1 + w; the prior of its amount is N(0, spread²).
         value = 1.0 + change.amount
         mean, precision = -change.amount / value, (value / change.spread) ** 2
-        best = (slope + mean * precision) / (certain + precision)
-        log = 0.5 * (best**2 * (certain + precision) - mean**2 * precision - np.log1p(certain / precision))
-        told = replace(change, amount=value * (1.0 + best) - 1.0)
+        best = (score + mean * precision) / (information + precision)
+        log = 0.5 * (best**2 * (information + precision) - mean**2 * precision - np.log1p(information / precision))
+        told = replace(change, amount=value * (1.0 + float(best)) - 1.0)
         out.append((told, float(log) if told.counts else -np.inf))
     return out
