@@ -188,7 +188,7 @@ def diagnose(
     curves: tuple[SmoothCurve, ...] = ()
     if posterior.leader.explanation.size:
         put = [*put, *changed_beside(candidates, posterior.leader)]
-    faults = tuple(session_faults(put, posterior) or unseen_faults(candidates, posterior, checked))
+    faults = tuple(session_faults(put, posterior, checked) or unseen_faults(candidates, posterior, checked))
     if faults:
         # To be put right in the session: what would make up for it is no finding.
         verdict = in_doubt(verdict)

@@ -111,8 +111,7 @@ class Corrected:
         words: what was done instead of what was entered.
         observations: with it put right.
         away: (n,) readings less the model then [N, N mm], in units of the readings as they were entered.
-        log_density: log of how many times less a unit of the readings is than one of those stated, summed over those
-            fitted.
+        log_units: (n,) log of how many times less a unit of each reading is than one of those stated.
         change: that was put right, where the readings tell its amount.
         amend: amendments that put it right; none where amendments cannot.
     """
@@ -121,7 +120,7 @@ class Corrected:
     words: str
     observations: Observations
     away: Floats
-    log_density: float = 0.0
+    log_units: Floats
     change: Change | None = None
     amend: tuple[Amend, ...] = ()
 
@@ -161,9 +160,9 @@ class Entries:
         mistake = rig_mistake(self.session.model, o)
         if mistake is not None:
             words = f"{mistake.words[0].upper()}{mistake.words[1:]}"
-            density = float(self.session.fitted.sum() * np.log(mistake.factor))
+            units = np.full(len(self.session.rows), np.log(mistake.factor))
             kind: Kind = "unit" if mistake.unit else "axes"
-            yield replace(self._one(kind, words, mistake.put_right(o)), log_density=density)
+            yield replace(self._one(kind, words, mistake.put_right(o)), log_units=units)
 
     def turned(self) -> Corrected:
         """Forces on the finger, entered as those that it exerts; balance shows that where both mounts were read."""
@@ -215,12 +214,11 @@ class Entries:
             return replace(found, change=change if change.spread else None, amend=change.amend)
         noise = o.noise.turned(np.eye(6) / factor[:, :, None])
         here = factor[self.session.rows // 6, 0]
-        density = -float(np.log(here[self.session.fitted]).sum())
         found = self._one(change.kind, change.words, replace(o, wrench=o.wrench / factor, noise=noise))
-        return replace(found, away=here * found.away, log_density=density, change=change)
+        return replace(found, away=here * found.away, log_units=-np.log(here), change=change)
 
     def _one(self, kind: Kind, words: str, observations: Observations) -> Corrected:
-        return Corrected(kind, words, observations, self._residual(observations))
+        return Corrected(kind, words, observations, self._residual(observations), np.zeros(len(self.session.rows)))
 
     def _residual(self, observations: Observations) -> Floats:
         predicted = np.asarray(self.session.model.predict(observations.inputs, self.theta).reading)
@@ -303,7 +301,7 @@ class Entries:
         o = self.session.observations
         columns = {n: np.where(here[:, None], new, np.asarray(getattr(o.inputs, n))) for n, new in changed.items()}
         there = np.where(here[self.session.rows // 6], away, self.away)
-        return Corrected(kind, words, _with(o, **columns), there, amend=amend)
+        return Corrected(kind, words, _with(o, **columns), there, np.zeros(len(there)), amend=amend)
 
     def _angles(self) -> Iterator[Corrected]:
         """One angle of one posture with the other sign; all angles of one posture, or of every one, in radians."""

@@ -63,6 +63,7 @@ class PutRight:
         words: what was done instead of what was entered.
         log_posterior: of the base model, and of one effect beside it; the fault's own prior included.
         amend: as of a `SessionFault`.
+        log_units: log of how many times less a unit of the readings is than stated, summed over the validation cases'.
         fit: the better of the two.
         entered: fits the session as it was entered.
     """
@@ -72,17 +73,23 @@ class PutRight:
     words: str
     log_posterior: float
     amend: tuple[Amend, ...]
+    log_units: float
     fit: Optimum
     entered: Fitter
 
     @cached_property
+    def of_all(self) -> float:
+        """Log posterior by all cases: those that were fitted, and the validation cases as they are then predicted."""
+        return self.log_posterior + check(self.fit).log_evidence + self.log_units
+
+    @cached_property
     def without(self) -> float:
-        """Log posterior of the same explanation without the fault, fitted from there.
+        """The same of that explanation without the fault, fitted from there.
 
         Where a search without the fault went astray, a fault may win by where its own fit began.
         """
-        fit = self.fit
-        return self.entered.fit(fit.explanation, fit.theta, fit.mode, fit.bad).log_posterior
+        fit = self.entered.fit(self.fit.explanation, self.fit.theta, self.fit.mode, self.fit.bad)
+        return fit.log_posterior + check(fit).log_evidence
 
 
 def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
@@ -154,22 +161,25 @@ def changed_beside(candidates: Candidates, leader: Optimum) -> list[PutRight]:
     return out
 
 
-def session_faults(found: Sequence[PutRight], posterior: Posterior) -> list[SessionFault]:
+def session_faults(
+    found: Sequence[PutRight], posterior: Posterior, checked: Mapping[Explanation, PredictiveCheck]
+) -> list[SessionFault]:
     """Weigh faults of the whole session against everything that was found without them.
 
     Args:
         found: of `put_right` and `changed_beside`; of one fault the better.
         posterior: of the session as entered.
+        checked: validation cases as entered, by explanation, the most probable one among them.
 
     Returns:
         What is more probable than not, most probable first.
     """
     found = list({f.fault: f for f in sorted(found, key=lambda f: f.log_posterior)}.values())
-    # As a slip in one case it is weighed by the whole likelihood, not by a power of it.
-    as_it_is, values = [fit.log_posterior for fit in posterior.fits.values()], [f.log_posterior for f in found]
-    if _probable(found, values, as_it_is):
-        as_it_is += [f.without for f in found if f.log_posterior >= max(as_it_is)]
-    return _probable(found, values, as_it_is)
+    found = [f for f in found if f.log_posterior >= posterior.leader.log_posterior]
+    # As a slip in one case it is weighed by the whole likelihood, not by a power of it; and by the validation cases,
+    # too: what makes up for something else in the fitted ones predicts no better for it.
+    as_it_is = [posterior.fits[e].log_posterior + c.log_evidence for e, c in checked.items()]
+    return _probable(found, [f.of_all for f in found], [*as_it_is, *(f.without for f in found)])
 
 
 def unseen_faults(
@@ -200,8 +210,10 @@ def unseen_faults(
     values = []
     for offer in likely:
         fitter = Fitter(_with_readings(session, offer.observations).seen_from(leader.theta), candidates, leader.hyper)
-        again = fitter.linearised(leader.explanation, leader.theta, leader.node, leader.bad, leader.log_prior)
-        values.append(posterior.weight(leader) + check(again).log_evidence + _log_share(len(offers)))
+        again = check(fitter.linearised(leader.explanation, leader.theta, leader.node, leader.bad, leader.log_prior))
+        # It makes them as predicted, or it is not what is wrong with them.
+        value = posterior.weight(leader) + again.log_evidence + _log_share(len(offers))
+        values.append(-np.inf if again.vetoes else value)
     rest = [posterior.weights[e] + c.log_evidence for e, c in checked.items()]
     return _probable(likely, values, rest)
 
@@ -209,7 +221,7 @@ def unseen_faults(
 def outdoes(found: Sequence[PutRight], log_posterior: float) -> bool:
     """Whether a fault is sure whatever may act, if nothing that acts has a higher log posterior than this."""
     sure = [f for f in found if f.log_posterior - log_posterior > logit(SURE)]
-    return any(f.log_posterior - f.without > logit(SURE) for f in sure)
+    return any(f.of_all - f.without > logit(SURE) for f in sure)
 
 
 def _probable(
@@ -267,7 +279,8 @@ def _fitted(
     session, (fitter, best) = nothing.session, base
     candidates = fitter.candidates
     alone = log_posterior = best.log_posterior
-    if rounds and alone + offer.log_density >= nothing.log_posterior:
+    fitted, unseen = (float(offer.log_units[rows].sum()) for rows in (session.fitted, ~session.fitted))
+    if rounds and alone + fitted >= nothing.log_posterior:
         # An effect may act as well: the one that the base promises most.
         node = best.hyper.without_smooth(best.best)
         promised = best.promises(candidates.singles, [best.best, node])
@@ -283,9 +296,10 @@ def _fitted(
             again = Entries(session, session.problem.centre).put_right(change)
             return _fitted(nothing, again, log_share, _base(candidates, nothing, again, best.bad), rounds - 1)
         words = change.words
-    value = log_share + offer.log_density + log_posterior + log_gain
+    value = log_share + fitted + log_posterior + log_gain
     fault = offer.change.saying if offer.change else offer.words
-    return PutRight(offer.kind, fault, words, value, offer.amend, best, Fitter(session, candidates, nothing.hyper))
+    entered = Fitter(session, candidates, nothing.hyper)
+    return PutRight(offer.kind, fault, words, value, offer.amend, unseen, best, entered)
 
 
 def _told(fit: Optimum, node: Node, entries: Entries, changes: Sequence[Change]) -> list[tuple[Change, float]]:
