@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import chdtrc
 
-from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, FORMS, NOISE
+from fingermodel.diagnosis.posterior.hyper import ANATOMY, BUDGET, FORMS, NOISE, Node
 from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import Candidates
@@ -137,35 +137,48 @@ def _found(
             f"Something else acts beside it with a probability of {posterior.p_beyond:.2f}, of about "
             f"{posterior.beyond_newton:.2f} N: less than what is found changes."
         )
-    return Verdict("found", names, effects, probability, (*reasons, *_beside(posterior, names)))
+    reasons += _beside(posterior, names)
+    if short := _left(posterior, fit, f"{words(names)}, noise, scatter and budget", _as_stated(fit, fit.best)):
+        return Verdict("undecided", names, (), probability, tuple(reasons), (short,))
+    return Verdict("found", names, effects, probability, tuple(reasons))
 
 
 def _nothing(posterior: Posterior, fit: Optimum) -> Verdict:
     p, misfit = posterior.p_nothing, fit.misfit(fit.node)
-    n = len(fit.residual)
-    if chdtrc(n, misfit) < P_VALUE:
-        wanted = {"budget": posterior.budget[0], "spread of anatomy": posterior.anatomy[0]}
-        more = [f"a {what} {times:.1f} times as large" for what, times in wanted.items() if times >= _LARGER]
-        if fit.session.observations.noise_assumed:
-            more += [f"a noise {posterior.noise[0]:.1f} times as large"] if posterior.noise[0] >= _LARGER else []
-        elif posterior.noise[0] > _USUAL_EXTRA_N:
-            more.append(f"{1000.0 * posterior.noise[0]:.0f} mN of noise beside the measured one")
-        want = f"; the readings want {words(more)}" if more else ""
-        short = f"noise, scatter and budget as stated leave a misfit of {misfit:.0f} for {n} readings{want}"
+    if short := _left(posterior, fit, "noise, scatter and budget", fit.node):
         return Verdict("undecided", (), (), p, (), (short,))
     reason = (
-        f"Noise, scatter and the stated budget explain the readings (misfit {misfit:.0f} for {n} readings); no effect "
-        "is needed."
+        f"Noise, scatter and the stated budget explain the readings (misfit {misfit:.0f} for {len(fit.residual)} "
+        "readings); no effect is needed."
     )
     return Verdict("nothing_missing", (), (), p, (reason,))
 
 
-def stated_node(fit: Optimum) -> tuple[int, ...]:
+def _left(posterior: Posterior, fit: Optimum, what: str, node: Node) -> str:
+    """What is said where a fit's misfit is out of the question at a node where rig and specimen are as stated."""
+    misfit, n = fit.misfit(node), len(fit.residual)
+    if chdtrc(n, misfit) >= P_VALUE:
+        return ""
+    wanted = {"budget": posterior.budget[0], "spread of anatomy": posterior.anatomy[0]}
+    more = [f"a {name} {times:.1f} times as large" for name, times in wanted.items() if times >= _LARGER]
+    if fit.session.observations.noise_assumed:
+        more += [f"a noise {posterior.noise[0]:.1f} times as large"] if posterior.noise[0] >= _LARGER else []
+    elif posterior.noise[0] > _USUAL_EXTRA_N:
+        more.append(f"{1000.0 * posterior.noise[0]:.0f} mN of noise beside the measured one")
+    want = f"; the readings want {words(more)}" if more else ""
+    return f"{what} as stated leave a misfit of {misfit:.0f} for {n} readings{want}"
+
+
+def stated_node(fit: Optimum) -> Node:
     """The node where budget, anatomy and noise are as stated and nothing smooth acts.
 
     Scatter is as it reads, and so is noise that plateau and tare do not show, as far as it is usual.
     """
-    axes, node = fit.hyper.axes, list(fit.hyper.without_smooth(fit.best))
+    return _as_stated(fit, fit.hyper.without_smooth(fit.best))
+
+
+def _as_stated(fit: Optimum, of: Node) -> Node:
+    axes, node = fit.hyper.axes, list(of)
     node[BUDGET], node[ANATOMY] = axes[BUDGET].mode, axes[ANATOMY].mode
     if not fit.session.observations.noise_assumed:
         usual = np.searchsorted(axes[NOISE].values, _USUAL_EXTRA_N, side="right") - 1
