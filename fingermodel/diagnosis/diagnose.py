@@ -32,9 +32,9 @@ from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, checks, ho
 from fingermodel.diagnosis.verdict.sensitivity import Sensitivity, sensitivity
 from fingermodel.diagnosis.verdict.session_faults import (
     SessionFault,
-    changed_beside,
     outdoes,
     put_right,
+    put_right_beside,
     session_faults,
     unseen_faults,
 )
@@ -187,7 +187,7 @@ def diagnose(
     found: tuple[Hint, ...] = ()
     curves: tuple[SmoothCurve, ...] = ()
     if posterior.leader.explanation.size:
-        put = [*put, *changed_beside(candidates, posterior.leader)]
+        put = [*put, *put_right_beside(candidates, posterior.leader)]
     faults = tuple(session_faults(put, posterior, checked) or unseen_faults(candidates, posterior, checked))
     if faults:
         # To be put right in the session: what would make up for it is no finding.

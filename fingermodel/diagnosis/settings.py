@@ -91,6 +91,8 @@ SLIP_SHARES = {
 AMOUNT = 0.5
 # The same of a weight wherever it hangs. Weights scatter; one that is hardly off is no mistake.
 LEAST_AMOUNT = 0.05
+# The same of one joint's angle in one posture: what is off by less was measured badly, not mistyped [rad].
+WRONG_ANGLE_RAD, LEAST_ANGLE_RAD = np.deg2rad(20.0), np.deg2rad(8.0)
 # A fault of the whole session: how often, and how far one mount's gain may then be from 1.
 P_FAULT = 0.02
 GAIN_SPREAD = 0.3

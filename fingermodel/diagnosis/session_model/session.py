@@ -269,11 +269,14 @@ class Session:
     @cached_property
     def _by_angle(self) -> Floats:
         """(n, rotations) change of every reading per radian of each joint angle, about the priors' centre."""
+        return self.by_angle(self.problem.centre)[self.rows // 6, self.rows % 6]
+
+    def by_angle(self, theta: Floats) -> Floats:
+        """(cases, 6, rotations) change of every reading per radian of each joint angle, about some parameters."""
         inputs = self.observations.inputs
         posture = np.asarray(inputs.posture)
         step = {k: np.full(len(posture), _STEP) for k in range(posture.shape[1])}
-        out = self._derivatives(self.problem.centre, posture, step, lambda moved: inputs._replace(posture=moved))
-        return out[self.rows // 6, self.rows % 6]
+        return self._derivatives(theta, posture, step, lambda moved: inputs._replace(posture=moved))
 
     def _derivatives(
         self, theta: Floats, values: Floats, steps: dict[int, Floats], moved: Callable[[jax.Array], LoadCaseInput]

@@ -19,7 +19,13 @@ from numpy.typing import NDArray
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.settings import AMOUNT, GAIN_SPREAD, LEAST_AMOUNT
+from fingermodel.diagnosis.settings import (
+    AMOUNT,
+    GAIN_SPREAD,
+    LEAST_AMOUNT,
+    LEAST_ANGLE_RAD,
+    WRONG_ANGLE_RAD,
+)
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -35,6 +41,8 @@ _UNITS_G = {
     "grams, ten times too many": 0.1,
     "grams, ten times too few": 10.0,
 }
+# What one that was entered as a newton millimetre is, by the unit.
+_MOMENTS_NMM = {"in N mm": 1.0, "in N m": 1000.0, "in N cm": 10.0, "in kg mm": 9.80665}
 # Postures, changes of posture or mount, and weights, from which on they are not looked at: there would be too many.
 _MOST_BLOCKS = 20
 # A wrench of the other hand.
@@ -60,35 +68,43 @@ class Amend:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Something that is another than was entered by a relative amount: a mount's gain, a weight, two exchanged weights.
+    """Something that is another than was entered by an amount: a mount's gain, a weight, two exchanged ones, an angle.
 
     Attributes:
+        kind: of fault; of a posture the amount is an angle [rad], else it is relative.
         saying: what is said of it; the value goes into the braces, if there are any.
-        entered: the value then.
+        entered: the value then; of an angle [deg].
         spread: standard deviation of the amount's prior about 0; 0 where the amount is known to be 1.
         least: that the amount is at least.
-        acts: (cases, muscles) relative change of tensions per unit of the amount, or (cases, 1) of readings.
+        acts: (cases, muscles) relative change of tensions per unit of the amount, (cases, 1) of readings, or (cases,
+            rotations) of joint angles.
+        above: that the amount is more than.
         amend: amendments that put it right; none where its amount is only estimated.
         amount: as the readings tell it; 0 where nothing is put right.
     """
 
+    kind: Kind
     saying: str
     entered: float
     spread: float
     least: float
     acts: Floats
+    above: float = -1.0
     amend: tuple[Amend, ...] = ()
     amount: float = 0.0
 
     @property
     def words(self) -> str:
         """What is said of it."""
-        return self.saying.format(self.entered * (1.0 + self.amount))
+        is_angle = self.kind == "posture"
+        return self.saying.format(
+            self.entered + np.rad2deg(self.amount) if is_angle else self.entered * (1.0 + self.amount)
+        )
 
     @property
-    def kind(self) -> Kind:
-        """Of the fault that it is."""
-        return "weight" if self.acts.shape[1] > 1 else "gain"
+    def unit(self) -> float:
+        """Of the amount, by which it is told further once it is put right."""
+        return 1.0 if self.kind == "posture" else 1.0 + self.amount
 
     @property
     def cases(self) -> Mask:
@@ -98,8 +114,8 @@ class Change:
 
     @property
     def counts(self) -> bool:
-        """Whether it is far enough from what was entered, and no less than nothing."""
-        return self.amount > -1.0 and abs(self.amount) >= self.least
+        """Whether it is far enough from what was entered, and can be."""
+        return self.amount > self.above and abs(self.amount) >= self.least
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +165,7 @@ class Entries:
         yield from self._postures()
         yield from self._angles()
         yield self._one("side", "the side is the other one (readings are mirrored)", _mirrored(o))
+        yield from self._moments()
         yield from self._tares()
         for unit, grams in _UNITS_G.items():
             tension = np.asarray(o.inputs.tension) * grams
@@ -171,46 +188,72 @@ class Entries:
         return self._one("axes", words, replace(o, wrench=-o.wrench))
 
     def changes(self) -> list[Change]:
-        """What may be another by an amount: the gain of either mount, and each weight, on one tendon or all; or two."""
-        o, out = self.session.observations, list[Change]()
-        places = dict.fromkeys(np.array(o.locations)[self.session.rows[self.session.fitted] // 6])
+        """What may be another by an amount."""
+        return [*self._gains(), *self._weights(), *self._joint_angles()]
+
+    def _gains(self) -> Iterator[Change]:
+        """The gain of either mount."""
+        locations = np.array(self.session.observations.locations)
+        places = dict.fromkeys(locations[self.session.rows[self.session.fitted] // 6])
         for place in places if len(places) > 1 else ():
-            here = of_label(o.locations, place)[:, None].astype(float)
-            out.append(Change(f"the cell at the {place} has a gain of {{:.2f}}", 1.0, GAIN_SPREAD, 0.0, here))
+            here = (locations == place)[:, None].astype(float)
+            yield Change("gain", f"the cell at the {place} has a gain of {{:.2f}}", 1.0, GAIN_SPREAD, 0.0, here)
+
+    def _weights(self) -> Iterator[Change]:
+        """Each weight, on one tendon or all; all of one tendon, which friction cannot make more; two exchanged."""
         muscles, mass_g = self.session.model.finger.topology.muscles, self._mass_g
         hangs = {weight: (mass_g == weight).astype(float) for weight in self._weights_g}
         for weight, here in hangs.items():
             on = np.flatnonzero(here.any(axis=0)).tolist()
             words = f"the weight of {weight:g} g{{}} weighs {{{{:.0f}}}} g"
-            out.append(Change(words.format(""), weight, AMOUNT, LEAST_AMOUNT, here))
+            yield Change("weight", words.format(""), weight, AMOUNT, LEAST_AMOUNT, here)
             for m in on if len(on) > 1 else ():
                 alone = here * (np.arange(len(muscles)) == m)
-                out.append(Change(words.format(f" on {muscles[m]}"), weight, AMOUNT, LEAST_AMOUNT, alone))
+                yield Change("weight", words.format(f" on {muscles[m]}"), weight, AMOUNT, LEAST_AMOUNT, alone)
+        for m, muscle in enumerate(muscles):
+            if len(np.unique(mass_g[mass_g[:, m] > 0.0, m])) > 1:
+                here = (mass_g > 0.0) * (np.arange(len(muscles)) == m).astype(float)
+                words = f"all weights on {muscle} weigh {{:.2f}} times what was entered"
+                yield Change("weight", words, 1.0, AMOUNT, LEAST_AMOUNT, here, above=0.0)
         for a, b in combinations(hangs, 2):
             if b / a - 1.0 >= LEAST_AMOUNT:
                 words = f"the weights of {a:g} g and {b:g} g were exchanged throughout"
                 acts = hangs[a] * (b / a - 1.0) + hangs[b] * (a / b - 1.0)
-                out.append(Change(words, 1.0, 0.0, 0.0, acts, (Amend("all", weights_g={a: b, b: a}),)))
-        return out
+                yield Change("weight", words, 1.0, 0.0, 0.0, acts, amend=(Amend("all", weights_g={a: b, b: a}),))
+
+    def _joint_angles(self) -> Iterator[Change]:
+        """Each angle of each posture."""
+        o, rotations = self.session.observations, self.session.model.finger.topology.rotations
+        for name in self._used:
+            for k, rotation in enumerate(rotations):
+                here = of_label(o.postures, name)[:, None] * (np.arange(len(rotations)) == k).astype(float)
+                entered = float(np.rad2deg(o.posture_angles[name][k]))
+                words = f"{rotation} in {name} was about {{:.0f}}°, not {entered:g}°"
+                yield Change("posture", words, entered, WRONG_ANGLE_RAD, LEAST_ANGLE_RAD, here, above=-np.pi)
 
     def columns(self, changes: Sequence[Change], theta: Floats) -> Floats:
         """(n, k) change of the readings per unit of a further amount of each, at some parameters."""
         session, out = self.session, list[Floats]()
         reading = session.readings(theta)
-        by_tension = session.by_tension(theta) if any(c.kind == "weight" for c in changes) else None
+        slopes = {"weight": session.by_tension, "posture": session.by_angle}
+        kinds = {change.kind for change in changes}
+        by_input = {kind: slopes_at(theta) for kind, slopes_at in slopes.items() if kind in kinds}
         for change in changes:
-            if by_tension is None or change.kind == "gain":
-                changed = reading * change.acts
+            if change.kind in by_input:
+                changed = np.einsum("crk,ck->cr", by_input[change.kind], change.acts)
             else:
-                changed = np.einsum("crm,cm->cr", by_tension, change.acts)
+                changed = reading * change.acts
             out.append(changed.reshape(-1)[session.rows])
         return np.array(out).reshape(-1, len(session.rows)).T
 
     def put_right(self, change: Change) -> Corrected:
         """The session with something by its amount another than was entered."""
         o, factor = self.session.observations, 1.0 + change.amount * change.acts
-        if change.kind == "weight":
-            found = self._one(change.kind, change.words, _with(o, tension=factor * np.asarray(o.inputs.tension)))
+        if change.kind != "gain":
+            tension, posture = np.asarray(o.inputs.tension), np.asarray(o.inputs.posture)
+            is_angle = change.kind == "posture"
+            other = _with(o, posture=posture + factor - 1.0) if is_angle else _with(o, tension=factor * tension)
+            found = self._one(change.kind, change.words, other)
             return replace(found, change=change if change.spread else None, amend=change.amend)
         noise = o.noise.turned(np.eye(6) / factor[:, :, None])
         here = factor[self.session.rows // 6, 0]
@@ -304,7 +347,7 @@ class Entries:
         return Corrected(kind, words, _with(o, **columns), there, np.zeros(len(there)), amend=amend)
 
     def _angles(self) -> Iterator[Corrected]:
-        """One angle of one posture with the other sign; all angles of one posture, or of every one, in radians."""
+        """An angle with the other sign, or two exchanged; all angles in radians: of one posture, or of every one."""
         o, rotations = self.session.observations, self.session.model.finger.topology.rotations
         angles = np.asarray(o.inputs.posture)
         for name, posture in o.posture_angles.items():
@@ -314,9 +357,20 @@ class Entries:
                 turned[here, k] *= -1.0
                 words = f"{rotations[k]} in {name} has the other sign ({-np.rad2deg(posture[k]):g}°)"
                 yield self._one("posture", words, _with(o, posture=turned))
+            for a, b in combinations(np.flatnonzero(posture != 0.0).tolist(), 2):
+                if posture[a] != posture[b]:
+                    order = np.arange(len(rotations))
+                    order[[a, b]] = b, a
+                    turned = np.where(here[:, None], angles[:, order], angles)
+                    words = f"{rotations[a]} and {rotations[b]} were exchanged in {name}"
+                    yield self._one("posture", words, _with(o, posture=turned))
             if 0.0 < np.rad2deg(np.abs(posture).max()) < np.pi:
                 turned = np.where(here[:, None], np.rad2deg(angles), angles)
                 yield self._one("posture", f"the angles of {name} are in radians", _with(o, posture=turned))
+        for k in np.flatnonzero(angles.any(axis=0)) if len(o.posture_angles) > 1 else ():
+            turned = angles * np.where(np.arange(len(rotations)) == k, -1.0, 1.0)
+            words = f"{rotations[k]} has the other sign in all postures"
+            yield self._one("posture", words, _with(o, posture=turned))
         if len(o.posture_angles) > 1 and 0.0 < np.rad2deg(np.abs(angles).max()) < np.pi:
             words = "the angles of all postures are in radians"
             yield self._one("posture", words, _with(o, posture=np.rad2deg(angles)))
@@ -332,6 +386,25 @@ class Entries:
         """(cases, muscles) that hangs on each tendon."""
         muscles, masses = self.session.model.finger.topology.muscles, self.session.observations.masses_g
         return np.array([[of_case.get(m, 0.0) for m in muscles] for of_case in masses])
+
+    def _moments(self) -> Iterator[Corrected]:
+        """Moments alone in another unit, or of the other sign."""
+        o, moment = self.session.observations, self.session.rows % 6 >= 3
+        entered = self.session.measured[moment]
+        predicted = entered - self.away[moment]
+        along = float(entered @ predicted)
+        each: list[tuple[str, Kind, float]] = [("of the other sign", "axes", -1.0)]
+        if along:
+            # Of the units the one in which the moments are nearest to the model's.
+            scale = abs(along) / float(predicted @ predicted)
+            unit, factor = min(_MOMENTS_NMM.items(), key=lambda of: abs(np.log(scale * of[1])))
+            each += [(unit, "unit", factor)] if factor != 1.0 else []
+        for words, kind, factor in each:
+            turn = np.diag([1.0] * 3 + [factor] * 3)
+            noise = o.noise.turned(np.tile(turn, (len(o.ids), 1, 1)))
+            found = self._one(kind, f"the moments are {words}", replace(o, wrench=o.wrench @ turn, noise=noise))
+            units = np.where(moment, np.log(abs(factor)), 0.0)
+            yield replace(found, away=np.where(moment, 1.0 / factor, 1.0) * found.away, log_units=units)
 
     def _tares(self) -> Iterator[Corrected]:
         """Readings that were tared already when the tare was taken away; one tare of each mount for all its cases."""

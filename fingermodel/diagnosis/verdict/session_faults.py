@@ -23,7 +23,7 @@ from fingermodel.diagnosis.posterior.marginals import Posterior
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
-from fingermodel.diagnosis.settings import P_FAULT, SURE, SUSPECT
+from fingermodel.diagnosis.settings import FAR, P_FAULT, SURE, SUSPECT
 from fingermodel.diagnosis.verdict.corrections import Amend, Change, Corrected, Entries, Kind
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, check
 
@@ -95,8 +95,9 @@ class PutRight:
 def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     """Put faults of the whole session right, one at a time, and fit the base model again, slips beside it or not.
 
-    Those that balance shows are all fitted; of the others, those that promise most where the finger is as measured; and
-    the gain or weights that promise most about the base model.
+    Those that balance shows are all fitted; of the others, those that promise most where the finger is as measured, and
+    the amounts that promise most about the base model. Where an effect promises far more, it comes first; they are
+    asked again beside it.
 
     Args:
         candidates: of the diagnosis.
@@ -106,59 +107,95 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     as_measured = Fitter(session, candidates, hyper).linearised(
         NOTHING, session.problem.centre, hyper.usual, nothing.bad, 0.0
     )
-    entries, fitted = Entries(session, session.problem.centre), session.fitted
+    entries = Entries(session, session.problem.centre)
     by_balance = list(entries.frames())
-    offers = [*entries.corrected(), *([] if by_balance else [entries.turned()])]
-    # What changes the same fitted readings alike is one fault; what changes none is looked for in `unseen_faults`.
-    struck = (o for o in reversed(offers) if _strikes(entries, fitted & (o.away != entries.away)))
-    apart = {o.away[fitted].tobytes(): o for o in struck}
-    offers = list(apart.values())
-    away = np.array([entries.away[fitted], *(o.away[fitted] for o in offers)])
-    changes = _changes(entries, fitted)
-    counts = Counter([*(o.kind for o in [*offers, *by_balance]), *(change.kind for change in changes)])
-    prior = {kind: _log_share(count) for kind, count in counts.items()}
+    possible = _Possible.of(entries, [] if by_balance else [entries.turned()], len(by_balance))
     # Readings miss the finger as it was measured by more than noise, and by less than most faults. How much of that may
     # be something smooth is not known before: with some of it, the others' misfit does not decide; or as they read.
-    best: dict[Corrected, None] = {}
-    for node in (hyper.with_smooth(hyper.usual), nothing.best):
-        as_entered, *values = as_measured.log_joints_of(away.T, node)
-        gains = {o: prior[o.kind] + value - as_entered for o, value in zip(offers, values, strict=True)}
-        best |= dict.fromkeys([o for o in sorted(offers, key=lambda o: -gains[o])[:_FITTED] if gains[o] > 0.0])
-    promised = _promised(as_measured, hyper.with_smooth(hyper.usual), entries, changes, prior)
-    promised |= _promised(nothing, nothing.best, entries, changes, prior)
-    best |= dict.fromkeys(entries.put_right(change) for change in promised.values())
+    smooth = hyper.with_smooth(hyper.usual)
+    gain = {
+        smooth: _of_effects(as_measured, smooth, candidates),
+        nothing.best: _of_effects(nothing, nothing.best, candidates),
+    }
+    best = dict.fromkeys(o for node in gain for o in possible.labels(as_measured, node, gain[node] - FAR))
+    changes = possible.changed(as_measured, smooth, gain[smooth] - FAR)
+    changes |= possible.changed(nothing, nothing.best, gain[nothing.best] - FAR)
+    best |= dict.fromkeys(changes.values())
     bases = {o: _base(candidates, nothing, o, frozenset()) for o in [*by_balance, *best]}
-    alone = {o: _fitted(nothing, o, prior[o.kind], base, 0) for o, base in bases.items()}
+    alone = {o: _fitted(nothing, o, possible.prior(o.kind), base, 0) for o, base in bases.items()}
     if not alone:
         return []
     # Beside an effect, and beside slips, the likeliest is likelier still.
     likeliest = max(alone, key=lambda o: alone[o].log_posterior)
     for bad in dict.fromkeys([frozenset[int](), nothing.bad]):
         base = _base(candidates, nothing, likeliest, bad) if bad else bases[likeliest]
-        beside = _fitted(nothing, likeliest, prior[likeliest.kind], base, 2)
+        beside = _fitted(nothing, likeliest, possible.prior(likeliest.kind), base, 2)
         alone[likeliest] = max(alone[likeliest], beside, key=lambda put: put.log_posterior)
     return list(alone.values())
 
 
-def changed_beside(candidates: Candidates, leader: Optimum) -> list[PutRight]:
-    """Put a gain or weights right beside an explanation, and fit it again.
+def put_right_beside(candidates: Candidates, leader: Optimum) -> list[PutRight]:
+    """Put what promises most beside an explanation right, and fit it again.
 
-    Beside a strong effect the base model alone does not show what else is another.
+    Beside a strong effect the base model alone does not show what else is another than was entered.
 
     Args:
         candidates: of the diagnosis.
         leader: the explanation, of a session as it was entered.
     """
-    entries = Entries(leader.session, leader.theta)
-    changes = _changes(entries, leader.session.fitted)
-    prior = {kind: _log_share(count) for kind, count in Counter(change.kind for change in changes).items()}
+    possible = _Possible.of(Entries(leader.session, leader.theta), [], 0)
     out = []
-    for change in _promised(leader, leader.best, entries, changes, prior).values():
-        offer = entries.put_right(change)
+    for offer in [*possible.labels(leader, leader.best), *possible.changed(leader, leader.best).values()]:
         fitter = Fitter(_with_readings(leader.session, offer.observations), candidates, leader.hyper)
         fit = fitter.fit(leader.explanation, leader.theta, leader.best, leader.bad)
-        out.append(_fitted(leader, offer, prior[change.kind], (fitter, fit), 0))
+        out.append(_fitted(leader, offer, possible.prior(offer.kind), (fitter, fit), 0))
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Possible:
+    """What may have been entered wrongly, of which each changes more of the fitted cases than a slip does.
+
+    Attributes:
+        entries: as they were entered.
+        offers: of labels and units.
+        changes: by an amount.
+        counts: of each kind, from which its prior follows.
+    """
+
+    entries: Entries
+    offers: list[Corrected]
+    changes: list[Change]
+    counts: Counter[Kind]
+
+    @classmethod
+    def of(cls, entries: Entries, more: Sequence[Corrected], by_balance: int) -> _Possible:
+        """All of them, with further offers; so many others are shown by balance."""
+        fitted, changes = entries.session.fitted, _changes(entries, entries.session.fitted)
+        # What changes the same fitted readings alike is one fault; what changes none is looked for in `unseen_faults`.
+        every = reversed([*entries.corrected(), *more])
+        struck = (o for o in every if _strikes(entries, fitted & (o.away != entries.away)))
+        offers = list({o.away[fitted].tobytes(): o for o in struck}.values())
+        counts = Counter([*(o.kind for o in offers), *(change.kind for change in changes)])
+        return cls(entries, offers, changes, counts + Counter[Kind]({"axes": by_balance}))
+
+    def prior(self, kind: Kind) -> float:
+        """Log prior of a fault of a kind."""
+        return _log_share(self.counts[kind])
+
+    def labels(self, fit: Optimum, node: Node, least: float = 0.0) -> list[Corrected]:
+        """Faults of labels and units that promise most about a fit there; more than nothing, too."""
+        fitted = self.entries.session.fitted
+        away = np.array([self.entries.away[fitted], *(o.away[fitted] for o in self.offers)])
+        as_entered, *values = fit.log_joints_of(away.T, node)
+        gains = {o: self.prior(o.kind) + v - as_entered for o, v in zip(self.offers, values, strict=True)}
+        return [o for o in sorted(self.offers, key=lambda o: -gains[o])[:_FITTED] if gains[o] > max(least, 0.0)]
+
+    def changed(self, fit: Optimum, node: Node, least: float = 0.0) -> dict[str, Corrected]:
+        """Changes by an amount that promise most about a fit, and more than nothing, by what is said of them."""
+        told = _told(fit, node, self.entries, self.changes)
+        likely = sorted(((self.prior(change.kind) + gain, change) for change, gain in told), key=lambda of: -of[0])
+        return {c.saying: self.entries.put_right(c) for promise, c in likely[:_FITTED] if promise > max(least, 0.0)}
 
 
 def session_faults(
@@ -167,7 +204,7 @@ def session_faults(
     """Weigh faults of the whole session against everything that was found without them.
 
     Args:
-        found: of `put_right` and `changed_beside`; of one fault the better.
+        found: of `put_right` and `put_right_beside`; of one fault the better.
         posterior: of the session as entered.
         checked: validation cases as entered, by explanation, the most probable one among them.
 
@@ -244,13 +281,11 @@ def _changes(entries: Entries, of: Mask) -> list[Change]:
     return [c for c in entries.changes() if _strikes(entries, of & c.cases[entries.session.rows // 6])]
 
 
-def _promised(
-    fit: Optimum, node: Node, entries: Entries, changes: Sequence[Change], log_prior: Mapping[Kind, float]
-) -> dict[str, Change]:
-    """Changes that promise most about a fit, if they promise anything, by what is said of them."""
-    told = [(log_prior[change.kind] + gain, change) for change, gain in _told(fit, node, entries, changes)]
-    likely = sorted(told, key=lambda of: -of[0])[:_FITTED]
-    return {change.saying: change for promise, change in likely if promise > 0.0}
+def _of_effects(fit: Optimum, node: Node, candidates: Candidates) -> float:
+    """Log posterior that one effect promises to add about the base model."""
+    offers = [NOTHING, *candidates.singles]
+    alone, *effects = fit.promises(offers, [node]) + [candidates.log_prior(e) for e in offers]
+    return float(max(effects, default=alone) - alone)
 
 
 def _with_readings(session: Session, observations: Observations) -> Session:
@@ -291,7 +326,7 @@ def _fitted(
     words, log_gain = offer.words, 0.0
     if offer.change:
         ((change, log_gain),) = _told(best, best.best, Entries(best.session, best.theta), [offer.change])
-        moved = (1.0 + change.amount) / (1.0 + offer.change.amount) - 1.0
+        moved = (change.amount - offer.change.amount) / offer.change.unit
         if rounds > 1 and change.counts and abs(moved) > _MOVED:
             again = Entries(session, session.problem.centre).put_right(change)
             return _fitted(nothing, again, log_share, _base(candidates, nothing, again, best.bad), rounds - 1)
@@ -317,11 +352,10 @@ def _told(fit: Optimum, node: Node, entries: Entries, changes: Sequence[Change])
         if not change.spread:
             out.append((replace(change, amount=1.0), float(score - 0.5 * information)))
             continue
-        # It is what it was taken for times 1 + w; the prior of its amount is N(0, spread²).
-        value = 1.0 + change.amount
-        mean, precision = -change.amount / value, (value / change.spread) ** 2
+        # It is further off by w, of what it was taken for; the prior of its amount is N(0, spread²).
+        mean, precision = -change.amount / change.unit, (change.unit / change.spread) ** 2
         best = (score + mean * precision) / (information + precision)
         log = 0.5 * (best**2 * (information + precision) - mean**2 * precision - np.log1p(information / precision))
-        told = replace(change, amount=value * (1.0 + float(best)) - 1.0)
+        told = replace(change, amount=change.amount + change.unit * float(best))
         out.append((told, float(log) if told.counts else -np.inf))
     return out
