@@ -290,22 +290,26 @@ class Entries:
                     yield self._block("tendon_labels", f"{words} {where}", here, away, amend, tension=exchanged)
 
     def _postures(self) -> Iterator[Corrected]:
-        """Two postures exchanged throughout; one that was another, in all its cases, at a mount, or once."""
+        """Two postures exchanged, always or at a mount; one that was another, in all its cases, at a mount, or once."""
         o, angles = self.session.observations, self.session.observations.posture_angles
         cases = {name: of_label(o.postures, name) for name in self._used}
         everywhere = {name: np.tile(angles[name], (len(o.ids), 1)) for name in cases}
         away = {name: self._residual(_with(o, posture=set_to)) for name, set_to in everywhere.items()}
-        of_row = self.session.rows // 6
+        of_row, mounts = self.session.rows // 6, {p: of_label(o.locations, p) for p in o.locations}
         for a, b in combinations(cases, 2):
             both, swap = np.logical_or(cases[a], cases[b]), (Amend(a, posture=b), Amend(b, posture=a))
             mixed = np.where(cases[a][of_row], away[b], away[a])
             exchanged = np.where(cases[a][:, None], everywhere[b], everywhere[a])
-            words = f"{a} and {b} were exchanged throughout"
-            yield self._block("posture", words, both, mixed, swap, posture=exchanged)
+            words = f"{a} and {b} were exchanged"
+            yield self._block("posture", f"{words} throughout", both, mixed, swap, posture=exchanged)
+            for p, here in mounts.items():
+                there = tuple(replace(amend, cases=f"{amend.cases},{p}") for amend in swap)
+                block = np.logical_and(both, here)
+                yield self._block("posture", f"{words} at the {p}", block, mixed, there, posture=exchanged)
         for name, done in permutations(cases, 2):
             blocks = {"": (name, cases[name])}
-            for p in dict.fromkeys(o.locations):
-                blocks[f" at the {p}"] = f"{name},{p}", np.logical_and(cases[name], of_label(o.locations, p))
+            for p, here in mounts.items():
+                blocks[f" at the {p}"] = f"{name},{p}", np.logical_and(cases[name], here)
             blocks |= self._set_once.get(name, {})
             for where, (named, here) in blocks.items():
                 words, amend = f"the posture was {done}, not {name}{where}", (Amend(named, posture=done),)
