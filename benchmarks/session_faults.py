@@ -140,6 +140,26 @@ def _turn_one(postures: dict[str, dict[str, float]], rng: Rng) -> None:
     postures[posture][joint] *= -1.0
 
 
+def sign_everywhere(session: Recorded, rng: Rng) -> None:
+    """Enter one joint's angle with the other sign in all postures."""
+    joint = str(rng.choice(["MCP", "PIP"]))
+    for angles in session.document["postures_deg"].values():
+        angles[joint] *= -1.0
+
+
+def joints_in_a_posture(session: Recorded, rng: Rng) -> None:
+    """Enter two angles of one posture in each other's place."""
+    apart = [a for a in session.postures.values() if abs(a["PIP"] - a["DIP"]) >= 15.0]
+    angles = apart[int(rng.integers(len(apart)))]
+    angles["PIP"], angles["DIP"] = angles["DIP"], angles["PIP"]
+
+
+def mistyped_angle(session: Recorded, rng: Rng) -> None:
+    """Enter one angle of one posture by 15 to 30 degrees more or less."""
+    angles = session.postures[str(rng.choice(sorted(session.postures)))]
+    angles[str(rng.choice(["MCP", "PIP"]))] += float(rng.choice([-1.0, 1.0]) * rng.uniform(15.0, 30.0))
+
+
 def radians(session: Recorded, rng: Rng) -> None:
     """Enter the angles of one posture in radians."""
     _in_radians(session.postures, rng)
@@ -160,6 +180,18 @@ def mass_unit(session: Recorded, rng: Rng) -> None:
     grams = float(rng.choice([28.3495, 453.592, 101.972, 1000.0]))
     for case in session.document["cases"]:
         case["masses_g"] = {m: g / grams for m, g in case["masses_g"].items()}
+
+
+def weights_of_a_tendon(session: Recorded, rng: Rng) -> None:
+    """Enter half of what hung on one tendon throughout."""
+    tendon = str(rng.choice(["FDP", "FDS", "EDC"]))
+    for case in session.document["cases"]:
+        case["masses_g"] = {m: 0.5 * g if m == tendon else g for m, g in case["masses_g"].items()}
+
+
+def moments_in_Nm(session: Recorded, _: Rng) -> None:  # noqa: N802 - the unit's name
+    """Record moments in another unit than their columns say."""
+    session.values[:, 3:] /= 1000.0
 
 
 def axes(session: Recorded, rng: Rng) -> None:
@@ -216,10 +248,15 @@ FAULTS: dict[Fault, str] = {
     postures: "posture",
     side: "side",
     sign: "posture",
+    sign_everywhere: "posture",
+    joints_in_a_posture: "posture",
+    mistyped_angle: "posture",
     radians: "posture",
     unseen_sign: "posture",
     unseen_radians: "posture",
     mass_unit: "mass_unit",
+    weights_of_a_tendon: "weight",
+    moments_in_Nm: "unit",
     axes: "axes",
     every_sign: "axes",
     every_sign_at_the_tip: "axes",

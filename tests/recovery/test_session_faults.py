@@ -14,13 +14,18 @@ import yaml
 from benchmarks.session_faults import (
     Recorded,
     gain_of,
+    joints_in_a_posture,
+    mistyped_angle,
+    moments_in_Nm,
     postures,
     radians,
     side,
     sign,
+    sign_everywhere,
     tendons_in_a_posture,
     unseen_radians,
     unseen_sign,
+    weights_of_a_tendon,
     zero_before_each_weight,
 )
 from daq.sessions import read_session
@@ -44,6 +49,11 @@ def every_angle_in_radians(session: Recorded, _: np.random.Generator) -> None:
         (every_angle_in_radians, "posture", "the angles of all postures are in radians"),
         (tendons_in_a_posture, "tendon_labels", "were exchanged in "),
         (postures, "posture", "were exchanged throughout"),
+        (sign_everywhere, "posture", "has the other sign in all postures"),
+        (joints_in_a_posture, "posture", "PIP and DIP were exchanged in "),
+        (mistyped_angle, "posture", "was about "),
+        (weights_of_a_tendon, "weight", "times what was entered"),
+        (moments_in_Nm, "unit", "the moments are in N m"),
         (unseen_sign, "posture", "has the other sign"),
         (unseen_radians, "posture", "in radians"),
     ],
@@ -62,7 +72,7 @@ def test_what_was_entered_wrongly_throughout_is_named(
     assert found["effects"] == []
     if first["amend"]:
         _expect_put_right(tmp_path, first["amend"], original)
-    assert bool(first["amend"]) == ("exchanged" in words)
+    assert bool(first["amend"]) == (fault in (tendons_in_a_posture, postures))
 
 
 def _expect_put_right(folder: Path, amend: list[dict[str, Any]], original: Session) -> None:
