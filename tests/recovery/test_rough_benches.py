@@ -149,6 +149,16 @@ def test_a_case_that_noise_puts_off_is_not_counted_and_accused_of_nothing(
     assert any("Not counted" in line and o.ids[case] in line for line in remarks(d)) != suspect
 
 
+def test_an_effect_is_found_only_where_the_rig_is_as_good_as_stated(tmp_path: Path) -> None:
+    """What the rest wants of the rig may be another effect, or a wrong entry."""
+    draw_session(tmp_path, 55, {"hanger_mass": 60.0}, nuisance_scale=3.0)
+    found = diagnosed(tmp_path)
+    assert (found["verdict"], found["candidates"], found["effects"]) == ("undecided", ["hanger_mass"], [])
+    assert any(
+        "hanger_mass, noise, scatter and budget as stated leave a misfit of" in reason for reason in found["reasons"]
+    )
+
+
 def test_an_effect_is_found_beside_scatter(tmp_path: Path) -> None:
     rough(tmp_path, 42, {"hanger_mass": 40.0}, 0.015)
     found = diagnosed(tmp_path)
