@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import combinations, groupby, permutations
+from itertools import combinations, groupby, permutations, product
 from typing import Literal
 
 import jax.numpy as jnp
@@ -216,10 +216,20 @@ class Entries:
                 words = f"all weights on {muscle} weigh {{:.2f}} times what was entered"
                 yield Change("weight", words, 1.0, AMOUNT, LEAST_AMOUNT, here, above=0.0)
         for a, b in combinations(hangs, 2):
-            if b / a - 1.0 >= LEAST_AMOUNT:
-                words = f"the weights of {a:g} g and {b:g} g were exchanged throughout"
-                acts = hangs[a] * (b / a - 1.0) + hangs[b] * (a / b - 1.0)
-                yield Change("weight", words, 1.0, 0.0, 0.0, acts, amend=(Amend("all", weights_g={a: b, b: a}),))
+            if b / a - 1.0 < LEAST_AMOUNT:
+                continue
+            words = "the weights of {:g} g{} and {:g} g{} were exchanged throughout"
+            on_a, on_b = (np.flatnonzero(hangs[w].any(axis=0)).tolist() for w in (a, b))
+            every = [(m, n) for m, n in product(on_a, on_b) if m != n]
+            acts = hangs[a] * (b / a - 1.0) + hangs[b] * (a / b - 1.0)
+            amend = (Amend("all", weights_g={a: b, b: a}),)
+            yield Change("weight", words.format(a, "", b, ""), 1.0, 0.0, 0.0, acts, amend=amend)
+            # Of two tendons alone, where one of the two hangs on others, too.
+            for m, n in every if len(on_a) + len(on_b) > 2 else ():
+                alone = np.zeros_like(acts)
+                alone[:, m], alone[:, n] = hangs[a][:, m] * (b / a - 1.0), hangs[b][:, n] * (a / b - 1.0)
+                exchanged = words.format(a, f" on {muscles[m]}", b, f" on {muscles[n]}")
+                yield Change("weight", exchanged, 1.0, 0.0, 0.0, alone)
 
     def _joint_angles(self) -> Iterator[Change]:
         """Each angle of each posture."""
