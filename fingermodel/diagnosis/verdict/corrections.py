@@ -414,9 +414,10 @@ class Entries:
             unit, factor = min(_MOMENTS_NMM.items(), key=lambda of: abs(np.log(scale * of[1])))
             each += [(unit, "unit", factor)] if factor != 1.0 else []
         for words, kind, factor in each:
-            turn = np.diag([1.0] * 3 + [factor] * 3)
-            noise = o.noise.turned(np.tile(turn, (len(o.ids), 1, 1)))
-            found = self._one(kind, f"the moments are {words}", replace(o, wrench=o.wrench @ turn, noise=noise))
+            # Moments that were not measured are no numbers.
+            turn = np.array([1.0] * 3 + [factor] * 3)
+            noise = o.noise.turned(np.tile(np.diag(turn), (len(o.ids), 1, 1)))
+            found = self._one(kind, f"the moments are {words}", replace(o, wrench=o.wrench * turn, noise=noise))
             units = np.where(moment, np.log(abs(factor)), 0.0)
             yield replace(found, away=np.where(moment, 1.0 / factor, 1.0) * found.away, log_units=units)
 
