@@ -38,7 +38,7 @@ from fingermodel.diagnosis.verdict.session_faults import (
     session_faults,
     unseen_faults,
 )
-from fingermodel.diagnosis.verdict.verdict import Verdict, judge, likeliest, stated_node, sure_names
+from fingermodel.diagnosis.verdict.verdict import Verdict, explains_as_stated, judge, likeliest, stated_node, sure_names
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
 
@@ -188,6 +188,9 @@ def diagnose(
     curves: tuple[SmoothCurve, ...] = ()
     if posterior.leader.explanation.size:
         put = [*put, *put_right_beside(candidates, posterior.leader)]
+    unsure = verdict.kind in ("none_of_catalogue", "undecided") or not explains_as_stated(fit)
+    if unsure and not faulty:
+        put = [*put, *put_right(candidates, begun.nothing, beside_effects=True)]
     faults = tuple(session_faults(put, posterior, checked) or unseen_faults(candidates, posterior, checked))
     if faults:
         # To be put right in the session: what would make up for it is no finding.

@@ -26,6 +26,7 @@ from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.settings import FAR, P_FAULT, SURE, SUSPECT
 from fingermodel.diagnosis.verdict.corrections import Amend, Change, Corrected, Entries, Kind
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, check
+from fingermodel.diagnosis.verdict.verdict import explains_as_stated
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -78,9 +79,14 @@ class PutRight:
     entered: Fitter
 
     @cached_property
+    def predicted(self) -> PredictiveCheck:
+        """The validation cases held against what it predicts."""
+        return check(self.fit)
+
+    @property
     def of_all(self) -> float:
         """Log posterior by all cases: those that were fitted, and the validation cases as they are then predicted."""
-        return self.log_posterior + check(self.fit).log_evidence + self.log_units
+        return self.log_posterior + self.predicted.log_evidence + self.log_units
 
     @cached_property
     def without(self) -> float:
@@ -92,16 +98,17 @@ class PutRight:
         return fit.log_posterior + check(fit).log_evidence
 
 
-def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
+def put_right(candidates: Candidates, nothing: Optimum, *, beside_effects: bool = False) -> list[PutRight]:
     """Put faults of the whole session right, one at a time, and fit the base model again, slips beside it or not.
 
     Those that balance shows are all fitted; of the others, those that promise most where the finger is as measured, and
     the amounts that promise most about the base model. Where an effect promises far more, it comes first; they are
-    asked again beside it.
+    asked again beside it, and if that does not explain the session.
 
     Args:
         candidates: of the diagnosis.
         nothing: the base model of the session as it was entered.
+        beside_effects: whether to fit them where an effect promises far more, too.
     """
     session, hyper = nothing.session, nothing.hyper
     as_measured = Fitter(session, candidates, hyper).linearised(
@@ -113,13 +120,13 @@ def put_right(candidates: Candidates, nothing: Optimum) -> list[PutRight]:
     # Readings miss the finger as it was measured by more than noise, and by less than most faults. How much of that may
     # be something smooth is not known before: with some of it, the others' misfit does not decide; or as they read.
     smooth = hyper.with_smooth(hyper.usual)
-    gain = {
-        smooth: _of_effects(as_measured, smooth, candidates),
-        nothing.best: _of_effects(nothing, nothing.best, candidates),
-    }
-    best = dict.fromkeys(o for node in gain for o in possible.labels(as_measured, node, gain[node] - FAR))
-    changes = possible.changed(as_measured, smooth, gain[smooth] - FAR)
-    changes |= possible.changed(nothing, nothing.best, gain[nothing.best] - FAR)
+    hosts = ((as_measured, smooth), (nothing, nothing.best))
+    least = [0.0 if beside_effects else _of_effects(*host, candidates) - FAR for host in hosts]
+    each = zip((smooth, nothing.best), least, strict=True)
+    best = dict.fromkeys(o for node, more in each for o in possible.labels(as_measured, node, more))
+    changes: dict[str, Corrected] = {}
+    for host, more in zip(hosts, least, strict=True):
+        changes |= possible.changed(*host, more)
     best |= dict.fromkeys(changes.values())
     bases = {o: _base(candidates, nothing, o, frozenset()) for o in [*by_balance, *best]}
     alone = {o: _fitted(nothing, o, possible.prior(o.kind), base, 0) for o, base in bases.items()}
@@ -248,9 +255,11 @@ def unseen_faults(
     for offer in likely:
         fitter = Fitter(_with_readings(session, offer.observations).seen_from(leader.theta), candidates, leader.hyper)
         again = check(fitter.linearised(leader.explanation, leader.theta, leader.node, leader.bad, leader.log_prior))
-        # It makes them as predicted, or it is not what is wrong with them.
-        value = posterior.weight(leader) + again.log_evidence + _log_share(len(offers))
-        values.append(-np.inf if again.vetoes else value)
+        # Where something else acts there as well, all uncertainties are too small, by the root of the misfit left. Where
+        # it does among the fitted cases, it may be all that is wrong.
+        gain = (again.log_evidence - as_entered.log_evidence) / again.excess
+        value = posterior.weight(leader) + as_entered.log_evidence + gain + _log_share(len(offers))
+        values.append(value if explains_as_stated(leader) or not again.vetoes else -np.inf)
     rest = [posterior.weights[e] + c.log_evidence for e, c in checked.items()]
     return _probable(likely, values, rest)
 
@@ -258,7 +267,7 @@ def unseen_faults(
 def outdoes(found: Sequence[PutRight], log_posterior: float) -> bool:
     """Whether a fault is sure whatever may act, if nothing that acts has a higher log posterior than this."""
     sure = [f for f in found if f.log_posterior - log_posterior > logit(SURE)]
-    return any(f.of_all - f.without > logit(SURE) for f in sure)
+    return any(not f.predicted.vetoes and f.of_all - f.without > logit(SURE) for f in sure)
 
 
 def _probable(

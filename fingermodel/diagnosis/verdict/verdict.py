@@ -170,6 +170,11 @@ def _left(posterior: Posterior, fit: Optimum, what: str, node: Node) -> str:
     return f"{what} as stated leave a misfit of {misfit:.0f} for {n} readings{want}"
 
 
+def explains_as_stated(fit: Optimum) -> bool:
+    """Whether a fit leaves a misfit that noise makes where rig and specimen are as stated."""
+    return bool(chdtrc(len(fit.residual), fit.misfit(stated_node(fit))) >= P_VALUE)
+
+
 def stated_node(fit: Optimum) -> Node:
     """The node where budget, anatomy and noise are as stated and nothing smooth acts.
 
