@@ -255,8 +255,8 @@ def unseen_faults(
     for offer in likely:
         fitter = Fitter(_with_readings(session, offer.observations).seen_from(leader.theta), candidates, leader.hyper)
         again = check(fitter.linearised(leader.explanation, leader.theta, leader.node, leader.bad, leader.log_prior))
-        # Where something else acts there as well, all uncertainties are too small, by the root of the misfit left. Where
-        # it does among the fitted cases, it may be all that is wrong.
+        # Where something else acts there as well, all uncertainties are too small, by the root of the misfit left.
+        # Where it does among the fitted cases, it may be all that is wrong.
         gain = (again.log_evidence - as_entered.log_evidence) / again.excess
         value = posterior.weight(leader) + as_entered.log_evidence + gain + _log_share(len(offers))
         values.append(value if explains_as_stated(leader) or not again.vetoes else -np.inf)
