@@ -164,7 +164,7 @@ class Entries:
         yield from self._tendons()
         yield from self._postures()
         yield from self._angles()
-        yield self._one("side", "the side is the other one (readings are mirrored)", _mirrored(o))
+        yield self._one("side", "the side is the other one (readings are mirrored)", _times(o, _MIRROR))
         yield from self._moments()
         yield from self._tares()
         for unit, grams in _UNITS_G.items():
@@ -265,9 +265,8 @@ class Entries:
             other = _with(o, posture=posture + factor - 1.0) if is_angle else _with(o, tension=factor * tension)
             found = self._one(change.kind, change.words, other)
             return replace(found, change=change if change.spread else None, amend=change.amend)
-        noise = o.noise.turned(np.eye(6) / factor[:, :, None])
         here = factor[self.session.rows // 6, 0]
-        found = self._one(change.kind, change.words, replace(o, wrench=o.wrench / factor, noise=noise))
+        found = self._one(change.kind, change.words, _times(o, 1.0 / factor))
         return replace(found, away=here * found.away, log_units=-np.log(here), change=change)
 
     def _one(self, kind: Kind, words: str, observations: Observations) -> Corrected:
@@ -291,9 +290,8 @@ class Entries:
         loaded = set(np.flatnonzero(tension.any(axis=0)).tolist())
         for a, b in combinations(range(len(muscles)), 2):
             if loaded & {a, b}:
-                order, (one, other) = np.arange(len(muscles)), (muscles[a], muscles[b])
-                order[[a, b]] = b, a
-                exchanged, words = tension[:, order], f"{one} and {other} were exchanged"
+                one, other = muscles[a], muscles[b]
+                exchanged, words = _exchanged(tension, a, b), f"{one} and {other} were exchanged"
                 away, swap = self._residual(_with(o, tension=exchanged)), {one: other, other: one}
                 for named, (where, here) in places.items():
                     amend = (Amend(named, swap),)
@@ -373,9 +371,7 @@ class Entries:
                 yield self._one("posture", words, _with(o, posture=turned))
             for a, b in combinations(np.flatnonzero(posture != 0.0).tolist(), 2):
                 if posture[a] != posture[b]:
-                    order = np.arange(len(rotations))
-                    order[[a, b]] = b, a
-                    turned = np.where(here[:, None], angles[:, order], angles)
+                    turned = np.where(here[:, None], _exchanged(angles, a, b), angles)
                     words = f"{rotations[a]} and {rotations[b]} were exchanged in {name}"
                     yield self._one("posture", words, _with(o, posture=turned))
             if 0.0 < np.rad2deg(np.abs(posture).max()) < np.pi:
@@ -414,10 +410,8 @@ class Entries:
             unit, factor = min(_MOMENTS_NMM.items(), key=lambda of: abs(np.log(scale * of[1])))
             each += [(unit, "unit", factor)] if factor != 1.0 else []
         for words, kind, factor in each:
-            # Moments that were not measured are no numbers.
             turn = np.array([1.0] * 3 + [factor] * 3)
-            noise = o.noise.turned(np.tile(np.diag(turn), (len(o.ids), 1, 1)))
-            found = self._one(kind, f"the moments are {words}", replace(o, wrench=o.wrench * turn, noise=noise))
+            found = self._one(kind, f"the moments are {words}", _times(o, turn))
             units = np.where(moment, np.log(abs(factor)), 0.0)
             yield replace(found, away=np.where(moment, 1.0 / factor, 1.0) * found.away, log_units=units)
 
@@ -445,7 +439,15 @@ def _with(observations: Observations, **columns: Floats) -> Observations:
     return replace(observations, inputs=inputs)
 
 
-def _mirrored(observations: Observations) -> Observations:
-    """The readings of the other hand."""
-    turn = np.tile(np.diag(_MIRROR), (len(observations.ids), 1, 1))
-    return replace(observations, wrench=observations.wrench * _MIRROR, noise=observations.noise.turned(turn))
+def _times(observations: Observations, factor: Floats) -> Observations:
+    """The same cases, each reading times a factor that goes with (cases, 6); what was not measured stays so."""
+    each = np.broadcast_to(factor, observations.wrench.shape)
+    noise = observations.noise.turned(each[:, :, None] * np.eye(6))
+    return replace(observations, wrench=observations.wrench * each, noise=noise)
+
+
+def _exchanged(columns: Floats, a: int, b: int) -> Floats:
+    """Columns (cases, k), two of them in each other's place."""
+    order = np.arange(columns.shape[1])
+    order[[a, b]] = b, a
+    return columns[:, order]

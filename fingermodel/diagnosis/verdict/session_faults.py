@@ -108,25 +108,29 @@ def put_right(candidates: Candidates, nothing: Optimum, *, beside_effects: bool 
     Args:
         candidates: of the diagnosis.
         nothing: the base model of the session as it was entered.
-        beside_effects: whether to fit them where an effect promises far more, too.
+        beside_effects: whether to fit them where an effect promises far more, too; none where no effect does.
     """
     session, hyper = nothing.session, nothing.hyper
     as_measured = Fitter(session, candidates, hyper).linearised(
         NOTHING, session.problem.centre, hyper.usual, nothing.bad, 0.0
     )
-    entries = Entries(session, session.problem.centre)
-    by_balance = list(entries.frames())
-    possible = _Possible.of(entries, [] if by_balance else [entries.turned()], len(by_balance))
     # Readings miss the finger as it was measured by more than noise, and by less than most faults. How much of that may
     # be something smooth is not known before: with some of it, the others' misfit does not decide; or as they read.
     smooth = hyper.with_smooth(hyper.usual)
     hosts = ((as_measured, smooth), (nothing, nothing.best))
-    least = [0.0 if beside_effects else _of_effects(*host, candidates) - FAR for host in hosts]
-    each = zip((smooth, nothing.best), least, strict=True)
-    best = dict.fromkeys(o for node, more in each for o in possible.labels(as_measured, node, more))
-    changes: dict[str, Corrected] = {}
-    for host, more in zip(hosts, least, strict=True):
-        changes |= possible.changed(*host, more)
+    least = [max(_of_effects(*host, candidates) - FAR, 0.0) for host in hosts]
+    if beside_effects:
+        if not any(least):
+            # None was passed over before.
+            return []
+        least = [0.0 for _ in hosts]
+    entries = Entries(session, session.problem.centre)
+    by_balance = list(entries.frames())
+    possible = _Possible.of(entries, [] if by_balance else [entries.turned()], len(by_balance))
+    best, changes = dict[Corrected, None](), dict[str, Corrected]()
+    for (host, node), more in zip(hosts, least, strict=True):
+        best |= dict.fromkeys(possible.labels(as_measured, node, more))
+        changes |= possible.changed(host, node, more)
     best |= dict.fromkeys(changes.values())
     bases = {o: _base(candidates, nothing, o, frozenset()) for o in [*by_balance, *best]}
     alone = {o: _fitted(nothing, o, possible.prior(o.kind), base, 0) for o, base in bases.items()}
@@ -191,18 +195,18 @@ class _Possible:
         return _log_share(self.counts[kind])
 
     def labels(self, fit: Optimum, node: Node, least: float = 0.0) -> list[Corrected]:
-        """Faults of labels and units that promise most about a fit there; more than nothing, too."""
+        """Faults of labels and units that promise most about a fit there, and more than that."""
         fitted = self.entries.session.fitted
         away = np.array([self.entries.away[fitted], *(o.away[fitted] for o in self.offers)])
         as_entered, *values = fit.log_joints_of(away.T, node)
         gains = {o: self.prior(o.kind) + v - as_entered for o, v in zip(self.offers, values, strict=True)}
-        return [o for o in sorted(self.offers, key=lambda o: -gains[o])[:_FITTED] if gains[o] > max(least, 0.0)]
+        return [o for o in sorted(self.offers, key=lambda o: -gains[o])[:_FITTED] if gains[o] > least]
 
     def changed(self, fit: Optimum, node: Node, least: float = 0.0) -> dict[str, Corrected]:
-        """Changes by an amount that promise most about a fit, and more than nothing, by what is said of them."""
+        """Changes by an amount that promise most about a fit, and more than that, by what is said of them."""
         told = _told(fit, node, self.entries, self.changes)
         likely = sorted(((self.prior(change.kind) + gain, change) for change, gain in told), key=lambda of: -of[0])
-        return {c.saying: self.entries.put_right(c) for promise, c in likely[:_FITTED] if promise > max(least, 0.0)}
+        return {c.saying: self.entries.put_right(c) for promise, c in likely[:_FITTED] if promise > least}
 
 
 def session_faults(
@@ -251,7 +255,7 @@ def unseen_faults(
     offers = [o for o in offers if _strikes(entries, ~fitted & (o.away != entries.away))]
     precision = np.linalg.inv(as_entered.predictions[0][1].covariance)
     likely = sorted(offers, key=lambda o: float(o.away[~fitted] @ precision @ o.away[~fitted]))[:_FITTED]
-    values = []
+    values, explained = list[float](), explains_as_stated(leader)
     for offer in likely:
         fitter = Fitter(_with_readings(session, offer.observations).seen_from(leader.theta), candidates, leader.hyper)
         again = check(fitter.linearised(leader.explanation, leader.theta, leader.node, leader.bad, leader.log_prior))
@@ -259,7 +263,7 @@ def unseen_faults(
         # Where it does among the fitted cases, it may be all that is wrong.
         gain = (again.log_evidence - as_entered.log_evidence) / again.excess
         value = posterior.weight(leader) + as_entered.log_evidence + gain + _log_share(len(offers))
-        values.append(value if explains_as_stated(leader) or not again.vetoes else -np.inf)
+        values.append(value if explained or not again.vetoes else -np.inf)
     rest = [posterior.weights[e] + c.log_evidence for e, c in checked.items()]
     return _probable(likely, values, rest)
 

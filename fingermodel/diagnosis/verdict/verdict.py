@@ -157,8 +157,7 @@ def _nothing(posterior: Posterior, fit: Optimum) -> Verdict:
 
 def _left(posterior: Posterior, fit: Optimum, what: str, node: Node) -> str:
     """What is said where a fit's misfit is out of the question at a node where the rig is as stated."""
-    misfit, n = fit.misfit(node), len(fit.residual)
-    if chdtrc(n, misfit) >= P_VALUE:
+    if _explains(fit, node):
         return ""
     wanted = {"budget": posterior.budget[0], "spread of anatomy": posterior.anatomy[0]}
     more = [f"a {name} {times:.1f} times as large" for name, times in wanted.items() if times >= _LARGER]
@@ -167,12 +166,16 @@ def _left(posterior: Posterior, fit: Optimum, what: str, node: Node) -> str:
     elif posterior.noise[0] > _USUAL_EXTRA_N:
         more.append(f"{1000.0 * posterior.noise[0]:.0f} mN of noise beside the measured one")
     want = f"; the readings want {words(more)}" if more else ""
-    return f"{what} as stated leave a misfit of {misfit:.0f} for {n} readings{want}"
+    return f"{what} as stated leave a misfit of {fit.misfit(node):.0f} for {len(fit.residual)} readings{want}"
 
 
 def explains_as_stated(fit: Optimum) -> bool:
     """Whether a fit leaves a misfit that noise makes where rig and specimen are as stated."""
-    return bool(chdtrc(len(fit.residual), fit.misfit(stated_node(fit))) >= P_VALUE)
+    return _explains(fit, stated_node(fit))
+
+
+def _explains(fit: Optimum, node: Node) -> bool:
+    return bool(chdtrc(len(fit.residual), fit.misfit(node)) >= P_VALUE)
 
 
 def stated_node(fit: Optimum) -> Node:
