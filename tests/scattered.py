@@ -110,6 +110,28 @@ def by_line(bench: Session, rng: Rng) -> Floats:
     return wrench
 
 
+def with_gain_drift(bench: Session) -> Floats:
+    """The cell reads ever more through the session: 3 % too little at the first case, 3 % too much at the last."""
+    wrench = _wrench(bench)
+    return wrench * (1.0 + 0.06 * (_share(bench) - 0.5))[:, None]
+
+
+def with_saturation(bench: Session) -> Floats:
+    """The cell reads the less of a force the larger it is: 8 % too little of the largest."""
+    wrench = _wrench(bench)
+    force = np.linalg.norm(wrench[:, :3], axis=1)
+    return wrench * (1.0 - 0.08 * force / force.max())[:, None]
+
+
+def with_tension_drift(bench: Session, muscle: str = "FDP") -> Floats:
+    """One tendon is pulled ever more through the session: 4 % too little at first, 4 % too much at last."""
+    inputs = bench.observations.inputs
+    tension, k = np.array(inputs.tension), list(bench.model.finger.topology.muscles).index(muscle)
+    share = _share(bench)
+    tension[: len(share), k] *= 1.0 + 0.08 * (share - 0.5)
+    return _wrench(bench) + _changed(bench, inputs._replace(tension=jnp.asarray(tension)))
+
+
 def with_readings(bench: Session, wrench: Floats) -> Session:
     """The same bench with other readings (cases, 6)."""
     cases = tuple(replace(case, wrench=own) for case, own in zip(bench.measured.cases, wrench, strict=True))
@@ -118,6 +140,12 @@ def with_readings(bench: Session, wrench: Floats) -> Session:
 
 def _wrench(bench: Session) -> Floats:
     return np.array([case.wrench for case in bench.measured.cases])
+
+
+def _share(bench: Session) -> Floats:
+    """(cases,) share of the session's cases that were measured before each."""
+    out: Floats = np.linspace(0.0, 1.0, len(bench.measured.cases))
+    return out
 
 
 def _place(bench: Session) -> NDArray[np.intp]:

@@ -38,7 +38,16 @@ from fingermodel.diagnosis.verdict.session_faults import (
     session_faults,
     unseen_faults,
 )
-from fingermodel.diagnosis.verdict.verdict import Verdict, explains_as_stated, judge, likeliest, stated_node, sure_names
+from fingermodel.diagnosis.verdict.trend import Trend, trend_of
+from fingermodel.diagnosis.verdict.verdict import (
+    Verdict,
+    doubted,
+    explains_as_stated,
+    judge,
+    likeliest,
+    stated_node,
+    sure_names,
+)
 from fingermodel.fingers import Plane
 from fingermodel.model import Model
 
@@ -64,6 +73,7 @@ class Diagnosis:
         hints: formulas, where nothing fits.
         curves: of moment arms, tensions and forces, where nothing fits; the most evident first.
         nulls: what the readings say without any model of the tendons.
+        trend: of what the verdict leaves, along time or load.
         seconds: of the computation.
         comparisons: of every explanation that was fitted.
     """
@@ -82,18 +92,14 @@ class Diagnosis:
     hints: tuple[Hint, ...]
     curves: tuple[SmoothCurve, ...]
     nulls: tuple[Null, ...]
+    trend: Trend | None
     seconds: float
     comparisons: dict[Explanation, Comparison] = field(repr=False)
 
     @property
     def best(self) -> Optimum:
         """What the verdict would add: the named explanation, or else the most probable one."""
-        posterior = self.posterior
-        if self.verdict.kind == "found" or (self.verdict.kind == "undecided" and self.verdict.names):
-            return posterior.best_fit(self.verdict.names) or posterior.leader
-        if self.verdict.kind in ("nothing_missing", "none_of_catalogue"):
-            return posterior.nothing
-        return posterior.leader
+        return added_by(self.posterior, self.verdict)
 
     @property
     def suspects(self) -> dict[int, tuple[float, Explained | None]]:
@@ -183,6 +189,11 @@ def diagnose(
     checked = checks(posterior, dict.fromkeys(asked_of))
     missed = [observations.ids[case] for case in checked[fit.explanation].missed]
     verdict = judge(posterior, stated, candidates, alike, together(checked, shares), fit.explanation.names, missed)
+    added = added_by(posterior, verdict)
+    # What is in no catalogue may be what rigs are known to do.
+    trend = trend_of(posterior.leader if verdict.kind == "none_of_catalogue" else added)
+    if trend:
+        verdict = doubted(verdict, added, trend.size_N, trend.sentence)
     asked = sensitivity(posterior, verdict)
     found: tuple[Hint, ...] = ()
     curves: tuple[SmoothCurve, ...] = ()
@@ -191,7 +202,7 @@ def diagnose(
     unsure = verdict.kind in ("none_of_catalogue", "undecided") or not explains_as_stated(fit)
     if unsure and not faulty:
         put = [*put, *put_right(candidates, begun.nothing, beside_effects=True)]
-    faults = tuple(session_faults(put, posterior, checked) or unseen_faults(candidates, posterior, checked))
+    faults = tuple(session_faults(put, posterior, checked, trend) or unseen_faults(candidates, posterior, checked))
     if faults:
         # To be put right in the session: what would make up for it is no finding.
         verdict = in_doubt(verdict)
@@ -221,9 +232,19 @@ def diagnose(
         found,
         curves,
         nulls(model, observations),
+        trend,
         time.perf_counter() - began,
         {e: compare(model, observations, (f if e.size else refitted).theta) for e, f in posterior.fits.items()},
     )
+
+
+def added_by(posterior: Posterior, verdict: Verdict) -> Optimum:
+    """What a verdict would add: the named explanation, or else the most probable one."""
+    if verdict.kind == "found" or (verdict.kind == "undecided" and verdict.names):
+        return posterior.best_fit(verdict.names) or posterior.leader
+    if verdict.kind in ("nothing_missing", "none_of_catalogue"):
+        return posterior.nothing
+    return posterior.leader
 
 
 def in_doubt(verdict: Verdict) -> Verdict:

@@ -96,6 +96,8 @@ WRONG_ANGLE_RAD, LEAST_ANGLE_RAD = np.deg2rad(20.0), np.deg2rad(8.0)
 # A fault of the whole session: how often, and how far one mount's gain may then be from 1.
 P_FAULT = 0.02
 GAIN_SPREAD = 0.3
+# How far a tension, a gain [%] or an angle [°] may change with time or load.
+TREND = 5.0
 # Share of the abduction torque that a clamp which resists twist carries as Mx and My.
 CLAMP_SHARE = 0.1
 # A lever [mm] that turns an unexplained force into an unexplained moment; postures [rad] that resemble each other.

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from fingermodel.diagnosis.answer.answer import sentence
 from fingermodel.diagnosis.answer.rig import remarks
 from fingermodel.diagnosis.diagnose import diagnose
 from fingermodel.session import Session
@@ -28,7 +29,10 @@ from tests.scattered import (
     by_setting,
     by_weight,
     by_zero,
+    with_gain_drift,
     with_readings,
+    with_saturation,
+    with_tension_drift,
 )
 from tests.simulator import draw_session
 
@@ -119,6 +123,51 @@ def test_scatter_that_no_tension_makes_hides_nothing_and_is_said(
     assert (d.verdict.kind, d.verdict.effects) == ("found" if effects else "nothing_missing", effects)
     assert d.posterior.other_scatter[kind][0] == pytest.approx(size, rel=0.5)
     assert any(said in line for line in remarks(d))
+    assert d.trend is None
+
+
+@pytest.mark.parametrize(
+    ("changed", "what", "along", "course"),
+    [
+        (with_gain_drift, "the cell's gain", "time", (-3.0, 0.0, 3.0)),
+        (with_tension_drift, "what FDP pulls", "time", (-4.0, 0.0, 4.0)),
+        (with_saturation, "the cell's gain", "load", (0.0, -4.0, -8.0)),
+    ],
+)
+def test_what_goes_with_time_or_load_is_no_scatter_and_said(
+    tmp_path: Path, changed: Callable[[Session], Floats], what: str, along: str, course: tuple[float, ...]
+) -> None:
+    draw_session(tmp_path, 50, {}, nuisance_scale=0.8)
+    exact = Session.open(tmp_path)
+    bench = with_readings(exact, changed(exact))
+    d = diagnose(bench.model, bench.observations)
+    assert d.verdict.kind in ("undecided", "none_of_catalogue")
+    assert not d.faults
+    assert d.trend is not None
+    assert (d.trend.what, d.trend.along) == (what, along)
+    assert d.trend.course == pytest.approx(course, abs=2.0)
+    assert any(d.trend.sentence in line for line in (*remarks(d), *d.verdict.short))
+    assert d.trend.words in sentence(d)
+
+
+def test_what_goes_with_time_takes_nothing_from_a_larger_effect(tmp_path: Path) -> None:
+    draw_session(tmp_path, 50, {"hanger_mass": 60.0}, nuisance_scale=0.8)
+    exact = Session.open(tmp_path)
+    bench = with_readings(exact, with_gain_drift(exact))
+    d = diagnose(bench.model, bench.observations)
+    assert (d.verdict.kind, d.verdict.effects) == ("found", ("hanger_mass",))
+    assert d.trend is not None
+    assert any(d.trend.sentence in line for line in remarks(d))
+
+
+def test_nothing_goes_with_time_where_none_is_known(tmp_path: Path) -> None:
+    draw_session(tmp_path, 50, {}, nuisance_scale=0.8)
+    exact = Session.open(tmp_path)
+    bench = with_readings(exact, with_gain_drift(exact))
+    o = bench.observations
+    timeless = replace(o, inputs=o.inputs._replace(elapsed=0.0 * o.inputs.elapsed))
+    d = diagnose(bench.model, timeless)
+    assert d.trend is None or d.trend.along == "load"
 
 
 @pytest.mark.parametrize(("seen", "effects"), [(0.0, ("rig_friction",)), (0.2, ())])

@@ -62,6 +62,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "where_after": after_where,
         "hints": [h.as_dict() for h in d.hints],
         "curve": curve_answer(d.curves),
+        "trend": d.trend.as_dict() if d.trend else None,
         "ready_made": ready_made(d),
         "suspects": suspects(d),
         "outliers": [d.session.observations.ids[case] for case in d.outliers],
@@ -386,6 +387,8 @@ def sentence(d: Diagnosis) -> str:
     if verdict.kind == "one_of":
         return f"One of these, which the load cases do not tell apart: {'; '.join(named)}."
     if verdict.kind == "none_of_catalogue":
+        if d.trend:
+            return f"Something is missing that no effect here describes; it {d.trend.words}."
         known = ready_made(d)[:1]
         if known and known[0]["probability"] >= 0.5:
             like = f"{known[0]['title']} ({known[0]['effect']})"
@@ -395,4 +398,5 @@ def sentence(d: Diagnosis) -> str:
     if verdict.kind == "nothing_missing":
         return "Nothing is missing: noise, scatter and the small errors that every rig has explain the readings."
     leader = f" Most likely: {' and '.join(named)}, but it is not sure." if named else ""
-    return f"Undecided.{leader}"
+    seen = f" What is left {d.trend.words}." if d.trend else ""
+    return f"Undecided.{leader}{seen}"

@@ -42,6 +42,8 @@ def remarks(d: Diagnosis) -> list[str]:
     out, posterior = list[str](), d.posterior
     if d.faults:
         return out  # what they cause says nothing of the rig
+    if d.trend and d.trend.sentence not in d.verdict.short:
+        out.append(f"{d.trend.sentence}.")
     scatter, stated = posterior.scatter[0], d.session.stated_scatter
     if scatter > max(0.004, 1.5 * stated):
         than = f", where {100 * stated:.1f} % is stated" if stated else ", where none is stated"

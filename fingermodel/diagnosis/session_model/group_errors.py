@@ -118,8 +118,14 @@ def _to_and_fro(where: Sequence[Floats], elapsed: Floats) -> list[Floats]:
         of_here = elapsed[here > 0.0]
         lasts = np.ptp(of_here) if len(of_here) else 0.0
         if lasts > 0.0:
-            share = (elapsed - of_here.min()) / lasts
-            out += [here * np.cos(k * np.pi * share) / k for k in _WAVES]
+            out += list((here[:, None] * waves((elapsed - of_here.min()) / lasts)).T)
+    return out
+
+
+def waves(share: Floats) -> Floats:
+    """Slow changes (n, k) over a time of which a share (n,) has passed: half waves, the slower, the larger."""
+    halves = np.array(_WAVES)
+    out: Floats = np.cos(np.pi * share[:, None] * halves) / halves
     return out
 
 

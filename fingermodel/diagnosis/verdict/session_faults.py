@@ -26,7 +26,8 @@ from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.settings import FAR, P_FAULT, SURE, SUSPECT
 from fingermodel.diagnosis.verdict.corrections import Amend, Change, Corrected, Entries, Kind
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, check
-from fingermodel.diagnosis.verdict.verdict import explains_as_stated
+from fingermodel.diagnosis.verdict.trend import Trend
+from fingermodel.diagnosis.verdict.verdict import explains_as_stated, explains_with_rig_as_stated
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -210,7 +211,10 @@ class _Possible:
 
 
 def session_faults(
-    found: Sequence[PutRight], posterior: Posterior, checked: Mapping[Explanation, PredictiveCheck]
+    found: Sequence[PutRight],
+    posterior: Posterior,
+    checked: Mapping[Explanation, PredictiveCheck],
+    trend: Trend | None,
 ) -> list[SessionFault]:
     """Weigh faults of the whole session against everything that was found without them.
 
@@ -218,16 +222,22 @@ def session_faults(
         found: of `put_right` and `put_right_beside`; of one fault the better.
         posterior: of the session as entered.
         checked: validation cases as entered, by explanation, the most probable one among them.
+        trend: of what is left as entered, which is no fault.
 
     Returns:
-        What is more probable than not, most probable first.
+        What is more probable than not and explains the readings, most probable first.
     """
     found = list({f.fault: f for f in sorted(found, key=lambda f: f.log_posterior)}.values())
     found = [f for f in found if f.log_posterior >= posterior.leader.log_posterior]
     # As a slip in one case it is weighed by the whole likelihood, not by a power of it; and by the validation cases,
     # too: what makes up for something else in the fitted ones predicts no better for it.
     as_it_is = [posterior.fits[e].log_posterior + c.log_evidence for e, c in checked.items()]
-    return _probable(found, [f.of_all for f in found], [*as_it_is, *(f.without for f in found)])
+    with_trend = [max(as_it_is) + trend.log_evidence + _log_share(1)] if trend else []
+    rest = [*as_it_is, *with_trend, *(f.without for f in found)]
+    said = _probable(found, [f.of_all for f in found], rest)
+    by_words = {f.words: f for f in found}
+    # A fault that leaves more than noise may make up for a part of something else.
+    return [fault for fault in said if explains_with_rig_as_stated(by_words[fault.words].fit)]
 
 
 def unseen_faults(
@@ -271,7 +281,10 @@ def unseen_faults(
 def outdoes(found: Sequence[PutRight], log_posterior: float) -> bool:
     """Whether a fault is sure whatever may act, if nothing that acts has a higher log posterior than this."""
     sure = [f for f in found if f.log_posterior - log_posterior > logit(SURE)]
-    return any(not f.predicted.vetoes and f.of_all - f.without > logit(SURE) for f in sure)
+    return any(
+        not f.predicted.vetoes and explains_with_rig_as_stated(f.fit) and f.of_all - f.without > logit(SURE)
+        for f in sure
+    )
 
 
 def _probable(

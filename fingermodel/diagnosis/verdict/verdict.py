@@ -81,6 +81,21 @@ def judge(
     return verdict
 
 
+def doubted(verdict: Verdict, fit: Optimum, size_N: float, what: str) -> Verdict:
+    """The verdict where what is left is no scatter: of no more weight than what is found, it leaves that as it is.
+
+    Args:
+        verdict: without it.
+        fit: what the verdict would add.
+        size_N: RMS of what is left.
+        what: is said of it.
+    """
+    smaller = verdict.kind == "found" and size_N < fit.size_newton(np.sum(fit.changes, axis=0))
+    if smaller or verdict.kind not in ("found", "nothing_missing", "one_of"):
+        return verdict
+    return Verdict("undecided", verdict.names, (), verdict.probability, verdict.reasons, (what,))
+
+
 def likeliest(posterior: Posterior) -> tuple[str, ...]:
     """Names that the verdict would add: those that are sure, else those of the most probable explanation."""
     sure = sure_names(posterior)
@@ -172,6 +187,11 @@ def _left(posterior: Posterior, fit: Optimum, what: str, node: Node) -> str:
 def explains_as_stated(fit: Optimum) -> bool:
     """Whether a fit leaves a misfit that noise makes where rig and specimen are as stated."""
     return _explains(fit, stated_node(fit))
+
+
+def explains_with_rig_as_stated(fit: Optimum) -> bool:
+    """The same where the specimen, and something smooth, are as the readings have them."""
+    return _explains(fit, _rig_as_stated(fit, fit.best))
 
 
 def _explains(fit: Optimum, node: Node) -> bool:
