@@ -6,11 +6,10 @@ Tendons or postures exchanged, the side mirrored, an angle's sign, a unit, the a
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations, groupby, permutations, product
-from typing import Literal
+from itertools import combinations, groupby, permutations
 
 import jax.numpy as jnp
 import numpy as np
@@ -19,17 +18,11 @@ from numpy.typing import NDArray
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.settings import (
-    AMOUNT,
-    GAIN_SPREAD,
-    LEAST_AMOUNT,
-    LEAST_ANGLE_RAD,
-    WRONG_ANGLE_RAD,
-)
+from fingermodel.diagnosis.verdict.changes import MOST_BLOCKS, Amend, Change, Kind, of_label, postures_in_use
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Kind = Literal["tendon_labels", "side", "posture", "mass_unit", "axes", "unit", "gain", "weight", "tare"]
+
 
 # Masses in another unit: what one that was entered as a gram is in grams.
 _UNITS_G = {
@@ -43,79 +36,8 @@ _UNITS_G = {
 }
 # What one that was entered as a newton millimetre is, by the unit.
 _MOMENTS_NMM = {"in N mm": 1.0, "in N m": 1000.0, "in N cm": 10.0, "in kg mm": 9.80665}
-# Postures, changes of posture or mount, and weights, from which on they are not looked at: there would be too many.
-_MOST_BLOCKS = 20
 # A wrench of the other hand.
 _MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
-
-
-@dataclass(frozen=True)
-class Amend:
-    """One amendment of a block of cases.
-
-    Attributes:
-        cases: the block, as `daq.sessions.amendments.block_of` has it.
-        tendons: the tendon that bore a weight, by the one that was entered.
-        weights_g: what a weight really weighs [g], by what was entered.
-        posture: that was really set; None where it was as entered.
-    """
-
-    cases: str
-    tendons: dict[str, str] = field(default_factory=dict)
-    weights_g: dict[float, float] = field(default_factory=dict)
-    posture: str | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Change:
-    """Something that is another than was entered by an amount: a mount's gain, a weight, two exchanged ones, an angle.
-
-    Attributes:
-        kind: of fault; of a posture the amount is an angle [rad], else it is relative.
-        saying: what is said of it; the value goes into the braces, if there are any.
-        entered: the value then; of an angle [deg].
-        spread: standard deviation of the amount's prior about 0; 0 where the amount is known to be 1.
-        least: that the amount is at least.
-        acts: (cases, muscles) relative change of tensions per unit of the amount, (cases, 1) of readings, or (cases,
-            rotations) of joint angles.
-        above: that the amount is more than.
-        amend: amendments that put it right; none where its amount is only estimated.
-        amount: as the readings tell it; 0 where nothing is put right.
-    """
-
-    kind: Kind
-    saying: str
-    entered: float
-    spread: float
-    least: float
-    acts: Floats
-    above: float = -1.0
-    amend: tuple[Amend, ...] = ()
-    amount: float = 0.0
-
-    @property
-    def words(self) -> str:
-        """What is said of it."""
-        is_angle = self.kind == "posture"
-        return self.saying.format(
-            self.entered + np.rad2deg(self.amount) if is_angle else self.entered * (1.0 + self.amount)
-        )
-
-    @property
-    def unit(self) -> float:
-        """Of the amount, by which it is told further once it is put right."""
-        return 1.0 if self.kind == "posture" else 1.0 + self.amount
-
-    @property
-    def cases(self) -> Mask:
-        """(cases,) in which of them it acts."""
-        out: Mask = np.any(self.acts != 0.0, axis=1)
-        return out
-
-    @property
-    def counts(self) -> bool:
-        """Whether it is far enough from what was entered, and can be."""
-        return self.amount > self.above and abs(self.amount) >= self.least
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,75 +109,6 @@ class Entries:
         words = "the readings are what the cell exerts on the finger: every sign is turned"
         return self._one("axes", words, replace(o, wrench=-o.wrench))
 
-    def changes(self) -> list[Change]:
-        """What may be another by an amount."""
-        return [*self._gains(), *self._weights(), *self._joint_angles()]
-
-    def _gains(self) -> Iterator[Change]:
-        """The gain of either mount."""
-        locations = np.array(self.session.observations.locations)
-        places = dict.fromkeys(locations[self.session.rows[self.session.fitted] // 6])
-        for place in places if len(places) > 1 else ():
-            here = (locations == place)[:, None].astype(float)
-            yield Change("gain", f"the cell at the {place} has a gain of {{:.2f}}", 1.0, GAIN_SPREAD, 0.0, here)
-
-    def _weights(self) -> Iterator[Change]:
-        """Each weight, on one tendon or all; all of one tendon, which friction cannot make more; two exchanged."""
-        muscles, mass_g = self.session.model.finger.topology.muscles, self._mass_g
-        hangs = {weight: (mass_g == weight).astype(float) for weight in self._weights_g}
-        for weight, here in hangs.items():
-            on = np.flatnonzero(here.any(axis=0)).tolist()
-            words = f"the weight of {weight:g} g{{}} weighs {{{{:.0f}}}} g"
-            yield Change("weight", words.format(""), weight, AMOUNT, LEAST_AMOUNT, here)
-            for m in on if len(on) > 1 else ():
-                alone = here * (np.arange(len(muscles)) == m)
-                yield Change("weight", words.format(f" on {muscles[m]}"), weight, AMOUNT, LEAST_AMOUNT, alone)
-        for m, muscle in enumerate(muscles):
-            if len(np.unique(mass_g[mass_g[:, m] > 0.0, m])) > 1:
-                here = (mass_g > 0.0) * (np.arange(len(muscles)) == m).astype(float)
-                words = f"all weights on {muscle} weigh {{:.2f}} times what was entered"
-                yield Change("weight", words, 1.0, AMOUNT, LEAST_AMOUNT, here, above=0.0)
-        for a, b in combinations(hangs, 2):
-            if b / a - 1.0 < LEAST_AMOUNT:
-                continue
-            words = "the weights of {:g} g{} and {:g} g{} were exchanged throughout"
-            on_a, on_b = (np.flatnonzero(hangs[w].any(axis=0)).tolist() for w in (a, b))
-            every = [(m, n) for m, n in product(on_a, on_b) if m != n]
-            acts = hangs[a] * (b / a - 1.0) + hangs[b] * (a / b - 1.0)
-            amend = (Amend("all", weights_g={a: b, b: a}),)
-            yield Change("weight", words.format(a, "", b, ""), 1.0, 0.0, 0.0, acts, amend=amend)
-            # Of two tendons alone, where one of the two hangs on others, too.
-            for m, n in every if len(on_a) + len(on_b) > 2 else ():
-                alone = np.zeros_like(acts)
-                alone[:, m], alone[:, n] = hangs[a][:, m] * (b / a - 1.0), hangs[b][:, n] * (a / b - 1.0)
-                exchanged = words.format(a, f" on {muscles[m]}", b, f" on {muscles[n]}")
-                yield Change("weight", exchanged, 1.0, 0.0, 0.0, alone)
-
-    def _joint_angles(self) -> Iterator[Change]:
-        """Each angle of each posture."""
-        o, rotations = self.session.observations, self.session.model.finger.topology.rotations
-        for name in self._used:
-            for k, rotation in enumerate(rotations):
-                here = of_label(o.postures, name)[:, None] * (np.arange(len(rotations)) == k).astype(float)
-                entered = float(np.rad2deg(o.posture_angles[name][k]))
-                words = f"{rotation} in {name} was about {{:.0f}}°, not {entered:g}°"
-                yield Change("posture", words, entered, WRONG_ANGLE_RAD, LEAST_ANGLE_RAD, here, above=-np.pi)
-
-    def columns(self, changes: Sequence[Change], theta: Floats) -> Floats:
-        """(n, k) change of the readings per unit of a further amount of each, at some parameters."""
-        session, out = self.session, list[Floats]()
-        reading = session.readings(theta)
-        slopes = {"weight": session.by_tension, "posture": session.by_angle}
-        kinds = {change.kind for change in changes}
-        by_input = {kind: slopes_at(theta) for kind, slopes_at in slopes.items() if kind in kinds}
-        for change in changes:
-            if change.kind in by_input:
-                changed = np.einsum("crk,ck->cr", by_input[change.kind], change.acts)
-            else:
-                changed = reading * change.acts
-            out.append(changed.reshape(-1)[session.rows])
-        return np.array(out).reshape(-1, len(session.rows)).T
-
     def put_right(self, change: Change) -> Corrected:
         """The session with something by its amount another than was entered."""
         o, factor = self.session.observations, 1.0 + change.amount * change.acts
@@ -282,10 +135,10 @@ class Entries:
         o, muscles = self.session.observations, self.session.model.finger.topology.muscles
         tension, settings = np.asarray(o.inputs.tension), list(zip(o.postures, o.locations, strict=True))
         places = {"all": ("throughout", np.ones(len(settings), dtype=bool))}
-        places |= {name: (f"in {name}", of_label(o.postures, name)) for name in self._used}
+        places |= {name: (f"in {name}", of_label(o.postures, name)) for name in postures_in_use(o)}
         places |= {p: (f"at the {p}", of_label(o.locations, p)) for p in o.locations}
         changes = [k for k in range(1, len(settings)) if settings[k] != settings[k - 1]]
-        for k in changes if len(changes) <= _MOST_BLOCKS else ():
+        for k in changes if len(changes) <= MOST_BLOCKS else ():
             places[f"{o.ids[k]}.."] = f"from {o.ids[k]} on", np.arange(len(settings)) >= k
         loaded = set(np.flatnonzero(tension.any(axis=0)).tolist())
         for a, b in combinations(range(len(muscles)), 2):
@@ -300,7 +153,7 @@ class Entries:
     def _postures(self) -> Iterator[Corrected]:
         """Two postures exchanged, always or at a mount; one that was another, in all its cases, at a mount, or once."""
         o, angles = self.session.observations, self.session.observations.posture_angles
-        cases = {name: of_label(o.postures, name) for name in self._used}
+        cases = {name: of_label(o.postures, name) for name in postures_in_use(o)}
         everywhere = {name: np.tile(angles[name], (len(o.ids), 1)) for name in cases}
         away = {name: self._residual(_with(o, posture=set_to)) for name, set_to in everywhere.items()}
         of_row, mounts = self.session.rows // 6, {p: of_label(o.locations, p) for p in o.locations}
@@ -324,14 +177,6 @@ class Entries:
                 yield self._block("posture", words, here, away[done], amend, posture=everywhere[done])
 
     @cached_property
-    def _used(self) -> list[str]:
-        """Postures of the cases; none where they are so many that a block of cases is hardly more than one."""
-        names = [
-            name for name in self.session.observations.posture_angles if name in self.session.observations.postures
-        ]
-        return names if len(names) <= _MOST_BLOCKS else []
-
-    @cached_property
     def _set_once(self) -> dict[str, dict[str, tuple[str, Mask]]]:
         """Cases for which the finger was set up once, by posture and words, with the name of their block.
 
@@ -341,7 +186,7 @@ class Entries:
         each = list(zip(o.postures, o.locations, np.asarray(o.inputs.setting).tolist(), strict=True))
         stretches = [list(alike) for _, alike in groupby(range(len(each)), each.__getitem__)]
         times = Counter(each[cases[0]][:2] for cases in stretches)
-        for cases in stretches if len(stretches) <= _MOST_BLOCKS else ():
+        for cases in stretches if len(stretches) <= MOST_BLOCKS else ():
             posture, place, _ = each[cases[0]]
             if times[posture, place] > 1:
                 first, last = o.ids[cases[0]], o.ids[cases[-1]]
@@ -385,18 +230,6 @@ class Entries:
             words = "the angles of all postures are in radians"
             yield self._one("posture", words, _with(o, posture=np.rad2deg(angles)))
 
-    @cached_property
-    def _weights_g(self) -> list[float]:
-        """Masses in use; none where they are so many that a weight hangs in hardly more than one case."""
-        used = np.unique(self._mass_g[self._mass_g > 0.0]).tolist()
-        return used if len(used) <= _MOST_BLOCKS else []
-
-    @cached_property
-    def _mass_g(self) -> Floats:
-        """(cases, muscles) that hangs on each tendon."""
-        muscles, masses = self.session.model.finger.topology.muscles, self.session.observations.masses_g
-        return np.array([[of_case.get(m, 0.0) for m in muscles] for of_case in masses])
-
     def _moments(self) -> Iterator[Corrected]:
         """Moments alone in another unit, or of the other sign."""
         o, moment = self.session.observations, self.session.rows % 6 >= 3
@@ -426,11 +259,6 @@ class Entries:
         if not np.allclose(first, o.tared):
             again = replace(o, wrench=o.wrench + o.tared - first)
             yield self._one("tare", "one tare of each mount serves all its cases", again)
-
-
-def of_label(labels: Sequence[str], label: str) -> Mask:
-    """(cases,) which of them have a label."""
-    return np.array([one == label for one in labels])
 
 
 def _with(observations: Observations, **columns: Floats) -> Observations:

@@ -24,7 +24,8 @@ from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
 from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.settings import FAR, P_FAULT, SURE, SUSPECT
-from fingermodel.diagnosis.verdict.corrections import Amend, Change, Corrected, Entries, Kind
+from fingermodel.diagnosis.verdict.changes import Amend, Change, Kind, changes, told
+from fingermodel.diagnosis.verdict.corrections import Corrected, Entries
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, check
 from fingermodel.diagnosis.verdict.trend import Trend
 from fingermodel.diagnosis.verdict.verdict import explains_as_stated, explains_with_rig_as_stated
@@ -205,8 +206,8 @@ class _Possible:
 
     def changed(self, fit: Optimum, node: Node, least: float = 0.0) -> dict[str, Corrected]:
         """Changes by an amount that promise most about a fit, and more than that, by what is said of them."""
-        told = _told(fit, node, self.entries, self.changes)
-        likely = sorted(((self.prior(change.kind) + gain, change) for change, gain in told), key=lambda of: -of[0])
+        promised = told(fit, node, self.changes)
+        likely = sorted(((self.prior(change.kind) + gain, change) for change, gain in promised), key=lambda of: -of[0])
         return {c.saying: self.entries.put_right(c) for promise, c in likely[:_FITTED] if promise > least}
 
 
@@ -304,7 +305,7 @@ def _strikes(entries: Entries, changed: Mask) -> bool:
 
 def _changes(entries: Entries, of: Mask) -> list[Change]:
     """Those of more cases than a slip, among the cases of some readings (n,)."""
-    return [c for c in entries.changes() if _strikes(entries, of & c.cases[entries.session.rows // 6])]
+    return [c for c in changes(entries.session) if _strikes(entries, of & c.cases[entries.session.rows // 6])]
 
 
 def _of_effects(fit: Optimum, node: Node, candidates: Candidates) -> float:
@@ -351,7 +352,7 @@ def _fitted(
         best = max(best, beside, key=lambda fit: fit.log_posterior)
     words, log_gain = offer.words, 0.0
     if offer.change:
-        ((change, log_gain),) = _told(best, best.best, Entries(best.session, best.theta), [offer.change])
+        ((change, log_gain),) = told(best, best.best, [offer.change])
         moved = (change.amount - offer.change.amount) / offer.change.unit
         if rounds > 1 and change.counts and abs(moved) > _MOVED:
             again = Entries(session, session.problem.centre).put_right(change)
@@ -361,27 +362,3 @@ def _fitted(
     fault = offer.change.saying if offer.change else offer.words
     entered = Fitter(session, candidates, nothing.hyper)
     return PutRight(offer.kind, fault, words, value, offer.amend, unseen, best, entered)
-
-
-def _told(fit: Optimum, node: Node, entries: Entries, changes: Sequence[Change]) -> list[tuple[Change, float]]:
-    """Changes with which a session was fitted, as they are told there; and the log of what each gains over none.
-
-    Args:
-        fit: of the session with what they make of it, or as it was entered where each is 0.
-        node: of the hyperparameters.
-        entries: of that session.
-        changes: of it.
-    """
-    asked = fit.asked(entries.columns(changes, fit.theta)[fit.session.fitted], node)
-    out = []
-    for change, information, score in zip(changes, *asked, strict=True):
-        if not change.spread:
-            out.append((replace(change, amount=1.0), float(score - 0.5 * information)))
-            continue
-        # It is further off by w, of what it was taken for; the prior of its amount is N(0, spread²).
-        mean, precision = -change.amount / change.unit, (change.unit / change.spread) ** 2
-        best = (score + mean * precision) / (information + precision)
-        log = 0.5 * (best**2 * (information + precision) - mean**2 * precision - np.log1p(information / precision))
-        told = replace(change, amount=change.amount + change.unit * float(best))
-        out.append((told, float(log) if told.counts else -np.inf))
-    return out

@@ -1,0 +1,203 @@
+"""What may be another than was entered by an amount: a mount's gain, a weight, an angle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations, product
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.comparison.observations import Observations
+from fingermodel.diagnosis.posterior.hyper import Node
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.session import Session
+from fingermodel.diagnosis.settings import AMOUNT, GAIN_SPREAD, LEAST_AMOUNT, LEAST_ANGLE_RAD, WRONG_ANGLE_RAD
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Kind = Literal["tendon_labels", "side", "posture", "mass_unit", "axes", "unit", "gain", "weight", "tare"]
+
+# Postures, changes of posture or mount, and weights, from which on they are not looked at: there would be too many.
+MOST_BLOCKS = 20
+
+
+@dataclass(frozen=True)
+class Amend:
+    """One amendment of a block of cases.
+
+    Attributes:
+        cases: the block, as `daq.sessions.amendments.block_of` has it.
+        tendons: the tendon that bore a weight, by the one that was entered.
+        weights_g: what a weight really weighs [g], by what was entered.
+        posture: that was really set; None where it was as entered.
+    """
+
+    cases: str
+    tendons: dict[str, str] = field(default_factory=dict)
+    weights_g: dict[float, float] = field(default_factory=dict)
+    posture: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """Something that is another than was entered by an amount: a mount's gain, a weight, two exchanged ones, an angle.
+
+    Attributes:
+        kind: of fault; of a posture the amount is an angle [rad], else it is relative.
+        saying: what is said of it; the value goes into the braces, if there are any.
+        entered: the value then; of an angle [deg].
+        spread: standard deviation of the amount's prior about 0; 0 where the amount is known to be 1.
+        least: that the amount is at least.
+        acts: (cases, muscles) relative change of tensions per unit of the amount, (cases, 1) of readings, or (cases,
+            rotations) of joint angles.
+        above: that the amount is more than.
+        amend: amendments that put it right; none where its amount is only estimated.
+        amount: as the readings tell it; 0 where nothing is put right.
+    """
+
+    kind: Kind
+    saying: str
+    entered: float
+    spread: float
+    least: float
+    acts: Floats
+    above: float = -1.0
+    amend: tuple[Amend, ...] = ()
+    amount: float = 0.0
+
+    @property
+    def words(self) -> str:
+        """What is said of it."""
+        is_angle = self.kind == "posture"
+        return self.saying.format(
+            self.entered + np.rad2deg(self.amount) if is_angle else self.entered * (1.0 + self.amount)
+        )
+
+    @property
+    def unit(self) -> float:
+        """Of the amount, by which it is told further once it is put right."""
+        return 1.0 if self.kind == "posture" else 1.0 + self.amount
+
+    @property
+    def cases(self) -> Mask:
+        """(cases,) in which of them it acts."""
+        out: Mask = np.any(self.acts != 0.0, axis=1)
+        return out
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is far enough from what was entered, and can be."""
+        return self.amount > self.above and abs(self.amount) >= self.least
+
+
+def changes(session: Session) -> list[Change]:
+    """What may be another by an amount."""
+    return [*_gains(session), *_weights(session), *_joint_angles(session)]
+
+
+def _gains(session: Session) -> Iterator[Change]:
+    """The gain of either mount."""
+    locations = np.array(session.observations.locations)
+    places = dict.fromkeys(locations[session.rows[session.fitted] // 6])
+    for place in places if len(places) > 1 else ():
+        here = (locations == place)[:, None].astype(float)
+        yield Change("gain", f"the cell at the {place} has a gain of {{:.2f}}", 1.0, GAIN_SPREAD, 0.0, here)
+
+
+def _weights(session: Session) -> Iterator[Change]:
+    """Each weight, on one tendon or all; all of one tendon, which friction cannot make more; two exchanged."""
+    muscles = session.model.finger.topology.muscles
+    mass_g = np.array([[of_case.get(m, 0.0) for m in muscles] for of_case in session.observations.masses_g])
+    used = np.unique(mass_g[mass_g > 0.0]).tolist()
+    hangs = {weight: (mass_g == weight).astype(float) for weight in (used if len(used) <= MOST_BLOCKS else ())}
+    for weight, here in hangs.items():
+        on = np.flatnonzero(here.any(axis=0)).tolist()
+        words = f"the weight of {weight:g} g{{}} weighs {{{{:.0f}}}} g"
+        yield Change("weight", words.format(""), weight, AMOUNT, LEAST_AMOUNT, here)
+        for m in on if len(on) > 1 else ():
+            alone = here * (np.arange(len(muscles)) == m)
+            yield Change("weight", words.format(f" on {muscles[m]}"), weight, AMOUNT, LEAST_AMOUNT, alone)
+    for m, muscle in enumerate(muscles):
+        if len(np.unique(mass_g[mass_g[:, m] > 0.0, m])) > 1:
+            here = (mass_g > 0.0) * (np.arange(len(muscles)) == m).astype(float)
+            words = f"all weights on {muscle} weigh {{:.2f}} times what was entered"
+            yield Change("weight", words, 1.0, AMOUNT, LEAST_AMOUNT, here, above=0.0)
+    for a, b in combinations(hangs, 2):
+        if b / a - 1.0 < LEAST_AMOUNT:
+            continue
+        words = "the weights of {:g} g{} and {:g} g{} were exchanged throughout"
+        on_a, on_b = (np.flatnonzero(hangs[w].any(axis=0)).tolist() for w in (a, b))
+        every = [(m, n) for m, n in product(on_a, on_b) if m != n]
+        acts = hangs[a] * (b / a - 1.0) + hangs[b] * (a / b - 1.0)
+        amend = (Amend("all", weights_g={a: b, b: a}),)
+        yield Change("weight", words.format(a, "", b, ""), 1.0, 0.0, 0.0, acts, amend=amend)
+        # Of two tendons alone, where one of the two hangs on others, too.
+        for m, n in every if len(on_a) + len(on_b) > 2 else ():
+            alone = np.zeros_like(acts)
+            alone[:, m], alone[:, n] = hangs[a][:, m] * (b / a - 1.0), hangs[b][:, n] * (a / b - 1.0)
+            exchanged = words.format(a, f" on {muscles[m]}", b, f" on {muscles[n]}")
+            yield Change("weight", exchanged, 1.0, 0.0, 0.0, alone)
+
+
+def _joint_angles(session: Session) -> Iterator[Change]:
+    """Each angle of each posture."""
+    o, rotations = session.observations, session.model.finger.topology.rotations
+    for name in postures_in_use(session.observations):
+        for k, rotation in enumerate(rotations):
+            here = of_label(o.postures, name)[:, None] * (np.arange(len(rotations)) == k).astype(float)
+            entered = float(np.rad2deg(o.posture_angles[name][k]))
+            words = f"{rotation} in {name} was about {{:.0f}}°, not {entered:g}°"
+            yield Change("posture", words, entered, WRONG_ANGLE_RAD, LEAST_ANGLE_RAD, here, above=-np.pi)
+
+
+def told(fit: Optimum, node: Node, changes: Sequence[Change]) -> list[tuple[Change, float]]:
+    """Changes with which a session was fitted, as they are told there; and the log of what each gains over none.
+
+    Args:
+        fit: of the session with what they make of it, or as it was entered where each is 0.
+        node: of the hyperparameters.
+        changes: of it.
+    """
+    asked = fit.asked(_columns(fit.session, changes, fit.theta)[fit.session.fitted], node)
+    out = []
+    for change, information, score in zip(changes, *asked, strict=True):
+        if not change.spread:
+            out.append((replace(change, amount=1.0), float(score - 0.5 * information)))
+            continue
+        # It is further off by w, of what it was taken for; the prior of its amount is N(0, spread²).
+        mean, precision = -change.amount / change.unit, (change.unit / change.spread) ** 2
+        best = (score + mean * precision) / (information + precision)
+        log = 0.5 * (best**2 * (information + precision) - mean**2 * precision - np.log1p(information / precision))
+        further = replace(change, amount=change.amount + change.unit * float(best))
+        out.append((further, float(log) if further.counts else -np.inf))
+    return out
+
+
+def _columns(session: Session, changes: Sequence[Change], theta: Floats) -> Floats:
+    """(n, k) change of the readings per unit of a further amount of each, at some parameters."""
+    out = list[Floats]()
+    reading = session.readings(theta)
+    slopes = {"weight": session.by_tension, "posture": session.by_angle}
+    kinds = {change.kind for change in changes}
+    by_input = {kind: slopes_at(theta) for kind, slopes_at in slopes.items() if kind in kinds}
+    for change in changes:
+        if change.kind in by_input:
+            changed = np.einsum("crk,ck->cr", by_input[change.kind], change.acts)
+        else:
+            changed = reading * change.acts
+        out.append(changed.reshape(-1)[session.rows])
+    return np.array(out).reshape(-1, len(session.rows)).T
+
+
+def postures_in_use(observations: Observations) -> list[str]:
+    """Postures of the cases; none where they are so many that a block of cases is hardly more than one."""
+    names = [name for name in observations.posture_angles if name in observations.postures]
+    return names if len(names) <= MOST_BLOCKS else []
+
+
+def of_label(labels: Sequence[str], label: str) -> Mask:
+    """(cases,) which of them have a label."""
+    return np.array([one == label for one in labels])
