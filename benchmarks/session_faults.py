@@ -34,6 +34,8 @@ from tests.simulator import draw_session, draw_truth
 
 Floats = NDArray[np.float64]
 Rng = np.random.Generator
+# Rows that are entered too high or too low: so many at least; fewer are cases that were exchanged.
+_LONG = 5
 # Forces [N] and moments [N mm] of the recording.
 COMPONENTS = HEADERS[1:]
 
@@ -189,6 +191,21 @@ def weights_of_a_tendon(session: Recorded, rng: Rng) -> None:
         case["masses_g"] = {m: 0.5 * g if m == tendon else g for m, g in case["masses_g"].items()}
 
 
+def rows(session: Recorded, rng: Rng) -> None:
+    """Enter the load of one case some rows too high or too low, so that each between is one row off."""
+    stretches: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for case in session.document["cases"]:
+        stretches.setdefault((case["posture"], case["location"]), []).append(case)
+    long = [cases for cases in stretches.values() if len(cases) >= _LONG]
+    cases = long[int(rng.integers(len(long)))]
+    count = int(rng.integers(_LONG, len(cases) + 1))
+    first, step = int(rng.integers(len(cases) - count + 1)), int(rng.choice([-1, 1]))
+    run = cases[first : first + count]
+    hung = [dict(case["masses_g"]) for case in run]
+    for k, case in enumerate(run):
+        case["masses_g"] = hung[(k - step) % count]
+
+
 def moments_in_Nm(session: Recorded, _: Rng) -> None:  # noqa: N802 - the unit's name
     """Record moments in another unit than their columns say."""
     session.values[:, 3:] /= 1000.0
@@ -256,6 +273,7 @@ FAULTS: dict[Fault, str] = {
     unseen_radians: "posture",
     mass_unit: "mass_unit",
     weights_of_a_tendon: "weight",
+    rows: "rows",
     moments_in_Nm: "unit",
     axes: "axes",
     every_sign: "axes",

@@ -67,9 +67,10 @@ def print_diagnosis(body: dict[str, Any]) -> None:
     if body["curve"]:
         say(body["curve"]["sentence"])
     for fault in body["session_faults"]:
-        for change in fault.get("amend", ()):
+        if fault["amend"]:
             say("To put it right, once it is known:")
-            say(f'    fingertwin amend {body["session"]} {_amending(change)} --why "…"')
+        for change in fault["amend"]:
+            say(f'    fingertwin amend {body["session"]} {amending(change)} --why "…"')
     offers = [(known["text"], known["effect"]) for known in body["ready_made"]]
     offers += [(f"Hint: {hint['text']}", f"'{hint['effect']['formula']}'") for hint in body["hints"]]
     for text, effect in offers:
@@ -79,10 +80,13 @@ def print_diagnosis(body: dict[str, Any]) -> None:
         say(body["next_sentence"])
 
 
-def _amending(change: dict[str, Any]) -> str:
+def amending(change: dict[str, Any]) -> str:
+    """Write one amendment that a fault proposes as `amend` takes it."""
     tendons = [f"--tendon {true}={entered}" for entered, true in change["tendons"].items()]
+    weights = [f"--weight {true:g}={float(entered):g}" for entered, true in change["weights_g"].items()]
+    masses = [f"--mass {tendon}={grams:g}" for tendon, grams in change["masses_g"].items()]
     posture = [f"--posture {change['posture']}"] if change["posture"] else []
-    return " ".join([change["cases"], *tendons, *posture])
+    return " ".join([change["cases"], *tendons, *weights, *masses, *posture])
 
 
 def _print_verdict(body: dict[str, Any]) -> None:

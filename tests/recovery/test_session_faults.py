@@ -19,6 +19,7 @@ from benchmarks.session_faults import (
     moments_in_Nm,
     postures,
     radians,
+    rows,
     side,
     sign,
     sign_everywhere,
@@ -53,6 +54,7 @@ def every_angle_in_radians(session: Recorded, _: np.random.Generator) -> None:
         (joints_in_a_posture, "posture", "PIP and DIP were exchanged in "),
         (mistyped_angle, "posture", "was about "),
         (weights_of_a_tendon, "weight", "times what was entered"),
+        (rows, "rows", "each load is that of the "),
         (moments_in_Nm, "unit", "the moments are in N m"),
         (unseen_sign, "posture", "has the other sign"),
         (unseen_radians, "posture", "in radians"),
@@ -72,7 +74,7 @@ def test_what_was_entered_wrongly_throughout_is_named(
     assert found["effects"] == []
     if first["amend"]:
         _expect_put_right(tmp_path, first["amend"], original)
-    assert bool(first["amend"]) == (fault in (tendons_in_a_posture, postures))
+    assert bool(first["amend"]) == (fault in (tendons_in_a_posture, postures, rows))
 
 
 def _expect_put_right(folder: Path, amend: list[dict[str, Any]], original: Session) -> None:

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from daq.locations import data_dir
+from daq.sessions import read_session
+from daq.sessions.amendments import amendments_of, block_of
+from fingermodel.diagnosis.verdict.changes import Amend
+from server.commands.diagnosis import amending
 from tests.server.command_line import refused, run
 
 
@@ -90,6 +96,31 @@ def test_weights_are_amended_wherever_they_hung(folder: Path) -> None:
         {tendon: weighs.get(grams, grams) for tendon, grams in c["masses_g"].items()} for c in before
     ]
     assert body["made"] == [c["id"] for c in before if set(c["masses_g"].values()) & set(weighs)]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"tendons": {"FDP": "FDS", "FDS": "FDP"}},
+        {"weights_g": {"WEIGHT": 123.5}},
+        {"masses_g": {"FDP": 321.0, "EDC": 0.0}},
+        {"posture": "POSTURE"},
+    ],
+)
+def test_what_a_search_proposes_is_the_amendment_that_its_command_makes(folder: Path, changes: dict[str, Any]) -> None:
+    session = read_session(folder)
+    weight = next(iter(session.cases[0].masses_g.values()))
+    if "weights_g" in changes:
+        changes = {"weights_g": {weight: 123.5}}
+    if "posture" in changes:
+        changes = {"posture": next(p for p in session.postures_deg if p != session.cases[0].posture)}
+    change = asdict(Amend("all", **changes))
+    wanted = amendments_of(session, block_of(session, "all"), "x", **changes)
+    body = amended(folder, *shlex.split(amending(change)), "--why", "x")
+    assert body["made"] == [a.case for a in wanted]
+    after = {c.id: c for c in read_session(folder).amended.cases}
+    for amendment in wanted:
+        assert {name: getattr(after[amendment.case], name) for name in amendment.changes} == amendment.changes
 
 
 def test_a_range_of_cases_names_them_in_their_order(folder: Path) -> None:

@@ -21,7 +21,7 @@ from fingermodel.diagnosis.search.offers import Offer, best_forms, better
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Explanation
 from fingermodel.diagnosis.session_model.slips import Explained
-from fingermodel.diagnosis.settings import MOST_FITS, WITHIN
+from fingermodel.diagnosis.settings import FAR, MOST_FITS, WITHIN
 
 Floats = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ def search(bad_cases: BadCases, begun: Beginning, most: int = MOST_FITS) -> Sear
     """Search on from a beginning, with so many fits at most."""
     found = _explained(bad_cases.all_out(begun), most)
     while cases := bad_cases.overlooked(found.begun, found.fits.values()):
-        other = _explained(bad_cases.beginner.beside((*found.begun.slips, cases)), most)
+        other = _explained(bad_cases.beginner.beside((*found.begun.slips, cases), found.begun), most, found.fits)
         slips = bad_cases.odds.explained(other.leader, cases)
         gain = max((one.gain for one in slips.values()), default=0.0)
         if other.leader.log_posterior + LOG_PRIOR_ODDS + gain <= found.leader.log_posterior:
@@ -81,9 +81,9 @@ def unsearched(begun: Beginning) -> Searched:
     return _Search(begun).searched({}, {})
 
 
-def _explained(begun: Beginning, most: int) -> _Search:
+def _explained(begun: Beginning, most: int, before: Mapping[Explanation, Optimum] | None = None) -> _Search:
     out = _Search(begun)
-    out.explain(most)
+    out.explain(most, before)
     return out
 
 
@@ -112,9 +112,20 @@ class _Search:
         """What was found, with what is known of the cases taken for bad."""
         return Searched(self._hyper, self.fits, self._rest(), self.begun.plain, bad, slips)
 
-    def explain(self, most: int) -> None:
-        """Fit explanations; no further ones once there were so many fits."""
-        self._first_fits(self.begun.every)
+    def explain(self, most: int, before: Mapping[Explanation, Optimum] | None) -> None:
+        """Fit explanations; no further ones once there were so many fits.
+
+        Args:
+            most: fits.
+            before: fits beside fewer bad cases; with those that come near the best this search begins.
+        """
+        if before is None:
+            self._first_fits(self.begun.every)
+        else:
+            least = max(fit.log_posterior for fit in before.values()) - FAR
+            for explanation, fit in before.items():
+                if explanation.size and fit.log_posterior >= least:
+                    self._fit_from(explanation, fit.theta, fit.best)
         self._until_none_promises(most)
         self._finish(self.begun.every)
         self._until_none_promises(most)

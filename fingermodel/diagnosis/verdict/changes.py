@@ -18,7 +18,7 @@ from fingermodel.diagnosis.settings import AMOUNT, GAIN_SPREAD, LEAST_AMOUNT, LE
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Kind = Literal["tendon_labels", "side", "posture", "mass_unit", "axes", "unit", "gain", "weight", "tare"]
+Kind = Literal["tendon_labels", "rows", "side", "posture", "mass_unit", "axes", "unit", "gain", "weight", "tare"]
 
 # Postures, changes of posture or mount, and weights, from which on they are not looked at: there would be too many.
 MOST_BLOCKS = 20
@@ -32,12 +32,14 @@ class Amend:
         cases: the block, as `daq.sessions.amendments.block_of` has it.
         tendons: the tendon that bore a weight, by the one that was entered.
         weights_g: what a weight really weighs [g], by what was entered.
+        masses_g: what really hung on a tendon [g], 0 for nothing.
         posture: that was really set; None where it was as entered.
     """
 
     cases: str
     tendons: dict[str, str] = field(default_factory=dict)
     weights_g: dict[float, float] = field(default_factory=dict)
+    masses_g: dict[str, float] = field(default_factory=dict)
     posture: str | None = None
 
 

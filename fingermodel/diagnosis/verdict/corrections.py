@@ -6,7 +6,7 @@ Tendons or postures exchanged, the side mirrored, an angle's sign, a unit, the a
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, groupby, permutations
@@ -36,6 +36,8 @@ _UNITS_G = {
 }
 # What one that was entered as a newton millimetre is, by the unit.
 _MOMENTS_NMM = {"in N mm": 1.0, "in N m": 1000.0, "in N cm": 10.0, "in kg mm": 9.80665}
+# Runs of rows that are looked at.
+_RUNS = 4
 # A wrench of the other hand.
 _MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
 
@@ -84,6 +86,7 @@ class Entries:
         """Every fault of labels and units that changes how well the readings are explained."""
         o = self.session.observations
         yield from self._tendons()
+        yield from self._rows()
         yield from self._postures()
         yield from self._angles()
         yield self._one("side", "the side is the other one (readings are mirrored)", _times(o, _MIRROR))
@@ -176,6 +179,43 @@ class Entries:
                 words, amend = f"the posture was {done}, not {name}{where}", (Amend(named, posture=done),)
                 yield self._block("posture", words, here, away[done], amend, posture=everywhere[done])
 
+    def _rows(self) -> Iterator[Corrected]:
+        """Loads of some cases in a row entered one row too high or too low, as where one row was pasted elsewhere."""
+        o, tension, found = self.session.observations, np.asarray(self.session.observations.inputs.tension), []
+        cases, unit = self.session.rows // 6, self.session.places.unit
+        for step in (1, -1):
+            # What each case would be off less with the load that was entered for its neighbour.
+            away = self._residual(_with(o, tension=np.roll(tension, -step, axis=0)))
+            less = np.bincount(cases, ((self.away / unit) ** 2 - (away / unit) ** 2), minlength=len(tension))
+            for alike in self._stretches:
+                gain, first, last = _best_run(less[alike].tolist())
+                run = alike[first : last + 2] if step > 0 else alike[max(first - 1, 0) : last + 1]
+                found.append((gain, step, run))
+        for gain, step, run in sorted(found, key=lambda of: -of[0])[:_RUNS]:
+            if gain > 0.0:
+                moved = tension.copy()
+                moved[run] = np.roll(tension[run], -step, axis=0)
+                hung = [o.masses_g[i] for i in np.roll(run, -step)]
+                entries = zip(run, hung, strict=True)
+                changed = [(o.ids[i], dict.fromkeys(o.masses_g[i], 0.0) | g) for i, g in entries if g != o.masses_g[i]]
+                amend = tuple(Amend(case, masses_g=masses) for case, masses in changed)
+                where, other = f"from {o.ids[run[0]]} to {o.ids[run[-1]]}", "next" if step > 0 else "previous"
+                words = f"{where} each load is that of the {other} row"
+                yield replace(self._one("rows", words, _with(o, tension=moved)), amend=amend)
+
+    @property
+    def runs(self) -> int:
+        """How many runs of rows may have been entered too high or too low."""
+        return sum(len(alike) * (len(alike) - 1) for alike in self._stretches)
+
+    @cached_property
+    def _stretches(self) -> list[list[int]]:
+        """Cases for which the finger was set up once, in their order; none where there are too many such stretches."""
+        o = self.session.observations
+        each = list(zip(o.postures, o.locations, np.asarray(o.inputs.setting).tolist(), strict=True))
+        found = [list(alike) for _, alike in groupby(range(len(each)), each.__getitem__)]
+        return found if len(found) <= MOST_BLOCKS else []
+
     @cached_property
     def _set_once(self) -> dict[str, dict[str, tuple[str, Mask]]]:
         """Cases for which the finger was set up once, by posture and words, with the name of their block.
@@ -183,14 +223,12 @@ class Entries:
         Of postures that were set more than once at a mount.
         """
         o, out = self.session.observations, dict[str, dict[str, tuple[str, Mask]]]()
-        each = list(zip(o.postures, o.locations, np.asarray(o.inputs.setting).tolist(), strict=True))
-        stretches = [list(alike) for _, alike in groupby(range(len(each)), each.__getitem__)]
-        times = Counter(each[cases[0]][:2] for cases in stretches)
-        for cases in stretches if len(stretches) <= MOST_BLOCKS else ():
-            posture, place, _ = each[cases[0]]
+        times = Counter((o.postures[cases[0]], o.locations[cases[0]]) for cases in self._stretches)
+        for cases in self._stretches:
+            posture, place = o.postures[cases[0]], o.locations[cases[0]]
             if times[posture, place] > 1:
                 first, last = o.ids[cases[0]], o.ids[cases[-1]]
-                here = f"{first}..{last}", np.isin(np.arange(len(each)), cases)
+                here = f"{first}..{last}", np.isin(np.arange(len(o.ids)), cases)
                 out.setdefault(posture, {})[f" from {first} to {last}"] = here
         return out
 
@@ -279,3 +317,12 @@ def _exchanged(columns: Floats, a: int, b: int) -> Floats:
     order = np.arange(columns.shape[1])
     order[[a, b]] = b, a
     return columns[:, order]
+
+
+def _best_run(gains: Iterable[float]) -> tuple[float, int, int]:
+    """Sum, first and last index of the neighbours that gain most together."""
+    best, start, total = (-np.inf, 0, 0), 0, 0.0
+    for k, gain in enumerate(gains):
+        start, total = (k, gain) if total <= 0.0 else (start, total + gain)
+        best = max(best, (total, start, k), key=lambda of: of[0])
+    return best

@@ -190,7 +190,7 @@ class _Possible:
         struck = (o for o in every if _strikes(entries, fitted & (o.away != entries.away)))
         offers = list({o.away[fitted].tobytes(): o for o in struck}.values())
         counts = Counter([*(o.kind for o in offers), *(change.kind for change in changes)])
-        return cls(entries, offers, changes, counts + Counter[Kind]({"axes": by_balance}))
+        return cls(entries, offers, changes, counts + Counter[Kind]({"axes": by_balance, "rows": entries.runs}))
 
     def prior(self, kind: Kind) -> float:
         """Log prior of a fault of a kind."""

@@ -236,6 +236,12 @@ class AmendedBlock(Form):
             examples=[{"484": 550.0}],
         )
     )
+    masses_g: dict[Annotated[str, Field(max_length=40)], Annotated[float, Field(ge=0.0, le=1e6)]] = Field(
+        default_factory=dict,
+        max_length=40,
+        description="What hung on a tendon [g], 0 for nothing; other tendons keep what was entered.",
+        examples=[{"FDP": 950.0, "FDS": 0.0}],
+    )
     posture: Annotated[str, Field(max_length=200)] | None = Field(None, description="The posture that was really set.")
 
 

@@ -241,13 +241,20 @@ def test_a_block_of_cases_is_amended_in_one_edit(fresh: ServiceReceiver) -> None
     after = [c["masses_g"] for c in client.get(f"{path}/cases").json()["cases"]]
     assert after == [{t: 2.0 * g if g == heavy else g for t, g in c["masses_g"].items()} for c in before]
     client.post(f"{path}/edits/{done.json()['edit']}/undo", json={}).raise_for_status()
+    hung = [{"cases": c["id"], "masses_g": {loaded: 0.0, other: 77.0 + i}} for i, c in enumerate(before)]
+    done = client.post(f"{path}/amend", json={"amend": hung, "why": "one row too low"})
+    assert done.status_code == 200, done.text
+    after = [c["masses_g"] for c in client.get(f"{path}/cases").json()["cases"]]
+    kept = [{t: g for t, g in c["masses_g"].items() if t not in (loaded, other)} for c in before]
+    assert after == [masses | {other: 77.0 + i} for i, masses in enumerate(kept)]
+    client.post(f"{path}/edits/{done.json()['edit']}/undo", json={}).raise_for_status()
     for weights in ({"1.5": 2.0}, {"heavy": 2.0}, {str(heavy): 0.0}):
         refused = client.post(f"{path}/amend", json={"amend": [{"cases": "all", "weights_g": weights}], "why": "x"})
         assert refused.status_code == 422, weights
     for cases in ("nowhere", "tip,bone,c001..", ""):
         refused = client.post(f"{path}/amend", json={"amend": [{"cases": cases, "posture": "hook"}], "why": "x"})
         assert refused.status_code == 422, cases
-    assert len(client.get(f"{path}/edits").json()["edits"]) == 4
+    assert len(client.get(f"{path}/edits").json()["edits"]) == 6
 
 
 @pytest.mark.parametrize(
