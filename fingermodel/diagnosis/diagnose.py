@@ -169,9 +169,9 @@ def diagnose(
     most = MOST_FITS * (3 if thorough else 1)
     bad_cases = BadCases(Beginner(session, candidates, start, progress))
     begun = bad_cases.grossly()
-    put = put_right(candidates, begun.nothing)
+    before = put_right(candidates, begun.nothing)
     # What would make up for a fault of the whole session is no finding, and not looked for.
-    faulty = outdoes(put, bad_cases.most_of_any(begun))
+    faulty = outdoes(before, bad_cases.most_of_any(begun))
     searched = unsearched(begun) if faulty else search(bad_cases, begun, most)
     session = searched.nothing.session
     posterior = Posterior.of(searched.fits, searched.promised)
@@ -197,21 +197,22 @@ def diagnose(
     asked = sensitivity(posterior, verdict)
     found: tuple[Hint, ...] = ()
     curves: tuple[SmoothCurve, ...] = ()
-    if posterior.leader.explanation.size:
-        put = [*put, *put_right_beside(candidates, posterior.leader)]
+    beside = put_right_beside(candidates, posterior.leader) if posterior.leader.explanation.size else []
     unsure = verdict.kind in ("none_of_catalogue", "undecided") or not explains_as_stated(fit)
-    if unsure and not faulty:
-        put = [*put, *put_right(candidates, begun.nothing, beside_effects=True)]
-    faults = tuple(session_faults(put, posterior, checked, trend) or unseen_faults(candidates, posterior, checked))
+    after = put_right(candidates, begun.nothing, before) if unsure and not faulty else []
+    faults = tuple(
+        session_faults([*before, *beside, *after], posterior, checked, trend)
+        or unseen_faults(candidates, posterior, checked)
+    )
     if faults:
         # To be put right in the session: what would make up for it is no finding.
         verdict = in_doubt(verdict)
     elif verdict.kind in ("none_of_catalogue", "undecided"):
         # Beside what is sure to act by its name: what is not would explain part of what is unknown.
-        beside = posterior.best_fit(sure_names(posterior)) or posterior.nothing
+        sure = posterior.best_fit(sure_names(posterior)) or posterior.nothing
         # What is missing counts as scatter where no effect may act; with all candidates free it does not.
-        node = (*searched.plain[:BUDGET], *beside.hyper.as_named(beside.best)[BUDGET:])
-        found, curves = hints(beside, node), own_curves(beside, node)
+        node = (*searched.plain[:BUDGET], *sure.hyper.as_named(sure.best)[BUDGET:])
+        found, curves = hints(sure, node), own_curves(sure, node)
     if progress:
         progress(1.0)
     for kept in (*posterior.fits.values(), stated, refitted):

@@ -37,7 +37,7 @@ class BadCases:
         begun = self.beginner.beside(self._gross())
         sound = self._sound(begun)
         slips = tuple(cases for cases in self._paired(begun) if not cases & sound)[: self.most]
-        return replace(begun, slips=slips) if bad_in(slips) == begun.bad else self.beginner.beside(slips, begun)
+        return replace(begun, slips=slips) if bad_in(slips) == begun.bad else self.beginner.beside(slips)
 
     def all_out(self, begun: Beginning) -> Beginning:
         """Take cases for bad, the worst first, until none is; then those back that the later ones had made so."""
@@ -46,9 +46,9 @@ class BadCases:
             if worst in taken:
                 break
             taken.append(worst)
-            begun = self.beginner.beside((*begun.slips, worst), begun)
+            begun = self.beginner.beside((*begun.slips, worst))
             for cases in [t for t in taken[:-1] if t in begun.slips]:
-                less = self.beginner.beside(tuple(s for s in begun.slips if s != cases), begun)
+                less = self.beginner.beside(tuple(s for s in begun.slips if s != cases))
                 if not cases & self._least_odds(less).keys():
                     begun = less
         return begun

@@ -108,22 +108,13 @@ class Beginner:
         """The session linearised about the priors' centre, with all candidates free at a node."""
         return self._about_centre.linearised(self._every, self.session.problem.centre, node, frozenset(), 0.0)
 
-    def beside(self, slips: Slipped, before: Beginning | None = None) -> Beginning:
-        """Fit all candidates at once, and the base model from there and from the priors' centre.
-
-        Args:
-            slips: beside which.
-            before: beside other slips; where it ended, these fits begin, too.
-        """
+    def beside(self, slips: Slipped) -> Beginning:
+        """Fit all candidates at once, and the base model from there and from the priors' centre."""
         problem, explanation = self.session.problem, self._every
         node, bad = self.hyper.usual, bad_in(slips)
-        if before is None:
-            fitter, begin = self._about_centre.begun(explanation, node, bad)
-        else:
-            fitter, begin, node = before.fitter, before.every.theta, before.every.mode
+        fitter, begin = self._about_centre.begun(explanation, node, bad)
         every = fitter.fit(explanation, begin, node, bad, 0.0)
         starts = [problem.centre, np.where(problem.free, every.theta, problem.centre)]
-        starts = starts if before is None else [before.nothing.theta, starts[1]]
         found = []
         for start in [*starts, *([] if self._start is None else [self._start])]:
             found.append(fitter.fit(NOTHING, start, every.mode, bad))

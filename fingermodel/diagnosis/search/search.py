@@ -66,7 +66,7 @@ def search(bad_cases: BadCases, begun: Beginning, most: int = MOST_FITS) -> Sear
     """Search on from a beginning, with so many fits at most."""
     found = _explained(bad_cases.all_out(begun), most)
     while cases := bad_cases.overlooked(found.begun, found.fits.values()):
-        other = _explained(bad_cases.beginner.beside((*found.begun.slips, cases), found.begun), most, found.fits)
+        other = _explained(bad_cases.beginner.beside((*found.begun.slips, cases)), most, found.fits)
         slips = bad_cases.odds.explained(other.leader, cases)
         gain = max((one.gain for one in slips.values()), default=0.0)
         if other.leader.log_posterior + LOG_PRIOR_ODDS + gain <= found.leader.log_posterior:

@@ -64,6 +64,11 @@ class Corrected:
     change: Change | None = None
     amend: tuple[Amend, ...] = ()
 
+    @property
+    def fault(self) -> str:
+        """Which of its kind it is, whatever its amount."""
+        return self.change.saying if self.change else self.words
+
 
 @dataclass(frozen=True, eq=False)
 class Entries:

@@ -100,7 +100,7 @@ class PutRight:
         return fit.log_posterior + check(fit).log_evidence
 
 
-def put_right(candidates: Candidates, nothing: Optimum, *, beside_effects: bool = False) -> list[PutRight]:
+def put_right(candidates: Candidates, nothing: Optimum, before: Sequence[PutRight] | None = None) -> list[PutRight]:
     """Put faults of the whole session right, one at a time, and fit the base model again, slips beside it or not.
 
     Those that balance shows are all fitted; of the others, those that promise most where the finger is as measured, and
@@ -110,7 +110,8 @@ def put_right(candidates: Candidates, nothing: Optimum, *, beside_effects: bool 
     Args:
         candidates: of the diagnosis.
         nothing: the base model of the session as it was entered.
-        beside_effects: whether to fit them where an effect promises far more, too; none where no effect does.
+        before: faults that were fitted before the search; then those are that were passed over because an effect
+            promised far more.
     """
     session, hyper = nothing.session, nothing.hyper
     as_measured = Fitter(session, candidates, hyper).linearised(
@@ -121,9 +122,8 @@ def put_right(candidates: Candidates, nothing: Optimum, *, beside_effects: bool 
     smooth = hyper.with_smooth(hyper.usual)
     hosts = ((as_measured, smooth), (nothing, nothing.best))
     least = [max(_of_effects(*host, candidates) - FAR, 0.0) for host in hosts]
-    if beside_effects:
+    if before is not None:
         if not any(least):
-            # None was passed over before.
             return []
         least = [0.0 for _ in hosts]
     entries = Entries(session, session.problem.centre)
@@ -134,7 +134,9 @@ def put_right(candidates: Candidates, nothing: Optimum, *, beside_effects: bool 
         best |= dict.fromkeys(possible.labels(as_measured, node, more))
         changes |= possible.changed(host, node, more)
     best |= dict.fromkeys(changes.values())
-    bases = {o: _base(candidates, nothing, o, frozenset()) for o in [*by_balance, *best]}
+    known = {put.fault for put in before or ()}
+    offers = [o for o in [*by_balance, *best] if o.fault not in known]
+    bases = {o: _base(candidates, nothing, o, frozenset()) for o in offers}
     alone = {o: _fitted(nothing, o, possible.prior(o.kind), base, 0) for o, base in bases.items()}
     if not alone:
         return []
@@ -359,6 +361,5 @@ def _fitted(
             return _fitted(nothing, again, log_share, _base(candidates, nothing, again, best.bad), rounds - 1)
         words = change.words
     value = log_share + fitted + log_posterior + log_gain
-    fault = offer.change.saying if offer.change else offer.words
     entered = Fitter(session, candidates, nothing.hyper)
-    return PutRight(offer.kind, fault, words, value, offer.amend, unseen, best, entered)
+    return PutRight(offer.kind, offer.fault, words, value, offer.amend, unseen, best, entered)
