@@ -6,10 +6,10 @@ Tendons or postures exchanged, the side mirrored, an angle's sign, a unit, the a
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations, groupby, permutations
+from itertools import combinations, groupby, permutations, product
 
 import jax.numpy as jnp
 import numpy as np
@@ -37,7 +37,7 @@ _UNITS_G = {
 # What one that was entered as a newton millimetre is, by the unit.
 _MOMENTS_NMM = {"in N mm": 1.0, "in N m": 1000.0, "in N cm": 10.0, "in kg mm": 9.80665}
 # Runs of rows that are looked at.
-_RUNS = 4
+_RUNS = 2
 # A wrench of the other hand.
 _MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
 
@@ -194,19 +194,26 @@ class Entries:
             less = np.bincount(cases, ((self.away / unit) ** 2 - (away / unit) ** 2), minlength=len(tension))
             for alike in self._stretches:
                 gain, first, last = _best_run(less[alike].tolist())
-                run = alike[first : last + 2] if step > 0 else alike[max(first - 1, 0) : last + 1]
-                found.append((gain, step, run))
-        for gain, step, run in sorted(found, key=lambda of: -of[0])[:_RUNS]:
-            if gain > 0.0:
-                moved = tension.copy()
-                moved[run] = np.roll(tension[run], -step, axis=0)
-                hung = [o.masses_g[i] for i in np.roll(run, -step)]
-                entries = zip(run, hung, strict=True)
-                changed = [(o.ids[i], dict.fromkeys(o.masses_g[i], 0.0) | g) for i, g in entries if g != o.masses_g[i]]
-                amend = tuple(Amend(case, masses_g=masses) for case, masses in changed)
-                where, other = f"from {o.ids[run[0]]} to {o.ids[run[-1]]}", "next" if step > 0 else "previous"
-                words = f"{where} each load is that of the {other} row"
-                yield replace(self._one("rows", words, _with(o, tension=moved)), amend=amend)
+                ends = (first, last + 1) if step > 0 else (first - 1, last)
+                found.append((gain, step, alike, *ends))
+        for gain, step, alike, first, last in sorted(found, key=lambda of: -of[0])[:_RUNS]:
+            # Where the finger is not as measured, a case at an end may gain by chance.
+            every = product(range(first - 1, first + 2), range(last - 1, last + 2)) if gain > 0.0 else ()
+            for begin, end in every:
+                if 0 <= begin < end < len(alike):
+                    yield self._moved(alike[begin : end + 1], step)
+
+    def _moved(self, run: Sequence[int], step: int) -> Corrected:
+        """Each load of some cases is that which was entered so many rows further."""
+        o = self.session.observations
+        tension, sources = np.array(o.inputs.tension), np.roll(run, -step).tolist()
+        tension[run] = tension[sources]
+        entries = [(o.ids[i], o.masses_g[i], o.masses_g[source]) for i, source in zip(run, sources, strict=True)]
+        changed = [(case, dict.fromkeys(was, 0.0) | really) for case, was, really in entries if was != really]
+        other = "next" if step > 0 else "previous"
+        words = f"from {o.ids[run[0]]} to {o.ids[run[-1]]} each load is that of the {other} row"
+        amend = tuple(Amend(case, masses_g=masses) for case, masses in changed)
+        return replace(self._one("rows", words, _with(o, tension=tension)), amend=amend)
 
     @property
     def runs(self) -> int:
