@@ -236,9 +236,9 @@ def session_faults(
     # too: what makes up for something else in the fitted ones predicts no better for it.
     as_it_is = [posterior.fits[e].log_posterior + c.log_evidence for e, c in checked.items()]
     with_trend = [max(as_it_is) + trend.log_evidence + _log_share(1)] if trend else []
-    rest = [*as_it_is, *with_trend, *(f.without for f in found)]
-    said = _probable(found, [f.of_all for f in found], rest)
-    by_words = {f.words: f for f in found}
+    rest, values, by_words = [*as_it_is, *with_trend], [f.of_all for f in found], {f.words: f for f in found}
+    could = [by_words[fault.words] for fault in _probable(found, values, rest)]
+    said = _probable(found, values, [*rest, *(f.without for f in could)])
     # A fault that leaves more than noise may make up for a part of something else.
     return [fault for fault in said if explains_with_rig_as_stated(by_words[fault.words].fit)]
 
