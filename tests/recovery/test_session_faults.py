@@ -54,7 +54,7 @@ def every_angle_in_radians(session: Recorded, _: np.random.Generator) -> None:
         (joints_in_a_posture, "posture", "PIP and DIP were exchanged in "),
         (mistyped_angle, "posture", "was about "),
         (weights_of_a_tendon, "weight", "times what was entered"),
-        (rows, "rows", "each load is that of the "),
+        (rows, "rows", "each load was entered one row too "),
         (moments_in_Nm, "unit", "the moments are in N m"),
         (unseen_sign, "posture", "has the other sign"),
         (unseen_radians, "posture", "in radians"),

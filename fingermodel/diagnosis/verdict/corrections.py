@@ -210,8 +210,8 @@ class Entries:
         tension[run] = tension[sources]
         entries = [(o.ids[i], o.masses_g[i], o.masses_g[source]) for i, source in zip(run, sources, strict=True)]
         changed = [(case, dict.fromkeys(was, 0.0) | really) for case, was, really in entries if was != really]
-        other = "next" if step > 0 else "previous"
-        words = f"from {o.ids[run[0]]} to {o.ids[run[-1]]} each load is that of the {other} row"
+        place = "low" if step > 0 else "high"
+        words = f"from {o.ids[run[0]]} to {o.ids[run[-1]]} each load was entered one row too {place}"
         amend = tuple(Amend(case, masses_g=masses) for case, masses in changed)
         return replace(self._one("rows", words, _with(o, tension=tension)), amend=amend)
 
