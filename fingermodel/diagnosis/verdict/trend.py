@@ -114,20 +114,23 @@ class _Tested(NamedTuple):
 
 
 def trend_of(fit: Optimum) -> Trend | None:
-    """The most significant trend of what an explanation leaves; None where chance makes as much.
+    """The most evident trend of what an explanation leaves; None where chance makes as much.
 
     Args:
         fit: of the explanation; everything that it leaves open may act.
     """
     session, asked = fit.session, list(_asked(fit.session, fit.theta))
     tested = [_tested(*fit.information(one.columns[session.fitted], fit.best)) for one in asked]
-    least, one = min(zip(tested, asked, strict=True), key=lambda of: of[0].p_value, default=(None, None))
-    if least is None or one is None or least.p_value * len(asked) >= P_VALUE:
+    # By its evidence: what would have to change out of all proportion is none of these.
+    best, one = max(zip(tested, asked, strict=True), key=lambda of: of[0].log_evidence, default=(None, None))
+    if best is None or one is None:
+        return None
+    p_value, log_evidence = best.p_value * len(asked), best.log_evidence - float(np.log(len(asked)))
+    if p_value >= P_VALUE or log_evidence <= 0.0:
         return None
     change = np.zeros((len(session.observations.ids), 6))
-    change.reshape(-1)[session.rows] = one.columns[:, 1:] @ least.weights
-    course = tuple((one.course @ least.weights).tolist())
-    p_value, log_evidence = least.p_value * len(asked), least.log_evidence - float(np.log(len(asked)))
+    change.reshape(-1)[session.rows] = one.columns[:, 1:] @ best.weights
+    course = tuple((one.course @ best.weights).tolist())
     return Trend(one.what, one.along, p_value, log_evidence, fit.size_newton(change), one.unit, course)
 
 
