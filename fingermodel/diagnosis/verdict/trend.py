@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 _LEAST = 1e-6
 # Where a trend is told: at the first case, halfway and at the last; at no load, half the largest and the largest.
 _PLACES = np.array([0.0, 0.5, 1.0])
-GAIN = "the cell's gain"
+_GAIN = "the cell's gain"
 _TOLD = {
     "time": ("at the first case", "halfway", "at the last"),
     "load": ("at a small load", "at half the largest", "at the largest"),
@@ -90,9 +90,9 @@ class Trend:
         """What measurement would show whether it is so."""
         if self.along == "time":
             return "measure the first load case again at the end"
-        return (
-            "hang known weights up to the largest load on the cell" if self.what == GAIN else "add smaller loads of it"
-        )
+        if self.what == _GAIN:
+            return "hang known weights up to the largest load on the cell"
+        return "measure more and smaller loads of that tendon"
 
     def as_dict(self) -> dict[str, Any]:
         """As the answer gives it."""
@@ -172,7 +172,7 @@ def _asked(session: Session, theta: Floats) -> Iterator[_Asked]:
     time = np.asarray(inputs.elapsed)[cases]
     if lasts := float(np.ptp(time[loaded])) if loaded.any() else 0.0:
         slowly = waves((time - time[loaded].min()) / lasts)
-        changes = [(GAIN, "%", reading), *((what, "%", by_tension[:, k]) for what, k in pulling)]
+        changes = [(_GAIN, "%", reading), *((what, "%", by_tension[:, k]) for what, k in pulling)]
         changes += [(f"the angle {rotation}", "°", by_angle[:, k]) for k, rotation in enumerate(topology.rotations)]
         for what, unit, change in changes:
             yield _Asked(what, "time", unit, _course(change, slowly), waves(_PLACES))
@@ -181,7 +181,7 @@ def _asked(session: Session, theta: Floats) -> Iterator[_Asked]:
         yield _Asked(what, "load", "%", _course(by_tension[:, k], less[:, None]), 1.0 - _PLACES[:, None])
     force = np.linalg.norm(read[:, :3], axis=1)[cases] * loaded
     if force.any():
-        yield _Asked(GAIN, "load", "%", _course(reading, force[:, None] / force.max()), _PLACES[:, None])
+        yield _Asked(_GAIN, "load", "%", _course(reading, force[:, None] / force.max()), _PLACES[:, None])
 
 
 def _course(change: Floats, along: Floats) -> Floats:
