@@ -83,8 +83,8 @@ def print_diagnosis(body: dict[str, Any]) -> None:
 def amending(change: dict[str, Any]) -> str:
     """Write one amendment that a fault proposes as `amend` takes it."""
     tendons = [f"--tendon {true}={entered}" for entered, true in change["tendons"].items()]
-    weights = [f"--weight {true:g}={float(entered):g}" for entered, true in change["weights_g"].items()]
-    masses = [f"--mass {tendon}={grams:g}" for tendon, grams in change["masses_g"].items()]
+    weights = [f"--weight {true:.12g}={float(entered):.12g}" for entered, true in change["weights_g"].items()]
+    masses = [f"--mass {tendon}={grams:.12g}" for tendon, grams in change["masses_g"].items()]
     posture = [f"--posture {change['posture']}"] if change["posture"] else []
     return " ".join([change["cases"], *tendons, *weights, *masses, *posture])
 

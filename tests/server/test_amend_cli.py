@@ -103,7 +103,7 @@ def test_weights_are_amended_wherever_they_hung(folder: Path) -> None:
     [
         {"tendons": {"FDP": "FDS", "FDS": "FDP"}},
         {"weights_g": {"WEIGHT": 123.5}},
-        {"masses_g": {"FDP": 321.0, "EDC": 0.0}},
+        {"masses_g": {"FDP": 1234.5678, "EDC": 0.0}},
         {"posture": "POSTURE"},
     ],
 )

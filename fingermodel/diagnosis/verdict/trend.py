@@ -120,11 +120,16 @@ def trend_of(fit: Optimum) -> Trend | None:
         fit: of the explanation; everything that it leaves open may act.
     """
     session, asked = fit.session, list(_asked(fit.session, fit.theta))
-    tested = [_tested(*fit.information(one.columns[session.fitted], fit.best)) for one in asked]
-    # By its evidence: what would have to change out of all proportion is none of these.
-    best, one = max(zip(tested, asked, strict=True), key=lambda of: of[0].log_evidence, default=(None, None))
-    if best is None or one is None:
+    if not asked:
         return None
+    # Everything that acts besides is integrated out once for all of them.
+    columns = np.concatenate([one.columns for one in asked], axis=1)[session.fitted]
+    information, score = fit.information(columns, fit.best)
+    ends = np.cumsum([one.columns.shape[1] for one in asked]).tolist()
+    spans = [slice(end - one.columns.shape[1], end) for end, one in zip(ends, asked, strict=True)]
+    tested = [_tested(information[span, span], score[span]) for span in spans]
+    # By its evidence: what would have to change out of all proportion is none of these.
+    best, one = max(zip(tested, asked, strict=True), key=lambda of: of[0].log_evidence)
     p_value, log_evidence = best.p_value * len(asked), best.log_evidence - float(np.log(len(asked)))
     if p_value >= P_VALUE or log_evidence <= 0.0:
         return None
