@@ -14,7 +14,8 @@ import pytest
 from daq.errors import ModelError
 from daq.sessions import read_session, write_session
 from fingermodel.diagnosis.answer.addition import add_effects
-from fingermodel.diagnosis.answer.answer import answer, parameters_of
+from fingermodel.diagnosis.answer.answer import answer
+from fingermodel.diagnosis.answer.ranking import parameters_of
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.frozen import freeze, read_frozen, score, write_frozen
 from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, name_of, plan_next

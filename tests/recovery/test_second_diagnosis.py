@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fingermodel.diagnosis.answer.answer import parameters_of
+from fingermodel.diagnosis.answer.ranking import parameters_of
 from fingermodel.session import Session
 from server.application.diagnosing import run_diagnosis
 from tests.second_simulator import Kind, write_session

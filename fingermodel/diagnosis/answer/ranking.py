@@ -1,0 +1,182 @@
+"""Every explanation of a diagnosis as the answer's rows: how probable, how large, and with which values."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.special import logsumexp
+
+from fingermodel.diagnosis.diagnose import Diagnosis
+from fingermodel.diagnosis.posterior.marginals import Posterior
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.session_model.candidates import Explanation
+
+# Effects beyond the catalogue are shown from this probability on.
+_OFFERED = 0.05
+
+
+def ready_made(d: Diagnosis) -> list[dict[str, Any]]:
+    """What rigs are known to do beyond the catalogue and these readings show, most probable first."""
+    posterior = d.posterior
+    out: list[dict[str, Any]] = []
+    fits = [f for f in posterior.fits.values() if any(m.candidate.outside for m in f.explanation.members)]
+    for fit in sorted(fits, key=posterior.weight, reverse=True):
+        for member in fit.explanation.members:
+            name = member.candidate.effect
+            if not member.candidate.outside or any(o["effect"] == name for o in out):
+                continue
+            probability = _of_effect(posterior, name)
+            if probability >= _OFFERED:
+                title = next(e.title for e in d.session.model.effects if e.name == name)
+                out.append(
+                    {
+                        "effect": name,
+                        "title": title,
+                        "where": member.candidate.name,
+                        "probability": probability,
+                        "log_evidence_gain": _gain(posterior, fit),
+                        "size_N": fit.sizes_newton[member.candidate.name],
+                        "misfit": fit.misfit(fit.best),
+                        "text": f"Known to happen in rigs: {title}; probability {probability:.2f}",
+                    }
+                )
+    return out
+
+
+def _of_effect(posterior: Posterior, effect: str) -> float:
+    return posterior.probability(lambda e: effect in e.explanation.effects)
+
+
+def _gain(posterior: Posterior, fit: Optimum) -> float:
+    """Log evidence over nothing at all."""
+    return fit.log_posterior - fit.log_prior - _of_nothing(posterior) if fit.explanation.size else 0.0
+
+
+def _of_nothing(posterior: Posterior) -> float:
+    """Log evidence of no effect and nothing smooth, which "nothing missing" stands for."""
+    fit = posterior.nothing
+    plain = [value for node, value in fit.nodes.items() if not fit.hyper.smooth_blocks(node)]
+    whole = logsumexp(plain) if plain else fit.log_joint(fit.hyper.without_smooth(fit.best))
+    return float(whole) - fit.log_prior
+
+
+def ranking(d: Diagnosis) -> list[dict[str, Any]]:
+    """Every explanation that was fitted, best first, with nothing missing and something else in their places."""
+    posterior = d.posterior
+    probability = posterior.of_explanations()
+    fits: dict[tuple[str, ...], Optimum] = {}
+    for fit in sorted(posterior.fits.values(), key=posterior.weight, reverse=True):
+        fits.setdefault(fit.explanation.names, fit)
+    rows = [_row(d, fit, probability.get(names, 0.0)) for names, fit in fits.items()]
+    rows.append(
+        {
+            "effects": ["none_of_catalogue"],
+            "candidates": [],
+            "probability": probability[None],
+            "log_evidence_gain": _unnamed_gain(d),
+            "validation_rmse_N": {"before": d.validation_rmse(posterior.nothing), "after": None},
+            "parameters": [],
+            "indistinguishable_from": [],
+            "size_N": posterior.beyond_newton,
+        }
+    )
+    return sorted(rows, key=lambda r: -r["probability"])
+
+
+def _unnamed_gain(d: Diagnosis) -> float | None:
+    """Log evidence over nothing at all of what counts as something else; None where that is not in question.
+
+    Its hypotheses are an explanation, what is smooth beside it, and what carries that; each has its own prior.
+    """
+    joint: list[float] = []
+    prior: dict[tuple[Explanation, tuple[str, ...]], float] = {}
+    for e in d.posterior.entries:
+        if not e.unnamed:
+            continue
+        if e.fit is None or e.node is None:
+            promise = d.searched.promised[e.explanation]
+            joint.append(promise.log_posterior)
+            prior[e.explanation, ()] = promise.log_prior
+        else:
+            joint.append(e.fit.nodes[e.node])
+            smooth = tuple(e.fit.hyper.smooth_blocks(e.node))
+            prior[e.explanation, smooth] = e.fit.log_prior + e.fit.hyper.log_prior_of_smooth(e.node)
+    return float(logsumexp(joint) - logsumexp([*prior.values()])) - _of_nothing(d.posterior) if joint else None
+
+
+def _row(d: Diagnosis, fit: Optimum, probability: float) -> dict[str, Any]:
+    explanation = fit.explanation
+    strength = _strength(fit)
+    spread = 1.96 / strength if strength else None
+    size = sum(v**2 for v in fit.sizes_newton.values()) ** 0.5
+    alike = dict.fromkeys(a for n in explanation.names for a in d.confounding.alike(n))
+    errors = fit.hyper.values(fit.best).forms
+    table, theta = d.session.model.parameters, d.theta_of(fit)
+    return {
+        "effects": list(explanation.effects),
+        "candidates": list(explanation.names),
+        "probability": probability,
+        "log_evidence_gain": _gain(d.posterior, fit),
+        "validation_rmse_N": {"before": d.validation_rmse(d.posterior.nothing), "after": d.validation_rmse(fit)},
+        "parameters": parameters_of(fit),
+        "indistinguishable_from": [a for a in alike if a not in explanation.names],
+        "variant": _variant(explanation),
+        "size_N": size,
+        "size_low_N": size * max(1.0 - spread, 0.0) if spread else None,
+        "size_high_N": size * (1.0 + spread) if spread else None,
+        "in_range": _in_range(fit),
+        "detectability": _detectability(d, explanation),
+        "form_error": float(errors.max(initial=0.0)),
+        "misfit": fit.misfit(fit.best),
+        # What the fit moved, so that any residual after it can be computed again.
+        "fit": {table.names[i]: float(f"{theta[i]:.9g}") for i in np.flatnonzero(theta != table.initial)},
+    }
+
+
+def parameters_of(fit: Optimum) -> list[dict[str, Any]]:
+    """An explanation's own parameters: their mean and standard deviation, everything else left open."""
+    theta, covariance, index = fit.parameter_posterior(fit.best)
+    table, scale = fit.session.model.parameters, fit.session.problem.scale
+    sd = dict(zip(index.tolist(), (np.sqrt(np.diag(covariance)) * scale[index]).tolist(), strict=True))
+    return [
+        {"name": table.names[i], "value": float(theta[i]), "sd": sd.get(i), "unit": table.parameters[i].unit}
+        for i in fit.explanation.parameters
+    ]
+
+
+def _strength(fit: Optimum) -> float:
+    """How many standard deviations an explanation's parameters together lie from their null."""
+    if not fit.explanation.size:
+        return 0.0
+    freed, _ = fit.freed(fit.best)
+    return float(np.sqrt(freed.mean @ np.linalg.solve(freed.covariance, freed.mean)))
+
+
+def _in_range(fit: Optimum) -> bool:
+    """Whether all of an explanation's values lie within one and a half times their plausible ranges."""
+    for i in fit.explanation.parameters:
+        p = fit.session.model.parameters.parameters[i]
+        low, high = p.plausible or (p.lower, p.upper)
+        if (
+            not p.initial - 1.5 * (p.initial - low) - 1e-9
+            <= fit.theta[i]
+            <= p.initial + 1.5 * (high - p.initial) + 1e-9
+        ):
+            return False
+    return True
+
+
+def _variant(explanation: Explanation) -> str | None:
+    parts = [
+        f"{m.candidate.name}: form {m.form + 1} of {len(m.candidate.forms)}"
+        for m in explanation.members
+        if len(m.candidate.forms) > 1
+    ]
+    return "; ".join(parts) or None
+
+
+def _detectability(d: Diagnosis, explanation: Explanation) -> float | None:
+    values = [d.confounding.detectability.get(n) for n in explanation.names]
+    known = [v for v in values if v is not None]
+    return min(known) if known else None
