@@ -34,6 +34,8 @@ _TOGETHER = (RESIDUAL, HELD, BUDGET, ANATOMY, OWN)
 
 # Quadratics that are kept, those asked for last: about as many as the nodes around one have noises and sets of blocks.
 _KEPT = 16
+# Information of a weight from which rounding of inner products counts.
+_STEEP = 1e12
 # Share of the largest change from which a reading counts as touched by an effect.
 _TOUCHED = 0.05
 
@@ -48,6 +50,7 @@ class Inner:
         products: (k, l) of two blocks.
         outer: (n²,) covariance that each block gives the whitened readings by weights of a width of 1.
         right: (n, 1 + k) whitened readings and columns of the explanation's own parameters (see `among_readings`).
+        steep: whether slopes are so steep beside the noise that inner products lose what is small beside the largest.
     """
 
     smooth: WhitenedSmooth
@@ -55,6 +58,7 @@ class Inner:
     products: dict[tuple[str, str], Floats] = field(default_factory=dict)
     outer: dict[str, Floats] = field(default_factory=dict)
     right: Floats | None = None
+    steep: bool | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,6 +238,14 @@ class Linearised:
         if len(self._latest) > _KEPT:
             del self._latest[next(iter(self._latest))]
         return found, -0.5 * inner.smooth.noise.log_det
+
+    def steep(self, node: Node, bad: frozenset[int] | None = None) -> bool:
+        """Whether slopes are so steep at a node that their inner products lose what is small beside the largest."""
+        inner = self._inner_at(node, self.bad if bad is None else bad)
+        if inner.steep is None:
+            slopes = self._whole(inner, HELD)[:, 1:]
+            inner.steep = float(np.einsum("nk,nk->k", slopes, slopes).max(initial=0.0)) > _STEEP
+        return inner.steep
 
     def among_readings(self, nodes: Sequence[Node], bad: frozenset[int] | None) -> tuple[Floats, Floats, Floats]:
         """The whitened readings at some nodes, with what acts there as a covariance of theirs.

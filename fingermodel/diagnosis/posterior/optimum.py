@@ -23,7 +23,7 @@ from fingermodel.diagnosis.posterior.gaussian import (
 )
 from fingermodel.diagnosis.posterior.hyper import CARRIER, NOISE, Node
 from fingermodel.diagnosis.posterior.integrated import Integrated
-from fingermodel.diagnosis.posterior.linearised import ANATOMY, BUDGET, HELD, OTHERS, OWN
+from fingermodel.diagnosis.posterior.linearised import OTHERS, OWN
 from fingermodel.diagnosis.posterior.own_part import OwnPart
 from fingermodel.diagnosis.posterior.steps import Steps, log_share
 from fingermodel.diagnosis.session_model.candidates import Explanation
@@ -38,8 +38,6 @@ _AWAY = 0.5
 _AT_ONCE = 500_000
 # Units of chi-square that may be promised beyond where a fit ends.
 _SETTLED = 1.0
-# Information of a weight from which rounding of inner products counts.
-_STEEP = 1e12
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,19 +68,13 @@ class Optimum(Integrated):
 
     def freed(self, node: Node, bad: frozenset[int] | None = None, width: float = 1.0) -> tuple[Freed, float]:
         """The explanation's own parameters at a node, all else left open; and minus half the noise's ln det."""
-        if self._steep:
+        if self.steep(node, bad):
             return self._freed_by_columns(node, bad, width)
         names = [*self.acting(node), OWN]
         quadratic, of_noise = self.quadratic(names, node, bad)
         widths, own = self.widths(names, node), self.size(OWN)
         widths[len(widths) - own :] *= width
         return quadratic.freed(widths, self.places(names), own), of_noise
-
-    @cached_property
-    def _steep(self) -> bool:
-        """Whether slopes are so steep that their inner products lose what is small beside the largest."""
-        columns = self.whitened_blocks([HELD, BUDGET, ANATOMY, OWN], self.node)
-        return float((columns**2).sum(axis=0).max(initial=0.0)) > _STEEP
 
     def _freed_by_columns(self, node: Node, bad: frozenset[int] | None, width: float) -> tuple[Freed, float]:
         """The same by an orthogonal factor of the columns themselves, which takes some times as long."""
@@ -108,7 +100,8 @@ class Optimum(Integrated):
         found: dict[Node, float] = {}
         together = []
         for node in nodes:
-            if not self._steep and sum(self.size(name) for name in self.acting(node)) > len(self.residual):
+            shorter = sum(self.size(name) for name in self.acting(node)) > len(self.residual)
+            if shorter and not self.steep(node, bad):
                 together.append(node)
                 continue
             freed, of_noise = self.freed(node, bad, width)

@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 
 from fingermodel.diagnosis.posterior.fitting import Fitter
 from fingermodel.diagnosis.posterior.gaussian import log_mass_apart, marginal_evidence
-from fingermodel.diagnosis.posterior.hyper import ACTING, ANATOMY, FORMS, GROUPS, SMOOTH, Hyperparameters
+from fingermodel.diagnosis.posterior.hyper import ACTING, ANATOMY, BUDGET, FORMS, GROUPS, SMOOTH, Hyperparameters
 from fingermodel.diagnosis.posterior.marginals import Posterior, Promise
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, Explanation
@@ -71,14 +71,18 @@ def test_evidence_is_that_of_the_dense_gaussian(nothing: Optimum, axes: tuple[in
     assert freed.log_evidence + of_noise == pytest.approx(expected, abs=1e-4)
 
 
-def test_the_steepest_slopes_leave_the_misfit_that_they_have(nothing: Optimum) -> None:
+# Under what it was fitted: as the readings have it, or more noise and scatter, beside which slopes are not so steep.
+@pytest.mark.parametrize(("slope", "noisy"), [(1e5, False), (2e3, True)])
+def test_the_steepest_slopes_leave_the_misfit_that_they_have(nothing: Optimum, slope: float, noisy: bool) -> None:
     # As about a pose in which a joint's Jacobian is nearly singular: readings move along one direction, and far.
     own = np.concatenate([nothing.parameters_of["budget"], nothing.parameters_of["anatomy"]])
     rng, slopes = np.random.default_rng(1), nothing.slopes.copy()
-    slopes[:, own] += 1e5 * np.outer(rng.normal(size=len(slopes)), rng.normal(size=len(own)))
+    slopes[:, own] += slope * np.outer(rng.normal(size=len(slopes)), rng.normal(size=len(own)))
     # The anatomy spreads as widely as it may.
     widest = len(nothing.hyper.axes[ANATOMY].values) - 1
-    steep, node = replace(nothing, slopes=slopes), (0, 0, 0, 0, 0, 0, widest, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    node = (0, 0, 0, 0, 0, 0, widest, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    most = [len(axis.values) - 1 for axis in nothing.hyper.axes]
+    steep = replace(nothing, slopes=slopes, node=(*most[:BUDGET], *node[BUDGET:]) if noisy else node)
     names = steep.acting(node)
     columns, residual, _ = steep.whitened_at(names, node, None)
     widths, places = steep.widths(names, node), steep.places(names)
