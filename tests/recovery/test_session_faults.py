@@ -63,7 +63,7 @@ def every_angle_in_radians(session: Recorded, _: np.random.Generator) -> None:
 def test_what_was_entered_wrongly_throughout_is_named(
     tmp_path: Path, fault: Callable[[Recorded, np.random.Generator], None], kind: str, words: str
 ) -> None:
-    draw_session(tmp_path, 55, {}, nuisance_scale=0.8)
+    draw_session(tmp_path, 55, {}, protocol="short", nuisance_scale=0.8)
     original, session = read_session(tmp_path), Recorded(tmp_path)
     fault(session, np.random.default_rng(55))
     session.write()
@@ -94,7 +94,7 @@ def _expect_put_right(folder: Path, amend: list[dict[str, Any]], original: Sessi
 
 
 def test_a_posture_that_was_another_one_of_the_times_it_was_set_is_named(tmp_path: Path) -> None:
-    draw_session(tmp_path, 55, {}, nuisance_scale=0.8)
+    draw_session(tmp_path, 55, {}, protocol="short", nuisance_scale=0.8)
     session = Recorded(tmp_path)
     cases = session.document["cases"]
     set_to, entered = "hyperextension", "minor_flexion"
@@ -113,7 +113,7 @@ def test_a_posture_that_was_another_one_of_the_times_it_was_set_is_named(tmp_pat
 
 
 def test_the_gain_of_one_mount_is_named_with_its_value(tmp_path: Path) -> None:
-    draw_session(tmp_path, 55, {}, nuisance_scale=0.8)
+    draw_session(tmp_path, 55, {}, protocol="short", nuisance_scale=0.8)
     session = Recorded(tmp_path)
     gain_of(session, "bone", 1.4)
     session.write()
@@ -186,7 +186,7 @@ def _weighed(session: Recorded, entered: dict[float, float]) -> None:
 
 
 def test_a_gain_below_one_is_a_share_of_the_force_that_passes_the_cell_by(tmp_path: Path) -> None:
-    draw_session(tmp_path, 55, {}, nuisance_scale=0.8)
+    draw_session(tmp_path, 55, {}, protocol="short", nuisance_scale=0.8)
     session = Recorded(tmp_path)
     gain_of(session, "bone", 0.85)
     session.write()
@@ -209,7 +209,7 @@ def test_tendons_exchanged_throughout_are_a_fault_of_the_session(
     tmp_path: Path, effects: dict[str, Any], mistyped: float
 ) -> None:
     """Also where one mass is mistyped besides."""
-    draw_session(tmp_path, 53, effects, nuisance_scale=0.8)
+    draw_session(tmp_path, 53, effects, protocol="short", nuisance_scale=0.8)
     file = tmp_path / "session.yaml"
     document = yaml.safe_load(file.read_text(encoding="utf-8"))
     other = {"FDP": "FDS", "FDS": "FDP"}
@@ -228,7 +228,7 @@ def test_tendons_exchanged_throughout_are_a_fault_of_the_session(
 
 
 def test_a_tare_that_is_taken_away_twice_is_a_fault_of_the_session(tmp_path: Path) -> None:
-    draw_session(tmp_path, 54, {}, nuisance_scale=0.8)
+    draw_session(tmp_path, 54, {}, protocol="short", nuisance_scale=0.8)
     session = Recorded(tmp_path)
     session.values[:, :3] += (1.2, -0.8, 2.0)
     # The rig's program zeroed the cell before each weight.

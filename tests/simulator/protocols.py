@@ -81,6 +81,24 @@ def dev() -> Protocol:
     return Protocol(postures, cases, float(document["tension_factor"]), cases[-1].loaded_s[1] + 0.1)
 
 
+@cache
+def short() -> Protocol:
+    """Some sixty of the cases of `dev`: one posture less, and each single tendon at one of its two levels by turns."""
+    whole = dev()
+    postures = [name for name in whole.postures_deg if name != "hook"]
+    turn = {name: k for k, name in enumerate(postures)}
+
+    def kept(case: Case) -> bool:
+        single = case.role == "identification" and case.location == "tip" and len(case.masses_g) == 1
+        return case.posture in turn and not (single and (int(case.id[1:]) + turn[case.posture]) % 2)
+
+    return replace(
+        whole,
+        postures_deg={name: whole.postures_deg[name] for name in postures},
+        cases=tuple(filter(kept, whole.cases)),
+    )
+
+
 _LEVELS = (
     {"RI": 200.0, "LU": 20.0, "UI": 150.0, "FDP": 250.0, "FDS": 300.0, "EDC": 120.0},
     {"RI": 450.0, "LU": 40.0, "UI": 350.0, "FDP": 550.0, "FDS": 600.0, "EDC": 260.0},
@@ -132,4 +150,4 @@ def three_levels() -> Protocol:
     return Protocol(postures, tuple(cases), 0.87, clock)
 
 
-PROTOCOLS = {"dev": dev, "three_levels": three_levels}
+PROTOCOLS = {"dev": dev, "short": short, "three_levels": three_levels}
