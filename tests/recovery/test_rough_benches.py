@@ -43,7 +43,7 @@ def rough(folder: Path, seed: int, effects: dict[str, Any], scatter: float, spoi
     Returns:
         The id of the spoilt case.
     """
-    draw_session(folder, seed, effects, nuisance_scale=0.8)
+    draw_session(folder, seed, effects, protocol="short", nuisance_scale=0.8)
     file = folder / "session.yaml"
     document = yaml.safe_load(file.read_text(encoding="utf-8"))
     rng = np.random.default_rng(seed)
@@ -78,7 +78,7 @@ def test_a_clean_bench_that_repeats_to_two_percent_stays_clean(tmp_path: Path) -
 def test_noise_that_no_plateau_shows_is_no_effect_and_said_to_be_unusual_where_it_is_large(
     tmp_path: Path, extra_N: float, verdict: str
 ) -> None:
-    draw_session(tmp_path, 44, {}, nuisance_scale=0.8)
+    draw_session(tmp_path, 44, {}, protocol="short", nuisance_scale=0.8)
     bench = Session.open(tmp_path)
     rng, o = np.random.default_rng(44), bench.observations
     unit = np.array([1.0, 1.0, 1.0, 10.0, 10.0, 10.0])
@@ -116,7 +116,9 @@ def test_scatter_that_no_tension_makes_hides_nothing_and_is_said(
     seed: int,
     effects: tuple[str, ...],
 ) -> None:
-    draw_session(tmp_path, seed, {"hanger_mass": 40.0} if effects else {}, nuisance_scale=0.8)
+    # A drift within a setting shows where a setting has many cases.
+    protocol = "dev" if kind == "drift_N" else "short"
+    draw_session(tmp_path, seed, {"hanger_mass": 40.0} if effects else {}, protocol=protocol, nuisance_scale=0.8)
     exact = Session.open(tmp_path)
     bench = with_readings(exact, scattered(exact, np.random.default_rng(seed)))
     d = diagnose(bench.model, bench.observations)
@@ -151,7 +153,7 @@ def test_what_goes_with_time_or_load_is_no_scatter_and_said(
 
 
 def test_what_goes_with_time_takes_nothing_from_a_larger_effect(tmp_path: Path) -> None:
-    draw_session(tmp_path, 50, {"hanger_mass": 60.0}, nuisance_scale=0.8)
+    draw_session(tmp_path, 50, {"hanger_mass": 60.0}, protocol="short", nuisance_scale=0.8)
     exact = Session.open(tmp_path)
     bench = with_readings(exact, with_gain_drift(exact))
     d = diagnose(bench.model, bench.observations)
@@ -161,7 +163,7 @@ def test_what_goes_with_time_takes_nothing_from_a_larger_effect(tmp_path: Path) 
 
 
 def test_nothing_goes_with_time_where_none_is_known(tmp_path: Path) -> None:
-    draw_session(tmp_path, 50, {}, nuisance_scale=0.8)
+    draw_session(tmp_path, 50, {}, protocol="short", nuisance_scale=0.8)
     exact = Session.open(tmp_path)
     bench = with_readings(exact, with_gain_drift(exact))
     o = bench.observations
@@ -174,7 +176,7 @@ def test_nothing_goes_with_time_where_none_is_known(tmp_path: Path) -> None:
 def test_what_settles_after_its_window_is_no_effect_where_the_windows_show_that_it_does(
     tmp_path: Path, seen: float, effects: tuple[str, ...]
 ) -> None:
-    draw_session(tmp_path, 45, {}, nuisance_scale=0.8)
+    draw_session(tmp_path, 45, {}, protocol="short", nuisance_scale=0.8)
     measured = Session.open(tmp_path).measured
     too_early = tuple(replace(case, wrench=0.9 * case.wrench) for case in measured.cases)
     bench = Session.of(replace(measured, cases=too_early, creep=seen))
@@ -200,7 +202,7 @@ def test_a_case_that_noise_puts_off_is_not_counted_and_accused_of_nothing(
 
 def test_an_effect_is_found_only_where_the_rig_is_as_good_as_stated(tmp_path: Path) -> None:
     """What the rest wants of the rig may be another effect, or a wrong entry."""
-    draw_session(tmp_path, 55, {"hanger_mass": 60.0}, nuisance_scale=3.0)
+    draw_session(tmp_path, 55, {"hanger_mass": 60.0}, protocol="short", nuisance_scale=3.0)
     found = diagnosed(tmp_path)
     assert (found["verdict"], found["candidates"], found["effects"]) == ("undecided", ["hanger_mass"], [])
     assert any(
