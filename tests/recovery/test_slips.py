@@ -45,7 +45,7 @@ def test_the_case_is_named_and_what_was_done(
 
 @pytest.mark.parametrize("location", ["tip", pytest.param("bone", marks=pytest.mark.full)])
 def test_a_zero_too_many_on_a_heavy_weight_is_named_and_makes_no_effect(tmp_path: Path, location: str) -> None:
-    draw_session(tmp_path, 54, {"hanger_mass": 40.0})
+    draw_session(tmp_path, 54, {"hanger_mass": 40.0}, protocol="short")
     file = tmp_path / "session.yaml"
     document = yaml.safe_load(file.read_text(encoding="utf-8"))
     wrong = next(
@@ -79,7 +79,7 @@ def test_a_slip_that_another_effect_would_explain_is_named_beside_the_true_one(t
 
 
 def test_a_validation_case_with_a_slip_is_named_and_does_not_veto(tmp_path: Path) -> None:
-    draw_session(tmp_path, 52, {"hanger_mass": 40.0}, nuisance_scale=0.8)
+    draw_session(tmp_path, 52, {"hanger_mass": 40.0}, protocol="short", nuisance_scale=0.8)
     file = tmp_path / "session.yaml"
     document = yaml.safe_load(file.read_text(encoding="utf-8"))
     case = next(c for c in document["cases"] if c["role"] == "validation" and c["location"] == "tip")
