@@ -36,7 +36,7 @@ class Truth:
 
     Attributes:
         seed: of everything that was drawn.
-        protocol: dev or three_levels.
+        protocol: dev, short or three_levels.
         effects: names of the catalogue that act.
         sizes: by `effect.place`, or `effect` where it has one place, in the catalogue's units; also of what is outside.
         outside: what acts that is not in the catalogue.
@@ -110,7 +110,7 @@ def draw_session(
         effects: sizes by name of the catalogue, or `name.place` (see `sizes_of`), in the catalogue's units.
         outside: name of something outside the catalogue; its size is drawn so that it changes the force components by
             0.1 to 0.5 N RMS where it acts, or by as much of that as its own range allows.
-        protocol: dev or three_levels.
+        protocol: dev, short or three_levels.
         nuisance_scale: specimen and rig against the budget; by default drawn from 0.5 to 2.
         further: identification cases after the protocol's end (posture, location, masses [g]), each in a posture set
             anew; the readings before them stay as they were.
