@@ -300,7 +300,7 @@ def pooled_of(folder: Path, drawn: Mapping[int, Mapping[str, Any]], outside: str
     for specimen, effects in drawn.items():
         own = folder / str(specimen)
         own.mkdir()
-        draw_session(own, specimen, dict(effects) or None, outside, "short", 0.8)
+        draw_session(own, specimen, dict(effects) or None, outside, protocol="short", nuisance_scale=0.8)
         bench = Session.open(own)
         sessions.append((bench.measured.session.id, bench.model, bench.observations))
     return diagnose_pooled(sessions)

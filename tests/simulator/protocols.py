@@ -83,7 +83,10 @@ def dev() -> Protocol:
 
 @cache
 def short() -> Protocol:
-    """Some sixty of the cases of `dev`: one posture less, and each single tendon at one of its two levels by turns."""
+    """Fifty-nine of the cases of `dev`, for tests that need no more: one posture less, and single tendons at one level.
+
+    That is the higher one of the two in one posture, and the lower one in the next.
+    """
     whole = dev()
     postures = [name for name in whole.postures_deg if name != "hook"]
     turn = {name: k for k, name in enumerate(postures)}

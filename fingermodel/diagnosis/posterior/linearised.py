@@ -243,7 +243,7 @@ class Linearised:
         """Whether slopes are so steep at a node that their inner products lose what is small beside the largest."""
         inner = self._inner_at(node, self.bad if bad is None else bad)
         if inner.steep is None:
-            slopes = self._whole(inner, HELD)[:, 1:]
+            slopes = self._whole(inner, HELD)[:, self._spans[RESIDUAL].stop :]
             inner.steep = float(np.einsum("nk,nk->k", slopes, slopes).max(initial=0.0)) > _STEEP
         return inner.steep
 

@@ -100,8 +100,8 @@ class Optimum(Integrated):
         found: dict[Node, float] = {}
         together = []
         for node in nodes:
-            shorter = sum(self.size(name) for name in self.acting(node)) > len(self.residual)
-            if shorter and not self.steep(node, bad):
+            fewer_readings = len(self.residual) < sum(self.size(name) for name in self.acting(node))
+            if fewer_readings and not self.steep(node, bad):
                 together.append(node)
                 continue
             freed, of_noise = self.freed(node, bad, width)
