@@ -339,8 +339,11 @@ def _lost_interrupts_repeated() -> Iterator[None]:
 
     def dropped(what: sys.UnraisableHookArgs) -> None:
         if not issubclass(what.exc_type, KeyboardInterrupt):
-            before(what)
-            return
+            try:
+                before(what)
+                return
+            except KeyboardInterrupt:
+                pass  # it came while another error was reported
         while True:
             again = threading.Timer(_AGAIN_S, _thread.interrupt_main)
             again.daemon = True

@@ -5,10 +5,11 @@ from __future__ import annotations
 import errno
 import gc
 import os
+import sys
 import threading
 import time
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 
@@ -269,6 +270,29 @@ def test_an_interrupt_within_a_callback_of_the_garbage_collector_is_not_lost(
             time.sleep(0.01)
         pytest.fail("it went on")
 
+    monkeypatch.setattr("server.commands.twin.Session.open", collect)
+    answer = run("refit", H01)
+    assert (answer.code, answer.out, answer.err.count("\n")) == (130, "", 1)
+
+
+def test_an_interrupt_while_another_error_of_a_callback_is_reported_is_not_lost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def report(what: Any) -> NoReturn:
+        assert what.exc_type is ValueError
+        raise KeyboardInterrupt
+
+    def fail(*_: object) -> NoReturn:
+        gc.callbacks.remove(fail)
+        raise ValueError
+
+    def collect(*_: object, **__: object) -> NoReturn:
+        gc.callbacks.append(fail)
+        gc.collect()
+        time.sleep(5.0)
+        pytest.fail("it went on")
+
+    monkeypatch.setattr(sys, "unraisablehook", report)
     monkeypatch.setattr("server.commands.twin.Session.open", collect)
     answer = run("refit", H01)
     assert (answer.code, answer.out, answer.err.count("\n")) == (130, "", 1)
