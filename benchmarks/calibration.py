@@ -119,8 +119,8 @@ class Priors:
         values = self._hyper.values(node)
         fit = Fitter(session, self._candidates, self._hyper).linearised(explanation, theta, node, frozenset(), 0.0)
         reading = np.asarray(self.model.predict(self.entered.inputs, theta).reading).reshape(-1)[session.rows]
-        smooth = [width * session.smooth(name) for name, width in self._hyper.smooth_blocks(node).items()]
-        blocks = [session.tares, values.budget * session.nuisances, *smooth]
+        smooth = [width * session.changes.smooth(name) for name, width in self._hyper.smooth_blocks(node).items()]
+        blocks = [session.changes.tares, values.budget * session.changes.nuisances, *smooth]
         blocks += [error * form for error, form in zip(values.forms, fit.form_errors, strict=True)]
         columns = np.concatenate(blocks, axis=1)
         reading = reading + columns @ rng.normal(size=columns.shape[1])
@@ -132,7 +132,7 @@ class Priors:
         wrench = self.entered.wrench.copy()
         wrench.reshape(-1)[session.rows] = reading
         read = replace(self.entered, wrench=wrench)
-        anew, mounted = session_of(self.model, read).by_group, wrench.copy()
+        anew, mounted = session_of(self.model, read).errors.by_group, wrench.copy()
         for name, size in values.groups._asdict().items():
             mounted.reshape(-1)[session.rows] += anew[name] @ rng.normal(size=anew[name].shape[1]) * size
         return replace(read, wrench=mounted)

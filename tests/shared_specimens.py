@@ -63,4 +63,4 @@ def _answer(bench: Session, rotation: int) -> Floats:
     """Change (cases, 6) of all readings per N mm of torque about a rotation, by virtual work on the stated finger."""
     from fingermodel.diagnosis.session_model.session import session_of
 
-    return session_of(bench.model, bench.observations).torque_answer[:, rotation]
+    return session_of(bench.model, bench.observations).changes.torque_answer[:, rotation]

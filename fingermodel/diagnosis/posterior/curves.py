@@ -126,14 +126,14 @@ def _unit_changes(fit: Optimum, stage: Stage) -> Iterator[tuple[tuple[str, str],
     tension = np.asarray(inputs.tension)
     share = tension / np.maximum(tension.max(axis=0), 1e-9)
     if stage == "arms":
-        answer = session.torque_answer
+        answer = session.changes.torque_answer
         for k, muscle in enumerate(topology.muscles):
             for joint in topology.joints:
                 if joint.flexion >= 0:
                     row = topology.rotations.index(joint.rotations[joint.flexion])
                     yield (muscle, joint.name), answer[:, row] * tension[:, [k]]
     elif stage == "tension":
-        by_tension = session.by_tension(fit.theta)
+        by_tension = session.changes.by_tension(fit.theta)
         for k, muscle in enumerate(topology.muscles):
             yield (muscle, ""), by_tension[:, :, k]
     else:

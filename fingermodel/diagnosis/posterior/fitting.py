@@ -143,11 +143,13 @@ class Fitter:
         """
         problem, session = self.session.problem, self.session
         values, fitted = self.hyper.values(node), session.fitted
-        blocks = [values.budget * session.nuisances[fitted]]
+        blocks = [values.budget * session.changes.nuisances[fitted]]
         blocks += [
-            size * session.by_group[name][fitted] for name, size in values.groups._asdict().items() if size > 0.0
+            size * session.errors.by_group[name][fitted] for name, size in values.groups._asdict().items() if size > 0.0
         ]
-        blocks += [width * session.smooth(name)[fitted] for name, width in self.hyper.smooth_blocks(node).items()]
+        blocks += [
+            width * session.changes.smooth(name)[fitted] for name, width in self.hyper.smooth_blocks(node).items()
+        ]
         if before is not None:
             blocks += [e * f[fitted] for e, f in zip(values.forms, before.form_errors, strict=True) if e > 0.0]
         noise = session.whitened_smooth(values.errors, bad).noise
@@ -173,12 +175,12 @@ class Fitter:
         """The session's model linearised about a parameter vector (parameters,)."""
         session, problem = self.session, self.session.problem
         model = problem.model
-        reading = session.readings(theta)
+        reading = session.changes.readings(theta)
         changes = []
         for member in explanation.members:
             without = theta.copy()
             without[list(member.parameters)] = model.parameters.initial[list(member.parameters)]
-            changes.append(reading - session.readings(without))
+            changes.append(reading - session.changes.readings(without))
         rows = session.rows[session.fitted]
         residual = np.nan_to_num(problem.observations.wrench).reshape(-1)[rows] - reading.reshape(-1)[rows]
         slopes = -reading_slopes(problem, theta)

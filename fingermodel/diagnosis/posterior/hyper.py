@@ -95,7 +95,7 @@ class Hyperparameters:
         multiple = Axis.normal(settings.MULTIPLES, np.log(settings.MULTIPLES) / settings.MULTIPLE_SPREAD)
         flat = np.ones(len(settings.SMOOTH_N))
         smooth = Axis.with_atom(settings.SMOOTH_N, flat, settings.P_SMOOTH / len(FAMILIES))
-        carriers = session.carriers
+        carriers = session.changes.carriers
         of_one = settings.P_OF_ONE / (len(carriers) - 1)
         of_each = np.log([1.0 - settings.P_OF_ONE, *[of_one] * (len(carriers) - 1)])
         return cls(
@@ -105,7 +105,9 @@ class Hyperparameters:
                 *others,
                 *[multiple] * 2,
                 *[
-                    Axis.of(settings.OF_GROUP.times(size)) if size * session.by_group[name].any() else Axis.none()
+                    Axis.of(settings.OF_GROUP.times(size))
+                    if size * session.errors.by_group[name].any()
+                    else Axis.none()
                     for name, size in GroupErrors.usual(session.model.budget)._asdict().items()
                 ],
                 *[smooth] * len(FAMILIES),

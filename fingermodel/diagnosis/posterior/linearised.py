@@ -127,7 +127,7 @@ class Linearised:
             session, problem = self.session, self.session.problem
             rows, theta = session.rows[~session.fitted], problem.centre + problem.scale * x
             free = problem.free | free_mask(session.model, self.explanation)
-            reading = session.readings(theta).reshape(-1)[rows]
+            reading = session.changes.readings(theta).reshape(-1)[rows]
             self._unseen[x.tobytes()] = reading, -slopes_of(replace(problem, free=free), theta, rows)
         return self._unseen[x.tobytes()]
 
@@ -139,7 +139,7 @@ class Linearised:
     def form_errors(self) -> list[Floats]:
         """Columns (all readings, k) of the error of form of each member that has a form."""
         session = self.session
-        return [form_columns(session.places, change, session.rows) for change in self._with_form]
+        return [form_columns(session.changes.places, change, session.rows) for change in self._with_form]
 
     @property
     def _with_form(self) -> list[Floats]:
@@ -159,7 +159,7 @@ class Linearised:
         if len(new) == 0:
             return np.zeros((int((~session.fitted).sum()), 0))
         of_load = which[:, None] == new
-        at = replace(session.places, load=of_load[cases].astype(float))
+        at = replace(session.changes.places, load=of_load[cases].astype(float))
         here = of_load.any(axis=1)[:, None]
         columns = [form_columns(at, change * here, session.rows) for change in self._with_form]
         return np.concatenate([np.zeros((len(cases), 0)), *columns], axis=1)[~session.fitted]
@@ -195,10 +195,10 @@ class Linearised:
         if name.startswith("form"):
             return self.form_errors[int(name.removeprefix("form"))]
         if is_smooth(name):
-            return session.smooth(name)
+            return session.changes.smooth(name)
         if name in GROUPS:
-            return session.by_group[name]
-        return session.nuisances if name == BUDGET else np.zeros((len(session.rows), 0))
+            return session.errors.by_group[name]
+        return session.changes.nuisances if name == BUDGET else np.zeros((len(session.rows), 0))
 
     def place(self, name: str) -> Floats:
         """(k,) where the weights of a block stand: 0 for what is no parameter."""

@@ -220,7 +220,7 @@ class Slips(PossibleSlips):
         """
         if not apart:
             return {}
-        along = self._session.by_tension(theta)
+        along = self._session.changes.by_tension(theta)
         pairs = [
             (case, slip) for case in apart for slip in self.of(case) if slip.partner is None or slip.partner in apart
         ]

@@ -112,7 +112,7 @@ def _planned(fit: Optimum, cases: Sequence[PlannedReading], inputs: LoadCaseInpu
         noise=Noise(np.zeros((count, 6, 6))),
         tared=np.zeros((0, 6)),
     )
-    return library(replace(session, problem=replace(session.problem, observations=observations, _fitted=[])), fit.theta)
+    return library(session.with_observations(observations), fit.theta)
 
 
 def _change(slope: Floats, law: SharedLaw | None, leading: Floats, first: SharedLaw) -> tuple[Floats, Floats]:

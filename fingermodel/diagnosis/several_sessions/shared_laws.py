@@ -125,7 +125,7 @@ def _effects(fits: Sequence[Optimum]) -> list[_Offer]:
     """Parameters of effects that all sessions have, linearised at their null."""
     table = fits[0].session.model.parameters
     common = set.intersection(*({f.session.model.parameters.names[i] for i in f.parameters_of[OTHERS]} for f in fits))
-    plain, out = [fit.session.readings(fit.theta) for fit in fits], []
+    plain, out = [fit.session.changes.readings(fit.theta) for fit in fits], []
     for name in table.names:
         if name not in common:
             continue
@@ -133,7 +133,7 @@ def _effects(fits: Sequence[Optimum]) -> list[_Offer]:
         for fit, now in zip(fits, plain, strict=True):
             theta = fit.theta.copy()
             theta[fit.session.model.parameters.names.index(name)] += _STEP * scale
-            changes.append((fit.session.readings(theta) - now) / _STEP)
+            changes.append((fit.session.changes.readings(theta) - now) / _STEP)
         if all(c.any() for c in changes):
             out.append(_Offer(name, table.parameters[table.names.index(name)].unit, scale, tuple(changes), None))
     return out

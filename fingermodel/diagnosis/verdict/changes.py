@@ -181,8 +181,8 @@ def told(fit: Optimum, node: Node, changes: Sequence[Change]) -> list[tuple[Chan
 def _columns(session: Session, changes: Sequence[Change], theta: Floats) -> Floats:
     """(n, k) change of the readings per unit of a further amount of each, at some parameters."""
     out = list[Floats]()
-    reading = session.readings(theta)
-    slopes = {"weight": session.by_tension, "posture": session.by_angle}
+    reading = session.changes.readings(theta)
+    slopes = {"weight": session.changes.by_tension, "posture": session.changes.by_angle}
     kinds = {change.kind for change in changes}
     by_input = {kind: slopes_at(theta) for kind, slopes_at in slopes.items() if kind in kinds}
     for change in changes:

@@ -187,7 +187,7 @@ class Entries:
     def _rows(self) -> Iterator[Corrected]:
         """Loads of some cases in a row entered one row too high or too low, as where one row was pasted elsewhere."""
         o, tension, found = self.session.observations, np.asarray(self.session.observations.inputs.tension), []
-        cases, unit = self.session.rows // 6, self.session.places.unit
+        cases, unit = self.session.rows // 6, self.session.changes.places.unit
         for step in (1, -1):
             # What each case would be off less with the load that was entered for its neighbour.
             away = self._residual(_with(o, tension=np.roll(tension, -step, axis=0)))

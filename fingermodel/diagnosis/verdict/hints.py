@@ -111,7 +111,7 @@ def library(session: Session, theta: Floats) -> Iterator[Term]:
     model, observations = session.model, session.observations
     topology, inputs = model.finger.topology, observations.inputs
     tension, posture = np.asarray(inputs.tension), np.asarray(inputs.posture)
-    answer = session.torque_answer
+    answer = session.changes.torque_answer
     angles = {r: posture[:, k] for k, r in enumerate(topology.rotations)}
     joints = [j for j in topology.joints if j.flexion >= 0]
     total = " + ".join(f"t_{m}" for m in topology.muscles)
@@ -131,12 +131,12 @@ def library(session: Session, theta: Floats) -> Iterator[Term]:
         for words, pull in squares:
             formula = f"torque[{rotation}] += k * {words}"
             yield ("torque", rotation, formula, "mm/N"), 0.3, answer[:, row] * pull[:, None]
-    by_tension = session.by_tension(theta)
+    by_tension = session.changes.by_tension(theta)
     slopes = {m: by_tension[:, :, k] for k, m in enumerate(topology.muscles) if by_tension[:, :, k].any()}
     for m, slope in slopes.items():
         for shape, values in _shapes(joints, angles):
             yield ("tension", None, f"tension[{m}] *= 1 + k{shape}", "1"), 0.1, slope * values[:, None]
-    reading = session.readings(theta)
+    reading = session.changes.readings(theta)
     for place, at in (("tip", ~np.asarray(inputs.at_bone)), ("bone", np.asarray(inputs.at_bone))):
         if not at.any():
             continue

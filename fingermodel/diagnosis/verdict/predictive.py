@@ -148,7 +148,7 @@ def _predicted(
     away = measured[unseen] - reading - columns @ (found.mean - place)
     # Tares that they share with fitted readings are known by what these leave.
     fitted, residual, _ = moved.whitened_at(found.names, node, None)
-    known, tares = moved.whitening(node) @ session.tares[session.fitted], session.tares[unseen]
+    known, tares = moved.whitening(node) @ session.changes.tares[session.fitted], session.changes.tares[unseen]
     away -= tares @ (known.T @ (residual - fitted @ (found.mean - found.place)))
     values = fit.hyper.values(node)
     moving = columns - tares @ (known.T @ fitted)
@@ -186,7 +186,7 @@ def whereabouts(fit: Optimum) -> Floats:
     """
     session, problem, about = fit.session, fit.session.problem, fit.x
     lower, upper = ((limit - problem.centre) / problem.scale for limit in (problem.lower, problem.upper))
-    unit, tried = session.places.unit[~session.fitted], list[tuple[float, Floats]]()
+    unit, tried = session.changes.places.unit[~session.fitted], list[tuple[float, Floats]]()
     for _ in range(_TIMES):
         reading, slopes = fit.unseen_about(about)
         there = np.clip(_predicted(fit, fit.best, about, robust=True)[1], lower, upper)

@@ -181,18 +181,11 @@ def _fixed(axis: int, index: int) -> Value:
     return lambda fit, node: fit.log_joint((*node[:axis], index, *node[axis + 1 :]))
 
 
-# What a session keeps of the readings that are fitted.
-_OF_THE_FITTED = ("fitted", "fitted_noise", "unlike_fitted", "_kept", "_columns")
-
-
 def _without(fit: Optimum, gone: Mask) -> Optimum:
     """A fit without some of the fitted readings (n,), at its best node alone."""
-    session = fit.session
-    kept = session.fitted.copy()
-    kept[np.flatnonzero(session.fitted)[gone]] = False
-    less = replace(session, fitted=kept)
-    less.__dict__.update({k: v for k, v in session.__dict__.items() if k not in _OF_THE_FITTED})
-    other = replace(fit, session=less, residual=fit.residual[~gone], slopes=fit.slopes[~gone], node=fit.best)
+    other = replace(
+        fit, session=fit.session.without(gone), residual=fit.residual[~gone], slopes=fit.slopes[~gone], node=fit.best
+    )
     # Other nodes are not looked for: that would take as long as a search.
     other.__dict__.update(form_errors=fit.form_errors, nodes={fit.best: other.log_joint(fit.best)})
     return other

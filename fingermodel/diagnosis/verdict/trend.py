@@ -169,10 +169,10 @@ def _asked(session: Session, theta: Floats) -> Iterator[_Asked]:
     """
     topology, inputs, cases = session.model.finger.topology, session.observations.inputs, session.rows // 6
     tension, loaded = np.asarray(inputs.tension), ~np.asarray(inputs.is_check)[cases]
-    read = session.readings(theta)
+    read = session.changes.readings(theta)
     reading = 0.01 * loaded * read[cases, session.rows % 6]
-    by_tension = 0.01 * session.by_tension(theta)[cases, session.rows % 6]
-    by_angle = np.deg2rad(1.0) * session.by_angle(theta)[cases, session.rows % 6]
+    by_tension = 0.01 * session.changes.by_tension(theta)[cases, session.rows % 6]
+    by_angle = np.deg2rad(1.0) * session.changes.by_angle(theta)[cases, session.rows % 6]
     pulling = [(f"what {m} pulls", k) for k, m in enumerate(topology.muscles) if by_tension[:, k].any()]
     time = np.asarray(inputs.elapsed)[cases]
     if lasts := float(np.ptp(time[loaded])) if loaded.any() else 0.0:

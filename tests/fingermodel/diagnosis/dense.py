@@ -26,7 +26,7 @@ def dense_of_all(fit: Optimum, node: tuple[int, ...]) -> tuple[Floats, Floats]:
     y[session.fitted], y[~session.fitted] = fit.residual, session.measured[~session.fitted] - reading
     slopes[session.fitted], slopes[~session.fitted] = fit.slopes, unseen_slopes
     every = np.ones(n, dtype=bool)
-    covariance = session.tares @ session.tares.T
+    covariance = session.changes.tares @ session.changes.tares.T
     for rows, blocks in session.noise_of(every).covariances(values.errors, ()):
         covariance[rows[:, :, None], rows[:, None, :]] += blocks
     for name in [*fit.acting(node), OWN]:

@@ -119,7 +119,7 @@ def test_validation_readings_are_predicted_as_by_the_dense_gaussian(hanger: Opti
     session, node = hanger.session, (*hanger.best[:SMOOTH], 3, 0, 2, 0, 0, *hanger.best[FORMS:])
     fitted, (left, covariance) = session.fitted, dense_of_all(hanger, node)
     # Some tares are of fitted and of validation cases.
-    assert np.any(session.tares[fitted].any(axis=0) & session.tares[~fitted].any(axis=0))
+    assert np.any(session.changes.tares[fitted].any(axis=0) & session.changes.tares[~fitted].any(axis=0))
     weight = np.linalg.solve(covariance[np.ix_(fitted, fitted)], covariance[np.ix_(fitted, ~fitted)])
     found, of_form = predicted(hanger, node), FORM_NAMED * hanger.form_errors_of_new_loads
     np.testing.assert_allclose(found.away, left[~fitted] - weight.T @ left[fitted], rtol=1e-5, atol=1e-6)
@@ -270,7 +270,9 @@ def test_of_a_change_counts_what_neither_anatomy_nor_budget_could_do(nothing: Op
     fitted = nothing.session.fitted
     names = [n for n in nothing.acting(nothing.best) if n in (*ACTING, *GROUPS)]
     blocks = np.concatenate([nothing.block(n, fitted, nothing.slopes) for n in names], axis=1)
-    columns = np.concatenate([nothing.session.tares[fitted], blocks * nothing.widths(names, nothing.best)], axis=1)
+    columns = np.concatenate(
+        [nothing.session.changes.tares[fitted], blocks * nothing.widths(names, nothing.best)], axis=1
+    )
     of_case = nothing.whitening(nothing.best).of_case
     for one in columns.T[[0, len(columns.T) // 2, -1]]:
         information = float((of_case(one) ** 2).sum())

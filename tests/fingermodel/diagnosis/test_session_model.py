@@ -85,7 +85,7 @@ def test_measured_noise_gets_more_of_each_reading_by_itself_and_assumed_noise_is
         assumed.covariances(CaseErrors(0.0, 2.0), ()),
         strict=True,
     ):
-        added = np.where(session.places.moment[session.fitted], 0.04, 0.004)[rows] ** 2
+        added = np.where(session.changes.places.moment[session.fitted], 0.04, 0.004)[rows] ** 2
         np.testing.assert_allclose(more - plain, added[:, :, None] * np.eye(rows.shape[1]), atol=1e-12)
         np.testing.assert_allclose(twice, 4.0 * same)
 
@@ -102,7 +102,7 @@ def test_a_bad_case_may_be_anything_and_the_others_are_as_before(session: Sessio
 
 
 def test_scatter_acts_on_each_tendon_by_itself(session: SessionModel) -> None:
-    by_tension = session.by_tension(session.problem.centre)
+    by_tension = session.changes.by_tension(session.problem.centre)
     for columns, tension in zip(by_tension, np.asarray(session.observations.inputs.tension), strict=True):
         assert not columns[:, tension <= 0.0].any()
 
@@ -112,7 +112,11 @@ def test_scatter_gives_the_readings_what_a_tension_a_component_the_force_or_an_a
     session: SessionModel, kind: str
 ) -> None:
     inputs, theta, step = session.observations.inputs, session.problem.centre, 1e-3
-    now, by_tension, unit = session.readings(theta), session.by_tension(theta), np.array([1.0] * 3 + [10.0] * 3)
+    now, by_tension, unit = (
+        session.changes.readings(theta),
+        session.changes.by_tension(theta),
+        np.array([1.0] * 3 + [10.0] * 3),
+    )
     if kind == "scatter":
         columns = np.moveaxis(by_tension, 2, 0)
     elif kind == "component":
@@ -162,14 +166,14 @@ def test_a_finger_that_is_clamped_anew_changes_what_is_read_in_one_setting_alone
             changed = [np.where(bone, -1.0, 1.0)[:, None] * (np.asarray(t) - now) for t in there]
         expected += [(c * here[:, None]).reshape(-1)[session.rows] / step for c in changed]
     columns = [column for column in expected if np.abs(column).max() > 1e-6]
-    assert session.by_group[kind].shape[1] == len(columns)
+    assert session.errors.by_group[kind].shape[1] == len(columns)
     for column in columns:
-        miss = np.abs(session.by_group[kind] - column[:, None]).max(axis=0).min()
+        miss = np.abs(session.errors.by_group[kind] - column[:, None]).max(axis=0).min()
         assert miss < 0.01 * np.abs(column).max()
 
 
 def test_a_zero_moves_slowly_within_a_setting_and_not_on_the_whole(session: SessionModel) -> None:
-    inputs, found = session.observations.inputs, session.by_group["drift_N"]
+    inputs, found = session.observations.inputs, session.errors.by_group["drift_N"]
     cases, component = np.divmod(session.rows, 6)
     elapsed = np.asarray(inputs.elapsed)[cases]
     place = 2 * np.asarray(inputs.setting)[cases] + np.asarray(inputs.at_bone)[cases]
@@ -184,7 +188,7 @@ def test_a_zero_moves_slowly_within_a_setting_and_not_on_the_whole(session: Sess
 
 
 def test_a_line_that_is_turned_shows_at_the_bone_wherever_its_tendon_is_loaded(session: SessionModel) -> None:
-    inputs, step, found = session.observations.inputs, 1e-6, session.by_group["line_rad"]
+    inputs, step, found = session.observations.inputs, 1e-6, session.errors.by_group["line_rad"]
     tension, suture = np.asarray(inputs.tension), np.array(session.model.values.suture)
     for muscle, axis in itertools.product(range(len(suture)), np.eye(3)):
         turned = Rotation.from_rotvec(step * axis).apply(suture[muscle]) - suture[muscle]
@@ -197,7 +201,7 @@ def test_a_line_that_is_turned_shows_at_the_bone_wherever_its_tendon_is_loaded(s
 
 def test_a_weight_errs_alike_wherever_it_hangs_and_some_of_it_on_each_tendon(session: SessionModel) -> None:
     tension, theta = np.asarray(session.observations.inputs.tension), session.problem.centre
-    by_tension, covariance = session.by_tension(theta), np.zeros((len(session.rows), len(session.rows)))
+    by_tension, covariance = session.changes.by_tension(theta), np.zeros((len(session.rows), len(session.rows)))
     for weight in np.unique(tension[tension > 0.0].round(6)):
         here = np.isclose(tension, weight, atol=1e-6)
         on = [here * (np.arange(tension.shape[1]) == t) for t in range(tension.shape[1])]
@@ -205,12 +209,12 @@ def test_a_weight_errs_alike_wherever_it_hangs_and_some_of_it_on_each_tendon(ses
             if hangs.any(axis=1).sum() > 1:
                 column = (hangs[:, None, :] * by_tension).sum(axis=2)[session.rows // 6, session.rows % 6]
                 covariance += 0.5 * np.outer(column, column)
-    found = session.by_group["weight"]
+    found = session.errors.by_group["weight"]
     np.testing.assert_allclose(found @ found.T, covariance, rtol=1e-9, atol=1e-9)
 
 
 def test_something_smooth_in_torque_reaches_tip_and_bone_together(session: SessionModel) -> None:
-    torque = session.smooth("torque:")
+    torque = session.changes.smooth("torque:")
     places = np.array(session.observations.locations)[session.rows // 6]
     strength = np.abs(torque).sum(axis=0)
     both = (np.abs(torque[places == "tip"]).sum(axis=0) > 0) & (np.abs(torque[places == "bone"]).sum(axis=0) > 0)
@@ -235,35 +239,35 @@ def test_reduced_columns_leave_out_a_hundredth_of_the_largest_variance(
 
 def test_a_discrepancy_spares_the_checks(session: SessionModel) -> None:
     checks = np.array(session.observations.roles)[session.rows // 6] == "check"
-    for carrier in session.carriers:
-        assert not session.smooth(f"torque:{carrier}")[checks].any()
-        assert not session.smooth(f"tension:{carrier}")[checks].any()
-        assert not session.smooth(f"loaded:{carrier}")[checks].any()
-    assert not session.smooth("constant:")[checks].any()
+    for carrier in session.changes.carriers:
+        assert not session.changes.smooth(f"torque:{carrier}")[checks].any()
+        assert not session.changes.smooth(f"tension:{carrier}")[checks].any()
+        assert not session.changes.smooth(f"loaded:{carrier}")[checks].any()
+    assert not session.changes.smooth("constant:")[checks].any()
 
 
 def test_what_one_tendon_carries_is_in_its_cases_alone(session: SessionModel) -> None:
     tension = np.asarray(session.observations.inputs.tension)[session.rows // 6]
     muscles = session.model.finger.topology.muscles
-    tendons = [carrier for carrier in session.carriers if carrier in muscles]
+    tendons = [carrier for carrier in session.changes.carriers if carrier in muscles]
     assert len(tendons) == np.count_nonzero(tension.any(axis=0))
     for name in tendons:
         loaded = tension[:, muscles.index(name)] > 0.0
         for family in ("torque", "tension", "loaded"):
-            columns = session.smooth(f"{family}:{name}")
+            columns = session.changes.smooth(f"{family}:{name}")
             assert columns[loaded].any()
             assert not columns[~loaded].any()
 
 
 def test_a_tension_that_gets_lost_by_posture_is_something_smooth_of_its_tendon(session: SessionModel) -> None:
     cases, components = session.rows // 6, session.rows % 6
-    by_tension = session.by_tension(session.problem.centre)[cases, components]
+    by_tension = session.changes.by_tension(session.problem.centre)[cases, components]
     names, postures = list(session.observations.posture_angles), session.observations.postures
     lost = np.array([0.1 * np.cos(session.observations.posture_angles[n][0]) for n in names])
     at = np.array([lost[names.index(postures[c])] if postures[c] else 0.0 for c in cases])
     for k, name in enumerate(session.model.finger.topology.muscles):
-        change = (at * by_tension[:, k] / session.places.unit)[:, None]
-        columns = session.smooth(f"tension:{name}") / session.places.unit[:, None]
+        change = (at * by_tension[:, k] / session.changes.places.unit)[:, None]
+        columns = session.changes.smooth(f"tension:{name}") / session.changes.places.unit[:, None]
         left = change - columns @ np.linalg.lstsq(columns, change, rcond=None)[0]
         assert np.abs(left).max() < 0.05 * np.abs(change).max()
         # Amplitudes are in newtons at the reading that changes most.
@@ -272,9 +276,9 @@ def test_a_tension_that_gets_lost_by_posture_is_something_smooth_of_its_tendon(s
 
 def test_what_one_rotation_carries_turns_about_it_alone(session: SessionModel) -> None:
     rotations = list(session.model.finger.topology.rotations)
-    answer = session.torque_answer[session.rows // 6, :, session.rows % 6]
+    answer = session.changes.torque_answer[session.rows // 6, :, session.rows % 6]
     for name in rotations:
-        columns, own = session.smooth(f"torque:{name}"), answer[:, rotations.index(name)]
+        columns, own = session.changes.smooth(f"torque:{name}"), answer[:, rotations.index(name)]
         np.testing.assert_array_equal(columns[own == 0.0], 0.0)
 
 
@@ -286,7 +290,7 @@ def test_a_clamp_that_resists_twist_leaves_joint_torques_as_they_are(session: Se
     jacobian = np.asarray(
         tip_kinematics_batch(model.finger.topology, model.values, observations.inputs.posture).jacobian
     )
-    twist = session.nuisances[:, : 2 * len(observations.layout.settings)]
+    twist = session.changes.nuisances[:, : 2 * len(observations.layout.settings)]
     for column in twist.T:
         wrench = np.zeros((len(observations.ids), 6))
         wrench[session.rows // 6, session.rows % 6] = column

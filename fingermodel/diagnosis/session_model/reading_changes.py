@@ -1,0 +1,237 @@
+"""How the readings of a session change with all that disturbs them beside the effects: columns of its model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from fingermodel.comparison.observations import Observations
+from fingermodel.diagnosis.session_model.discrepancy import (
+    Places,
+    constant_columns,
+    loaded_columns,
+    tension_columns,
+    torque_columns,
+)
+from fingermodel.diagnosis.session_model.group_errors import by_group, zero_moments
+from fingermodel.diagnosis.settings import CLAMP_SHARE
+from fingermodel.model import Model, tip_kinematics_batch
+from fingermodel.stages import LoadCaseInput
+from fingermodel.structure import Pieces
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+# Step of a derivative by the logarithm of a tension, and by an angle [rad].
+_STEP = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingChanges:
+    """How each reading changes, whichever of them are fitted.
+
+    Attributes:
+        model: with every candidate at its null.
+        observations: of the session.
+        centre: (parameters,) of the priors.
+        rows: (n,) indices of the readings into the flattened (cases, 6) wrench.
+    """
+
+    model: Model
+    observations: Observations
+    centre: Floats
+    rows: Rows
+    _smooth: dict[str, Floats] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def places(self) -> Places:
+        """Where each reading belongs."""
+        return Places.of(self.observations, self.rows)
+
+    @cached_property
+    def tares(self) -> Floats:
+        """(n, k) columns of the tares that several cases share."""
+        columns = self.observations.shared_tares[self.rows]
+        return columns[:, np.abs(columns).sum(axis=0) > 0.0]
+
+    @cached_property
+    def nuisances(self) -> Floats:
+        """(n, k) columns of the rig's budget that the model has no parameter for.
+
+        A clamp at the tip that resists twist carries a share of the abduction torque as Mx and My, one of each for
+        every setting. What the tare missed at the tip has a moment.
+        """
+        size_N = self.model.budget.zero_tip_sd_N
+        columns = [*self._clamp_twist(), *zero_moments(self.observations, self.places, self.rows, size_N)]
+        return np.array(columns).T if columns else np.zeros((len(self.rows), 0))
+
+    @property
+    def carriers(self) -> tuple[str, ...]:
+        """What something smooth may be of: of everything (""), of one tendon alone, of one rotation alone."""
+        topology = self.model.finger.topology
+        tendons = [m for m, load in zip(topology.muscles, self.places.load.T, strict=True) if load.any()]
+        return ("", *tendons, *topology.rotations)
+
+    def smooth(self, block: str) -> Floats:
+        """(n, k) columns of something smooth.
+
+        Args:
+            block: its family and what carries it (see `carriers`), as in `torque:FDP`. Families are `torque` of joints;
+                `tension`: what gets through of each; `loaded`: readings, growing with the load; `constant`: readings,
+                whatever the load.
+        """
+        if block not in self._smooth:
+            family, carrier = block.split(":")
+            topology = self.model.finger.topology
+            muscles, rotations = list(topology.muscles), list(topology.rotations)
+            at = self.places.of_muscle(muscles.index(carrier)) if carrier in muscles else self.places
+            if family == "torque":
+                only = [rotations.index(carrier)] if carrier in rotations else range(len(rotations))
+                self._smooth[block] = torque_columns(at, self._of_rows(self.torque_answer)[:, list(only)])
+            elif family == "tension":
+                only = [muscles.index(carrier)] if carrier in muscles else range(len(muscles))
+                self._smooth[block] = tension_columns(at, self.by_stated_tension[:, list(only)])
+            else:
+                self._smooth[block] = (loaded_columns if family == "loaded" else constant_columns)(at)
+        return self._smooth[block]
+
+    def forget(self) -> None:
+        """Let go of what is smooth; what is asked of it again is made again."""
+        self._smooth.clear()
+
+    @cached_property
+    def torque_answer(self) -> Floats:
+        """(cases, rotations, 6) change of every reading per N mm of torque about a rotation."""
+        topology, jacobian = self.model.finger.topology, self._tips[0]
+        rows = list(topology.reactions)
+        wrench = np.zeros((len(jacobian), len(topology.rotations), 6))
+        wrench[:, :, rows] = np.swapaxes(np.linalg.inv(np.swapaxes(jacobian[:, rows], 1, 2)), 1, 2)
+        return self._as_read(wrench)
+
+    @cached_property
+    def by_stated_tension(self) -> Floats:
+        """(n, muscles) change of every reading by the logarithm of each tension, about the priors' centre."""
+        return self._of_rows(np.swapaxes(self.by_tension(self.centre), 1, 2))
+
+    @cached_property
+    def by_stated_angle(self) -> Floats:
+        """(n, rotations) change of every reading per radian of each joint angle, about the priors' centre."""
+        return self._of_rows(np.swapaxes(self.by_angle(self.centre), 1, 2))
+
+    def by_tension(self, theta: Floats) -> Floats:
+        """(cases, 6, muscles) change of every reading by the logarithm of each tension, about some parameters."""
+        inputs = self.observations.inputs
+        tension = np.asarray(inputs.tension)
+        step = {k: _STEP * tension[:, k] for k in np.flatnonzero(tension.any(axis=0)).tolist()}
+        return self._derivatives(theta, tension, step, lambda moved: inputs._replace(tension=moved))
+
+    def by_angle(self, theta: Floats) -> Floats:
+        """(cases, 6, rotations) change of every reading per radian of each joint angle, about some parameters."""
+        inputs = self.observations.inputs
+        posture = np.asarray(inputs.posture)
+        step = {k: np.full(len(posture), _STEP) for k in range(posture.shape[1])}
+        return self._derivatives(theta, posture, step, lambda moved: inputs._replace(posture=moved))
+
+    def readings(self, theta: Floats) -> Floats:
+        """(cases, 6) what the model predicts [N, N mm]."""
+        return np.asarray(self.model.predict(self._pieces, theta).reading)
+
+    def _derivatives(
+        self, theta: Floats, values: Floats, steps: dict[int, Floats], moved: Callable[[jax.Array], LoadCaseInput]
+    ) -> Floats:
+        """(cases, 6, k) change of every reading by columns of an input (cases, k), per `_STEP`; 0 by those that stay.
+
+        Args:
+            theta: (parameters,).
+            values: the input's.
+            steps: (cases,) by which a column is moved.
+            moved: the load cases with other values of that input.
+        """
+        now = self.readings(theta)
+        out = np.zeros((*now.shape, values.shape[1]))
+        for k, step in steps.items():
+            other = values.copy()
+            other[:, k] += step
+            there = self.model.predict(moved(jax.device_put(other)), theta).reading
+            out[:, :, k] = (np.asarray(there) - now) / _STEP
+        return out
+
+    @cached_property
+    def _pieces(self) -> Pieces:
+        """The load cases, made ready once for all predictions."""
+        return self.model.pieces(self.observations.inputs)
+
+    @cached_property
+    def _tips(self) -> tuple[Floats, Floats]:
+        """Jacobian (cases, 6, rotations) of the load point, and (cases, 3, 3) from its axes to the metacarpal's."""
+        model = self.model
+        tip = tip_kinematics_batch(model.finger.topology, model.values, self.observations.inputs.posture)
+        return np.asarray(tip.jacobian), np.asarray(tip.to_base)
+
+    def _of_rows(self, changes: Floats) -> Floats:
+        """(n, k) of the readings, from changes (cases, k, 6) of all components."""
+        out: Floats = changes[self.rows // 6, :, self.rows % 6]
+        return out
+
+    def _as_read(self, wrench: Floats) -> Floats:
+        """Changes of the tip's wrench (cases, k, 6) as the cell reads them at either mount; a check reads none."""
+        inputs = self.observations.inputs
+        bone = np.zeros_like(wrench)
+        bone[:, :, :3] = -np.einsum("nij,nkj->nki", self._tips[1], wrench[:, :, :3])
+        at_bone, check = np.asarray(inputs.at_bone), np.asarray(inputs.is_check)
+        out: Floats = np.where(at_bone[:, None, None], bone, wrench) * ~check[:, None, None]
+        return out
+
+    def _clamp_twist(self) -> list[Floats]:
+        model, inputs, topology = self.model, self.observations.inputs, self.model.finger.topology
+        carried, rotations = list(topology.reactions), list(topology.rotations)
+        free = [c for c in (3, 4) if c not in carried]
+        aside = [r for r in rotations if r not in {j.name for j in topology.joints}]
+        if not free or not aside or not self.places.moment.any():
+            return []
+        jacobian = self._tips[0]
+        torque = np.asarray(model.predict(inputs, self.centre).torque)[:, rotations.index(aside[0])]
+        setting, out = np.asarray(inputs.setting), []
+        for c in free:
+            wrench = np.zeros((len(torque), 6))
+            wrench[:, c] = 1.0
+            lever = np.swapaxes(jacobian[:, carried], 1, 2)
+            wrench[:, carried] = -np.linalg.solve(lever, jacobian[:, c, :, None])[..., 0]
+            change = self._as_read(CLAMP_SHARE * torque[:, None, None] * wrench[:, None])[:, 0]
+            for k in np.unique(setting):
+                column = (change * (setting == k)[:, None]).reshape(-1)[self.rows]
+                if column.any():
+                    out.append(column)
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class LinearisedErrors:
+    """Errors of tensions and of groups of cases, linearised about a finger.
+
+    Attributes:
+        changes: of the readings.
+        about: (parameters,) of the finger; by default the priors' centre.
+    """
+
+    changes: ReadingChanges
+    about: Floats | None = None
+
+    @cached_property
+    def by_tension(self) -> Floats:
+        """(n, muscles) change of every reading by the logarithm of each tension."""
+        if self.about is None:
+            return self.changes.by_stated_tension
+        return self.changes.by_tension(self.about)[self.changes.rows // 6, self.changes.rows % 6]
+
+    @cached_property
+    def by_group(self) -> dict[str, Floats]:
+        """(n, k) change of every reading per unit of each error by group of cases (see `GroupErrors`), by its name."""
+        changes = self.changes
+        suture, by_angle = np.asarray(changes.model.values.suture), changes.by_stated_angle
+        return by_group(changes.observations, changes.rows, suture, self.by_tension, by_angle)
