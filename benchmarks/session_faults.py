@@ -172,8 +172,17 @@ def unseen_radians(session: Recorded, rng: Rng) -> None:
     _in_radians(session.unseen_postures, rng)
 
 
+def every_angle_in_radians(session: Recorded, _: Rng) -> None:
+    """Enter the angles of all postures in radians."""
+    for name in session.document["postures_deg"]:
+        _turn_into_radians(session.document["postures_deg"], name)
+
+
 def _in_radians(postures: dict[str, dict[str, float]], rng: Rng) -> None:
-    name = str(rng.choice(sorted(postures)))
+    _turn_into_radians(postures, str(rng.choice(sorted(postures))))
+
+
+def _turn_into_radians(postures: dict[str, dict[str, float]], name: str) -> None:
     postures[name].update({joint: float(np.deg2rad(angle)) for joint, angle in postures[name].items()})
 
 
@@ -271,6 +280,7 @@ FAULTS: dict[Fault, str] = {
     radians: "posture",
     unseen_sign: "posture",
     unseen_radians: "posture",
+    every_angle_in_radians: "posture",
     mass_unit: "mass_unit",
     weights_of_a_tendon: "weight",
     rows: "rows",

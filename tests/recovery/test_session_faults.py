@@ -13,6 +13,7 @@ import yaml
 
 from benchmarks.session_faults import (
     Recorded,
+    every_angle_in_radians,
     gain_of,
     joints_in_a_posture,
     mistyped_angle,
@@ -34,11 +35,6 @@ from daq.sessions.amendments import amendments_of, block_of
 from daq.sessions.models import Session
 from tests.recovery.diagnosed import diagnosed
 from tests.simulator import draw_session
-
-
-def every_angle_in_radians(session: Recorded, _: np.random.Generator) -> None:
-    for angles in session.document["postures_deg"].values():
-        angles.update({joint: float(np.deg2rad(angle)) for joint, angle in angles.items()})
 
 
 @pytest.mark.parametrize(
