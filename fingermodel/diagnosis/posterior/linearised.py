@@ -150,17 +150,14 @@ class Linearised:
     def form_errors_of_new_loads(self) -> Floats:
         """Columns (validation readings, k) of the errors of form that no fitted case can show.
 
-        They are of the cases in which tendons are loaded together that are so in no fitted case.
+        They are of the cases in which tendons are loaded together more heavily than in any fitted case at that mount.
         """
         session, cases = self.session, self.session.rows // 6
-        loads = np.asarray(session.observations.inputs.tension) > 0.0
-        which = np.unique(loads, axis=0, return_inverse=True)[1]
-        new = np.setdiff1d(which[cases[~session.fitted]], which[cases[session.fitted]])
-        if len(new) == 0:
+        new = session.loaded_anew
+        if not new.any():
             return np.zeros((int((~session.fitted).sum()), 0))
-        of_load = which[:, None] == new
-        at = replace(session.changes.places, load=of_load[cases].astype(float))
-        here = of_load.any(axis=1)[:, None]
+        at = replace(session.changes.places, load=new[cases].astype(float))
+        here = np.repeat(new.any(axis=1), 6).reshape(-1, 6)
         columns = [form_columns(at, change * here, session.rows) for change in self._with_form]
         return np.concatenate([np.zeros((len(cases), 0)), *columns], axis=1)[~session.fitted]
 

@@ -154,6 +154,22 @@ class Session:
             if postures[i] not in known or tuple(tension[i] > 0.0) not in loads or (tension[i] > most).any()
         )
 
+    @cached_property
+    def loaded_anew(self) -> Mask:
+        """(cases, sets) where a set of tendons is loaded together, each as heavily as in no fitted case at that mount.
+
+        A column is of one set of tendons at one mount.
+        """
+        inputs = self.observations.inputs
+        tension = np.asarray(inputs.tension)
+        sets = np.unique(np.column_stack([tension > 0.0, np.asarray(inputs.at_bone)]), axis=0, return_inverse=True)[1]
+        fitted, unseen = (np.unique(self.rows[chosen] // 6) for chosen in (self.fitted, ~self.fitted))
+        enough = (tension[unseen, None] <= tension[fitted] * (1.0 + _ALIKE)).all(axis=2)
+        known = (enough & (sets[unseen, None] == sets[fitted])).any(axis=1)
+        out: Mask = np.zeros((len(tension), sets.max(initial=0) + 1), dtype=bool)
+        out[unseen[~known], sets[unseen[~known]]] = True
+        return out[:, out.any(axis=0)]
+
 
 def session_of(
     model: Model, observations: Observations, plane: Plane | None = None, held: Collection[str] = ()

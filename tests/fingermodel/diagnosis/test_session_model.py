@@ -54,6 +54,35 @@ def test_a_session_in_which_nothing_hangs_is_refused_in_words(bench: Session) ->
         session_of(bench.model, empty)
 
 
+@pytest.mark.parametrize(("heavier", "new"), [(1.0, False), (10.0, True)])
+def test_only_heavier_loads_than_any_that_is_fitted_are_new(session: SessionModel, heavier: float, new: bool) -> None:
+    inputs = session.observations.inputs
+    unseen = np.unique(session.rows[~session.fitted] // 6)
+    alike = np.resize(np.unique(session.rows[session.fitted] // 6), len(unseen))
+    tension, at_bone = np.array(inputs.tension), np.array(inputs.at_bone)
+    tension[unseen], at_bone[unseen] = heavier * tension[alike], at_bone[alike]
+    hung = tension[unseen].any(axis=1)
+    other = session.with_observations(
+        replace(session.observations, inputs=inputs._replace(tension=jnp.array(tension), at_bone=jnp.array(at_bone)))
+    )
+    # A case in which nothing hangs is no heavier ten times over.
+    assert np.flatnonzero(other.loaded_anew.any(axis=1)).tolist() == unseen[hung & new].tolist()
+
+
+def test_a_set_of_tendons_that_is_fitted_at_one_mount_is_new_at_the_other(session: SessionModel) -> None:
+    inputs = session.observations.inputs
+    unseen = int(session.rows[~session.fitted][0] // 6)
+    tension, at_bone = np.array(inputs.tension), np.array(inputs.at_bone)
+    fitted = np.setdiff1d(session.rows[session.fitted] // 6, [unseen])
+    tension[:] = 0.0
+    tension[fitted, 0] = tension[unseen, 0] = 1.0
+    at_bone[fitted], at_bone[unseen] = False, True
+    other = session.with_observations(
+        replace(session.observations, inputs=inputs._replace(tension=jnp.array(tension), at_bone=jnp.array(at_bone)))
+    )
+    assert other.loaded_anew[unseen].sum() == 1
+
+
 def test_validation_cases_are_predicted_and_never_fitted(session: SessionModel) -> None:
     roles = np.array(session.observations.roles)[session.rows // 6]
     assert (roles[~session.fitted] == "validation").all()
