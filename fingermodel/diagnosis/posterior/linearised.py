@@ -147,18 +147,18 @@ class Linearised:
         return [c for m, c in zip(self.explanation.members, self.changes, strict=True) if m.candidate.has_form]
 
     @cached_property
-    def form_errors_of_new_loads(self) -> Floats:
+    def form_errors_unseen(self) -> Floats:
         """Columns (validation readings, k) of the errors of form that no fitted case can show.
 
-        They are of the cases in which tendons are loaded together more heavily than in any fitted case at that mount.
+        They are of the cases beyond all fitted ones, by tendons that are loaded together at a mount.
         """
         session, cases = self.session, self.session.rows // 6
-        new = session.loaded_anew
+        new = session.beyond_fitted
         if not new.any():
             return np.zeros((int((~session.fitted).sum()), 0))
-        at = replace(session.changes.places, load=new[cases].astype(float))
-        here = np.repeat(new.any(axis=1), 6).reshape(-1, 6)
-        columns = [form_columns(at, change * here, session.rows) for change in self._with_form]
+        of_set = new[:, None] & (session.load_sets[:, None] == np.unique(session.load_sets[new]))
+        at = replace(session.changes.places, load=of_set[cases].astype(float))
+        columns = [form_columns(at, change * new[:, None], session.rows) for change in self._with_form]
         return np.concatenate([np.zeros((len(cases), 0)), *columns], axis=1)[~session.fitted]
 
     @cached_property

@@ -144,31 +144,44 @@ class Session:
     @cached_property
     def unlike_fitted(self) -> frozenset[int]:
         """Validation cases in a posture, with tendons loaded together, or under a load that no fitted case has."""
-        tension, postures = np.asarray(self.observations.inputs.tension), self.observations.postures
-        fitted, unseen = (np.unique(self.rows[chosen] // 6).tolist() for chosen in (self.fitted, ~self.fitted))
-        known = {postures[i] for i in fitted}
+        tension, fitted, unseen = np.asarray(self.observations.inputs.tension), self._fitted_cases, self._unseen_cases
         loads, most = {tuple(tension[i] > 0.0) for i in fitted}, tension[fitted].max(axis=0) * (1.0 + _ALIKE)
-        return frozenset(
-            i
-            for i in unseen
-            if postures[i] not in known or tuple(tension[i] > 0.0) not in loads or (tension[i] > most).any()
-        )
+        strange = np.array([tuple(tension[i] > 0.0) not in loads or bool((tension[i] > most).any()) for i in unseen])
+        return frozenset(unseen[strange | self._in_new_posture].tolist())
 
     @cached_property
-    def loaded_anew(self) -> Mask:
-        """(cases, sets) where a set of tendons is loaded together, each as heavily as in no fitted case at that mount.
+    def beyond_fitted(self) -> Mask:
+        """(cases,) validation cases that are unlike any fitted one, or loaded more heavily than any alike.
 
-        A column is of one set of tendons at one mount.
+        Alike are cases at one mount in which the same tendons are loaded together.
         """
-        inputs = self.observations.inputs
-        tension = np.asarray(inputs.tension)
-        sets = np.unique(np.column_stack([tension > 0.0, np.asarray(inputs.at_bone)]), axis=0, return_inverse=True)[1]
-        fitted, unseen = (np.unique(self.rows[chosen] // 6) for chosen in (self.fitted, ~self.fitted))
+        tension, fitted, unseen = np.asarray(self.observations.inputs.tension), self._fitted_cases, self._unseen_cases
+        alike = self.load_sets[unseen, None] == self.load_sets[fitted]
         enough = (tension[unseen, None] <= tension[fitted] * (1.0 + _ALIKE)).all(axis=2)
-        known = (enough & (sets[unseen, None] == sets[fitted])).any(axis=1)
-        out: Mask = np.zeros((len(tension), sets.max(initial=0) + 1), dtype=bool)
-        out[unseen[~known], sets[unseen[~known]]] = True
-        return out[:, out.any(axis=0)]
+        out = np.zeros(len(tension), dtype=bool)
+        out[unseen] = self._in_new_posture | ~(alike & enough).any(axis=1)
+        return out
+
+    @property
+    def _fitted_cases(self) -> Rows:
+        return np.unique(self.rows[self.fitted] // 6)
+
+    @property
+    def _unseen_cases(self) -> Rows:
+        return np.unique(self.rows[~self.fitted] // 6)
+
+    @property
+    def _in_new_posture(self) -> Mask:
+        """(validation cases,) whether no fitted case is in their posture."""
+        postures = np.array(self.observations.postures)
+        return ~np.isin(postures[self._unseen_cases], postures[self._fitted_cases])
+
+    @cached_property
+    def load_sets(self) -> Rows:
+        """(cases,) numbers of the sets of tendons that are loaded together at one mount."""
+        inputs = self.observations.inputs
+        loads = np.column_stack([np.asarray(inputs.tension) > 0.0, np.asarray(inputs.at_bone)])
+        return np.unique(loads, axis=0, return_inverse=True)[1].astype(np.intp)
 
 
 def session_of(

@@ -157,8 +157,8 @@ def _predicted(
     noise = session.noise_of(unseen)
     for rows, own in noise.covariances(values.errors, ()):
         covariance[rows[:, :, None], rows[:, None, :]] += own
-    # Where other tendons are loaded together, an effect may be off by as much as its name allows.
-    of_form = FORM_NAMED * fit.form_errors_of_new_loads
+    # Where nothing alike is fitted, an effect may be off by as much as its name allows.
+    of_form = FORM_NAMED * fit.form_errors_unseen
     covariance += of_form @ of_form.T
     prediction, x = Prediction(away, covariance, noise.cases, noise.bad_size), about.copy()
     factor = root_of(covariance + _spoilt(prediction, _standing_apart(prediction) if robust else ()))

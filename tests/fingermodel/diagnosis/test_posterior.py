@@ -121,7 +121,7 @@ def test_validation_readings_are_predicted_as_by_the_dense_gaussian(hanger: Opti
     # Some tares are of fitted and of validation cases.
     assert np.any(session.changes.tares[fitted].any(axis=0) & session.changes.tares[~fitted].any(axis=0))
     weight = np.linalg.solve(covariance[np.ix_(fitted, fitted)], covariance[np.ix_(fitted, ~fitted)])
-    found, of_form = predicted(hanger, node), FORM_NAMED * hanger.form_errors_of_new_loads
+    found, of_form = predicted(hanger, node), FORM_NAMED * hanger.form_errors_unseen
     np.testing.assert_allclose(found.away, left[~fitted] - weight.T @ left[fitted], rtol=1e-5, atol=1e-6)
     expected = covariance[np.ix_(~fitted, ~fitted)] - covariance[np.ix_(~fitted, fitted)] @ weight
     np.testing.assert_allclose(found.covariance, expected + of_form @ of_form.T, rtol=1e-4, atol=1e-7)

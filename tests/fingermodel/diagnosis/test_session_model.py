@@ -55,32 +55,46 @@ def test_a_session_in_which_nothing_hangs_is_refused_in_words(bench: Session) ->
 
 
 @pytest.mark.parametrize(("heavier", "new"), [(1.0, False), (10.0, True)])
-def test_only_heavier_loads_than_any_that_is_fitted_are_new(session: SessionModel, heavier: float, new: bool) -> None:
+def test_a_case_that_is_heavier_than_all_fitted_ones_is_beyond_them(
+    session: SessionModel, heavier: float, new: bool
+) -> None:
     inputs = session.observations.inputs
     unseen = np.unique(session.rows[~session.fitted] // 6)
     alike = np.resize(np.unique(session.rows[session.fitted] // 6), len(unseen))
     tension, at_bone = np.array(inputs.tension), np.array(inputs.at_bone)
     tension[unseen], at_bone[unseen] = heavier * tension[alike], at_bone[alike]
+    postures = np.array(session.observations.postures)
+    postures[unseen] = postures[alike]
     hung = tension[unseen].any(axis=1)
     other = session.with_observations(
-        replace(session.observations, inputs=inputs._replace(tension=jnp.array(tension), at_bone=jnp.array(at_bone)))
+        replace(
+            session.observations,
+            postures=tuple(postures.tolist()),
+            inputs=inputs._replace(tension=jnp.array(tension), at_bone=jnp.array(at_bone)),
+        )
     )
     # A case in which nothing hangs is no heavier ten times over.
-    assert np.flatnonzero(other.loaded_anew.any(axis=1)).tolist() == unseen[hung & new].tolist()
+    assert np.flatnonzero(other.beyond_fitted).tolist() == unseen[hung & new].tolist()
 
 
-def test_a_set_of_tendons_that_is_fitted_at_one_mount_is_new_at_the_other(session: SessionModel) -> None:
-    inputs = session.observations.inputs
-    unseen = int(session.rows[~session.fitted][0] // 6)
-    tension, at_bone = np.array(inputs.tension), np.array(inputs.at_bone)
-    fitted = np.setdiff1d(session.rows[session.fitted] // 6, [unseen])
-    tension[:] = 0.0
-    tension[fitted, 0] = tension[unseen, 0] = 1.0
-    at_bone[fitted], at_bone[unseen] = False, True
+@pytest.mark.parametrize(("posture", "bone"), [("another", False), ("", True)])
+def test_a_case_in_another_posture_or_at_the_other_mount_is_beyond_the_fitted_ones(
+    session: SessionModel, posture: str, bone: bool
+) -> None:
+    inputs, observations = session.observations.inputs, session.observations
+    unseen, fitted = (np.unique(session.rows[chosen] // 6) for chosen in (~session.fitted, session.fitted))
+    tension, at_bone = np.zeros_like(inputs.tension), np.zeros_like(inputs.at_bone)
+    tension[:, 0], postures = 1.0, np.array([""] * len(tension), dtype=object)
+    at_bone[unseen[0]], postures[unseen[0]] = bone, posture
     other = session.with_observations(
-        replace(session.observations, inputs=inputs._replace(tension=jnp.array(tension), at_bone=jnp.array(at_bone)))
+        replace(
+            observations,
+            postures=tuple(postures.tolist()),
+            inputs=inputs._replace(tension=jnp.array(tension), at_bone=jnp.array(at_bone)),
+        )
     )
-    assert other.loaded_anew[unseen].sum() == 1
+    assert unseen[0] not in fitted
+    assert np.flatnonzero(other.beyond_fitted).tolist() == [unseen[0]]
 
 
 def test_validation_cases_are_predicted_and_never_fitted(session: SessionModel) -> None:
