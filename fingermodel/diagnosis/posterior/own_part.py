@@ -95,4 +95,6 @@ class OwnPart:
             else:
                 right.append(name)
         beyond, largest = (max(each) for each in zip(*unknown, strict=True))
-        return frozenset(name for name in right if own[name] > largest), beyond
+        # With something unknown, a bent finger and a form as wrong as a name allows might make all of an effect.
+        least = {name: max(largest, FORM_NAMED * sizes[name] if largest > 0.0 else 0.0) for name in right}
+        return frozenset(name for name in right if own[name] > least[name]), beyond
