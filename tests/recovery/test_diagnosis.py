@@ -193,7 +193,7 @@ def test_an_effect_is_added_where_the_base_fits_from_some_starts_only(tmp_path: 
     assert 50.0 < added.log_evidence_gain < 1000.0
 
 
-# Of what acts from outside, 3 of 34 sessions are named something false (benchmarks/recovery.md).
+# Of what acts from outside, 4 of 40 sessions are named something false (benchmarks/recovery.md).
 @pytest.mark.parametrize(("kind", "seed"), [("none", 1), ("one", 1), ("outside", 7)])
 def test_sessions_of_other_physics_are_named_nothing_false(tmp_path: Path, kind: Kind, seed: int) -> None:
     effects, outside = draw_truth(kind, seed)
