@@ -12,6 +12,7 @@ from tests.browser.pages import Watched, watched
 # A machine that has other work to do takes its time.
 PATIENCE_MS = 60_000
 LARGE_PX, KEY_PX = 40, 64
+NO_PLATEAU = "there is no plateau to confirm"
 
 
 def opened(browser: Any, url: str, story: Story, **given: Any) -> Watched:
@@ -59,6 +60,20 @@ def hung(seen: Watched, story: Story, case: str, what: str | None = None) -> Non
     until(seen, "(c) => document.querySelector('.now-kind').textContent === `${c} now`", case)
     # The model is compiled once.
     until(seen, "() => !document.querySelector('.now-prediction').textContent.includes('being computed')")
+
+
+def measured(seen: Watched, story: Story, count: int) -> None:
+    """Confirm the plateau; again where the cell was silent just before, as it is on a busy machine."""
+    while True:
+        refused = story.count(NO_PLATEAU)
+        seen.page.keyboard.press("Enter")
+        deadline = time.monotonic() + PATIENCE_MS / 1000.0
+        while story.count("  measured;") < count and story.count(NO_PLATEAU) == refused:
+            assert time.monotonic() < deadline, "".join(story.said[-20:])
+            time.sleep(0.05)
+        if story.count("  measured;") >= count:
+            return
+        until(seen, "() => document.querySelector('[data-command=confirm].suggested')")
 
 
 def to_the_report(seen: Watched, session: str) -> None:

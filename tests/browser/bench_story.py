@@ -167,6 +167,10 @@ class Story:
         self.log.stdin.write(line + "\n")
         self.log.stdin.flush()
 
+    def count(self, text: str) -> int:
+        """How many lines that the bench has printed have a text."""
+        return sum(text in line for line in list(self.said))
+
     def wait_for(self, text: str, count: int = 1, patience_s: float = 60.0) -> str:
         """Wait until the bench has printed a text so often; return the last line that has it."""
         end = time.monotonic() + patience_s

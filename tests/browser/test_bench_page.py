@@ -17,6 +17,7 @@ from tests.browser.bench_pages import (
     aged,
     hung,
     key,
+    measured,
     now,
     opened,
     tared,
@@ -62,8 +63,7 @@ def test_the_whole_story_from_the_first_tare_to_the_report(
             assert ("prediction hidden" in told) == blind
             assert bool(re.search(r"predicted \d", told)) != blind
             assert (seen.page.locator('.legend [data-kind="predicted"]').inner_text() == "predicted –") == blind
-            seen.page.keyboard.press("Enter")
-            story.wait_for("  measured;", k + 1)
+            measured(seen, story, k + 1)
             mark = seen.page.locator(f'[data-step="{name}"]')
             mark.and_(seen.page.locator(".measured")).wait_for()
             if name == "c007":
