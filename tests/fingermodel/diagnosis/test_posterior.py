@@ -301,6 +301,12 @@ def test_an_effect_that_anatomy_undoes_is_not_named_beside_something_smooth(hang
     undone = replace(hanger)
     undone.own.__dict__["newton"] = {name: 0.5 * hanger.own.smooth_newton(smooth)}
     assert named(undone) == frozenset()
+    # Nor one of which less is left than its form may be wrong by; where nothing unknown acts, that is enough.
+    nearly, least = replace(hanger), FORM_NAMED * hanger.sizes_newton[name]
+    assert hanger.own.smooth_newton(smooth) < 0.9 * least
+    nearly.own.__dict__["newton"] = {name: 0.9 * least}
+    assert named(nearly) == frozenset()
+    assert nearly.own.named(hanger.hyper.without_smooth(smooth))[0] == {name}
 
 
 def test_a_fit_is_let_go_as_soon_as_nobody_asks_for_it(fitter: Fitter) -> None:

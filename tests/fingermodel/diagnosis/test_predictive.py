@@ -75,15 +75,17 @@ def test_the_validation_readings_are_linearised_where_they_lie(bench: Session) -
 
 
 @pytest.mark.parametrize(("times", "vetoed"), [(1.0, False), (1.05, False), (4.0, True)])
-def test_where_other_tendons_are_loaded_together_an_effect_may_be_off_by_what_its_name_allows(
-    bench: Session, times: float, vetoed: bool
+@pytest.mark.parametrize("unseen", ["tendons together", "posture"])
+def test_where_nothing_alike_is_fitted_an_effect_may_be_off_by_what_its_name_allows(
+    bench: Session, unseen: str, times: float, vetoed: bool
 ) -> None:
     o, table = bench.observations, bench.model.parameters
     theta = table.initial.copy()
     theta[table.names.index("sheath_friction.mu")] = 0.12
     loads = [frozenset(m for m, g in masses.items() if g > 0.0) for masses in o.masses_g]
-    seen = {load for load, role in zip(loads, o.roles, strict=True) if role == "identification"}
-    new = np.array([load not in seen and role == "validation" for load, role in zip(loads, o.roles, strict=True)])
+    each = loads if unseen == "tendons together" else o.postures
+    seen = {of for of, role in zip(each, o.roles, strict=True) if role == "identification"}
+    new = np.array([of not in seen and role == "validation" for of, role in zip(each, o.roles, strict=True)])
     assert new.any()
     readings = as_read(bench, theta, np.where(new, times, 1.0)[:, None])
     found = check(fitted(bench, readings, ("sheath_friction",)))
