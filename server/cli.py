@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import _thread
+import signal
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
+from types import FrameType
 from typing import Annotated, Literal
 
 import typer
@@ -332,33 +334,44 @@ def main() -> None:
 _AGAIN_S = 0.2
 
 
+def _interrupt_later() -> None:
+    again = threading.Timer(_AGAIN_S, _thread.interrupt_main)
+    again.daemon = True
+    again.start()
+
+
 @contextmanager
 def _lost_interrupts_repeated() -> Iterator[None]:
     """Repeat an interrupt that Python drops since it came within a callback, such as JAX's of the garbage collector."""
-    before = sys.unraisablehook
+    before, handled = sys.unraisablehook, signal.getsignal(signal.SIGINT)
 
     def dropped(what: sys.UnraisableHookArgs) -> None:
-        if not issubclass(what.exc_type, KeyboardInterrupt):
-            try:
-                before(what)
-                return
-            except KeyboardInterrupt:
-                pass  # it came while another error was reported
-        while True:
-            again = threading.Timer(_AGAIN_S, _thread.interrupt_main)
-            again.daemon = True
-            try:
-                again.start()
-                return
-            except KeyboardInterrupt:
-                # It came before this has returned, where it would be dropped as well.
-                continue
+        if issubclass(what.exc_type, KeyboardInterrupt):
+            _interrupt_later()
+        else:
+            before(what)
 
+    def interrupted(number: int, frame: FrameType | None) -> None:
+        at = frame
+        while at is not None:
+            if at.f_code is dropped.__code__:
+                # Raised from there, it would be dropped for good.
+                _interrupt_later()
+                return
+            at = at.f_back
+        if callable(handled):
+            handled(number, frame)
+
+    takes_part = callable(handled) and threading.current_thread() is threading.main_thread()
     sys.unraisablehook = dropped
+    if takes_part:
+        signal.signal(signal.SIGINT, interrupted)
     try:
         yield
     finally:
         sys.unraisablehook = before
+        if takes_part and signal.getsignal(signal.SIGINT) is interrupted:
+            signal.signal(signal.SIGINT, handled)
 
 
 def _fail(text: str, code: int) -> None:

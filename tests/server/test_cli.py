@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import gc
 import os
+import signal
 import sys
 import threading
 import time
@@ -278,9 +279,9 @@ def test_an_interrupt_within_a_callback_of_the_garbage_collector_is_not_lost(
 def test_an_interrupt_while_another_error_of_a_callback_is_reported_is_not_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def report(what: Any) -> NoReturn:
+    def report(what: Any) -> None:
         assert what.exc_type is ValueError
-        raise KeyboardInterrupt
+        signal.raise_signal(signal.SIGINT)
 
     def fail(*_: object) -> NoReturn:
         gc.callbacks.remove(fail)
