@@ -92,7 +92,9 @@ class ReadingChanges:
             at = self.places.of_muscle(muscles.index(carrier)) if carrier in muscles else self.places
             if family == "torque":
                 only = [rotations.index(carrier)] if carrier in rotations else range(len(rotations))
-                self._smooth[block] = torque_columns(at, self._of_rows(self.torque_answer)[:, list(only)])
+                self._smooth[block] = torque_columns(
+                    at, self.of_rows(np.swapaxes(self.torque_answer, 1, 2))[:, list(only)]
+                )
             elif family == "tension":
                 only = [muscles.index(carrier)] if carrier in muscles else range(len(muscles))
                 self._smooth[block] = tension_columns(at, self.by_stated_tension[:, list(only)])
@@ -116,12 +118,12 @@ class ReadingChanges:
     @cached_property
     def by_stated_tension(self) -> Floats:
         """(n, muscles) change of every reading by the logarithm of each tension, about the priors' centre."""
-        return self._of_rows(np.swapaxes(self.by_tension(self.centre), 1, 2))
+        return self.of_rows(self.by_tension(self.centre))
 
     @cached_property
     def by_stated_angle(self) -> Floats:
         """(n, rotations) change of every reading per radian of each joint angle, about the priors' centre."""
-        return self._of_rows(np.swapaxes(self.by_angle(self.centre), 1, 2))
+        return self.of_rows(self.by_angle(self.centre))
 
     def by_tension(self, theta: Floats) -> Floats:
         """(cases, 6, muscles) change of every reading by the logarithm of each tension, about some parameters."""
@@ -173,9 +175,9 @@ class ReadingChanges:
         tip = tip_kinematics_batch(model.finger.topology, model.values, self.observations.inputs.posture)
         return np.asarray(tip.jacobian), np.asarray(tip.to_base)
 
-    def _of_rows(self, changes: Floats) -> Floats:
-        """(n, k) of the readings, from changes (cases, k, 6) of all components."""
-        out: Floats = changes[self.rows // 6, :, self.rows % 6]
+    def of_rows(self, changes: Floats) -> Floats:
+        """(n, k) of the readings, from changes (cases, 6, k) of all components."""
+        out: Floats = changes[self.rows // 6, self.rows % 6]
         return out
 
     def _as_read(self, wrench: Floats) -> Floats:
@@ -227,7 +229,7 @@ class LinearisedErrors:
         """(n, muscles) change of every reading by the logarithm of each tension."""
         if self.about is None:
             return self.changes.by_stated_tension
-        return self.changes.by_tension(self.about)[self.changes.rows // 6, self.changes.rows % 6]
+        return self.changes.of_rows(self.changes.by_tension(self.about))
 
     @cached_property
     def by_group(self) -> dict[str, Floats]:

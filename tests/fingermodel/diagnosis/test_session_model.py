@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -54,6 +55,12 @@ def test_a_session_in_which_nothing_hangs_is_refused_in_words(bench: Session) ->
         session_of(bench.model, empty)
 
 
+def _with_loads(session: SessionModel, postures: Any, tension: Floats, at_bone: Any) -> SessionModel:
+    """The session with other postures, tensions (cases, muscles) and mounts of its cases."""
+    inputs = session.observations.inputs._replace(tension=jnp.array(tension), at_bone=jnp.array(at_bone))
+    return session.with_observations(replace(session.observations, postures=tuple(postures.tolist()), inputs=inputs))
+
+
 @pytest.mark.parametrize(("heavier", "new"), [(1.0, False), (10.0, True)])
 def test_a_case_that_is_heavier_than_all_fitted_ones_is_beyond_them(
     session: SessionModel, heavier: float, new: bool
@@ -66,13 +73,7 @@ def test_a_case_that_is_heavier_than_all_fitted_ones_is_beyond_them(
     postures = np.array(session.observations.postures)
     postures[unseen] = postures[alike]
     hung = tension[unseen].any(axis=1)
-    other = session.with_observations(
-        replace(
-            session.observations,
-            postures=tuple(postures.tolist()),
-            inputs=inputs._replace(tension=jnp.array(tension), at_bone=jnp.array(at_bone)),
-        )
-    )
+    other = _with_loads(session, postures, tension, at_bone)
     # A case in which nothing hangs is no heavier ten times over.
     assert np.flatnonzero(other.beyond_fitted).tolist() == unseen[hung & new].tolist()
 
@@ -81,18 +82,12 @@ def test_a_case_that_is_heavier_than_all_fitted_ones_is_beyond_them(
 def test_a_case_in_another_posture_or_at_the_other_mount_is_beyond_the_fitted_ones(
     session: SessionModel, posture: str, bone: bool
 ) -> None:
-    inputs, observations = session.observations.inputs, session.observations
+    inputs = session.observations.inputs
     unseen, fitted = (np.unique(session.rows[chosen] // 6) for chosen in (~session.fitted, session.fitted))
     tension, at_bone = np.zeros_like(inputs.tension), np.zeros_like(inputs.at_bone)
     tension[:, 0], postures = 1.0, np.array([""] * len(tension), dtype=object)
     at_bone[unseen[0]], postures[unseen[0]] = bone, posture
-    other = session.with_observations(
-        replace(
-            observations,
-            postures=tuple(postures.tolist()),
-            inputs=inputs._replace(tension=jnp.array(tension), at_bone=jnp.array(at_bone)),
-        )
-    )
+    other = _with_loads(session, postures, tension, at_bone)
     assert unseen[0] not in fitted
     assert np.flatnonzero(other.beyond_fitted).tolist() == [unseen[0]]
 
