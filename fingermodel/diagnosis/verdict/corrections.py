@@ -14,10 +14,12 @@ from itertools import combinations, groupby, permutations, product
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from fingermodel.comparison.observations import Observations
 from fingermodel.diagnosis.model_free.frames import rig_mistake
 from fingermodel.diagnosis.session_model.session import Session
+from fingermodel.diagnosis.settings import EXTRA_NOISE_N, P_VALUE
 from fingermodel.diagnosis.verdict.changes import MOST_BLOCKS, Amend, Change, Kind, of_label, postures_in_use
 
 Floats = NDArray[np.float64]
@@ -36,6 +38,8 @@ _UNITS_G = {
 }
 # What one that was entered as a newton millimetre is, by the unit.
 _MOMENTS_NMM = {"in N mm": 1.0, "in N m": 1000.0, "in N cm": 10.0, "in kg mm": 9.80665}
+# Standard uncertainties by which noise is off once in 1 / P_VALUE times.
+_BEYOND_NOISE = float(np.sqrt(chdtri(1, P_VALUE)))
 # Runs of rows that are looked at.
 _RUNS = 2
 # A wrench of the other hand.
@@ -306,7 +310,10 @@ class Entries:
         words = "the readings were tared already, and the tare was taken away twice"
         yield self._one("tare", words, replace(o, wrench=o.wrench + o.tared))
         first = np.array([o.tared[o.locations.index(place)] for place in o.locations])
-        if not np.allclose(first, o.tared):
+        # Where forces of a mount's tares differ by noise, the first serves as well as each: it may even fit better.
+        usual = np.sqrt(o.noise.variance.reshape(-1, 6) + EXTRA_NOISE_N.scale**2)
+        differ = np.abs(o.tared - first) > _BEYOND_NOISE * usual
+        if np.count_nonzero(differ[:, :3].any(axis=1)) > 2:
             again = replace(o, wrench=o.wrench + o.tared - first)
             yield self._one("tare", "one tare of each mount serves all its cases", again)
 

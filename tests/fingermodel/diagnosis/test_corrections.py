@@ -1,0 +1,28 @@
+"""What may have been entered wrongly in many cases alike: what counts as another entry, and what does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fingermodel.diagnosis.session_model.session import session_of
+from fingermodel.diagnosis.verdict.corrections import Entries
+from fingermodel.session import Session
+
+ONE_TARE = "one tare of each mount serves all its cases"
+
+
+@pytest.mark.parametrize(("apart_N", "offered"), [(0.0, False), (0.01, False), (0.3, True)])
+def test_tares_that_differ_by_no_more_than_noise_are_as_good_as_one(apart_N: float, offered: bool) -> None:
+    """The first may fit better by chance; that is no fault, and would keep a true effect from being found."""
+    bench = Session.open("DEV-01")
+    rng, o = np.random.default_rng(1), bench.observations
+    tared = np.ones((len(o.ids), 6))
+    tared[:, :3] += apart_N * rng.standard_normal((len(o.ids), 3))
+    tared[:, 3:] += 10.0 * apart_N * rng.standard_normal((len(o.ids), 3))
+    session = session_of(bench.model, replace(o, tared=tared))
+    words = {c.words for c in Entries(session, session.problem.centre).corrected()}
+    assert (ONE_TARE in words) is offered
+    assert any("taken away twice" in said for said in words)
