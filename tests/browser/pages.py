@@ -142,9 +142,16 @@ def watched(browser: Any, url: str, **given: Any) -> Watched:
 
 
 @contextmanager
-def served(folder: Path, port: int = 0) -> Iterator[tuple[str, Process]]:
-    """A service with its address."""
-    process = Process(["-m", "server.cli", "serve", "--data", str(folder), "--port", str(port)])
+def served(folder: Path, port: int = 0, *, readers: bool = False) -> Iterator[tuple[str, Process]]:
+    """A service with its address.
+
+    Args:
+        folder: for its data.
+        port: or any.
+        readers: whether a process of its own answers what only reads: it takes as long to start as the service.
+    """
+    command = ["-m", "server.cli", "serve", "--data", str(folder), "--port", str(port)]
+    process = Process(command, FINGERTWIN_READER_PROCESS=str(readers))
     try:
         yield process.address(), process
     finally:

@@ -23,7 +23,7 @@ BENCH = f"sessions/{SESSION}/bench"
 def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     from fingertwin.client import Client
 
-    with served(tmp_path_factory.mktemp("service")) as (address, process):
+    with served(tmp_path_factory.mktemp("service"), readers=True) as (address, process):
         with Client(address) as twin:
             twin.upload(SESSION)
             twin.upload(PUBLISHED)

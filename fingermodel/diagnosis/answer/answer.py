@@ -16,7 +16,7 @@ from fingermodel.diagnosis.answer.rig import of_rig, remarks
 from fingermodel.diagnosis.answer.where import where
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.session_model.slips import Explained
-from fingermodel.diagnosis.settings import LIVE
+from fingermodel.diagnosis.settings import LIVE, SURE
 from fingermodel.diagnosis.verdict.own_curve import curve_answer
 from fingermodel.diagnosis.verdict.predictive import holding, together
 from fingermodel.diagnosis.verdict.verdict import misfits
@@ -227,6 +227,9 @@ def sentence(d: Diagnosis) -> str:
         return f"Something is missing that no effect here describes; see where it lies{offered}."
     if verdict.kind == "nothing_missing":
         return "Nothing is missing: noise, scatter and the small errors that every rig has explain the readings."
-    leader = f" Most likely: {' and '.join(named)}, but it is not sure." if named else ""
+    unknown = d.posterior.p_beyond >= SURE
+    beyond = " Something acts that no effect here describes." if unknown else ""
+    beside = "Beside it, most likely" if unknown else "Most likely"
+    leader = f" {beside}: {' and '.join(named)}, but that is not sure." if named else ""
     seen = f" What is left {d.trend.words}." if d.trend else ""
-    return f"Undecided.{leader}{seen}"
+    return f"Undecided.{beyond}{leader}{seen}"

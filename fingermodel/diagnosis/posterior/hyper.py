@@ -288,6 +288,16 @@ class Hyperparameters:
         ]
         return list(dict.fromkeys([node, *more, *map(self.of_all, [node, *more])]))
 
+    def narrowed(self, node: Node) -> list[Node]:
+        """This node, and those with less of what a bad case may have raised: of one axis, or of all together."""
+        modes = [axis.mode for axis in self.axes[:CARRIER]]
+        usual = [(mode, (index + mode) // 2) for index, mode in zip(node[:CARRIER], modes, strict=True)]
+        together = [(*(pair[k] for pair in usual), carrier) for k, carrier in ((0, 0), (1, node[CARRIER]))]
+        less = [(axis, index) for axis, mode in enumerate(modes) for index in range(mode, node[axis])]
+        single = [(*node[:axis], index, *node[axis + 1 : FORMS]) for axis, index in [*less, (CARRIER, 0)]]
+        each = [(*some, *node[FORMS:]) for some in (node[:FORMS], *together, *single)]
+        return list(dict.fromkeys(map(self.plainly, each)))
+
 
 def _of_one_family(own: str, size: int) -> tuple[int, ...]:
     """Amplitudes by family of what is smooth in one of them alone, as indices on their axes."""

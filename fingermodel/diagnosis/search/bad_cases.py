@@ -63,15 +63,18 @@ class BadCases:
         leader = max(fit.log_posterior for fit in fits)
         best, found = leader, frozenset[int]()
         for fit in fits:
-            apart = {c: a for c, a in fit.left_out(fit.best).items() if c not in begun.bad}
-            # However well a slip of two cases explains them, it gains no more than half their misfit.
-            most = 0.5 * sum(sorted(a.misfit for a in apart.values())[-2:])
-            if fit.log_posterior + LOG_PRIOR_ODDS + most <= leader:
-                continue
-            for case, one in self.odds.slips_of(apart, fit).items():
-                value = fit.log_posterior + LOG_PRIOR_ODDS + apart[case].anything + one.gain
-                if value > best:
-                    best, found = value, _worst({case: (value, one.partner)})
+            # As much as there is beside the best node.
+            rest = fit.log_posterior - fit.log_joint(fit.best) + LOG_PRIOR_ODDS
+            for node in fit.hyper.narrowed(fit.best):
+                here = rest + fit.log_joint(node)
+                apart = {c: a for c, a in fit.left_out(node).items() if c not in begun.bad}
+                # However well a slip of two cases explains them, it gains no more than half their misfit.
+                if here + 0.5 * sum(sorted(a.misfit for a in apart.values())[-2:]) <= leader:
+                    continue
+                for case, one in self.odds.slips_of(apart, fit, node).items():
+                    value = here + apart[case].anything + one.gain
+                    if value > best:
+                        best, found = value, _worst({case: (value, one.partner)})
         return found
 
     def most_of_any(self, begun: Beginning) -> float:

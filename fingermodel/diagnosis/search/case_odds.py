@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 import numpy as np
 from scipy.special import logsumexp
 
-from fingermodel.diagnosis.posterior.hyper import CARRIER, FORMS, Hyperparameters
+from fingermodel.diagnosis.posterior.hyper import Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart
 from fingermodel.diagnosis.session_model.session import Session
@@ -31,24 +31,16 @@ class CaseOdds:
 
     def explained(self, host: Optimum, cases: Collection[int]) -> dict[int, Explained]:
         """Slips of the cases that any could make probable enough, two at once included."""
-        return self.slips_of({c: a for c, a in host.left_out(host.best).items() if c in cases}, host)
+        return self.slips_of({c: a for c, a in host.left_out(host.best).items() if c in cases}, host, host.best)
 
-    def slips_of(self, apart: Mapping[int, Apart], host: Optimum) -> dict[int, Explained]:
-        """The same of cases held against all others already."""
+    def slips_of(self, apart: Mapping[int, Apart], host: Optimum, node: Node) -> dict[int, Explained]:
+        """The same of cases held against all others already, at a node."""
         asked = {c: a for c, a in apart.items() if a.misfit > -LOG_PRIOR_ODDS}
-        return self._slips.explain(asked, host.theta, self._hyper.values(host.best).errors.scatter)
+        return self._slips.explain(asked, host.theta, self._hyper.values(node).errors.scatter)
 
     def of_each(self, host: Optimum) -> dict[int, float]:
         """Log odds of each case to be bad, summed over nodes in which scatter, noise and smooth explain less."""
-        best = host.best
-        modes = [axis.mode for axis in self._hyper.axes]
-        usual = [(mode, (i + mode) // 2) for i, mode in zip(best[:CARRIER], modes, strict=False)]
-        usual.append((0, best[CARRIER]))
-        # All that a bad case may have raised, half or whole: together, or one by one.
-        together = [tuple(pair[k] for pair in usual) for k in (0, 1)]
-        single = [(*best[:a], i, *best[a + 1 : FORMS]) for a, pair in enumerate(usual) for i in pair]
-        each = [(*some, *best[FORMS:]) for some in (best[:FORMS], *together, *single)]
-        nodes = list(dict.fromkeys(self._hyper.plainly(node) for node in each))
+        nodes = self._hyper.narrowed(host.best)
         joint = np.array([host.log_joint(node) for node in nodes])
         total = float(logsumexp([host.log_posterior, *joint]))
         gains = [host.log_odds_bad(node) for node in nodes]
@@ -67,7 +59,7 @@ class CaseOdds:
         out = {}
         for case in bad_cases:
             without = bad_cases - {case}
-            sound = [max(fit.log_joint(node, without) for node in self._hyper.widened(fit.best)) for fit in near]
+            sound = [max(fit.log_joints(self._hyper.widened(fit.best), without)) for fit in near]
             out[case] = float(bad - logsumexp(sound))
         slips = self.explained(leader, bad_cases) if bad_cases else {}
         return {case: odds + (slips[case].gain if case in slips else 0.0) for case, odds in out.items()}, slips

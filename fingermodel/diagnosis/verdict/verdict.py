@@ -77,7 +77,8 @@ def judge(
             f"{f', most of all {words(missed[:3])}' if missed else ''}); "
             "something acts there that the fitted cases do not show"
         )
-        return Verdict("undecided", verdict.names, (), verdict.probability, verdict.reasons, (short,))
+        reasons = verdict.reasons if verdict.names else ()
+        return Verdict("undecided", verdict.names, (), verdict.probability, reasons, (short,))
     return verdict
 
 
@@ -150,7 +151,7 @@ def _found(
     if posterior.p_beyond >= 0.5:
         reasons.append(
             f"Something else acts beside it with a probability of {posterior.p_beyond:.2f}, of about "
-            f"{posterior.beyond_newton:.2f} N: less than what is found changes."
+            f"{posterior.beyond_newton:.2g} N: less than what is found changes."
         )
     reasons += _beside(posterior, names)
     # Specimens differ by more than those of one study; of the rig the bench itself states what it may be off by.
@@ -232,7 +233,7 @@ def _beyond(posterior: Posterior) -> tuple[str, ...]:
     looks = f"; the nearest law of the catalogue, {near}, would have to be another one" if near else ""
     alone = [f", of {carrier} alone" for carrier, p in posterior.carriers.items() if p >= 0.5]
     said = (
-        f"Something of about {posterior.beyond_newton:.2f} N acts that no effect here describes{''.join(alone)}{looks}."
+        f"Something of about {posterior.beyond_newton:.2g} N acts that no effect here describes{''.join(alone)}{looks}."
     )
     if best is not None and known[best] >= 0.5:
         title = next(e.title for e in leader.session.model.effects if e.name == best.split(".")[0])

@@ -9,6 +9,7 @@ from fingermodel.diagnosis import settings
 from fingermodel.diagnosis.posterior.hyper import (
     BUDGET,
     FAMILIES,
+    GROUP,
     SCATTER,
     SMOOTH,
     Hyperparameters,
@@ -47,6 +48,18 @@ def test_priors_say_what_the_explanation_says(recorded: SessionModel) -> None:
     assert np.exp(hyper.axes[SMOOTH].log_weight[0]) == pytest.approx(1.0 - settings.P_SMOOTH / len(FAMILIES))
     assert np.exp(budget.log_weight[budget.values >= 2.8]).sum() == pytest.approx(0.1, abs=0.05)
     assert np.exp(form.log_weight[form.values > settings.FORM_NAMED]).sum() == pytest.approx(0.2, abs=0.06)
+
+
+def test_all_that_a_bad_case_may_have_raised_is_asked_about_at_every_smaller_value(recorded: SessionModel) -> None:
+    """Scatter that one bad case made hides it: only at some smaller value does it stand out."""
+    hyper = Hyperparameters.of(recorded)
+    raised = list(hyper.usual)
+    raised[SCATTER], raised[GROUP] = 7, 3
+    nodes = hyper.narrowed(tuple(raised))
+    for axis in (SCATTER, GROUP):
+        rest = (*raised[:axis], *raised[axis + 1 :])
+        assert {n[axis] for n in nodes if (*n[:axis], *n[axis + 1 :]) == rest} == set(range(raised[axis] + 1))
+    assert all(value <= most for node in nodes for value, most in zip(node, raised, strict=True))
 
 
 def test_a_stated_scatter_is_believed_within_a_factor(published: SessionModel) -> None:

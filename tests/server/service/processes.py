@@ -22,16 +22,17 @@ class Process:
 
     Args:
         command: after the interpreter.
+        settings: of the environment.
     """
 
-    def __init__(self, command: list[str]) -> None:
+    def __init__(self, command: list[str], **settings: str) -> None:
         self.process = subprocess.Popen(  # noqa: S603
             [sys.executable, *command],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             stdin=subprocess.DEVNULL,
             text=True,
-            env=os.environ | {"PYTHONUNBUFFERED": "1"},
+            env=os.environ | {"PYTHONUNBUFFERED": "1"} | settings,
         )
         self._said: dict[str, list[str]] = {"out": [], "err": []}
         self._open = 2
