@@ -70,6 +70,8 @@ class BadCases:
                 apart = {c: a for c, a in fit.left_out(node).items() if c not in begun.bad}
                 # However well a slip of two cases explains them, it gains no more than half their misfit.
                 if here + 0.5 * sum(sorted(a.misfit for a in apart.values())[-2:]) <= leader:
+                    if node == fit.best:
+                        break  # far from it: not looked at more closely
                     continue
                 for case, one in self.odds.slips_of(apart, fit, node).items():
                     value = here + apart[case].anything + one.gain
