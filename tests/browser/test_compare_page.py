@@ -327,7 +327,7 @@ def test_a_folder_that_cannot_be_used_is_refused_in_one_line(seen: Watched, tmp_
     else:
         lines[0] = lines[0].replace("Fx_N", "Fx_furlong")
     if file.exists():
-        file.write_bytes(gzip.compress("\n".join(lines).encode()))
+        file.write_bytes(gzip.compress("\n".join(lines).encode(), 1))
     seen.open("", "Sessions")
     seen.page.get_by_label("Under another name").fill("refused")
     seen.page.get_by_label("A session's folder").set_input_files(folder)

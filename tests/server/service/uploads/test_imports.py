@@ -62,7 +62,7 @@ def readings(files: Files) -> list[str]:
 
 
 def with_readings(lines: list[str]) -> Files:
-    return folder_of(RECORDED) | {"readings.csv.gz": gzip.compress("\n".join(lines).encode() + b"\n")}
+    return folder_of(RECORDED) | {"readings.csv.gz": gzip.compress("\n".join(lines).encode() + b"\n", 1)}
 
 
 def test_a_folder_is_compared_as_by_the_command_line(service: ServiceReceiver) -> None:
