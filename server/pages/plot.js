@@ -20,8 +20,7 @@ export const theme = () => (dark.matches ? "dark" : "light");
 
 // Nothing of a figure ever leaves the machine. The window's size is watched here, since heights follow widths.
 const CONFIG = {
-  displaylogo: false, responsive: false, showLink: false, showEditInChartStudio: false, plotlyServerURL: "",
-  modeBarButtonsToRemove: ["sendDataToCloud", "editInChartStudio", "lasso2d", "select2d"],
+  displaylogo: false, responsive: false, showSendToCloud: false, plotlyServerURL: "", modeBarButtonsToRemove: ["lasso2d", "select2d"],
 };
 
 // Figures with words beside their bars, which would meet if they were any narrower [px]: smaller ones are scaled down, as far as they can still be read.

@@ -265,6 +265,11 @@ def test_every_page_can_be_used_by_anybody(browser: Any, url: str, path: str) ->
 def test_figures_fill_their_place_and_follow_the_window(seen: Watched) -> None:
     seen.open(f"sessions/{SESSION}/compare", f"{SESSION}: predicted against measured")
     seen.drawn()
+    # Its tools save and enlarge; none would send the figure elsewhere.
+    tools = seen.page.locator(".js-plotly-plot").first.locator(".modebar-btn")
+    names = tools.evaluate_all("buttons => buttons.map((b) => b.dataset.title)")
+    assert any(name.startswith("Download plot") for name in names)
+    assert [name for name in names if re.search("share|cloud|studio", name, re.IGNORECASE)] == []
     for width in (1280, 900, 1400):
         seen.page.set_viewport_size({"width": width, "height": 800})
         seen.page.wait_for_function(
