@@ -1,4 +1,4 @@
-"""A slip of the pen on the pages: the suspect is named, amended by one click, seen everywhere, and taken back."""
+"""A slip of the pen on the pages: the suspect is named, amended with a reason, seen everywhere, and taken back."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from tests.browser.pages import Watched, require_browser, served
 require_browser()
 
 SESSION = "DEV-02"
+WHY = "the photo shows the suture of FDS"
 
 
 @pytest.fixture(scope="module")
@@ -35,18 +36,29 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield address
 
 
-def test_a_suspect_is_amended_by_one_click_and_taken_back(seen: Watched, tmp_path: Path) -> None:
+def test_a_suspect_is_amended_with_the_users_reason_and_taken_back(seen: Watched, tmp_path: Path) -> None:
     seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
     seen.page.get_by_role("button", name="Find the missing effect").click()
     seen.page.get_by_role("heading", name="Suspect load cases").wait_for(timeout=240_000)
     assert "FDS was loaded, not FDP" in seen.text()
     assert "Found: the hanger was not weighed" in seen.text()
     seen.page.screenshot(path=tmp_path / "suspect.png", full_page=True)
-    seen.page.get_by_role("button", name="c010: amend, FDS was loaded, not FDP").click()
+    amend = seen.page.get_by_role("button", name="c010: amend, FDS was loaded, not FDP")
+    amend.click()
+    # How one knows is the user's to say: without it, nothing is amended.
+    form = seen.page.get_by_role("form", name="c010: amend, FDS was loaded, not FDP")
+    form.get_by_role("button", name="Amend").click()
+    why = form.get_by_label("Amend, because")
+    assert why.evaluate("field => !field.validity.valid && field === document.activeElement")
+    form.get_by_role("button", name="Cancel").click()
+    amend.click()
+    seen.page.screenshot(path=tmp_path / "reason.png", full_page=True)
+    why.fill(WHY)
+    form.get_by_role("button", name="Amend").click()
     seen.page.get_by_text("c010 is amended: FDS was loaded, not FDP").wait_for()
     seen.open(f"sessions/{SESSION}/compare?case=c010", f"{SESSION}: predicted against measured")
     seen.page.get_by_text("c010 is amended: FDS 950 g hung").wait_for()
-    seen.page.get_by_text("Amended (entered: FDP 950 g)").wait_for()
+    seen.page.get_by_text(f"Amended (entered: FDP 950 g): {WHY}").wait_for()
     seen.page.screenshot(path=tmp_path / "amended.png", full_page=True)
     seen.page.get_by_role("button", name="Undo: c010 amended").click()
     seen.page.get_by_text("c010 is amended: FDS 950 g hung").wait_for(state="detached")

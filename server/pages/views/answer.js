@@ -1,5 +1,5 @@
 // What a search found: the verdict in a sentence, where the model fails, what explains it, what to measure next.
-import { el, panel, quiet, table } from "../dom.js";
+import { el, fill, panel, quiet, table } from "../dom.js";
 import { compact, masses, number, percent, within, withUnit, words } from "../format.js";
 import { figure } from "../plot.js";
 
@@ -86,13 +86,15 @@ function ranking(body, link) {
 const LEFT_OUT = new Set(["amount", "window"]);
 
 function suspects(body, base, amend, amendBlocks) {
-  const like = (s) => s.reads_like.map((r) => el("div", {}, `${r.words} (${percent(r.probability)}) `,
-    el("button", { class: "small no-print", "aria-label": `${s.case}: ${LEFT_OUT.has(r.kind) ? "leave out" : "amend"}, ${r.words}`, onclick: () => amend(s.case, r, LEFT_OUT.has(r.kind)) },
-      LEFT_OUT.has(r.kind) ? "Leave it out" : "Amend")));
+  const like = (s) => s.reads_like.map((r) => {
+    const leftOut = LEFT_OUT.has(r.kind);
+    return el("div", {}, `${r.words} (${percent(r.probability)}) `, because(leftOut ? "Leave it out" : "Amend",
+      `${s.case}: ${leftOut ? "leave out" : "amend"}, ${r.words}`, (why) => amend(s.case, r, leftOut, why)));
+  });
   const without = (s) => [words(s.verdict_without?.verdict), ...(s.verdict_without?.effects || [])].filter(Boolean).join(", ");
   return [
     (body.session_faults || []).map((f) => el("p", {}, `The whole session: ${f.words} (probability ${percent(f.probability)}). `,
-      f.amend?.length ? el("button", { class: "small no-print", "aria-label": `Amend all these cases: ${f.words}`, onclick: () => amendBlocks(f) }, "Amend all these cases") : null)),
+      f.amend?.length ? because("Amend all these cases", `Amend all these cases: ${f.words}`, (why) => amendBlocks(f, why)) : null)),
     body.suspects?.length ? table([
       { title: "load case", cell: (s) => el("a", { href: `${base}/compare?${new URLSearchParams({ case: s.case })}` }, s.case) },
       { title: "probability that it is bad", n: true, cell: (s) => percent(s.probability) },
@@ -100,6 +102,22 @@ function suspects(body, base, amend, amendBlocks) {
       { title: "verdict without it", wrap: true, cell: without },
     ], body.suspects, { caption: "They count for nothing in the verdict. An amendment keeps the entry and can be undone; search again after it." }) : null,
   ];
+}
+
+/** A button that asks how one knows before it acts: the reason is kept with the change. */
+function because(title, label, act) {
+  const place = el("span", { class: "no-print" });
+  const button = el("button", { class: "small", "aria-label": label, onclick: () => {
+    const why = el("input", { required: true, placeholder: "such as: seen on video" });
+    const form = el("form", { class: "row", "aria-label": label, onsubmit: async (e) => {
+      e.preventDefault();
+      if (await act(why.value)) form.replaceWith(button);
+    } }, el("label", { class: "above" }, `${title}, because`, why), el("button", {}, title),
+    el("button", { type: "button", onclick: () => { form.replaceWith(button); button.focus(); } }, "Cancel"));
+    button.replaceWith(form);
+    why.focus();
+  } }, title);
+  return fill(place, button);
 }
 
 /** Errors of the rig that the refits take to be far beyond what is stated. */

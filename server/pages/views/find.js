@@ -51,17 +51,14 @@ export async function view(main, { session, asked }) {
     fill(found, answer(job, { session, model: () => revision(job.result), add, amend, amendBlocks, keep, planned, signal: away.signal }));
   }
 
-  async function amend(id, like, leftOut) {
+  async function amend(id, like, leftOut, why) {
     const where = `${path}/cases/${encodeURIComponent(id)}`;
-    const why = `Its reading looks so: ${like.words}`;
     const body = like.exchanged_with ? { exchanged_with: like.exchanged_with, why } : { masses_g: like.masses_g, posture: like.posture, why };
-    await edit(leftOut ? `${where}/exclude` : `${where}/amend`, leftOut ? { reason: why } : body, `${id} is ${leftOut ? "left out" : "amended"}: ${like.words}`);
+    return edit(leftOut ? `${where}/exclude` : `${where}/amend`, leftOut ? { reason: why } : body, `${id} is ${leftOut ? "left out" : "amended"}: ${like.words}`);
   }
 
   // One mistake in many cases is one edit.
-  async function amendBlocks(fault) {
-    await edit(`${path}/amend`, { amend: fault.amend, why: `All readings look so: ${fault.words}` }, `Amended: ${fault.words}`);
-  }
+  const amendBlocks = (fault, why) => edit(`${path}/amend`, { amend: fault.amend, why }, `Amended: ${fault.words}`);
 
   async function edit(address, body, said) {
     try {
@@ -69,7 +66,11 @@ export async function view(main, { session, asked }) {
       notice(new Error(`${said}. Search again to see what changes.`), "good", ["Undo", async () => {
         try { await post(`${path}/edits/${done.edit}/undo`); } catch (error) { notice(error); }
       }]);
-    } catch (error) { notice(error); }
+      return true;
+    } catch (error) {
+      notice(error);
+      return false;
+    }
   }
 
   async function keep(document_) {
