@@ -10,19 +10,19 @@ import pytest
 import yaml
 
 from daq.locations import data_dir
+from fingertwin.client import Client
 from tests.browser.pages import Watched, require_browser, served
 
 require_browser()
 
 SESSION = "DEV-02"
+OUTDATED = "The session was changed since this search: search again."
 WHY = "the photo shows the suture of FDS"
 
 
 @pytest.fixture(scope="module")
 def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A service with a session in which one tendon's name is another's."""
-    from fingertwin.client import Client
-
     folder = tmp_path_factory.mktemp("sessions") / SESSION
     shutil.copytree(data_dir() / "sessions" / SESSION, folder)
     file = folder / "session.yaml"
@@ -56,9 +56,28 @@ def test_a_suspect_is_amended_with_the_users_reason_and_taken_back(seen: Watched
     why.fill(WHY)
     form.get_by_role("button", name="Amend").click()
     seen.page.get_by_text("c010 is amended: FDS was loaded, not FDP").wait_for()
+    # The search tells of the session as it was: page and report say so, and nothing is amended twice.
+    seen.page.get_by_text(OUTDATED).wait_for()
+    amend.wait_for()
+    assert amend.is_disabled()
+    seen.open(f"sessions/{SESSION}/report", f"{SESSION}: report")
+    seen.page.get_by_text(OUTDATED).wait_for()
+    seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
+    seen.page.get_by_text(OUTDATED).wait_for()
+    assert amend.is_disabled()
     seen.open(f"sessions/{SESSION}/compare?case=c010", f"{SESSION}: predicted against measured")
     seen.page.get_by_text("c010 is amended: FDS 950 g hung").wait_for()
     seen.page.get_by_text(f"Amended (entered: FDP 950 g): {WHY}").wait_for()
     seen.page.screenshot(path=tmp_path / "amended.png", full_page=True)
     seen.page.get_by_role("button", name="Undo: c010 amended").click()
     seen.page.get_by_text("c010 is amended: FDS 950 g hung").wait_for(state="detached")
+    # With the amendment taken back, the search is of the session as it is.
+    seen.open(f"sessions/{SESSION}/find", f"{SESSION}: find the missing effect")
+    seen.drawn()
+    assert amend.is_enabled()
+    assert OUTDATED not in seen.text()
+    # Somebody else leaves a case out.
+    with Client(seen.url) as twin:
+        twin.session(SESSION).exclude("c012", "the suture slipped")
+    seen.page.get_by_text(OUTDATED).wait_for()
+    assert amend.is_enabled()

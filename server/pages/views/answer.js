@@ -88,13 +88,13 @@ const LEFT_OUT = new Set(["amount", "window"]);
 function suspects(body, base, amend, amendBlocks) {
   const like = (s) => s.reads_like.map((r) => {
     const leftOut = LEFT_OUT.has(r.kind);
-    return el("div", {}, `${r.words} (${percent(r.probability)}) `, because(leftOut ? "Leave it out" : "Amend",
+    return el("div", {}, `${r.words} (${percent(r.probability)}) `, because(s.case, leftOut ? "Leave it out" : "Amend",
       `${s.case}: ${leftOut ? "leave out" : "amend"}, ${r.words}`, (why) => amend(s.case, r, leftOut, why)));
   });
   const without = (s) => [words(s.verdict_without?.verdict), ...(s.verdict_without?.effects || [])].filter(Boolean).join(", ");
   return [
     (body.session_faults || []).map((f) => el("p", {}, `The whole session: ${f.words} (probability ${percent(f.probability)}). `,
-      f.amend?.length ? because("Amend all these cases", `Amend all these cases: ${f.words}`, (why) => amendBlocks(f, why)) : null)),
+      f.amend?.length ? because("all", "Amend all these cases", `Amend all these cases: ${f.words}`, (why) => amendBlocks(f, why)) : null)),
     body.suspects?.length ? table([
       { title: "load case", cell: (s) => el("a", { href: `${base}/compare?${new URLSearchParams({ case: s.case })}` }, s.case) },
       { title: "probability that it is bad", n: true, cell: (s) => percent(s.probability) },
@@ -104,14 +104,16 @@ function suspects(body, base, amend, amendBlocks) {
   ];
 }
 
-/** A button that asks how one knows before it acts: the reason is kept with the change. */
-function because(title, label, act) {
+/** A button that asks how one knows before it changes a case, or all: the reason is kept with the change. */
+function because(id, title, label, act) {
   const place = el("span", { class: "no-print" });
-  const button = el("button", { class: "small", "aria-label": label, onclick: () => {
+  const button = el("button", { class: "small", "aria-label": label, "data-case": id, onclick: () => {
     const why = el("input", { required: true, placeholder: "such as: seen on video" });
     const form = el("form", { class: "row", "aria-label": label, onsubmit: async (e) => {
       e.preventDefault();
-      if (await act(why.value)) form.replaceWith(button);
+      if (!(await act(why.value))) return;
+      button.disabled = true;
+      form.replaceWith(button);
     } }, el("label", { class: "above" }, `${title}, because`, why), el("button", {}, title),
     el("button", { type: "button", onclick: () => { form.replaceWith(button); button.focus(); } }, "Cancel"));
     button.replaceWith(form);

@@ -62,6 +62,15 @@ export function changes(path, { begun, done }, signal) {
   return { node, edit, load };
 }
 
+/** The changes by which a session differs from what a search took of it; what is proposed to measure is none. */
+export function since(job, edits) {
+  const undone = new Set();
+  for (const e of edits.filter((x) => x.kind === "undo" && x.created_utc <= job.started_utc).reverse()) if (!undone.has(e.number)) undone.add(e.undoes);
+  return edits.filter((e) => !["undo", "plan"].includes(e.kind) && e.in_force !== (e.created_utc <= job.started_utc && !undone.has(e.number)));
+}
+
+export const OUTDATED = "The session was changed since this search: search again.";
+
 function said(e) {
   if (e.kind === "exclude") return e.body.reason;
   if (e.kind === "windows") return Object.entries(e.body).map(([k, v]) => `${k.replace("_s", "").replaceAll("_", " ")}: ${v ? `${v[0]} to ${v[1]} s` : "none"}`).join("; ");

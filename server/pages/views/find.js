@@ -2,6 +2,7 @@
 import { at, get, post } from "../api.js";
 import { el, empty, fill, notice, panel, problem } from "../dom.js";
 import { answer } from "./answer.js";
+import { OUTDATED, since } from "./changes.js";
 import { models } from "./models.js";
 import { ownEffect, taking } from "./own.js";
 import { proposals } from "./proposals.js";
@@ -13,6 +14,7 @@ export async function view(main, { session, asked }) {
   let model = asked.model || null;
   let shown = null;
   const work = el("div", { "aria-live": "polite" });
+  const told = el("div", { role: "status" });
   const found = el("div");
   const chosen = await models(session, model, (name) => { model = name; }, away.signal);
   const thorough = el("input", { type: "checkbox", id: "thorough" });
@@ -20,7 +22,7 @@ export async function view(main, { session, asked }) {
   const planned = proposals(path, away.signal);
   const own = ownEffect(session, away.signal, (name) => add([name]));
   fill(main, el("h1", {}, `${session}: find the missing effect`),
-    panel(null, el("div", { class: "row no-print" }, chosen.node, el("label", { htmlFor: "thorough", class: "check" }, thorough, " thorough (up to a minute)"), start), work),
+    panel(null, el("div", { class: "row no-print" }, chosen.node, el("label", { htmlFor: "thorough", class: "check" }, thorough, " thorough (up to a minute)"), start), work, told),
     found, panel("On the checklist", planned.node), own.node);
 
   async function run(job, title, again) {
@@ -49,6 +51,20 @@ export async function view(main, { session, asked }) {
   function show(job) {
     shown = job;
     fill(found, answer(job, { session, model: () => revision(job.result), add, amend, amendBlocks, keep, planned, signal: away.signal }));
+    mark();
+  }
+
+  /** Say where the session was changed since the search; what was amended then is not offered again. */
+  async function mark() {
+    if (!shown) return;
+    try {
+      const changed = since(shown, (await get(`${path}/edits`, {}, away.signal)).edits);
+      const amended = changed.filter((e) => e.in_force && ["amend", "exclude"].includes(e.kind)).flatMap((e) => e.body.amendments?.map((a) => a.case) ?? e.case);
+      fill(told, changed.length ? el("p", { class: "warn" }, OUTDATED) : null);
+      for (const button of found.querySelectorAll("[data-case]")) button.disabled = amended.includes(button.dataset.case) || (button.dataset.case === "all" && amended.length > 0);
+    } catch (error) {
+      if (error.name !== "AbortError") notice(error);
+    }
   }
 
   async function amend(id, like, leftOut, why) {
@@ -64,8 +80,9 @@ export async function view(main, { session, asked }) {
     try {
       const done = await post(address, body);
       notice(new Error(`${said}. Search again to see what changes.`), "good", ["Undo", async () => {
-        try { await post(`${path}/edits/${done.edit}/undo`); } catch (error) { notice(error); }
+        try { await post(`${path}/edits/${done.edit}/undo`); await mark(); } catch (error) { notice(error); }
       }]);
+      await mark();
       return true;
     } catch (error) {
       notice(error);
@@ -106,7 +123,7 @@ export async function view(main, { session, asked }) {
     hear: (m) => {
       if (m.session !== session) return;
       if (m.kind === "revision") chosen.refresh();
-      if (m.kind === "session") planned.load();
+      if (m.kind === "session") { planned.load(); mark(); }
       // A search that somebody else began or finished.
       if (m.kind === "job" && m.body.kind === "diagnose" && !start.disabled) load();
     },

@@ -3,13 +3,16 @@ import { at, get } from "../api.js";
 import { el, fill, problem } from "../dom.js";
 import { when } from "../format.js";
 import { plotted } from "../plot.js";
+import { OUTDATED, since } from "./changes.js";
 
 export async function view(main, { session, asked }) {
   const path = at("sessions", session);
   const away = new AbortController();
-  const [searches, { revisions }] = await Promise.all([get(`${path}/diagnoses`, { limit: 50 }, away.signal), get(`${path}/revisions`, { limit: 500 }, away.signal)]);
+  const [searches, { revisions }, { edits }] = await Promise.all([get(`${path}/diagnoses`, { limit: 50 }, away.signal), get(`${path}/revisions`, { limit: 500 }, away.signal),
+    get(`${path}/edits`, {}, away.signal)]);
   const jobs = searches.jobs.filter((j) => j.state === "done");
   const job = asked.job === "none" ? null : asked.job || jobs[0]?.id || null;
+  const shown = jobs.find((j) => j.id === job);
   const model = asked.model || revisions.find((r) => r.in_force)?.id || null;
   const state = el("p", { class: "quiet", role: "status" }, "Drawing the figures …");
   const go = el("button", { class: "main", disabled: true, onclick: () => print() }, "Print or save as PDF");
@@ -17,7 +20,8 @@ export async function view(main, { session, asked }) {
   const query = { ...(job ? { job } : {}), ...(model ? { model } : {}) };
   fill(main, el("h1", { class: "no-print" }, `${session}: report`),
     el("div", { class: "row no-print" }, go, el("a", { class: "button", href: `/api/v1/sessions/${encodeURIComponent(session)}/report?${new URLSearchParams(query)}`, download: "" }, "Save as one HTML file"),
-      jobs.length ? choose() : null), state, sheet);
+      jobs.length ? choose() : null),
+    shown && since(shown, edits).length ? el("p", { class: "warn" }, OUTDATED) : null, state, sheet);
 
   function choose() {
     return el("div", {}, el("label", { htmlFor: "job" }, "With the search of"), el("select", { id: "job", onchange: (e) => {
