@@ -73,6 +73,13 @@ def test_the_whole_story_from_the_first_tare_to_the_report(
         assert seen.page.locator('[data-step="c007"]').get_attribute("aria-label").endswith("N")
         drawn = traces_drawn(seen)
         assert min(drawn) > 200, drawn
+        # While it runs, nothing can be searched for: the page says so, and what a search is, until it is closed.
+        finding = watched(browser, url)
+        finding.open(f"sessions/{story.session}/find", f"{story.session}: find the missing effect")
+        finding.page.get_by_text("The bench is still running").wait_for()
+        finding.page.get_by_text("The search fits every effect").wait_for()
+        find = finding.page.get_by_role("button", name="Find the missing effect")
+        assert find.is_disabled()
         # Closing is asked about, which the answer to the key before does not end, and can be thought better of.
         seen.page.keyboard.press("q")
         seen.page.evaluate("() => window.answer()")
@@ -85,6 +92,10 @@ def test_the_whole_story_from_the_first_tare_to_the_report(
         assert re.search(r"predicted \d", now(seen))
         assert key(seen, "next").count() == 0
         assert story.log.wait(60) == 0, "".join(story.said)
+        finding.page.get_by_text("The bench is still running").wait_for(state="detached")
+        assert find.is_enabled()
+        assert finding.complaints == []
+        finding.page.close()
         to_the_report(seen, story.session)
         seen.page.close()
         assert seen.complaints == []

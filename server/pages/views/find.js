@@ -13,6 +13,9 @@ export async function view(main, { session, asked }) {
   const away = new AbortController();
   let model = asked.model || null;
   let shown = null;
+  let busy = false;
+  // A session whose bench is running cannot be searched.
+  let running = false;
   const work = el("div", { "aria-live": "polite" });
   const told = el("div", { role: "status" });
   const found = el("div");
@@ -26,12 +29,16 @@ export async function view(main, { session, asked }) {
     found, panel("On the checklist", planned.node), own.node);
 
   async function run(job, title, again) {
-    start.disabled = true;
+    start.disabled = busy = true;
     if (!shown) fill(found);
     const done = await awaited(work, job, title, away.signal, again);
-    start.disabled = false;
+    busy = false;
+    start.disabled = running;
+    if (!done && !shown) nothing();
     return done;
   }
+
+  const nothing = () => fill(found, empty(el("p", {}, "Nothing was searched for yet."), el("p", {}, "The search fits every effect of the catalogue, and several together, to the fitted load cases; the validation cases are a predictive check. It takes some seconds, the first time on a machine up to a minute.")));
 
   async function diagnose() {
     const done = await run(post(`${path}/diagnoses`, { model, thorough: thorough.checked, effects: taking(session) }), "Fitting every effect", diagnose);
@@ -56,7 +63,7 @@ export async function view(main, { session, asked }) {
 
   /** Say where the session was changed since the search; what was amended then is not offered again. */
   async function mark() {
-    if (!shown) return;
+    if (!shown || running) return;
     try {
       const changed = since(shown, (await get(`${path}/edits`, {}, away.signal)).edits);
       const amended = changed.filter((e) => e.in_force && ["amend", "exclude"].includes(e.kind)).flatMap((e) => e.body.amendments?.map((a) => a.case) ?? e.case);
@@ -100,16 +107,20 @@ export async function view(main, { session, asked }) {
 
   async function load() {
     try {
-      await get(path, {}, away.signal);
+      const { source, closed } = await get(path, {}, away.signal);
+      running = source === "bench" && !closed;
+      start.disabled = busy || running;
+      if (running) fill(told, el("p", { class: "warn" }, "The bench is still running: close the session there, then search."));
+      else if (!shown) fill(told);
       planned.load();
       const { jobs } = await get(`${path}/diagnoses`, { limit: 20 }, away.signal);
-      const running = jobs.find((j) => ["queued", "running"].includes(j.state));
+      const under = jobs.find((j) => ["queued", "running"].includes(j.state));
       const last = jobs.find((j) => j.state === "done");
       const failed = jobs[0]?.state === "failed" ? jobs[0] : null;
       if (last && last.id !== shown?.id) show(await get(at("jobs", last.id), {}, away.signal));
-      else if (!last && !running && !start.disabled) fill(found, empty(el("p", {}, "Nothing was searched for yet."), el("p", {}, "The search fits every effect of the catalogue, and several together, to the fitted load cases; the validation cases are a predictive check. It takes some seconds, the first time on a machine up to a minute.")));
-      if (running && !start.disabled) run(Promise.resolve(running), "Fitting every effect", diagnose).then((done) => done && show(done));
-      else if (failed && !running) fill(work, problem(failed.problem), el("button", { onclick: diagnose }, "Try again"));
+      else if (!last && !under && !busy) nothing();
+      if (under && !busy) run(Promise.resolve(under), "Fitting every effect", diagnose).then((done) => done && show(done));
+      else if (failed && !under) fill(work, problem(failed.problem), el("button", { onclick: diagnose }, "Try again"));
     } catch (error) {
       if (error.name === "AbortError") return;
       start.disabled = error.status === 404;
@@ -124,9 +135,11 @@ export async function view(main, { session, asked }) {
       if (m.session !== session) return;
       if (m.kind === "revision") chosen.refresh();
       if (m.kind === "session") { planned.load(); mark(); }
+      // The bench has closed it.
+      if (m.kind === "event" && running) load();
       // A search that somebody else began or finished.
-      if (m.kind === "job" && m.body.kind === "diagnose" && !start.disabled) load();
+      if (m.kind === "job" && m.body.kind === "diagnose" && !busy) load();
     },
-    link: (state) => { if (state === "live" && !shown && !start.disabled) load(); },
+    link: (state) => { if (state === "live" && !shown && !busy) load(); },
   };
 }
