@@ -349,6 +349,25 @@ def test_a_search_is_cancelled_and_one_that_failed_says_why(seen: Watched) -> No
     seen.page.get_by_role("button", name="Try again").wait_for()
 
 
+@pytest.mark.usefixtures("added")
+def test_any_step_is_put_in_force_again_the_start_too(seen: Watched) -> None:
+    seen.open(f"sessions/{SESSION}/fall", f"{SESSION}: the fall of the error")
+    seen.page.get_by_role("button", name="Step back").click()
+    # The finger as it came is no revision: it is fitted once more without what was added.
+    seen.page.get_by_role("button", name="Put it in force again, refitted without hanger_mass").click()
+    seen.page.get_by_role("heading", name=re.compile(": without hanger_mass")).wait_for(timeout=240_000)
+    seen.page.get_by_text("It stands for the specimen.").wait_for()
+    assert "It holds no effect." in seen.text()
+    seen.page.get_by_role("button", name="Step back").click()
+    seen.page.get_by_role("button", name="Step back").click()
+    seen.page.get_by_text("it is fitted without hanger_mass").wait_for()
+    seen.page.get_by_role("button", name="Step forth").click()
+    seen.page.get_by_label("Put it in force again, because").fill("weighed: the hanger counts")
+    seen.page.get_by_role("button", name="Put it in force again", exact=True).click()
+    seen.page.get_by_text("It stands for the specimen.").wait_for()
+    assert "with hanger_mass" in seen.page.get_by_role("heading", level=3).first.inner_text()
+
+
 def test_the_pages_are_live_again_after_a_restart_and_keep_what_was_typed(browser: Any, tmp_path: Path) -> None:
     from fingertwin.client import Client
 

@@ -61,8 +61,10 @@ export async function view(main, { session, asked }) {
   /** What the first revision was made from; a finger that came with the session is named by leaving the model out. */
   async function begun(first, fingers) {
     const id = first.parent;
-    const named_ = fingers.some((f) => f.name === id) || await get(at("revisions", id), {}, away.signal).then(() => true, () => false);
-    return { id, model: named_ ? id : null, start: true, added: [], removed: [], history: first.history.filter((s) => s.id).slice(0, -1), in_force: false };
+    const shipped = fingers.some((f) => f.name === id);
+    const kept = shipped ? null : await get(at("revisions", id), {}, away.signal).catch(() => null);
+    const mine = kept?.specimen === first.specimen;
+    return { id, model: shipped || kept ? id : null, mine, start: true, added: [], removed: [], history: first.history.filter((s) => s.id).slice(0, -1), in_force: mine && kept.in_force };
   }
 
   /** The refit without what a revision adds, which is no revision itself: so that nobody takes its share for the effect's. */
@@ -95,7 +97,6 @@ export async function view(main, { session, asked }) {
     const show = el("select", { id: "vectors", onchange: () => compare() }, [["vectors", "Tip forces on the finger"], ["bone", "Forces on the metacarpal"], ["scatter", "Fitted cases, component by component"], ["scatter_validation", "Cases never fitted"], ["errors", "Errors by tendon, posture and role"], ["z", "Each case against its uncertainty"]]
       .map(([v, t]) => el("option", { value: v }, t)));
     show.value = step.dataset.figure || "vectors";
-    const why = el("input", { id: "why", required: true, placeholder: "such as: the suture had slipped" });
     fill(step, el("h3", {}, `${r.id}: ${r.added.length ? `with ${r.added.join(" and ")}` : r.removed.length ? `without ${r.removed.join(" and ")}` : "refitted"}`),
       note(`Made ${when(r.created_utc)} from ${r.parent} by ${r.method}; ${r.outcome}. It holds ${r.effects.length ? r.effects.join(", ") : "no effect"}.`,
         r.evidence?.log_evidence_gain ? ` The readings speak for the step by ${number(r.evidence.log_evidence_gain, 1)} in ln evidence. A search tells of fits of its own, which allow for what no effect describes too: its evidence and its errors with nothing added differ from these.` : ""),
@@ -104,8 +105,7 @@ export async function view(main, { session, asked }) {
       el("p", { class: "no-print" }, el("a", { href: `/api/v1/revisions/${encodeURIComponent(r.id)}/document`, download: `${r.id}.json` }, "The revision as a file"), "; ",
         el("a", { href: `${base}/compare?model=${encodeURIComponent(r.id)}` }, "compare case by case with it"), "; ",
         el("a", { href: `${base}/find?model=${encodeURIComponent(r.id)}` }, "ask whether more is missing")),
-      r.in_force ? quiet("It stands for the specimen.") : el("form", { class: "row no-print", onsubmit: (e) => { e.preventDefault(); restore(r.id, why.value); } },
-        el("div", {}, el("label", { htmlFor: "why" }, "Put it in force again, because"), why), el("button", {}, "Put it in force again")));
+      again(r));
 
     async function compare() {
       step.dataset.figure = show.value;
@@ -132,16 +132,36 @@ export async function view(main, { session, asked }) {
 
   function begin(r) {
     const vectors = el("div", { class: "drawn" });
-    fill(step, el("h3", {}, `${r.id}: the start`), quiet("Nothing was fitted or added yet. Solid arrows are measured, dashed ones predicted."), vectors);
+    fill(step, el("h3", {}, `${r.id}: the start`), quiet("Nothing was fitted or added yet. Solid arrows are measured, dashed ones predicted."), vectors, r.mine ? again(r) : without(rows[1]));
     figure(vectors, "comparison/vectors", { session, model: r.model }, { signal: away.signal });
+  }
+
+  function again(r) {
+    if (r.in_force) return quiet("It stands for the specimen.");
+    const why = el("input", { id: "why", required: true, placeholder: "such as: the suture had slipped" });
+    return el("form", { class: "row no-print", onsubmit: (e) => { e.preventDefault(); restore(r.id, why.value); } },
+      el("div", {}, el("label", { htmlFor: "why" }, "Put it in force again, because"), why), el("button", {}, "Put it in force again"));
+  }
+
+  // A finger is no revision of the specimen: what the first step added is taken out of it again, and that is fitted.
+  function without(first) {
+    if (!first.added.length) return null;
+    const effects = first.added.join(" and ");
+    const added = (e) => first.added.some((a) => a === e || a.startsWith(`${e}.`));
+    const current = rows.find((r) => r.in_force);
+    if (current?.effects.every((e) => first.effects.includes(e) && !added(e))) return quiet(`${current.id} stands for the specimen: it is fitted without ${effects}.`);
+    const take = () => fit(post(`${path}/revisions`, { without: first.added, model: first.id }), `Taking out ${effects}, refitting`, take);
+    return el("button", { class: "no-print", onclick: take }, `Put it in force again, refitted without ${effects}`);
   }
 
   async function restore(id, why) {
     try { await post(`${at("revisions", id)}/restore`, { why }); await load(); } catch (error) { notice(error); }
   }
 
-  async function refit() {
-    const done = await awaited(work, post(`${path}/fits`, {}), "Refitting", away.signal, refit);
+  const refit = () => fit(post(`${path}/fits`, {}), "Refitting", refit);
+
+  async function fit(job, title, retry) {
+    const done = await awaited(work, job, title, away.signal, retry);
     if (done) now = done.result?.model || now;
     if (!away.signal.aborted) await load();
   }
