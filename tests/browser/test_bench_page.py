@@ -115,6 +115,14 @@ def test_what_goes_wrong_is_said_while_the_weight_hangs_and_leaves_with_its_caus
         hung(seen, story, "c001", "c003")
         alert.get_by_text("The force can hardly be right").wait_for()
         assert "Leave it on and look: right tendon" in alert.inner_text()
+        # What it reads like can be read from afar too, with room for a second line of it; the keys stay in sight.
+        hint = alert.get_by_text("c001 reads like FDS 900 g: is a weight on FDS?")
+        assert hint.evaluate("e => parseFloat(getComputedStyle(e).fontSize)") >= LARGE_PX
+        seen.page.set_viewport_size({"width": 1280, "height": 720})
+        keys = [button.bounding_box() for button in seen.page.locator(".keypad button").all()]
+        assert max(k["y"] + k["height"] for k in keys) + hint.bounding_box()["height"] <= 720
+        seen.page.screenshot(path=tmp_path / "hint.png")
+        seen.page.set_viewport_size({"width": 1280, "height": 800})
         assert seen.page.locator(".now-todo").is_hidden()
         hung(seen, story, "c001")
         until(seen, "() => !document.querySelector('[aria-label=\"Look now\"]').childElementCount")
@@ -304,8 +312,9 @@ def test_it_can_be_read_from_two_metres_pressed_with_gloves_and_looked_back_in(
         assert seen.page.get_by_text(shown).count() == 1
         live.click()
         seen.page.get_by_text("the last 20 s").wait_for()
-        for size in ({"width": 820, "height": 1180}, {"width": 1280, "height": 800}):
+        for size in ({"width": 390, "height": 844}, {"width": 820, "height": 1180}, {"width": 1280, "height": 800}):
             seen.page.set_viewport_size(size)
+            assert seen.page.locator(".now-force").evaluate("e => e.scrollWidth <= e.clientWidth")
             wide = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
             assert seen.page.evaluate(wide) <= 0
         # A tare that is older than it should be is asked for again.
