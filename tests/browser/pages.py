@@ -79,10 +79,10 @@ def shade(place: Any, side: str = "right") -> float:
     from PIL import Image
 
     picture = np.asarray(Image.open(io.BytesIO(place.screenshot(animations="disabled"))).convert("L")).astype(float)
-    # Nine in ten of its dots are darker than that: what is bright there is the paper. Above stand headings.
-    return 255.0 - float(
-        np.percentile(picture[-3:-1] if side == "below" else picture[len(picture) // 2 : -20, -3:-1], 90)
-    )
+    # Nine in ten of its dots are darker than that: what is bright there is the paper. Above stand headings, and at
+    # the left the first column: they stay in sight, and hide the shade.
+    edge = picture[-3:-1, picture.shape[1] // 4 :] if side == "below" else picture[len(picture) // 2 : -20, -3:-1]
+    return 255.0 - float(np.percentile(edge, 90))
 
 
 # Where a point of a figure is on the page: [x, y] in px; a cell of a map is named by row and column.
