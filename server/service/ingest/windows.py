@@ -87,8 +87,6 @@ class Windows:
                     return out
                 for window in new:
                     self._reduce(connection, session, stream, window, windows[window], out, whole=whole)
-                if not state.ended:
-                    self._forget(session, stream, out.failed)  # a log that has ended may be gone on with
         return out
 
     def one(self, session: str, stream: str | None, window: Span) -> Plateau | None:
@@ -134,17 +132,13 @@ class Windows:
             mine = (chunks.c.session == session) & (chunks.c.stream == stream)
             span = select(func.min(chunks.c.first_s), func.max(chunks.c.last_s)).where(mine)
             first_s, last_s = connection.execute(span).one()
-            found = out.failed[window] = outside(window, name, first_s, last_s, _WHERE)
+            # Not remembered: a log that has ended may be gone on with, and another case may have the same window.
+            out.failed[window] = outside(window, name, first_s, last_s, _WHERE)
+            return
         except ReadingsError as error:
             # Without what it was raised in: it is kept.
             found = out.failed[window] = error.with_traceback(None)
         self._remember({(session, stream, window): found})
-
-    def _forget(self, session: str, stream: str, failed: Mapping[Span, ReadingsError]) -> None:
-        with self._lock:
-            for window, error in failed.items():
-                if isinstance(error, OutsideError):
-                    self._known.pop((session, stream, window), None)
 
     def _remember(self, found: Mapping[_Key, Plateau | ReadingsError]) -> None:
         with self._lock:

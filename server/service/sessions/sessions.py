@@ -8,11 +8,13 @@ from typing import Any
 
 from sqlalchemy import case, delete, func, insert, select, update
 
+from daq.errors import OutsideError
 from daq.sessions import FINGER_DOCUMENT, parse_session, plain_document
 from fingermodel.fingers.files import finger_from_dict
 from server.service.ingest.stored import raise_version
+from server.service.ingest.windows import Windows
 from server.service.sessions.planned import PLAN, edit_of, proposal
-from server.service.sessions.records import EDIT_KINDS, Record, read_record, undone_edits
+from server.service.sessions.records import EDIT_KINDS, WINDOWS, Record, read_record, undone_edits
 from server.service.sessions.sizes import MOST_CASES, require_case_id, require_sizes
 from server.service.storage.audit import actor
 from server.service.storage.checksums import fingerprint
@@ -33,13 +35,14 @@ class Sessions:
         database: where they are kept.
         messages: are told of every change.
         fingers: names of the fingers that a session may name.
+        windows: tells whether a window lies within its recording.
 
     Attributes:
         fingers: those names.
     """
 
-    def __init__(self, database: Database, messages: Messages, fingers: frozenset[str]) -> None:
-        self._database, self._messages, self.fingers = database, messages, fingers
+    def __init__(self, database: Database, messages: Messages, fingers: frozenset[str], windows: Windows) -> None:
+        self._database, self._messages, self.fingers, self._windows = database, messages, fingers, windows
 
     def create(self, name: str, document: Mapping[str, Any] | None, *, arriving: bool = False) -> bool:
         """Begin a session.
@@ -206,7 +209,7 @@ class Sessions:
             # Before it is kept: what the session would be.
             changed = read_record(connection, name)
             if changed.cases:
-                changed.session()
+                self._require_within(record, changed)
         return number
 
     def propose(self, name: str, body: Mapping[str, Any]) -> int:
@@ -262,6 +265,22 @@ class Sessions:
             raise ProblemError(
                 409, f"session {record.id} is held by a bench", "an exclusion at the bench, before predictions are seen"
             )
+
+    def _require_within(self, before: Record, after: Record) -> None:
+        """Refuse windows that an edit brings and that lie outside the recording: no case could be compared then.
+
+        Raises:
+            InputError: one does, or the session cannot be used.
+        """
+        had = {tuple(c[k]) for c in before.cases if c.get("excluded") is None for k in WINDOWS if c.get(k)}
+        new = {
+            window: f"case {case.id}: {key}"
+            for case in after.session().cases if case.excluded is None
+            for key, window in case.windows() if window not in had
+        }  # fmt: skip
+        for fault in self._windows.reduce(after.id, after.stream, new).failed.values():
+            if isinstance(fault, OutsideError):
+                raise fault
 
     def _sound(self, name: str, document: Mapping[str, Any]) -> dict[str, Any]:
         """Return a document that can be used, with nothing that would reach a file."""

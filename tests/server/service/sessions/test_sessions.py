@@ -127,16 +127,37 @@ def test_an_undone_edit_leaves_nothing_behind_and_an_undo_can_be_undone(fresh: S
 
 def test_a_window_outside_a_finished_recording_is_an_error_until_it_is_mended(fresh: ServiceReceiver) -> None:
     client = fresh.client()
-    upload(client, RECORDED)
+    document = document_of(RECORDED)
+    sound, document["cases"][0]["loaded_s"] = document["cases"][0]["loaded_s"], [9000.0, 9003.0]
+    client.post(AT, json={"id": RECORDED, "document": document}).raise_for_status()
+    describe(client, RECORDED)
+    chunks = list(chunks_of(RECORDED))
+    for chunk in chunks:
+        put(client, RECORDED, chunk).raise_for_status()
     path = f"{AT}/{RECORDED}"
-    moved = client.put(f"{path}/cases/c001/windows", json={"loaded_s": [9000.0, 9003.0]}).json()
-    assert (moved["case"]["state"], "outside the recording" in moved["case"]["why"]) == ("failed", True)
     refused = client.get(f"{path}/comparison")
     assert refused.status_code == 422
-    end_s = next(c.t_s[-1] for c in reversed(list(chunks_of(RECORDED))) if len(c))
-    said = "case c001: loaded_s [9000, 9003] s lies outside the recording, which runs from 0 to"
-    assert f"{said} {end_s:g} s" in refused.text
-    client.post(f"{path}/edits/{moved['edit']}/undo", json={}).raise_for_status()
+    end_s = next(c.t_s[-1] for c in reversed(chunks) if len(c))
+    runs = f"lies outside the recording, which runs from 0 to {end_s:g} s"
+    assert f"case c001: loaded_s [9000, 9003] s {runs}" in refused.text
+    mended = client.put(f"{path}/cases/c001/windows", json={"loaded_s": sound})
+    assert mended.status_code == 200
+    assert client.get(f"{path}/comparison").status_code == 200
+    # No edit brings one back: all other cases could not be compared either.
+    undone = client.post(f"{path}/edits/{mended.json()['edit']}/undo", json={})
+    assert (undone.status_code, undone.json()["found"].split(" (")[0]) == (
+        422,
+        f"case c001: loaded_s [9000, 9003] s {runs}",
+    )
+    for case, window in (("c002", [9000, 9003]), ("c002", [-50, -40]), ("c001", [5, 900_000])):
+        answer = client.put(f"{path}/cases/{case}/windows", json={"loaded_s": window})
+        told = answer.json()
+        assert answer.status_code == 422
+        assert told["found"].startswith(f"case {case}: loaded_s [{window[0]:g}, {window[1]:g}] s {runs}")
+        assert (told["expected"], told["remedy"].split(",")[0]) == ("windows inside it", "Correct the window")
+    added = document["cases"][0] | {"id": "new"}
+    assert client.post(f"{path}/cases", json={"case": added}).status_code == 422
+    assert [e["number"] for e in client.get(f"{path}/edits").json()["edits"]] == [mended.json()["edit"]]
     assert client.get(f"{path}/comparison").status_code == 200
 
 

@@ -19,6 +19,7 @@ from sqlalchemy import select, text
 from sqlalchemy.exc import SQLAlchemyError
 
 from server.service.ingest.ingest import Ingest, Sent
+from server.service.ingest.windows import Windows
 from server.service.operation.migrate import upgrade
 from server.service.operation.scrub import damage_of
 from server.service.sessions.sessions import Sessions
@@ -42,7 +43,7 @@ def begun() -> bytes:
         database = Database(f"sqlite:///{folder}/{FILE}")
         upgrade(database)
         told = Messages(database)
-        Sessions(database, told, frozenset()).create(SESSION, None)
+        Sessions(database, told, frozenset(), Windows(database)).create(SESSION, None)
         for bench in BENCHES:
             Ingest(database, told).describe(SESSION, bench, b'{"driver": "made"}')
         database.close()
