@@ -47,7 +47,7 @@ Session = Annotated[str | None, Query(max_length=200, description="To leave the 
 def listed(
     request: Request,
     session: Session = None,
-    after: Annotated[int, Query(ge=0, description="Number of an entry; younger ones follow.")] = 0,
+    after: Annotated[int, Query(ge=0, le=1 << 53, description="Number of an entry; younger ones follow.")] = 0,
     limit: Annotated[int, Query(ge=1, le=1000)] = 200,
     check: Annotated[bool, Query(description="Whether to follow the whole chain of checksums.")] = False,
 ) -> JsonAnswer:

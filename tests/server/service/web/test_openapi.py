@@ -73,6 +73,16 @@ def test_every_quantity_says_its_unit(document: Found) -> None:
     assert not silent
 
 
+def test_every_whole_number_in_an_address_has_a_greatest_value(document: Found) -> None:
+    parameters = [(where, p) for where, o in operations(document) for p in o.get("parameters", ())]
+    kinds = [
+        (f"{where}: {p['name']}", kind) for where, p in parameters for kind in p["schema"].get("anyOf", [p["schema"]])
+    ]
+    whole = [(where, kind) for where, kind in kinds if kind.get("type") == "integer"]
+    assert whole
+    assert not [where for where, kind in whole if "maximum" not in kind]
+
+
 def test_every_example_is_as_its_schema_says(document: Found) -> None:
     tried = 0
     for where, schema, example in examples(document, "#"):
