@@ -201,7 +201,14 @@ def unusable(database: Database, error: DBAPIError) -> InputError:
     if "locked" in said or "busy" in said:
         return LaterError(f"{file} is in use ({said})", "nobody else who writes it", "End the other program")
     if "full" in said:
-        return LaterError(f"the disk of {file} is full", "space for the database", "Make room")
+        # A purge writes, too; what the log holds may need as much room again in the file.
+        log = file.with_name(f"{file.name}-wal")
+        least_MB = 4 + (log.stat().st_size if log.exists() else 0) // 1_000_000
+        return LaterError(
+            f"the disk of {file} is full",
+            f"{least_MB} MB of free space, also for a purge",
+            "Move other files off this disk, such as backups and former databases, and try again",
+        )
     if "no such" in said:
         return InputError(
             f"{file} lacks what its version has ({said})", "all of its tables", "Restore a backup: fingertwin restore"

@@ -10,11 +10,13 @@ import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 from sqlalchemy import ColumnElement, Table, delete, exists, func, or_, select, tuple_, update
+from sqlalchemy.exc import OperationalError
 
-from daq.errors import InputError
+from daq.errors import LaterError
 from server.service.settings import What
 from server.service.storage.audit import record
 from server.service.storage.database import Database
@@ -130,12 +132,19 @@ def give_back(database: Database, *, alone: bool = False) -> bool:
         alone: whether nobody else uses it: then a file of an earlier version, which cannot shrink, is made anew.
 
     Raises:
-        InputError: there is no space for that.
+        LaterError: there is no space for a new file.
+        OperationalError: the file cannot be written, such as on a full disk.
     """
-    file = database.file
-    if file is None:
+    if database.file is None:
         return True
-    # Not within a transaction, and stepped through to its end, which only the driver itself does.
+    try:
+        return _give_back(database.file, alone)
+    except sqlite3.Error as error:
+        raise OperationalError("give back", None, error) from error
+
+
+def _give_back(file: Path, alone: bool) -> bool:
+    # Stepped through to its end, which only the driver itself does.
     with closing(sqlite3.connect(file, timeout=60.0, isolation_level=None)) as connection:
         bit_by_bit = connection.execute("PRAGMA auto_vacuum").fetchone()[0] == 2
         if not bit_by_bit and alone:
@@ -143,12 +152,15 @@ def give_back(database: Database, *, alone: bool = False) -> bool:
                 connection.execute("PRAGMA auto_vacuum=INCREMENTAL")
                 connection.execute("VACUUM")
             except sqlite3.Error as error:
-                raise InputError(
+                raise LaterError(
                     f"{file} cannot be made smaller ({error})", "as much free space as it has content", "Make room"
                 ) from error
         elif bit_by_bit:
             while connection.execute("PRAGMA freelist_count").fetchone()[0]:
-                connection.execute(f"PRAGMA incremental_vacuum({_PAGES})").fetchall()
+                # Within a transaction: without one, the driver passes over a full disk, and this would never end.
+                with connection:
+                    connection.execute("BEGIN IMMEDIATE")
+                    connection.execute(f"PRAGMA incremental_vacuum({_PAGES})").fetchall()
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
         return bit_by_bit or alone
 

@@ -35,6 +35,7 @@ from server.service.storage.schema import (
     sessions,
     streams,
 )
+from tests.daq.faulty_disk import FULL, Disk, available, faulty
 from tests.server.service.postgres import postgres_url
 
 COUNT = 40
@@ -200,3 +201,27 @@ def test_the_command_says_what_it_removes_also_while_a_service_runs(
     # That of the session which is gone went with it.
     assert "3 jobs are removed" in run("jobs", "--older-than", "1")
     database.close()
+
+
+@pytest.mark.skipif(not available(), reason="SQLite's way to the disk cannot be taken over here")
+@pytest.mark.parametrize("what", ["deleted", "jobs", "messages"])
+def test_on_a_full_disk_the_command_says_in_one_line_what_room_it_needs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'fingertwin.db'}")
+    fill(database)
+    for each in ("deleted", "jobs", "messages"):
+        purge(database, each, 0)
+    database.close()
+    monkeypatch.setattr("sys.argv", ["fingertwin", "purge", what, "--older-than", "0", "--data", str(tmp_path)])
+    full = Disk(tmp_path.resolve(), fails="write", code=FULL)
+    with held(tmp_path), faulty(full), pytest.raises(SystemExit) as caught:
+        cli.main()
+    said = capsys.readouterr().err
+    assert caught.value.code == cli.AGAIN_LATER
+    assert said.count("\n") == 1
+    assert "MB of free space, also for a purge. Move other files off this disk" in said
+    # Once there is room, it goes on.
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    assert caught.value.code == 0
