@@ -65,9 +65,9 @@ export async function view(main) {
         el("p", {}, `${EXAMPLE} comes with the software: a recorded session with a hidden effect. Or choose a session's folder below.`)));
     } else {
       fill(list, shown.length ? table([
-        { title: "session", cell: (r) => el("a", { href: href(r.id, r.source === "bench" && !r.closed_utc ? "bench" : "compare") }, r.id) },
+        { title: "session", cell: (r) => el("a", { href: href(r.id, r.closed ? "compare" : "bench") }, r.id) },
         { title: "specimen", cell: (r) => r.specimen },
-        { title: "from", cell: (r) => (r.source === "bench" ? (r.closed_utc ? "a bench" : "a bench, running") : "a document") },
+        { title: "from", cell: from },
         { title: "began", cell: (r) => when(r.created_utc) },
         { title: "streams", n: true, cell: (r) => String(r.streams) },
         { title: "export", cell: (r) => exports(r.id) },
@@ -80,6 +80,12 @@ export async function view(main) {
       { title: "how it came to be", wrap: true, cell: (s) => s.steps.at(-1).why },
       { title: "steps", n: true, cell: (s) => String(s.steps.length) },
     ], known, { caption: "Each with the revision of its model that stands for it" })) : null);
+  }
+
+  /** A bench that was cut off is not closed either, so that nothing is said here of whether one runs. */
+  function from(r) {
+    if (r.source === "bench") return r.closed ? "a bench" : "a bench, not closed";
+    return r.source === "document" ? "a document" : r.streams ? "a log without a protocol" : "nothing yet";
   }
 
   function exports(id) {

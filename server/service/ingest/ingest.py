@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from sqlalchemy import Connection, func, insert, select, update
+from sqlalchemy import Connection, case, func, insert, select, update
 
 from daq.acquisition.blocks import Chunk
+from daq.bench.record import STARTED
 from daq.errors import JournalError, ReadingsError
+from daq.journal.rows import Event
 from daq.recordings.windows import require_increasing
 from server.service.ingest.stored import canonical_object, event_of, gaps, raise_version
 from server.service.storage.audit import record
@@ -29,7 +31,7 @@ from server.service.web.strict_requests import read_json
 
 # A name of a stream or an epoch goes into keys and addresses.
 _NAME = re.compile(r"[A-Za-z0-9._:-]{1,100}")
-_MOST_COUNT = 1 << 53
+_MOST_COUNT, _MOST_NAME = 1 << 53, 100
 # A chunk is some hundred milliseconds; beyond a minute at 10 kHz it is none.
 MOST_SAMPLES = 1 << 20
 
@@ -229,7 +231,7 @@ class Ingest:
                 row = {"session": session, "epoch": epoch, "number": number, "arrival": arrival}
                 row |= {"sha256": sent.sha256, "body": sent.body.decode()}
                 connection.execute(insert(events).values(row))
-                raise_version(connection, session, **({"closed_utc": now_utc()} if event.kind == "closed" else {}))
+                raise_version(connection, session, **_known_by(event))
                 told = read_json(sent.body) | {"epoch": epoch, "number": number}
                 telling.tell("event", session, told)
             return _event_cursor(connection, session, epoch)
@@ -249,6 +251,17 @@ class Ingest:
             query = query.where(chunks.c.stream == stream).order_by(chunks.c.first_seq)
             missing = gaps((r.first_seq, r.n) for r in connection.execute(query))
         return {"next_seq": row["next_seq"], "missing": missing, "ended": row["ended"], "epoch": row["epoch"]}
+
+
+def _known_by(event: Event) -> dict[str, Any]:
+    """Return what an event tells that the session's row keeps."""
+    if event.kind == "closed":
+        return {"closed_utc": now_utc()}
+    specimen = event.value.get("specimen") if event.kind == STARTED else None
+    name = specimen.get("id") if isinstance(specimen, dict) else None
+    if not isinstance(name, str) or len(name) > _MOST_NAME:
+        return {}
+    return {"specimen": case((sessions.c.document.is_(None), name), else_=sessions.c.specimen)}
 
 
 def _require_session(connection: Connection, session: str, *, hidden: bool = False) -> None:

@@ -84,10 +84,13 @@ class SessionListed(Shown):
 
     id: str
     specimen: str | None
-    source: str
+    source: str = Field(description="document, bench, or none where nothing is known yet.")
     version: int
     created_utc: str
-    closed_utc: str | None
+    closed: bool = Field(description="Whether predictions of validation cases may be seen.")
+    closed_utc: str | None = Field(
+        description="When it was closed; null of a document, which is closed from its start."
+    )
     streams: int
 
 

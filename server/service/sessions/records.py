@@ -26,6 +26,7 @@ __all__ = [
     "Edit",
     "Record",
     "apply_edits",
+    "is_closed",
     "live_edits",
     "read_record",
     "steps_of",
@@ -158,12 +159,17 @@ def read_record(connection: Connection, name: str) -> Record:
         source=source,
         document=document,
         bench=bench,
-        closed=source == "document" or row.closed_utc is not None,
+        closed=is_closed(source, row.closed_utc),
         edits=changes,
         stream=_stream(happened, known),
         created_utc=row.created_utc,
         problem=problem,
     )
+
+
+def is_closed(source: str, closed_utc: str | None) -> bool:
+    """Return whether predictions of a session's validation cases may be seen: a document is no running bench's."""
+    return source == "document" or closed_utc is not None
 
 
 def apply_edits(document: Mapping[str, Any], changes: Sequence[Edit]) -> dict[str, Any]:

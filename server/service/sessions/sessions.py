@@ -6,22 +6,23 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from sqlalchemy import case, delete, func, insert, select, update
+from sqlalchemy import case, delete, exists, func, insert, select, update
 
+from daq.bench.record import STARTED
 from daq.errors import OutsideError
 from daq.sessions import FINGER_DOCUMENT, parse_session, plain_document
 from fingermodel.fingers.files import finger_from_dict
 from server.service.ingest.stored import raise_version
 from server.service.ingest.windows import Windows
 from server.service.sessions.planned import PLAN, edit_of, proposal
-from server.service.sessions.records import EDIT_KINDS, WINDOWS, Record, read_record, undone_edits
+from server.service.sessions.records import EDIT_KINDS, WINDOWS, Record, is_closed, read_record, undone_edits
 from server.service.sessions.sizes import MOST_CASES, require_case_id, require_sizes
 from server.service.storage.audit import actor
 from server.service.storage.checksums import fingerprint
 from server.service.storage.database import Database, now_utc
 from server.service.storage.messages import Messages, Telling
 from server.service.storage.purge import erase
-from server.service.storage.schema import edits, sessions, streams
+from server.service.storage.schema import edits, events, sessions, streams
 from server.service.web.problems import ProblemError, not_found, shortened
 
 # Goes into addresses and names of files that are exported.
@@ -136,14 +137,16 @@ class Sessions:
         """Return sessions by id, after one of them."""
         kept = sessions.c
         # Documents may have megabytes, and are not read for this.
-        source = case((kept.document.is_not(None), "document"), else_="bench").label("source")
+        began = exists().where((events.c.session == kept.id) & events.c.body.contains(f'"{STARTED}"'))
+        source = case((kept.document.is_not(None), "document"), (began, "bench"), else_="none").label("source")
         count = select(func.count()).where(streams.c.session == kept.id).scalar_subquery().label("streams")
         query = select(kept.id, kept.specimen, source, kept.version, kept.created_utc, kept.closed_utc, count)
         query = query.where(kept.deleted_utc.is_(None), kept.id > after).order_by(kept.id).limit(limit)
         if specimen is not None:
             query = query.where(kept.specimen == specimen)
         with self._database.reading() as connection:
-            return [dict(row) for row in connection.execute(query).mappings()]
+            rows = connection.execute(query).mappings().all()
+        return [{**row, "closed": is_closed(row["source"], row["closed_utc"])} for row in rows]
 
     def close(self, name: str) -> None:
         """Close a session: predictions of its validation cases may be seen from here on.

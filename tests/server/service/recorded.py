@@ -72,6 +72,16 @@ def upload(client: Any, name: str) -> None:
             put(client, name, chunk).raise_for_status()
 
 
+def listed_as_answered(client: Any, name: str) -> dict[str, Any]:
+    """A session in the list, which says what its own answer says."""
+    row: dict[str, Any] = next(s for s in client.get("/api/v1/sessions").json()["sessions"] if s["id"] == name)
+    answer = client.get(f"/api/v1/sessions/{name}").json()
+    shared = ("specimen", "source", "closed", "version", "created_utc")
+    assert {k: row[k] for k in shared} == {k: answer[k] for k in shared}
+    assert row["streams"] == len(answer["streams"])
+    return row
+
+
 def holding(folder: Path, *names: str) -> Iterator[ServiceReceiver]:
     """A service that has received shipped sessions whole, until it is left."""
     service = ServiceReceiver(folder)

@@ -12,6 +12,7 @@ from daq.journal.reader import JournalReader
 from daq.uplink.thread import Uplink
 from server.service.answers import dumps
 from tests.daq.bench_plays import LONG_BLOCK_S, Bench, case, gone_on, hung, journalled, load, tared, truth, wait, whole
+from tests.server.service.recorded import listed_as_answered
 from tests.server.service.running import ServiceReceiver
 
 AT = "/api/v1/sessions"
@@ -61,7 +62,9 @@ def without_end() -> list[Any]:
 def test_a_bench_is_at_the_service_what_it_is_in_its_folder(played: Played) -> None:
     played.bench.play(whole(), block_s=LONG_BLOCK_S)
     played.send()
-    assert played.get("")["closed"] is True
+    listed = listed_as_answered(played.client, "S1")
+    assert (listed["source"], listed["closed"], listed["specimen"]) == ("bench", True, "P1")
+    assert [s["id"] for s in played.client.get(AT, params={"specimen": "P1"}).json()["sessions"]] == ["S1"]
     assert played.get("/document")["cases"] == played.bench.run.record.document()["cases"]
     results = {r.case: r for r in played.bench.run.results()}
     cases = {c["id"]: c for c in played.get("/cases")["cases"]}
@@ -92,7 +95,7 @@ def test_each_case_has_its_force_in_the_next_moment(played: Played) -> None:
 def test_nothing_tells_of_a_validation_case_before_the_bench_closes_the_session(played: Played) -> None:
     played.bench.play(without_end(), block_s=LONG_BLOCK_S)
     played.send()
-    assert played.get("")["closed"] is False
+    assert listed_as_answered(played.client, "S1")["closed"] is False
     hidden = next(c for c in played.get("/cases")["cases"] if c["role"] == "validation")
     assert hidden["state"] == "measured"
     assert hidden["blinded"]

@@ -20,6 +20,7 @@ from tests.server.service.recorded import (
     describe,
     document_of,
     holding,
+    listed_as_answered,
     put,
     small,
     upload,
@@ -331,6 +332,16 @@ def test_a_session_is_begun_once_and_a_deleted_one_keeps_its_id(fresh: ServiceRe
     gone = client.post(AT, json={"id": "S1", "document": small()})
     assert gone.status_code == 409
     assert "deleted" in gone.json()["detail"]
+
+
+def test_the_list_says_of_a_session_what_its_own_answer_says(fresh: ServiceReceiver) -> None:
+    client = fresh.client()
+    client.post(AT, json={"id": "S1", "document": small()}).raise_for_status()
+    client.post(AT, json={"id": "LOG"}).raise_for_status()
+    describe(client, "LOG")
+    document, log = listed_as_answered(client, "S1"), listed_as_answered(client, "LOG")
+    assert (document["source"], document["closed"]) == ("document", True)
+    assert (log["source"], log["closed"], log["specimen"]) == ("none", False, None)
 
 
 def test_lists_are_paged_without_loss(fresh: ServiceReceiver) -> None:
