@@ -244,6 +244,8 @@ def test_the_next_case_tests_the_finding(planned: tuple[Session, Diagnosis, Path
     plan = plan_next(found)
     assert found.verdict.effects == ("hanger_mass",)
     assert plan.cases
+    assert set(plan.explanations.values()) == {0.5}
+    assert "nat; if both are equally probable before, probability of the true one" in plan.text
     assert plan.cases[0].information_nat >= plan.cases[-1].information_nat > 0.0
     assert any("weigh the hangers" in text for text in plan.instruments)
 

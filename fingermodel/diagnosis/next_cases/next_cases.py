@@ -60,6 +60,7 @@ class NextCase:
         separates: names of the explanations that it parts best.
         expected_probability: of whichever explanation is true, afterwards.
         predictions: by explanation: mean (components,) and standard deviation, reading's noise included.
+        tests: whether two explanations are taken as equally probable before it, whatever the session says of them.
     """
 
     case: PlannedReading
@@ -67,9 +68,11 @@ class NextCase:
     separates: tuple[str, ...]
     expected_probability: float
     predictions: dict[str, tuple[Floats, Floats]]
+    tests: bool
 
     def as_dict(self) -> dict[str, Any]:
         """As the answer gives it."""
+        before = "if both are equally probable before, " if self.tests else ""
         return self.case.as_dict() | {
             "information_nat": self.information_nat,
             "separates": list(self.separates),
@@ -84,7 +87,7 @@ class NextCase:
                 for name, (mean, covariance) in self.predictions.items()
             },
             "text": f"{self.case.words}: would part "
-            f"{' from '.join(self.separates[:2])} ({self.information_nat:.2f} nat; probability of the true one "
+            f"{' from '.join(self.separates[:2])} ({self.information_nat:.2f} nat; {before}probability of the true one "
             f"{self.expected_probability:.2f} afterwards)",
         }
 
@@ -95,7 +98,7 @@ class Plan:
 
     Attributes:
         cases: best first; none where no available load case separates anything.
-        explanations: that were held against each other, with their probabilities.
+        explanations: that were held against each other, with their probabilities; 0.5 each where one is tested.
         instruments: what else would separate them.
         text: one plain sentence.
     """
@@ -112,7 +115,7 @@ def name_of(fit: Optimum) -> str:
 
 
 def live_explanations(diagnosis: Diagnosis) -> dict[str, tuple[Optimum, float]]:
-    """Explanations that are still possible; a finding is held against nothing missing, to be tested."""
+    """Explanations that are still possible; a finding is tested against nothing missing, both equally probable."""
     posterior = diagnosis.posterior
     out: dict[str, tuple[Optimum, float]] = {}
     for names, p in sorted(posterior.of_explanations().items(), key=lambda item: -item[1]):
@@ -166,13 +169,14 @@ def plan_next(diagnosis: Diagnosis, cases: Sequence[PlannedReading] | None = Non
     names = list(live)
     prior = np.array([p for _, p in live.values()])
     rng = np.random.default_rng(SEED)
+    tests = prior.tolist() == [0.5, 0.5]
     predicted = {name: _predict(diagnosis, fit, cases) for name, (fit, _) in live.items()} if cases else {}
     out = []
     for i, case in enumerate(cases):
         components = [0, 1, 2, 3] if case.location == "tip" and _reads_moments(diagnosis) else [0, 1, 2]
         each = {n: (predicted[n][0][i, components], predicted[n][1][i][np.ix_(components, components)]) for n in names}
         told, probability = information([each[n] for n in names], prior, rng)
-        out.append(NextCase(case, told, _parted(names, each, prior), probability, each))
+        out.append(NextCase(case, told, _parted(names, each, prior), probability, each, tests))
     out.sort(key=lambda c: -c.information_nat)
     best = tuple(c for c in _varied(out) if c.information_nat >= WORTH_NAT)[:OFFERED]
     shown_by = {effect.name: effect.shown_by for effect in diagnosis.session.model.effects if effect.shown_by}
