@@ -189,11 +189,11 @@ def _angles(value: Any) -> tuple[float, ...]:
     return numbers
 
 
-def _word(value: Any) -> str:
+def _word(value: Any, wanted: str = "a name") -> str:
     if isinstance(value, date):
         return value.isoformat()
     if isinstance(value, bool) or not isinstance(value, str | int | float) or not str(value).strip():
-        refuse(f"is {shown(value)}", "a name")
+        refuse(f"is {shown(value)}", wanted)
     return str(value)
 
 
@@ -234,6 +234,7 @@ def _of(check: Callable[..., Any], *arguments: Any) -> BeforeValidator:
 
 Triple = tuple[float, float, float]
 Word = Annotated[str, _of(_word)]
+Reason = Annotated[str, _of(_word, "a reason in words")]
 Whole = Annotated[int, _of(_whole)]
 Number = Annotated[float, _of(number)]
 Window = Annotated[tuple[float, float], _of(_window)]

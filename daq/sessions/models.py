@@ -26,6 +26,7 @@ from daq.vocabulary import (
     Masses,
     Number,
     OffsetVector,
+    Reason,
     Rotation,
     Spread,
     TorqueVector,
@@ -177,7 +178,7 @@ class LoadCase(Open):
     force_sd_N: Spread | None = None
     force_cov_N2: Covariance3 | None = None
     torque_Nmm: TorqueVector | None = None
-    excluded: Word | None = None
+    excluded: Reason | None = None
     note: Word | None = None
 
     @property
@@ -301,8 +302,8 @@ class Amendment(Strict):
     case: Word
     masses_g: Masses | None = None
     posture: Word | None = None
-    excluded: Word | None = None
-    why: Word
+    excluded: Reason | None = None
+    why: Reason
     at: Word
     by: Word | None = None
 

@@ -129,10 +129,10 @@ def parse(text: str, where: str) -> Formula:
         raise ModelError(f"{where}: a formula has {len(text)} characters", f"at most {LENGTH_LIMIT}", "Split it")
     line = " ".join(text.split())
     if not line.isascii() or not line.isprintable():
-        raise ModelError(f"{where}: formula {line!r} is not plain ASCII", "Latin letters, digits and + - * / ( )")
+        raise ModelError(f"{_place(line, where)} is not plain ASCII", "Latin letters, digits and + - * / ( )")
     found = _LINE.fullmatch(line)
     if found is None:
-        raise ModelError(f"{where}: formula {line!r} cannot be read", _SHAPE, "To subtract x write += -x")
+        raise ModelError(f"{_place(line, where)} cannot be read", _SHAPE, "To subtract x write += -x")
     try:
         target = _target(found["what"], found["place"] or "", found["name"], found["axis"] or "")
         tree = ast.parse(found["right"].strip(), mode="eval").body
@@ -141,13 +141,19 @@ def parse(text: str, where: str) -> Formula:
         raise about(line, where, fault) from None
     except (SyntaxError, ValueError, RecursionError, MemoryError) as fault:
         why = str(fault.msg) if isinstance(fault, SyntaxError) else "too deep"
-        raise ModelError(f"{where}: formula {line!r} cannot be read ({why})", "an expression after the sign") from fault
+        raise ModelError(f"{_place(line, where)} cannot be read ({why})", "an expression after the sign") from fault
     return Formula(line, target, "+=" if found["operator"] == "+=" else "*=", tree, names)
+
+
+def _place(line: str, where: str) -> str:
+    """Return where a formula stands: in a file, or nowhere else where it was given by itself."""
+    itself = f"formula {line!r}"
+    return itself if where == itself else f"{where}: {itself}"
 
 
 def about(line: str, where: str, fault: ModelError) -> ModelError:
     """Return the same fault with the formula's text and file."""
-    return ModelError(f"{where}: formula {line!r} {fault.found}", fault.expected, fault.remedy)
+    return ModelError(f"{_place(line, where)} {fault.found}", fault.expected, fault.remedy)
 
 
 def _target(what: str, place: str, name: str, axis: str) -> Target:

@@ -119,4 +119,4 @@ def formula_of(text: str) -> Effect:
         "formula": text,
         "parameters": {"k": {"unit": unit, "range": [-reach, reach]}},
     }
-    return formula_effect(document, f"formula {text!r}")
+    return formula_effect(document, f"formula {' '.join(text.split())!r}")

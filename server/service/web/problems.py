@@ -20,6 +20,8 @@ from server.service.storage.checksums import DamagedError
 PROBLEM = "application/problem+json"
 # Longer texts of a client's are not sent back, nor are longer parts of a problem.
 _SHOWN, _SAID = 200, 1000
+# So many faults of a request are told in its line, and up to 50 beside it.
+_FAULTS = 3
 
 
 class Problem(BaseModel):
@@ -148,10 +150,10 @@ async def answer_invalid(_: Request, error: Exception) -> Response:
         )
         said = ProblemError(422, found, "JSON without NaN, zero characters and lone surrogates, at most 32 levels deep")
         return problem_answer(422, said.body | {"errors": faults})
-    first = faults[0] if faults else {"where": "the request", "found": "not readable"}
-    more = f" ({len(faults)} faults)" if len(faults) > 1 else ""
-    detail = f"{first['where']}: {first['found']}{more}."
-    return problem_answer(422, body_of(422, detail) | {"errors": faults[:50]})
+    told = "; ".join(f"{f['where']}: {f['found']}" for f in faults[:_FAULTS]) or "the request: not readable"
+    more = f"; and {len(faults) - _FAULTS} more faults" if len(faults) > _FAULTS else ""
+    said = ProblemError(422, f"{told}{more}", "the form that GET /api/v1/openapi.json describes")
+    return problem_answer(422, said.body | {"errors": faults[:50]})
 
 
 def failure() -> Response:

@@ -118,6 +118,27 @@ def test_a_prediction_of_nonsense_is_refused(service: ServiceReceiver, body: byt
     refused(service.client().post("/api/v1/predictions", content=body, headers=JSON), 422, said)
 
 
+def test_every_fault_of_a_body_is_told_with_what_is_expected(service: ServiceReceiver) -> None:
+    body = ASKED % (b'"40"', b'"950"')
+    told = refused(service.client().post("/api/v1/predictions", content=body, headers=JSON), 422)
+    assert "body.postures_deg.MCP.0: Input should be a valid number; body.masses_g.FDP.0: Input" in told["found"]
+    assert told["detail"].startswith(told["found"])
+    assert "openapi.json" in told["expected"]
+    assert len(told["errors"]) == 2
+
+
+def test_a_reason_of_blanks_is_no_reason(service: ServiceReceiver) -> None:
+    answer = service.client().post("/api/v1/sessions/H01/cases/c001/exclude", json={"reason": "   "})
+    assert refused(answer, 422, "excluded is ' '")["expected"] == "a reason in words"
+
+
+@pytest.mark.parametrize("text", ["torque[PIP] -= k", "torque[PIP]  += k * sine(q_PIP)"])
+def test_a_formula_that_cannot_be_used_is_named_once(service: ServiceReceiver, text: str) -> None:
+    answer = service.client().post("/api/v1/effects/check", json={"formula": text})
+    line = " ".join(text.split())
+    assert refused(answer, 422)["detail"].count(f"formula '{line}'") == 1
+
+
 @pytest.mark.parametrize("kind", ["text/plain", "application/x-www-form-urlencoded", "application/jsonp", None])
 def test_a_body_that_is_not_said_to_be_json_is_refused(service: ServiceReceiver, kind: str | None) -> None:
     headers = {} if kind is None else {"Content-Type": kind}
