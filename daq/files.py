@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from uuid import uuid4
 
 from daq.errors import InputError
@@ -25,6 +27,10 @@ def require_writable(path: Path, *, folder: bool = False) -> None:
     try:
         if not folder and (not path.name or path.is_dir()):
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if not folder:
+            if is_special(path):
+                return
+            path = _linked(path)
         nearest = path if folder else path.parent
         while not nearest.exists():
             nearest = nearest.parent
@@ -65,9 +71,21 @@ def read_text(path: Path, wanted: str) -> str:
         ) from error
 
 
+def is_special(path: Path) -> bool:
+    """Return whether a path leads to what is neither a file nor a folder, such as a device or a named pipe."""
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def _linked(path: Path) -> Path:
+    """Return the path that a symbolic link leads to, so that the link stays; any other path as it is."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary name beside `path`; rename it to `path` when the block ends well, else remove it.
+
+    Of a symbolic link, the file that it leads to is replaced. A device or a named pipe stays, and is written to.
 
     Args:
         path: the file to write; its folder is made where it is absent.
@@ -77,9 +95,19 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     if not path.name or path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    path.parent.mkdir(parents=True, exist_ok=True)
     # The ending stays last: writers choose their format by it.
-    temporary = path.with_name(f".{uuid4().hex[:12]}.{path.name}")
+    name = f".{uuid4().hex[:12]}.{path.name}"
+    if is_special(path):
+        # Written whole elsewhere first: some writers go back in their file.
+        with TemporaryDirectory() as folder:
+            temporary = Path(folder, name)
+            yield temporary
+            with temporary.open("rb") as whole, path.open("wb") as target:
+                shutil.copyfileobj(whole, target)
+        return
+    path = _linked(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(name)
     try:
         yield temporary
         with temporary.open("rb+") as file:

@@ -12,6 +12,7 @@ from daq.export.excel import write_excel
 from daq.export.formats import write_hdf5, write_mat
 from daq.export.supplement import model_members, write_supplement
 from daq.export.tables import case_columns, software, window_columns, write_columns, write_table
+from daq.files import is_special
 from fingermodel.comparing import compare
 from fingermodel.diagnosis import settings
 from fingermodel.fingers.files import finger_names, read_finger
@@ -52,8 +53,11 @@ def writing(path: Path, remedy: str = "Choose another --out") -> Iterator[None]:
 def write_table_file(
     columns: Mapping[str, list[Any]], path: Path, file_format: str, about: Mapping[str, Any]
 ) -> Path | None:
-    """Write columns as `csv`, with what they are beside it, as `parquet` or as `xlsx`; return the file beside it."""
-    if file_format == "csv":
+    """Write columns as `csv`, with what they are beside it, as `parquet` or as `xlsx`; return the file beside it.
+
+    A pipe or a device has nothing beside it.
+    """
+    if file_format == "csv" and not is_special(path):
         return write_table(columns, path, about)
     if file_format == "xlsx":
         write_excel(columns, path, about)

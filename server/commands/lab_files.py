@@ -9,6 +9,7 @@ from typing import Any
 from daq.audit import note
 from daq.errors import InputError
 from daq.export.tables import sha256_of
+from daq.files import is_special
 from daq.lab.files import convert_recording, write_mapping
 from daq.lab.proposals import propose_mapping
 from server.commands.console import answer, progress, say
@@ -34,8 +35,9 @@ def import_recording(
         raise InputError(f"{target} is the recording", "another file for the readings", "Give it: --out FILE")
     with progress("Reading and writing"):
         done = convert_recording(recording, mapping, target)
-    told = {"recording": recording.name, "mapping_sha256": sha256_of(mapping), "sha256": sha256_of(target)}
-    note(target.parent, "import", target.name, told)
+    if not is_special(target):
+        told = {"recording": recording.name, "mapping_sha256": sha256_of(mapping), "sha256": sha256_of(target)}
+        note(target.parent, "import", target.name, told)
     body: dict[str, Any] = {"recording": str(recording), "mapping": str(mapping), "readings": str(target)}
     body |= {"conversions": list(done.conversions), "notes": list(done.notes)}
     if not answer("import", body, json):

@@ -156,6 +156,42 @@ def test_json_beside_the_table(tmp_path: Path, compared: Document) -> None:
     assert [p.name for p in file.parent.iterdir()] == ["answer.json"]
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows lets few users make links, and has no named pipes")
+@pytest.mark.parametrize("there", [True, False])
+def test_an_answer_goes_where_a_link_leads(tmp_path: Path, there: bool) -> None:
+    link, target = tmp_path / "link.json", tmp_path / "kept" / "answer.json"
+    target.parent.mkdir()
+    if there:
+        target.write_text("earlier", encoding="utf-8")
+    link.symlink_to(target)
+    assert run("check", H01, "--json", link).code == 0
+    assert link.readlink() == target
+    strict(target.read_text(encoding="utf-8"), "check")
+    assert [p.name for p in target.parent.iterdir()] == ["answer.json"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no named pipes in folders")
+@pytest.mark.parametrize(
+    ("arguments", "begin"),
+    [
+        (["check", H01, "--json"], b"{"),
+        (["export", H01, "--out"], b"session,"),
+        (["export", H01, "--format", "hdf5", "--out"], b"\x89HDF"),
+    ],
+)
+def test_an_answer_goes_through_a_named_pipe(tmp_path: Path, arguments: list[str], begin: bytes) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    read: list[bytes] = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()), daemon=True)
+    reader.start()
+    assert run(*arguments, pipe).code == 0
+    reader.join(10.0)
+    assert read[0].startswith(begin)
+    assert pipe.is_fifo()
+    assert [p.name for p in tmp_path.iterdir()] == ["pipe"]
+
+
 @pytest.mark.parametrize("arguments", [["compare", H01], ["friction", H01], ["check", H01]])
 @pytest.mark.parametrize("where", ["", "folder", "file/answer.json"])
 def test_an_answer_that_cannot_be_written(tmp_path: Path, arguments: list[str], where: str) -> None:
