@@ -31,6 +31,7 @@ from server.cli_options import (
     effects_like,
     sessions_like,
 )
+from server.leaving import INTERRUPTED, leave
 
 # Its commands are there once it is imported.
 __all__ = ["app", "cli_bench", "cli_fingers", "cli_service", "cli_studies", "main"]
@@ -317,7 +318,7 @@ def main() -> None:
         # Typer ends with 1 where the reader of our output has gone: nothing is wrong.
         raise SystemExit(0 if isinstance(ended.__context__, BrokenPipeError) else ended.code) from None
     except (KeyboardInterrupt, typer.Abort):
-        _fail("Interrupted; nothing that was already written is lost.", 130)
+        _fail(INTERRUPTED, 130)
     except BrokenPipeError:
         # The reader of our output has gone: nothing is wrong, and nothing more can be said.
         sys.stderr.close()
@@ -326,7 +327,7 @@ def main() -> None:
         where = f": {error.filename}" if error.filename else ""
         _fail(f"{error.strerror or error}{where}. Check the path, its rights and the space left.", 2)
     if code == 130:  # Typer makes Ctrl-C within a command an exit code
-        _fail("Interrupted; nothing that was already written is lost.", 130)
+        _fail(INTERRUPTED, 130)
     raise SystemExit(code if isinstance(code, int) else 0)
 
 
@@ -334,32 +335,50 @@ def main() -> None:
 _AGAIN_S = 0.2
 
 
-def _interrupt_later() -> None:
-    again = threading.Timer(_AGAIN_S, _thread.interrupt_main)
-    again.daemon = True
-    again.start()
+def _importing(frame: FrameType) -> bool:
+    """Return whether a frame is that of an import: an interrupt that is raised within one may crash jaxlib."""
+    return frame.f_code.co_name == "_find_and_load" and frame.f_code.co_filename == "<frozen importlib._bootstrap>"
+
+
+def _beginning(importing: FrameType) -> bool:
+    """Return whether an import is that of a command's own module, before the command has done anything."""
+    by = importing.f_back
+    return by is not None and str(by.f_globals.get("__name__")).startswith("server.cli")
 
 
 @contextmanager
 def _lost_interrupts_repeated() -> Iterator[None]:
-    """Repeat an interrupt that Python drops since it came within a callback, such as JAX's of the garbage collector."""
+    """Repeat an interrupt where it cannot be raised at once.
+
+    Python drops it within a callback, such as JAX's of the garbage collector. An import is to end first. While a
+    command is still being imported, the process ends at once.
+    """
     before, handled = sys.unraisablehook, signal.getsignal(signal.SIGINT)
+    waiting: list[threading.Timer] = []
+
+    def interrupt_later() -> None:
+        again = threading.Timer(_AGAIN_S, _thread.interrupt_main)
+        again.daemon = True
+        waiting.append(again)
+        again.start()
 
     def dropped(what: sys.UnraisableHookArgs) -> None:
         if issubclass(what.exc_type, KeyboardInterrupt):
-            _interrupt_later()
+            interrupt_later()
         else:
             before(what)
 
     def interrupted(number: int, frame: FrameType | None) -> None:
-        at = frame
+        at, later = frame, False
         while at is not None:
-            if at.f_code is dropped.__code__:
-                # Raised from there, it would be dropped for good.
-                _interrupt_later()
-                return
+            imports = _importing(at)
+            if imports and _beginning(at):
+                leave()
+            later = later or imports or at.f_code is dropped.__code__
             at = at.f_back
-        if callable(handled):
+        if later:
+            interrupt_later()
+        elif callable(handled):
             handled(number, frame)
 
     takes_part = callable(handled) and threading.current_thread() is threading.main_thread()
@@ -369,6 +388,8 @@ def _lost_interrupts_repeated() -> Iterator[None]:
     try:
         yield
     finally:
+        for again in waiting:
+            again.cancel()
         sys.unraisablehook = before
         if takes_part and signal.getsignal(signal.SIGINT) is interrupted:
             signal.signal(signal.SIGINT, handled)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import errno
 import gc
+import importlib
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -333,6 +335,37 @@ def test_an_interrupt_while_another_error_of_a_callback_is_reported_is_not_lost(
     monkeypatch.setattr("server.commands.twin.Session.open", collect)
     answer = run("refit", H01)
     assert (answer.code, answer.out, answer.err.count("\n")) == (130, "", 1)
+
+
+def test_an_interrupt_within_an_import_is_raised_after_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    text = "import signal\nsignal.raise_signal(signal.SIGINT)\nwhole = True\n"
+    (tmp_path / "interrupted_import.py").write_text(text, encoding="utf-8")
+
+    def imports(*_: object, **__: object) -> NoReturn:
+        importlib.import_module("interrupted_import")
+        time.sleep(5.0)
+        pytest.fail("it went on")
+
+    monkeypatch.setattr("server.commands.twin.Session.open", imports)
+    answer = run("refit", H01)
+    assert (answer.code, answer.out, answer.err.count("\n")) == (130, "", 1)
+    assert sys.modules.pop("interrupted_import").whole
+
+
+@pytest.mark.parametrize("delay_s", [0.02, 0.1, 0.4, 0.6, 0.8, 1.0])
+def test_an_interrupt_while_the_command_starts_is_one_line(delay_s: float) -> None:
+    code = (
+        "import _thread, sys, threading, server.__main__\n"
+        "sys.argv = ['fingertwin', 'diagnose', 'DEV-02']\n"
+        f"timer = threading.Timer({delay_s}, _thread.interrupt_main)\n"
+        "timer.daemon = True\n"
+        "timer.start()\n"
+        "server.__main__.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)  # noqa: S603
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (130, "", 1)
+    assert done.stderr.startswith("fingertwin: Interrupted")
 
 
 def test_a_pipe_gets_no_progress_bar_and_no_escape_codes(tmp_path: Path) -> None:
