@@ -21,6 +21,8 @@ ROLES = ("identification", "validation")
 LOCATIONS = ("tip", "bone")
 EVENT_KINDS = ("tare", "set_posture", "move_cell", "retie", "slip", "moisten", "temperature", "note")
 ROTATION_TOLERANCE = 1e-6
+# No load cell tells so many N or N mm, in whatever unit its readings are; what is larger could not be squared.
+LARGEST = 1e12
 
 # Names for the axes of a mount, which are proximal, dorsal, radial.
 AXIS_NAMES: Mapping[str, tuple[float, float, float]] = {
@@ -90,7 +92,11 @@ def vector(value: Any, length: int, unit: str) -> tuple[float, ...]:
     """Return so many finite numbers."""
     if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != length:
         refuse(f"is {shown(value)}", f"{length} numbers in {unit}")
-    return tuple(number(v, [i], unit) for i, v in enumerate(value))
+    numbers = tuple(number(v, [i], unit) for i, v in enumerate(value))
+    for i, x in enumerate(numbers):
+        if abs(x) > LARGEST:
+            refuse(f"is {x:g}", f"a number in {unit} within ±{LARGEST:g}", at=[i])
+    return numbers
 
 
 def matrix(value: Any, unit: str) -> tuple[tuple[float, ...], ...]:
@@ -152,6 +158,8 @@ def _covariance(value: Any) -> tuple[tuple[float, ...], ...]:
     rows = matrix(value, "N²")
     c = np.array(rows)
     scale = float(np.abs(c).max()) or 1.0
+    if scale > LARGEST**2:
+        refuse(f"is {shown(value)}", f"numbers in N² within ±{LARGEST**2:g}")
     if float(np.abs(c - c.T).max()) > 1e-9 * scale or float(np.linalg.eigvalsh(c).min()) < 1e-9 * scale:
         refuse(f"is {shown(value)}", "a symmetric matrix in N² that takes the force for exact in no direction")
     return rows
@@ -159,8 +167,9 @@ def _covariance(value: Any) -> tuple[tuple[float, ...], ...]:
 
 def _spread(value: Any) -> tuple[float, ...]:
     numbers = (number(value, unit="N"),) * 3 if not isinstance(value, Sequence | Mapping) else vector(value, 3, "N")
-    if min(numbers) <= 0.0:
-        refuse(f"is {shown(value)}", "standard uncertainties in N above zero, one or one an axis")
+    if min(numbers) <= 0.0 or max(numbers) > LARGEST:
+        wanted = f"standard uncertainties in N above zero and up to {LARGEST:g}, one or one an axis"
+        refuse(f"is {shown(value)}", wanted)
     return numbers
 
 
