@@ -16,6 +16,7 @@ from daq.journal.reader import connect_read
 from daq.journal.rows import APPLICATION_ID, ROWS, SAMPLES, VERSION, require_journal, said
 from daq.journal.salvage import Fault, Report, Salvage
 from daq.journal.wal import log_file, read_log, require_sound_log
+from daq.quoting import quoted
 
 
 def check(path: str | Path) -> Report:
@@ -90,7 +91,7 @@ def require_complete(path: Path) -> None:
     mark = read_mark(path)
     with closing(connect_read(path)) as connection:
         for fault in _behind(connection, mark):
-            remedy = f"fingertwin journal recover {path} --out NEW keeps the others"
+            remedy = f"fingertwin journal recover {quoted(path)} --out NEW keeps the others"
             raise JournalError(f"{path.name}: {fault.text}", "a journal with all its readings", remedy)
 
 

@@ -12,6 +12,7 @@ from daq.files import replacing
 from daq.journal.check import require_complete
 from daq.journal.reader import JournalReader
 from daq.journal.rows import as_utc
+from daq.quoting import quoted
 from daq.recordings.readings import ReadingBlock, write_readings
 
 SCHEMA = "fingertwin/journal-events/1"
@@ -47,7 +48,7 @@ def export(path: str | Path, out: str | Path, stream: str | None = None) -> Expo
         if len(streams) != 1:
             ids = " ".join(s.id[:12] for s in streams or journal.streams()) or "(it has none)"
             found = f"{len(streams) or 'no'} streams" + (f" called {stream}" if stream else "")
-            one_of_them = f"fingertwin journal export {path} --stream ID"
+            one_of_them = f"fingertwin journal export {quoted(path)} --stream ID"
             remedy = f"Write one as a recording with {one_of_them}; ID is one of {ids}"
             raise JournalError(f"{found} in {journal.path.name}", "one", remedy)
         one = streams[0]

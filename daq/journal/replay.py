@@ -18,6 +18,7 @@ from daq.errors import DriverError, LinkLostError
 from daq.journal.check import require_complete
 from daq.journal.reader import JournalReader
 from daq.journal.rows import Stream
+from daq.quoting import quoted
 
 _MAGIC = b"SQLite format 3\x00"
 
@@ -143,7 +144,7 @@ class JournalReplay(LoadCell):
         if len(streams) != 1:
             ids = " ".join(s.id[:12] for s in streams or known) or "(it has none)"
             found = f"{len(streams)} streams" + (f" called {stream}" if stream else "") + f" in {self._path.name}"
-            one = f"fingertwin log --driver replay --port {path} --set stream=ID --out DIR"
+            one = f"fingertwin log --driver replay --port {quoted(path)} --set stream=ID --out DIR"
             raise DriverError(found, "one", f"Play one with {one}; ID is one of {ids}")
         self.stream: Stream = streams[0]
         folder = tempfile.mkdtemp()

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from daq.errors import JournalError
+from daq.quoting import quoted
 
 APPLICATION_ID = 0x46544A4C
 VERSION = 1
@@ -237,7 +238,9 @@ def said(error: sqlite3.Error, path: Path) -> JournalError:
         )
     if code == sqlite3.SQLITE_CORRUPT:
         return JournalError(
-            f"{path.name} is damaged ({error})", "a sound journal", f"Run fingertwin journal recover {path} --out NEW"
+            f"{path.name} is damaged ({error})",
+            "a sound journal",
+            f"Run fingertwin journal recover {quoted(path)} --out NEW",
         )
     return JournalError(
         f"{path.name} cannot be read or written ({error})", "a local disk", "Check the path, its rights and the disk"

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from daq.errors import JournalError
 from daq.journal.rows import PAGE_BYTES
+from daq.quoting import quoted
 
 Words = NDArray[np.uint32]
 
@@ -123,7 +124,7 @@ def require_sound_log(path: Path) -> None:
         raise JournalError(
             f"{log_file(path).name} is damaged: behind its frame {log.first_bad} lie {log.hidden} transactions",
             "a sound log",
-            f"Run fingertwin journal recover {path.name}",
+            f"Run fingertwin journal recover {quoted(path.name)}",
         )
 
 

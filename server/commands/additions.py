@@ -7,6 +7,7 @@ from typing import Any
 
 from daq.errors import InputError
 from daq.files import require_writable
+from daq.quoting import quoted
 from fingermodel.effects.catalogue import CATALOGUE, EFFECTS
 from fingermodel.effects.formula_tree import near
 from fingermodel.model_files import free_path, require_new
@@ -33,7 +34,7 @@ def add_to_sessions(
     if not effects and not without:
         raise InputError(f"only {session!r} is given", "effects and then a session: fingertwin add hanger_mass DEV-02")
     if session in EFFECTS and effects and effects[0] not in EFFECTS:
-        right = " ".join(["fingertwin add", *effects[1:], session, effects[0]])
+        right = " ".join(["fingertwin add", *map(quoted, [*effects[1:], session, effects[0]])])
         raise InputError(f"{session} is no session", "effects first, then the session", right)
     if shared and (out is not None or model is not None):
         raise InputError("--shared with --out or --model", "neither: each session has a model of its own")
@@ -91,7 +92,7 @@ def _add_to_session(
     if addition.names:
         say(f"Evidence: ln Z rises by {addition.log_evidence_gain:.1f} with {', '.join(addition.names)}")
     print_history(document["history"])
-    say(f"Model: {path}   (fingertwin diagnose {session} --model {path})")
+    say(f"Model: {path}   (fingertwin diagnose {quoted(session)} --model {quoted(path)})")
     print_fall(before, alone, after, without=addition.fit.errors.not_counted)
     print_fit(addition.fit)
     if page:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from daq.errors import InputError
+from daq.quoting import quoted
 from daq.sessions import read_session
 from daq.sessions.amendments import amendments_of, block_of, exchanged, listed, words
 from daq.sessions.models import Amendment, Session
@@ -92,7 +93,8 @@ def _tell(session: str, read: Session, new: Sequence[Amendment], json: str | Non
     for row in rows:
         say(amended_line(row))
     if new:
-        say(f"The entries stay in session.yaml. Look again: fingertwin diagnose {session}; take it back with --undo.")
+        again = f"fingertwin diagnose {quoted(session)}"
+        say(f"The entries stay in session.yaml. Look again: {again}; take it back with --undo.")
     return False
 
 

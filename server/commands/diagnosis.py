@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from daq.quoting import quoted
 from fingermodel.parameters import with_unit
 from fingermodel.session import Session, readings_digest
 from server.application.diagnosing import bare_verdict, diagnosis_answer, drawn_effect, frozen_documents, run_diagnosis
@@ -70,12 +71,12 @@ def print_diagnosis(body: dict[str, Any]) -> None:
         if fault["amend"]:
             say("To put it right, once it is known:")
         for change in fault["amend"]:
-            say(f'    fingertwin amend {body["session"]} {amending(change)} --why "…"')
-    offers = [(known["text"], known["effect"]) for known in body["ready_made"]]
-    offers += [(f"Hint: {hint['text']}", f"'{hint['effect']['formula']}'") for hint in body["hints"]]
+            say(f'    fingertwin amend {quoted(body["session"])} {amending(change)} --why "…"')
+    offers = [(known["text"], quoted(known["effect"])) for known in body["ready_made"]]
+    offers += [(f"Hint: {hint['text']}", quoted(hint["effect"]["formula"])) for hint in body["hints"]]
     for text, effect in offers:
         say(f"{text}:")
-        say(f"    fingertwin add {effect} {body['session']}")
+        say(f"    fingertwin add {effect} {quoted(body['session'])}")
     if body["verdict"] != "nothing_missing":
         say(body["next_sentence"])
 
@@ -85,8 +86,8 @@ def amending(change: dict[str, Any]) -> str:
     tendons = [f"--tendon {true}={entered}" for entered, true in change["tendons"].items()]
     weights = [f"--weight {true:.12g}={float(entered):.12g}" for entered, true in change["weights_g"].items()]
     masses = [f"--mass {tendon}={grams:.12g}" for tendon, grams in change["masses_g"].items()]
-    posture = [f"--posture {change['posture']}"] if change["posture"] else []
-    return " ".join([change["cases"], *tendons, *weights, *masses, *posture])
+    posture = [f"--posture {quoted(change['posture'])}"] if change["posture"] else []
+    return " ".join([quoted(change["cases"]), *tendons, *weights, *masses, *posture])
 
 
 def _print_verdict(body: dict[str, Any]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from daq.quoting import quoted
 from server.application.exchange import ENDINGS as FINGER_FORMATS
 from server.application.exported_files import export_file
 from server.application.simulating import simulate_session_at
@@ -37,4 +38,4 @@ def simulate_rig(
         session = simulate_session_at(protocol, out, model, rate_hz, noise_N, repeats, seed)
     body = {"session": str(out), "cases": len(session.cases), "rate_hz": rate_hz, "seed": seed}
     if not answer("simulate", body, json):
-        say(f"{len(session.cases)} load cases at {rate_hz:g} Hz: {out}   (fingertwin compare {out})")
+        say(f"{len(session.cases)} load cases at {rate_hz:g} Hz: {out}   (fingertwin compare {quoted(out)})")

@@ -10,6 +10,7 @@ from daq.errors import InputError
 from daq.journal.check import Report, check, recover
 from daq.journal.export import export
 from daq.journal.writer import Journal
+from daq.quoting import quoted
 from server.commands.console import answer, progress, say
 
 
@@ -20,7 +21,7 @@ def journal_check(path: Path, json: str | None) -> int:
     code = 2 if report.faults else 0
     if not answer("journal-check", {"journal": str(path), "ok": not report.faults, **asdict(report)}, json):
         _say_report(report)
-        remedy = f"; fingertwin journal recover {path} --out NEW keeps what is sound" if report.faults else ""
+        remedy = f"; fingertwin journal recover {quoted(path)} --out NEW keeps what is sound" if report.faults else ""
         say(f"{path}: {'damaged' if report.faults else 'sound'}{remedy}")
     return code
 
@@ -61,7 +62,7 @@ def journal_requeue(path: Path, json: str | None) -> None:
         count = journal.requeue()
     if not answer("journal-requeue", {"journal": str(path), "chunks": count}, json):
         many = "1 chunk is" if count == 1 else f"{count} chunks are"
-        next_log = f"{many} to be sent again; the next fingertwin log --to with --out {path.parent} does so"
+        next_log = f"{many} to be sent again; the next fingertwin log --to with --out {quoted(path.parent)} does so"
         say(f"{path}: {next_log if count else 'nothing was set aside'}")
     if journal.lost is not None:
         raise journal.lost

@@ -17,6 +17,7 @@ from daq.drivers.looks import looks_like
 from daq.errors import DriverError, InputError, JournalError
 from daq.journal.replay import JournalReplay, is_journal
 from daq.private import close_to_others, privately
+from daq.quoting import quoted
 from daq.sessions import find_session, read_session, whole_document
 from daq.uplink.link import address_of
 from server.bench.ending import Told, ended_by_signals
@@ -115,7 +116,7 @@ def _log_alone(options: LogOptions, out: Path, acquisition: Acquisition, closed:
     # A journal that only passes through lies elsewhere, or nowhere, once this has ended.
     body = {"driver": cell.name, "journal": None if options.passing else str(journal.path), **told}
     if not answer("log", body, json):
-        where = f"{journal.path}   (fingertwin journal check {journal.path})"
+        where = f"{journal.path}   (fingertwin journal check {quoted(journal.path)})"
         if options.passing:
             where = f"{options.to} as session {options.session_name}" if delivery.whole else "not all sent"
         say(f"{told['samples']} readings in {told['seconds']:.1f} s: {where}")
@@ -296,7 +297,7 @@ def replay_session(
         raise InputError(
             f"not all of {name} is at {to}",
             "a service that answers and takes it",
-            f"The readings are in {kept}: fingertwin replay {kept / JOURNAL} --to {to} sends them again",
+            f"The readings are in {kept}: fingertwin replay {quoted(kept / JOURNAL)} --to {to} sends them again",
         )
 
 

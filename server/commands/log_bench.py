@@ -14,6 +14,7 @@ from daq.bench.run import BenchRun
 from daq.errors import InputError, SessionError
 from daq.journal.reader import JournalReader
 from daq.journal.rows import Event
+from daq.quoting import quoted
 from daq.sessions import read_yaml
 from daq.sessions.protocols import read_protocol
 from server.application.bench_prediction import predictor
@@ -74,7 +75,8 @@ def log_bench(options: LogOptions, cell: LoadCell, acquisition: Acquisition, clo
         stream, session = _follow(options, setup, acquisition, closed, about, before, by_keys=_at_terminal(json))
     body = {"session": str(out), "cases": len(session.cases), "journal": str(closed.path), "stream": stream}
     if not answer("log", body, json):
-        say(f"{len(session.cases)} load cases: {out}   (fingertwin check {out}, fingertwin compare {out})")
+        where = quoted(out)
+        say(f"{len(session.cases)} load cases: {out}   (fingertwin check {where}, fingertwin compare {where})")
 
 
 def _broken_off(out: Path, resume: bool) -> BrokenOff | None:

@@ -22,6 +22,7 @@ from daq.lab.levels import Level
 from daq.lab.notebook import Note
 from daq.lab.proposals import OF_THE_FILE, grounds, propose_mapping
 from daq.lab.traces import as_recording
+from daq.quoting import quoted
 from daq.sessions import plain_document, read_session, read_yaml
 from fingermodel.fingers import Finger
 from fingermodel.fingers.files import read_finger
@@ -157,7 +158,7 @@ def _report(
     for line in missing:
         say(f"  missing for a diagnosis: {line}")
     said = f", {unsure} of {len(choices)} plateaus to look at" if unsure else ""
-    say(f"{len(document['cases'])} load cases{said}: {options.out}   (fingertwin check {options.out})")
+    say(f"{len(document['cases'])} load cases{said}: {options.out}   (fingertwin check {quoted(options.out)})")
 
 
 def _suspects(folder: Path) -> tuple[list[Suspect], str]:

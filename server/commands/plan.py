@@ -11,6 +11,7 @@ from typing import Any
 from daq.errors import InputError
 from daq.files import read_text
 from daq.lab.drafts import posture_of
+from daq.quoting import quoted
 from daq.sessions.protocols import Protocol, protocol_names, read_protocol
 from fingermodel.fingers.files import finger_names, read_finger
 from fingermodel.fingers.finger import Finger
@@ -91,8 +92,8 @@ def plan_bench(options: PlanOptions, json: str | None) -> None:
         f"{counted(told['pages'], 'page')}: {options.out / SHEET}"
     )
     say(
-        f"Run it: fingertwin log … --protocol {options.out / PROTOCOL}; "
-        f"or record, and then: fingertwin new … --notes {options.out / NOTES}"
+        f"Run it: fingertwin log … --protocol {quoted(options.out / PROTOCOL)}; "
+        f"or record, and then: fingertwin new … --notes {quoted(options.out / NOTES)}"
     )
 
 

@@ -8,6 +8,7 @@ from typing import Any
 from daq.errors import InputError
 from daq.files import replacing
 from daq.lab.traces import Traces, as_recording, read_traces
+from daq.quoting import quoted
 from server.application.exporting import writing
 from server.commands.console import answer, progress, say, table
 from server.figures.plot import Plot
@@ -44,7 +45,7 @@ def plot_recording(recording: Path, out: Path | None, json: str | None) -> None:
         say(f"  {note}")
     plateaus = traces.plateaus
     said = f"{len(plateaus)} plateaus" + (f", the first {plateaus[0][0]:g} to {plateaus[0][1]:g}" if plateaus else "")
-    say(f"{said} ({traces.unit}): {target}   (fingertwin new {recording.name} --out DIR makes a session of it)")
+    say(f"{said} ({traces.unit}): {target}   (fingertwin new {quoted(recording)} --out DIR makes a session of it)")
 
 
 def _draw(target: Path, traces: Traces, name: str) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from daq.errors import InputError
 from daq.files import require_writable
+from daq.quoting import quoted
 from fingermodel.diagnosis.several_sessions.several import Pooled, diagnose_pooled
 from fingermodel.parameters import with_unit
 from fingermodel.session import Session
@@ -71,7 +72,8 @@ def diagnose_sessions(
     if law is not None and body["law"] is None:
         say("No law is written: none helps sessions that it was not learned from.")
     elif law is not None:
-        say(f"Law: {law}   (fingertwin add {law} SESSION, or fingertwin diagnose SESSION --effect {law})")
+        file = quoted(law)
+        say(f"Law: {law}   (fingertwin add {file} SESSION, or fingertwin diagnose SESSION --effect {file})")
     for page in body.get("figures", []):
         say(f"Report: {page}")
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from daq.errors import InputError
 from daq.files import require_writable
+from daq.quoting import quoted
 from fingermodel.comparing import compare
 from fingermodel.fitting.fit_report import CORRELATED, Fit, FittedParameter
 from fingermodel.model_files import free_path, require_new
@@ -75,7 +76,7 @@ def refit_session(
         return
     say_first(body)
     print_fall(before, after, without=fit.errors.not_counted)
-    say(f"Model: {path}   (fingertwin compare {session} --model {path})")
+    say(f"Model: {path}   (fingertwin compare {quoted(session)} --model {quoted(path)})")
     print_fit(fit)
     if page:
         say(f"Figures: {page}")

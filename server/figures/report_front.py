@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from daq.quoting import quoted
 from fingermodel.diagnosis.verdict.instruments import rig_remedy
 from server.figures.diagnosis_answer import Answer, effect_name, named_rows, part, rows, value, with_sd, words
 from server.figures.plot import Plot
@@ -53,7 +54,7 @@ def to_do(answer: Answer) -> list[str]:
         said = f" (the readings say {_values(answer)})" if verdict == "found" else ""
         out += [f"{what[0].upper()}{what[1:]}{said}." for what in told]
     if verdict == "found":
-        out.append(f"Put it into the model: fingertwin add {' '.join(names)} {session}.")
+        out.append(f"Put it into the model: fingertwin add {' '.join(map(quoted, [*names, session]))}.")
     for row in rows(answer, "where_after" if "where_after" in answer else "where", "bent"):
         widths, what = abs(value(row.get("widths")) or 0.0), rig_remedy(str(row.get("name")))
         if widths >= _FAR and what not in told:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -198,6 +200,14 @@ def test_a_refit_prints_what_to_do_next(tmp_path: Path) -> None:
     answer = run("refit", H01, "--out", tmp_path / "r.json")
     assert (answer.code, answer.err) == (0, "")
     assert f"fingertwin compare {H01} --model {tmp_path / 'r.json'}" in answer.out
+
+
+def test_the_command_that_a_refit_names_can_be_pasted_where_names_hold_spaces(tmp_path: Path) -> None:
+    session = altered(tmp_path / "Prüf ling", lambda d: None)
+    answer = run("refit", session, "--out", tmp_path / "r 1.json")
+    told = re.search(r"\(fingertwin (.*)\)", answer.out)
+    assert told is not None
+    assert shlex.split(told[1]) == ["compare", str(session), "--model", str(tmp_path / "r 1.json")]
 
 
 # reproduce

@@ -1,0 +1,23 @@
+"""Arguments of commands as a person types them into a shell."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+
+# What no shell splits at or replaces; a backslash stands in paths of Windows alone.
+_PLAIN = re.compile(r"[\w@%+=:,./\\-]+" if os.name == "nt" else r"[\w@%+=:,./-]+")
+# What a shell other than that of Windows replaces within double quotes too.
+_REPLACED = re.compile(r'["$`!\\]')
+
+
+def quoted(argument: object) -> str:
+    """Return an argument of a printed command, in quotes where a shell would split or replace it."""
+    text = str(argument)
+    if _PLAIN.fullmatch(text):
+        return text
+    if os.name != "nt" and _REPLACED.search(text):
+        return shlex.quote(text)
+    # The shells of Linux, macOS and Windows all know double quotes.
+    return f'"{text}"'
