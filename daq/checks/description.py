@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -29,6 +30,7 @@ def session_findings(session: Session) -> list[Finding]:
         *_unknown_keys(session),
         *_finger(session),
         *_postures(session),
+        *_angle_units(session),
         *_frames(session),
         *_mass_units(session),
         *_loads(session),
@@ -98,6 +100,20 @@ def _postures(session: Session) -> Iterator[Finding]:
     for name in session.postures_deg:
         if name not in used:
             yield finding("note", "unused_posture", f"postures_deg.{name}", "no case uses this posture")
+
+
+def _angle_units(session: Session) -> Iterator[Finding]:
+    """Yield a finding where no angle is larger than a half turn is in radians; straight fingers alone are no sign."""
+    angles = [abs(angle) for posture in session.postures_deg.values() for angle in posture.model_dump().values()]
+    if 0.0 < max(angles, default=0.0) < math.pi:
+        yield finding(
+            "warning",
+            "angle_units",
+            "postures_deg",
+            "all angles are below 3.2°; are they radians?",
+            "degrees",
+            "Multiply by 57.3 if they are radians",
+        )
 
 
 def _frames(session: Session) -> Iterator[Finding]:

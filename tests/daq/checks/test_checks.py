@@ -152,6 +152,11 @@ def top(**values: Any) -> Change:
     return lambda d, _: d.update(values)
 
 
+def small_angles(data: dict[str, Any], _: ReadingBlock) -> None:
+    for posture in data["postures_deg"].values():
+        posture.update({joint: angle / 57.3 for joint, angle in posture.items()})
+
+
 def light(data: dict[str, Any], _: ReadingBlock) -> None:
     data["light_masses"] = True
     data["cases"][0]["masses_g"] = {"FDP": 0.95}
@@ -199,6 +204,7 @@ DEFECTS: dict[str, tuple[Change, str, str]] = {
     "kg": (every_case(masses_g={"FDP": 0.95}), "error", "session"),
     "kg, said to be meant": (light, "warning", "mass_units"),
     "newton": (case(masses_g={"FDP": 9.32}), "warning", "mass_units"),
+    "radians": (small_angles, "warning", "angle_units"),
     "beyond": (case(masses_g={"FDP": 1500}), "warning", "load_beyond_protocol"),
     "no such protocol": (top(protocol="own.yaml"), "warning", "unknown_protocol"),
     "beyond the named protocol": (overloaded, "warning", "load_beyond_protocol"),
