@@ -9,8 +9,10 @@ from typing import Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
 
 from daq.errors import InputError
+from daq.vocabulary import did_you_mean
 
 try:  # libyaml is ten times faster, and not built everywhere
     from yaml import CSafeLoader as SafeLoader
@@ -101,6 +103,19 @@ def _path(place: Sequence[int | str], raw: Any) -> Iterator[str]:
         yield str(part)
 
 
+def _misspelt(schema: type[Document], fault: ValidationError) -> tuple[ErrorDetails, str] | None:
+    """Return the first unknown key that looks like one that is missing, or like one of the schema's, and the hint."""
+    faults = fault.errors()
+    for one in faults:
+        if one["type"] == "extra_forbidden":
+            *above, key = one["loc"]
+            missing = [o["loc"][-1] for o in faults if o["type"] == "missing" and [*o["loc"][:-1]] == above]
+            known = map(str, [*missing, *(() if above else schema.model_fields)])
+            if hint := did_you_mean(str(key), known):
+                return one, hint
+    return None
+
+
 def validated(
     schema: type[Schema],
     raw: Any,
@@ -122,9 +137,11 @@ def validated(
     try:
         return schema.model_validate(raw)
     except ValidationError as fault:
-        first = fault.errors()[0]
+        first, hint = _misspelt(schema, fault) or (fault.errors()[0], "")
         place = ".".join(_path(first["loc"], raw))
-        if first["type"] == "model_type":
+        if hint:
+            words, remedy = f"{place} is not a known key", hint
+        elif first["type"] == "model_type":
             words = f"{place or 'it'} has no keys with values"
         else:
             said = first["msg"].removeprefix("Value error, ").replace("Input should be", "must be")

@@ -15,6 +15,7 @@ import numpy as np
 from jax import Array
 
 from daq.errors import ModelError
+from daq.vocabulary import did_you_mean
 from fingermodel.fingers import Finger, Topology
 from fingermodel.kinematics import turn_about
 from fingermodel.parameters import Parameter
@@ -105,7 +106,7 @@ def budget_of(setting: str | Mapping[str, Any] | None) -> Budget:
         if key == "base":
             continue
         if key not in known:
-            raise ModelError(f"budget has no {key!r}", f"some of {', '.join(sorted(known))}")
+            raise ModelError(f"budget has no {key!r}", f"some of {', '.join(sorted(known))}", did_you_mean(key, known))
         if key == "tendon_point_sd_mm":
             if not isinstance(value, Mapping) or not value:
                 raise ModelError(f"budget.{key} is {value!r}", "a size in mm for each joint, {DIP: 0.6, …}")

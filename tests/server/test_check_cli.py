@@ -101,7 +101,7 @@ def test_masses_in_kilograms_are_refused(tmp_path: Path) -> None:
         ({"base": "generous"}, "generous"),
         ({"angle_sd_deg": -1}, "angle_sd_deg"),
         ({"angle_sd_deg": "wide"}, "angle_sd_deg"),
-        ({"angle_sd": 1}, "angle_sd"),
+        ({"angle_sd": 1}, "Did you mean angle_sd_deg?"),
         ({"tendon_point_sd_mm": 2}, "tendon_point_sd_mm"),
         ({"tendon_point_sd_mm": {}}, "tendon_point_sd_mm"),
         ({"tendon_point_sd_mm": {"wrist": 1}}, "wrist"),

@@ -64,6 +64,15 @@ from tests.own_effect import CODE, python_file
         ({"alternatives": [["k"], ["m"]]}, "alternatives name 'm'"),
         ({"alternatives": [[]]}, "none empty"),
         ({"extra": 1}, "Extra inputs are not permitted"),
+        (
+            {"parameters": None, "parametrs": {"k": K}},
+            "parametrs is not a known key; expected a fingertwin-effect/1 file. Did you mean parameters?",
+        ),
+        ({"shownby": "x"}, "Did you mean shown_by"),
+        (
+            {"parameters": {"k": {"unit": "mm", "rnage": [0, 1]}}},
+            "parameters.k.rnage is not a known key; expected a fingertwin-effect/1 file. Did you mean range?",
+        ),
     ],
 )
 def test_a_file_that_cannot_be_used_says_why(changes: dict[str, Any], said: str, tmp_path: Path) -> None:
