@@ -61,7 +61,7 @@ class TableChannels(LabChannels):
             numbers = [number_of(cell, decimal) is not None for cell in column]
             moments = 0 if any(numbers) else sum(moment_of(cell) is not None for cell in column)
             dated = 2 * moments > len(column)
-            fault = "" if dated or all(numbers) or numbers.count(True) * 2 > len(numbers) else _text_of(column)
+            fault = "" if dated or all(numbers) or numbers.count(True) * 2 > len(numbers) else _text_of(column, numbers)
             channels.append(Channel(name, TIMESTAMP if dated else unit, fault=fault))
         self.channels = tuple(channels)
         if table.above:
@@ -292,10 +292,12 @@ def _trimmed(cells: Sequence[str]) -> list[str]:
     return out
 
 
-def _text_of(column: Sequence[Any]) -> str:
-    """Describe a column without numbers, in a few words."""
-    first = next((str(c).strip() for c in column if c is not None and str(c).strip()), "")
-    return f"holds text ({first[:24]!r})" if first else "holds nothing"
+def _text_of(column: Sequence[Any], numbers: Sequence[bool]) -> str:
+    """Describe a column with few numbers or none, by the first of its cells that is something else."""
+    others = (str(c).strip() for c, known in zip(column, numbers, strict=True) if c is not None and not known)
+    if first := next((text for text in others if text), ""):
+        return f"holds text ({first[:24]!r})"
+    return "is empty in half of its rows or more" if any(numbers) else "holds nothing"
 
 
 def _split(lines: Sequence[str], separator: str) -> list[list[str]]:

@@ -28,6 +28,15 @@ def test_channels_units_and_plateaus(tmp_path: Path) -> None:
     assert (tmp_path / "r.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_channel_that_is_left_out_is_told_by_what_is_no_number(tmp_path: Path) -> None:
+    path = tmp_path / "r.csv"
+    head = "Time (s);Fx (N);Fy (N);Fz (N);Tx (Nmm)"
+    path.write_text(f"{head}\n0;1,0;2;3;4\n1;1;2;x;\n", encoding="utf-8")
+    notes = answered("plot", path, "--out", tmp_path / "r.png")["notes"]
+    assert "Fz (N) is left out: it holds text ('x')" in notes
+    assert "Tx (Nmm) is left out: it is empty in half of its rows or more" in notes
+
+
 def test_a_recording_without_time_is_drawn_by_its_readings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     body = answered("plot", resolved(tmp_path / "r.tdms"))
