@@ -90,7 +90,7 @@ def _add_to_session(
         return body
     say_first(body)
     if addition.names:
-        say(f"Evidence: ln Z rises by {addition.log_evidence_gain:.1f} with {', '.join(addition.names)}")
+        say(f"Evidence: ln Z {moved(addition.log_evidence_gain)} with {', '.join(addition.names)}")
     print_history(document["history"])
     say(f"Model: {path}   (fingertwin diagnose {quoted(session)} --model {quoted(path)})")
     print_fall(before, alone, after, without=addition.fit.errors.not_counted)
@@ -98,6 +98,11 @@ def _add_to_session(
     if page:
         say(f"Figures: {page}")
     return body
+
+
+def moved(gain: float) -> str:
+    """Say by how much ln evidence rises or falls, as it is printed."""
+    return f"{'falls' if round(gain, 1) < 0.0 else 'rises'} by {abs(gain):.1f}"
 
 
 def print_history(history: list[dict[str, Any]]) -> None:

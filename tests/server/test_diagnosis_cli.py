@@ -14,7 +14,7 @@ from fingermodel.effects.catalogue import CATALOGUE
 from fingermodel.effects.user import effect_document, load_effect
 from fingermodel.session import Session
 from server.application.refitting import refit_compared
-from server.commands.additions import print_history
+from server.commands.additions import moved, print_history
 from server.commands.diagnosis import _print_verdict
 from server.figures.diagnosis_revisions import steps_of
 from tests.own_effect import python_file
@@ -52,6 +52,13 @@ def added(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
     path = tmp_path_factory.mktemp("models") / "hanger.json"
     body = run("add", "hanger_mass", "DEV-02", "--out", path, "--json", "-").body("add")
     return path, body
+
+
+@pytest.mark.parametrize(
+    ("gain", "said"), [(12.34, "rises by 12.3"), (-0.2, "falls by 0.2"), (0.0, "rises by 0.0"), (-0.04, "rises by 0.0")]
+)
+def test_evidence_that_sinks_is_said_to_fall(gain: float, said: str) -> None:
+    assert moved(gain) == said
 
 
 def test_diagnose_answers_as_agreed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
