@@ -43,11 +43,19 @@ def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 Schema = TypeVar("Schema", bound=Document)
 
 
+# What is expected of keys, and the remedy.
+EACH_ONCE = ("each key once", "Remove one of them")
+
+
+class RepeatedKeyError(yaml.constructor.ConstructorError):
+    """A key of a YAML text is there twice, so that only one could count."""
+
+
 def load_yaml(text: str) -> Any:
     """Read YAML as plain data, refusing a key given twice.
 
     Raises:
-        yaml.YAMLError: it is no YAML.
+        yaml.YAMLError: it is no YAML; RepeatedKeyError where a key is there twice.
         TypeError, ValueError: a list as a key, the 45th of a month.
     """
     return yaml.load(text, Loader=_Loader)  # noqa: S506 - a subclass of the safe loader
@@ -68,7 +76,7 @@ class _Loader(SafeLoader):
         seen = set()
         for key, _ in node.value:
             if key.value in seen and key.tag != "tag:yaml.org,2002:merge":
-                raise yaml.constructor.ConstructorError(None, None, f"key {key.value!r} is there twice", key.start_mark)
+                raise RepeatedKeyError(None, None, f"key {key.value!r} is there twice", key.start_mark)
             seen.add(key.value)
         out: dict[Hashable, Any] = super().construct_mapping(node, deep)
         return out
@@ -85,7 +93,9 @@ def read_document(path: Path, wanted: str, error: type[InputError] = InputError)
     try:
         return load_yaml(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError as fault:
-        raise error(f"{path.name} is not text", f"{wanted} in UTF-8") from fault
+        raise error(f"{path.name} is not text", f"{wanted} in UTF-8", "Save it as UTF-8") from fault
+    except RepeatedKeyError as fault:
+        raise error(f"{path.name}{yaml_fault(fault)}", *EACH_ONCE) from fault
     except (yaml.YAMLError, TypeError, ValueError) as fault:  # the latter two: a list as a key, the 45th of a month
         raise error(f"{path.name} is not YAML{yaml_fault(fault)}", wanted) from fault
 

@@ -64,6 +64,8 @@ def as_recording(path: Path) -> Iterator[Path]:
     Raises:
         InputError: the journal cannot be read.
     """
+    if path.is_dir():
+        raise ReadingsError(f"{path} is a folder", "a recording", "Name a file in it")
     try:
         with path.open("rb") as stream:
             journal = stream.read(len(_JOURNAL)) == _JOURNAL

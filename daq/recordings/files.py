@@ -44,7 +44,9 @@ def csv_headers(path: Path, kind: str) -> list[str]:
     except (EOFError, OSError, zlib.error) as error:
         raise _torn(path, error) from error
     except UnicodeDecodeError as error:
-        raise ReadingsError(f"{path.name} is not UTF-8 text", "CSV, gzipped CSV or Parquet") from error
+        raise ReadingsError(
+            f"{path.name} is not UTF-8 text", "CSV, gzipped CSV or Parquet", "Save it as UTF-8"
+        ) from error
     wanted = f"the header {','.join(HEADERS)}"
     if not text.strip():
         raise ReadingsError(f"line 1 of {path.name} is empty", wanted)

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from daq.documents import load_yaml, yaml_fault
+from daq.documents import EACH_ONCE, RepeatedKeyError, load_yaml, yaml_fault
 from daq.errors import SessionError
 from daq.files import replacing
 from daq.locations import data_dir
@@ -225,11 +225,15 @@ def read_yaml(file: Path, name: str | None = None) -> Any:
     try:
         text = file.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise SessionError(f"{name} is not UTF-8 text (byte {error.start})", "a text file") from error
+        raise SessionError(
+            f"{name} is not UTF-8 text (byte {error.start})", "a text file", "Save it as UTF-8"
+        ) from error
     except OSError as error:
         raise SessionError(f"{name} cannot be read ({error.strerror})", "a readable file") from error
     try:
         return load_yaml(text)
+    except RepeatedKeyError as error:
+        raise SessionError(f"{name}{yaml_fault(error)}", *EACH_ONCE) from error
     except yaml.YAMLError as error:
         raise SessionError(f"{name} is not YAML{yaml_fault(error)}", "YAML") from error
     except (TypeError, ValueError) as error:  # a list as a key, the 45th of a month

@@ -173,9 +173,12 @@ def test_several_faults_are_all_listed(tmp_path: Path) -> None:
         ("", ["is empty", "format: bench-session/1"]),
         ("- 1\n- 2\n", ["has no keys with values"]),
         ("format: bench-session/1\nid: [1, 2\n", ["not YAML in line"]),
-        ("format: bench-session/1\nformat: bench-session/1\n", ["'format' is there twice", "line 2"]),
+        (
+            "format: bench-session/1\nformat: bench-session/1\n",
+            ["'format' is there twice", "line 2", "Remove one of them"],
+        ),
         ("format: bench-session/1\nid: !!python/object:os.system x\n", ["not YAML in line 2"]),
-        (b"\xff\xfe\x00", ["not UTF-8"]),
+        (b"\xff\xfe\x00", ["not UTF-8", "Save it as UTF-8"]),
     ],
 )
 def test_a_file_that_is_no_session(text: str | bytes, words: list[str], tmp_path: Path) -> None:

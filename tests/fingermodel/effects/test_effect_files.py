@@ -88,6 +88,7 @@ def test_a_file_that_cannot_be_used_says_why(changes: dict[str, Any], said: str,
     ("text", "said"),
     [
         ("format: [", "is not YAML"),
+        ("a: 1\na: 2\n", "mine.yaml in line 2, column 1: key 'a' is there twice; expected each key once. Remove"),
         ("- 1\n- 2", "a fingertwin-effect/1 file"),
         ("", "a fingertwin-effect/1 file"),
         ("!!python/object/apply:os.system ['true']", "is not YAML"),
