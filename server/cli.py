@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import _thread
-import signal
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
-from types import FrameType
 from typing import Annotated, Literal
 
 import typer
@@ -31,7 +25,8 @@ from server.cli_options import (
     effects_like,
     sessions_like,
 )
-from server.leaving import INTERRUPTED, leave
+from server.interrupts import lost_interrupts_repeated
+from server.leaving import INTERRUPTED
 
 # Its commands are there once it is imported.
 __all__ = ["app", "cli_bench", "cli_fingers", "cli_service", "cli_studies", "main"]
@@ -306,7 +301,7 @@ def main() -> None:
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # where an encoding lacks a letter, a ? does
     try:
-        with _lost_interrupts_repeated():
+        with lost_interrupts_repeated():
             code = app(sys.argv[1:] or ["--help"], standalone_mode=False)
     except InputError as error:
         _fail(str(error), AGAIN_LATER if isinstance(error, LaterError) else 2)
@@ -329,70 +324,6 @@ def main() -> None:
     if code == 130:  # Typer makes Ctrl-C within a command an exit code
         _fail(INTERRUPTED, 130)
     raise SystemExit(code if isinstance(code, int) else 0)
-
-
-# When an interrupt comes again [s]: by then a callback has ended, however busy the machine is.
-_AGAIN_S = 0.2
-
-
-def _importing(frame: FrameType) -> bool:
-    """Return whether a frame is that of an import: an interrupt that is raised within one may crash jaxlib."""
-    return frame.f_code.co_name == "_find_and_load" and frame.f_code.co_filename == "<frozen importlib._bootstrap>"
-
-
-def _beginning(importing: FrameType) -> bool:
-    """Return whether an import is that of a command's own module, before the command has done anything."""
-    by = importing.f_back
-    return by is not None and str(by.f_globals.get("__name__")).startswith("server.cli")
-
-
-@contextmanager
-def _lost_interrupts_repeated() -> Iterator[None]:
-    """Repeat an interrupt where it cannot be raised at once.
-
-    Python drops it within a callback, such as JAX's of the garbage collector. An import is to end first. While a
-    command is still being imported, the process ends at once.
-    """
-    before, handled = sys.unraisablehook, signal.getsignal(signal.SIGINT)
-    waiting: list[threading.Timer] = []
-
-    def interrupt_later() -> None:
-        again = threading.Timer(_AGAIN_S, _thread.interrupt_main)
-        again.daemon = True
-        waiting.append(again)
-        again.start()
-
-    def dropped(what: sys.UnraisableHookArgs) -> None:
-        if issubclass(what.exc_type, KeyboardInterrupt):
-            interrupt_later()
-        else:
-            before(what)
-
-    def interrupted(number: int, frame: FrameType | None) -> None:
-        at, later = frame, False
-        while at is not None:
-            imports = _importing(at)
-            if imports and _beginning(at):
-                leave()
-            later = later or imports or at.f_code is dropped.__code__
-            at = at.f_back
-        if later:
-            interrupt_later()
-        elif callable(handled):
-            handled(number, frame)
-
-    takes_part = callable(handled) and threading.current_thread() is threading.main_thread()
-    sys.unraisablehook = dropped
-    if takes_part:
-        signal.signal(signal.SIGINT, interrupted)
-    try:
-        yield
-    finally:
-        for again in waiting:
-            again.cancel()
-        sys.unraisablehook = before
-        if takes_part and signal.getsignal(signal.SIGINT) is interrupted:
-            signal.signal(signal.SIGINT, handled)
 
 
 def _fail(text: str, code: int) -> None:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
+from fingermodel.diagnosis.posterior.hyper import Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.search.beginning import Beginner, Beginning, Slipped, bad_in
 from fingermodel.diagnosis.search.case_odds import CaseOdds
-from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, SUSPECT_LOG_ODDS, chance_of
+from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, SUSPECT_LOG_ODDS, Apart, chance_of
 from fingermodel.diagnosis.settings import P_VALUE
 
 
@@ -63,18 +64,9 @@ class BadCases:
         leader = max(fit.log_posterior for fit in fits)
         best, found = leader, frozenset[int]()
         for fit in fits:
-            # As much as there is beside the best node.
-            rest = fit.log_posterior - fit.log_joint(fit.best) + LOG_PRIOR_ODDS
-            for node in fit.hyper.narrowed(fit.best):
-                here = rest + fit.log_joint(node)
-                apart = {c: a for c, a in fit.left_out(node).items() if c not in begun.bad}
-                # However well a slip of two cases explains them, it gains no more than half their misfit.
-                if here + 0.5 * sum(sorted(a.misfit for a in apart.values())[-2:]) <= leader:
-                    if node == fit.best:
-                        break  # far from it: not looked at more closely
-                    continue
+            for node, without, apart in _asked(fit, begun.bad, leader):
                 for case, one in self.odds.slips_of(apart, fit, node).items():
-                    value = here + apart[case].anything + one.gain
+                    value = without + apart[case].anything + one.gain
                     if value > best:
                         best, found = value, _worst({case: (value, one.partner)})
         return found
@@ -137,6 +129,24 @@ class BadCases:
             partners |= {c: e.partner for c, e in slips.items()}
             least = {c: o for c, o in least.items() if o >= SUSPECT_LOG_ODDS}
         return {c: (o, partners.get(c)) for c, o in least.items()}
+
+
+def _asked(fit: Optimum, bad: frozenset[int], leader: float) -> Iterator[tuple[Node, float, dict[int, Apart]]]:
+    """Nodes at which a slip might make an explanation more probable than the leader.
+
+    With the log posterior of a slip there before the reading is asked, and each case against all others. What is far
+    from the leader at the best node is not looked at more closely.
+    """
+    # As much as there is beside the best node.
+    rest = fit.log_posterior - fit.log_joint(fit.best) + LOG_PRIOR_ODDS
+    for node in fit.hyper.narrowed(fit.best):
+        without = rest + fit.log_joint(node)
+        apart = {case: one for case, one in fit.left_out(node).items() if case not in bad}
+        # However well a slip of two cases explains them, it gains no more than half their misfit.
+        if without + 0.5 * sum(sorted(one.misfit for one in apart.values())[-2:]) > leader:
+            yield node, without, apart
+        elif node == fit.best:
+            return
 
 
 def _worst(odds: Mapping[int, tuple[float, int | None]]) -> frozenset[int]:

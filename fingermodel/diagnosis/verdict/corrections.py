@@ -38,6 +38,8 @@ _UNITS_G = {
 }
 # What one that was entered as a newton millimetre is, by the unit.
 _MOMENTS_NMM = {"in N mm": 1.0, "in N m": 1000.0, "in N cm": 10.0, "in kg mm": 9.80665}
+# Cases that a slip changes at most: two, where they are exchanged. A fault of the session changes more.
+OF_A_SLIP = 2
 # Standard uncertainties by which noise is off once in 1 / P_VALUE times.
 _BEYOND_NOISE = float(np.sqrt(chdtri(1, P_VALUE)))
 # Runs of rows that are looked at.
@@ -313,7 +315,7 @@ class Entries:
         # Where forces of a mount's tares differ by noise, the first serves as well as each: it may even fit better.
         usual = np.sqrt(o.noise.variance.reshape(-1, 6) + EXTRA_NOISE_N.scale**2)
         differ = np.abs(o.tared - first) > _BEYOND_NOISE * usual
-        if np.count_nonzero(differ[:, :3].any(axis=1)) > 2:
+        if np.count_nonzero(differ[:, :3].any(axis=1)) > OF_A_SLIP:
             again = replace(o, wrench=o.wrench + o.tared - first)
             yield self._one("tare", "one tare of each mount serves all its cases", again)
 

@@ -25,7 +25,7 @@ from fingermodel.diagnosis.session_model.candidates import NOTHING, Candidates, 
 from fingermodel.diagnosis.session_model.session import Session, session_of
 from fingermodel.diagnosis.settings import FAR, P_FAULT, SURE, SUSPECT
 from fingermodel.diagnosis.verdict.changes import Amend, Change, Kind, changes, told
-from fingermodel.diagnosis.verdict.corrections import Corrected, Entries
+from fingermodel.diagnosis.verdict.corrections import OF_A_SLIP, Corrected, Entries
 from fingermodel.diagnosis.verdict.predictive import PredictiveCheck, check
 from fingermodel.diagnosis.verdict.trend import Trend
 from fingermodel.diagnosis.verdict.verdict import explains_as_stated, explains_with_rig_as_stated
@@ -301,8 +301,8 @@ def _probable(
 
 
 def _strikes(entries: Entries, changed: Mask) -> bool:
-    """Whether the readings (n,) that a fault changes are of more cases than a slip: two, where they are exchanged."""
-    return len(np.unique(entries.session.rows[changed] // 6)) > 2
+    """Whether the readings (n,) that a fault changes are of more cases than a slip."""
+    return len(np.unique(entries.session.rows[changed] // 6)) > OF_A_SLIP
 
 
 def _changes(entries: Entries, of: Mask) -> list[Change]:
