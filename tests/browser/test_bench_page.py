@@ -27,8 +27,7 @@ from tests.browser.bench_pages import (
     until_stored,
 )
 from tests.browser.bench_story import HOLD_ANSWERS, Story, bench, cases, wrenches
-from tests.browser.pages import BEYOND, Watched, require_browser, served, shade, violations, watched
-from tests.server.service.processes import Process
+from tests.browser.pages import Watched, require_browser, served, violations, watched
 
 require_browser()
 
@@ -340,79 +339,3 @@ def test_it_can_be_read_from_two_metres_pressed_with_gloves_and_looked_back_in(
         for each in (seen, other):
             each.page.close()
             assert each.complaints == []
-
-
-def test_a_recorded_session_and_one_that_is_not_there_have_a_page_too(browser: Any, tmp_path: Path) -> None:
-    from fingertwin.client import Client
-
-    with served(tmp_path) as (url, _):
-        with Client(url) as twin:
-            twin.upload("DEV-02")
-        seen = watched(browser, url)
-        seen.open("sessions/DEV-02/bench", "DEV-02: the bench")
-        seen.page.get_by_text("no bench is running").first.wait_for()
-        until(seen, "() => document.querySelectorAll('.protocol-grid .mark.measured').length > 10")
-        seen.page.locator(".finger-title").wait_for()
-        until(seen, "() => document.querySelector('[data-kind=measured]').textContent.includes(' N')")
-        assert "Model: an1979_middle." in seen.page.locator(".finger-views").inner_text()
-        assert "range not known" not in seen.text()
-        assert key(seen, "next").count() == 0
-        assert min(traces_drawn(seen)) > 100
-        for width in (1440, 900, 390):
-            seen.page.set_viewport_size({"width": width, "height": 900})
-            seen.page.wait_for_timeout(300)
-            assert seen.page.evaluate(BEYOND) <= 0
-            number, panel = (seen.page.locator(s).bounding_box() for s in (".now-force", ".bench-now"))
-            assert number["x"] + number["width"] <= panel["x"] + panel["width"]
-            cut = seen.page.locator(".protocol-scroll")
-            assert cut.evaluate("e => { e.scrollTo(0, 0); return e.scrollWidth > e.clientWidth; }")
-            before = shade(cut)
-            cut.evaluate("e => e.scrollTo(e.scrollWidth, 0)")
-            assert before > shade(cut) + 10
-        assert violations(seen.page) == []
-        seen.page.goto(f"{url}/#/sessions/nothing/bench")
-        seen.page.get_by_role("button", name="Try again").wait_for()
-        assert "There is no session nothing" in seen.text()
-        seen.page.close()
-        assert [c for c in seen.complaints if "404" not in c and "WebSocket" not in c] == []
-
-
-# Every headline and every state of the bench that a page shows from the beginning, in window.shown.
-REMEMBER = """(() => {
-  window.shown = [];
-  const look = () => {
-    for (const e of document.querySelectorAll('.now-todo, .chip')) {
-      const text = e.checkVisibility() ? e.textContent : '';
-      if (text && !window.shown.includes(text)) window.shown.push(text);
-    }
-  };
-  const all = { subtree: true, childList: true, characterData: true, attributes: true };
-  new MutationObserver(look).observe(document, all);
-})()"""
-
-
-@pytest.mark.parametrize("speed", [1, 40])
-def test_while_a_recording_is_replayed_the_headline_says_so_and_afterwards_that_no_bench_is_running(
-    browser: Any, tmp_path: Path, speed: int
-) -> None:
-    with served(tmp_path / "service") as (url, process), process.client() as client:
-        replay = Process(["-m", "server.cli", "replay", "DEV-02", "--to", url, "--speed", str(speed)])
-        try:
-            while client.get("/api/v1/sessions/DEV-02").status_code == 404:
-                time.sleep(0.1)
-            seen = watched(browser, url)
-            seen.page.add_init_script(REMEMBER)
-            seen.open("sessions/DEV-02/bench", "DEV-02: the bench")
-            seen.page.locator(".now-todo").get_by_text("a recording is being replayed").wait_for()
-            seen.page.wait_for_timeout(5000)
-            assert replay.process.poll() is None, "the replay was over before it was looked at"
-            shown = seen.page.evaluate("window.shown")
-            assert [text for text in shown if "no bench is running" in text or text == "recorded"] == []
-            assert "replaying" in shown
-            # However fast cases follow each other, each that is drawn is drawn.
-            seen.page.locator(".finger-title").get_by_text("cell at the").wait_for()
-            replay.process.terminate()
-            seen.page.locator(".now-todo").get_by_text("no bench is running").wait_for()
-            seen.page.close()
-        finally:
-            replay.close()
