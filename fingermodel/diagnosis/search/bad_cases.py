@@ -64,8 +64,9 @@ class BadCases:
         leader = max(fit.log_posterior for fit in fits)
         best, found = leader, frozenset[int]()
         for fit in fits:
+            about = self.odds.slips.about(fit.theta)
             for node, without, apart in _asked(fit, begun.bad, leader):
-                for case, one in self.odds.slips_of(apart, fit, node).items():
+                for case, one in self.odds.slips_of(apart, about, node).items():
                     value = without + apart[case].anything + one.gain
                     if value > best:
                         best, found = value, _worst({case: (value, one.partner)})

@@ -11,7 +11,7 @@ from fingermodel.diagnosis.posterior.hyper import Hyperparameters, Node
 from fingermodel.diagnosis.posterior.optimum import Optimum
 from fingermodel.diagnosis.session_model.bad_cases import LOG_PRIOR_ODDS, Apart
 from fingermodel.diagnosis.session_model.session import Session
-from fingermodel.diagnosis.session_model.slips import Explained, Slips
+from fingermodel.diagnosis.session_model.slips import Explained, Slips, SlipsAbout
 
 # A sound case can make an explanation better by no more than this [nat]: six readings that are known to a mN, not to
 # some newtons.
@@ -27,16 +27,17 @@ class CaseOdds:
     """
 
     def __init__(self, session: Session, hyper: Hyperparameters) -> None:
-        self._hyper, self._slips = hyper, Slips(session)
+        self._hyper, self.slips = hyper, Slips(session)
 
     def explained(self, host: Optimum, cases: Collection[int]) -> dict[int, Explained]:
         """Slips of the cases that any could make probable enough, two at once included."""
-        return self.slips_of({c: a for c, a in host.left_out(host.best).items() if c in cases}, host, host.best)
+        apart = {c: a for c, a in host.left_out(host.best).items() if c in cases}
+        return self.slips_of(apart, self.slips.about(host.theta), host.best)
 
-    def slips_of(self, apart: Mapping[int, Apart], host: Optimum, node: Node) -> dict[int, Explained]:
+    def slips_of(self, apart: Mapping[int, Apart], about: SlipsAbout, node: Node) -> dict[int, Explained]:
         """The same of cases held against all others already, at a node."""
         asked = {c: a for c, a in apart.items() if a.misfit > -LOG_PRIOR_ODDS}
-        return self._slips.explain(asked, host.theta, self._hyper.values(node).errors.scatter)
+        return about.explain(asked, self._hyper.values(node).errors.scatter)
 
     def of_each(self, host: Optimum) -> dict[int, float]:
         """Log odds of each case to be bad, summed over nodes in which scatter, noise and smooth explain less."""

@@ -7,7 +7,8 @@ the recording that holds something else. Each predicts a reading; a bad case of 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal, Protocol
 
 import jax
@@ -102,7 +103,7 @@ class PossibleSlips:
     def __init__(self, entered: Entered) -> None:
         model, observations = entered.model, entered.observations
         self._model, self._observations = model, observations
-        self._muscles = model.finger.topology.muscles
+        self.muscles = model.finger.topology.muscles
         self._tension = np.asarray(observations.inputs.tension)
         self._first = {name: observations.postures.index(name) for name in observations.posture_angles}
         self._weights = sorted({g for masses in observations.masses_g for g in masses.values()})
@@ -144,12 +145,12 @@ class PossibleSlips:
         weight = float(np.asarray(self._observations.inputs.weight)[case])
 
         def hung(kind: Kind, words: str, new: Mapping[str, float], **more: object) -> Slip:
-            tension = np.array([new.get(m, 0.0) * weight for m in self._muscles])
+            tension = np.array([new.get(m, 0.0) * weight for m in self.muscles])
             return Slip(kind, words, dict(new), posture, tension, case, **more)  # type: ignore[arg-type]
 
         for muscle, grams in loaded.items():
             rest = {m: g for m, g in loaded.items() if m != muscle}
-            for other in self._muscles:
+            for other in self.muscles:
                 if other not in loaded:
                     yield hung("tendon", f"{other} was loaded, not {muscle}", {**rest, other: grams})
             for value, why in self._masses(grams):
@@ -200,7 +201,7 @@ class PossibleSlips:
 
 
 class Slips(PossibleSlips):
-    """The same, weighed against readings that may be anything.
+    """The same, to be weighed against readings that may be anything.
 
     Args:
         session: whose cases.
@@ -208,23 +209,42 @@ class Slips(PossibleSlips):
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
-        self._session = session
+        self.session = session
 
-    def explain(self, apart: Mapping[int, Apart], theta: Floats, scatter: float) -> dict[int, Explained]:
+    def about(self, theta: Floats) -> SlipsAbout:
+        """Weigh them about a parameter vector (parameters,)."""
+        return SlipsAbout(self, theta)
+
+
+@dataclass(frozen=True, eq=False)
+class SlipsAbout:
+    """Slips whose readings are predicted about one parameter vector; each is predicted once, when it is asked for.
+
+    Attributes:
+        slips: of a session.
+        theta: (parameters,).
+    """
+
+    slips: Slips
+    theta: Floats
+    _known: dict[Slip, Floats] = field(default_factory=dict, repr=False)
+
+    def explain(self, apart: Mapping[int, Apart], scatter: float) -> dict[int, Explained]:
         """Weigh every slip of some cases against a reading that may be anything.
 
         Args:
             apart: the cases, by index; a case may be exchanged with any of these only.
-            theta: (parameters,) about which the readings are predicted.
             scatter: of the tensions from case to case, relative.
         """
         if not apart:
             return {}
-        along = self._session.changes.by_tension(theta)
         pairs = [
-            (case, slip) for case in apart for slip in self.of(case) if slip.partner is None or slip.partner in apart
+            (case, slip)
+            for case in apart
+            for slip in self.slips.of(case)
+            if slip.partner is None or slip.partner in apart
         ]
-        changes, owners = self.changes(pairs, theta), np.array([case for case, _ in pairs], dtype=np.intp)
+        changes, owners = self._changes(pairs), np.array([case for case, _ in pairs], dtype=np.intp)
         gains, misfits = np.empty(len(pairs)), np.empty(len(pairs))
         for case, one in apart.items():
             own = owners == case
@@ -235,7 +255,7 @@ class Slips(PossibleSlips):
             if slip.partner is None:
                 found[case].append((slip, float(np.log(slip.share)) + gain, chi))
         for case in apart:
-            found[case] += self._amounts(apart[case], along[case], scatter)
+            found[case] += self._amounts(apart[case], scatter)
         # Whatever else may have happened to a case, by itself: of two that are exchanged this is no longer to be paid.
         alone = {
             case: float(np.logaddexp(0.0, LOG_PRIOR_ODDS + _all_together(apart[case], slips)))
@@ -248,12 +268,24 @@ class Slips(PossibleSlips):
                 found[case].append((slip, float(np.log(slip.share)) + both, chi))
         return {case: _weighed(apart[case], slips) for case, slips in found.items()}
 
-    def _amounts(self, apart: Apart, along: Floats, scatter: float) -> Iterator[tuple[Slip, float, float]]:
+    def _changes(self, pairs: Sequence[tuple[int, Slip]]) -> Floats:
+        """(k, 6) reading under each slip less that under the entry [N, N mm]."""
+        new = [(case, slip) for case, slip in pairs if slip not in self._known]
+        self._known.update(zip((slip for _, slip in new), self.slips.changes(new, self.theta), strict=True))
+        return np.array([self._known[slip] for _, slip in pairs]).reshape(-1, 6)
+
+    @cached_property
+    def _along(self) -> Floats:
+        """(cases, 6, muscles) change of every reading by the logarithm of each tension."""
+        return self.slips.session.changes.by_tension(self.theta)
+
+    def _amounts(self, apart: Apart, scatter: float) -> Iterator[tuple[Slip, float, float]]:
         """Another load on a tendon that was loaded, whatever it was: a weight that slipped, stuck or was another."""
-        o, case = self._observations, apart.case
+        o, case = self.slips.session.observations, apart.case
+        muscles, tension = self.slips.muscles, np.asarray(o.inputs.tension)[case]
         loaded = {m: g for m, g in o.masses_g[case].items() if g > 0.0}
         for muscle, grams in loaded.items():
-            column = along[apart.rows, self._muscles.index(muscle)]
+            column = self._along[case][apart.rows, muscles.index(muscle)]
             solved = np.linalg.solve(apart.covariance, column)
             amount = float(solved @ apart.away) / (float(column @ solved) + AMOUNT**-2)
             if amount <= -1.0 or not column.any():
@@ -265,9 +297,7 @@ class Slips(PossibleSlips):
             value = float(f"{grams * (1.0 + amount):.2g}")
             words = f"{muscle} bore about {value:g} g, not {grams:g} g"
             share = SLIP_SHARES["amount"] / len(loaded)
-            slip = Slip(
-                "amount", words, {**loaded, muscle: value}, o.postures[case], self._tension[case], case, share=share
-            )
+            slip = Slip("amount", words, {**loaded, muscle: value}, o.postures[case], tension, case, share=share)
             yield slip, float(np.log(share)) + gain, float(chi)
 
 

@@ -219,13 +219,13 @@ def check(fit: Optimum, slips: Slips | None = None) -> PredictiveCheck:
         return PredictiveCheck(None, None, {}, {})
     predictions = _predictions(fit)
     p = predictions[0][1]
-    slips, scatter = slips or Slips(session), fit.hyper.values(fit.best).errors.scatter
+    about, scatter = (slips or Slips(session)).about(fit.theta), fit.hyper.values(fit.best).errors.scatter
     bad, strange = set[int](), set[int]()
     for _ in range(1 + len(np.unique(p.cases)) // 4):
         apart = bad | strange
         sound = _apart(session, p, apart, set(p.cases.tolist()) - apart)
         could = {case: one for case, one in sound.items() if one.misfit > -LOG_PRIOR_ODDS}
-        found = slips.explain(could, fit.theta, scatter)
+        found = about.explain(could, scatter)
         odds = {case: LOG_PRIOR_ODDS + could[case].anything + found[case].gain for case in could}
         unlike = {case: _LOG_UNLIKE + could[case].anything for case in could.keys() & session.unlike_fitted}
         either = {case: max(o, unlike.get(case, o)) for case, o in odds.items()}
@@ -240,7 +240,7 @@ def check(fit: Optimum, slips: Slips | None = None) -> PredictiveCheck:
     # Held against one another while all seemed sound, bad cases make each other look worse, or better.
     while True:
         held = _apart(session, p, bad | strange, bad)
-        explained = slips.explain(held, fit.theta, scatter)
+        explained = about.explain(held, scatter)
         odds = {case: _log_odds(session, held[case], explained[case].gain) for case in held}
         least = min(odds, key=lambda c: odds[c], default=None)
         if least is None or odds[least] >= SUSPECT_LOG_ODDS:

@@ -65,7 +65,7 @@ def test_a_reading_of_another_entry_is_told_by_it(nothing: Optimum) -> None:
         if slip.partner is not None or size < 0.3:
             continue
         moved = Apart(case, apart.rows, change[apart.rows], apart.covariance, apart.anything, apart.tail)
-        found = slips.explain({case: moved}, nothing.theta, 0.0)[case].slips
+        found = slips.about(nothing.theta).explain({case: moved}, 0.0)[case].slips
         own = next(chi_square for one, _, chi_square in found if one.words == slip.words)
         assert own == pytest.approx(0.0, abs=1e-9)
         assert all(chi_square < 25.0 for _, probability, chi_square in found if probability > 0.05)
