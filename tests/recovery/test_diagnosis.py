@@ -19,6 +19,8 @@ from fingermodel.diagnosis.answer.ranking import parameters_of
 from fingermodel.diagnosis.diagnose import Diagnosis
 from fingermodel.diagnosis.next_cases.frozen import freeze, read_frozen, score, write_frozen
 from fingermodel.diagnosis.next_cases.next_cases import PlannedReading, name_of, plan_next
+from fingermodel.diagnosis.posterior.optimum import Optimum
+from fingermodel.diagnosis.several_sessions import several
 from fingermodel.diagnosis.several_sessions.several import Pooled, diagnose_pooled
 from fingermodel.session import Session
 from server.application.additions import add_bench
@@ -327,6 +329,17 @@ def test_a_fault_of_the_rig_shows_beside_what_is_a_specimens_own(tmp_path: Path)
     assert abs(best.log_evidence_shared - best.log_evidence_own) < 5.0
     assert [each.own for each in best.each] == [(), ("bowstringing",)]
     assert "bowstringing in SIM-00022" in pooled.verdict.sentence
+
+
+def test_what_only_all_together_show_is_known_in_each_where_a_further_law_is_looked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fits: list[Optimum] = []
+    monkeypatch.setattr(several, "shared_finding", lambda _sessions, known, *_: fits.extend(known))
+    pooled = pooled_of(tmp_path, {specimen: {"rig_friction": 0.025} for specimen in (21, 22, 23)})
+    assert (pooled.verdict.kind, pooled.verdict.names) == ("found", ("rig_friction",))
+    assert not any(d.verdict.kind == "found" for d in pooled.diagnoses)
+    assert [fit.explanation.names for fit in fits] == [("rig_friction",)] * 3
 
 
 @pytest.mark.full

@@ -89,25 +89,24 @@ def diagnose_pooled(
         diagnoses.append(diagnose(model, observations, thorough=thorough))
         tell(0.5 * (k + 1) / len(sessions))
     names = tuple(s[0] for s in sessions)
-    pooling = _Pooling([_Specimen(d) for d in diagnoses])
+    specimens = [_Specimen(d) for d in diagnoses]
+    pooling = _Pooling(specimens)
     found = pooling.search(lambda done: tell(0.5 + 0.2 * done))
     ranking, p_apart = pooling.normalised(found, range(len(diagnoses)))
     rests_on = pooling.rests_on(names, found, ranking)
     p_nothing = p_apart * float(np.prod([d.posterior.p_nothing for d in diagnoses]))
     p_other = p_apart * float(np.prod([d.posterior.p_beyond for d in diagnoses]))
     verdict = judge_together(names, diagnoses, ranking, (p_apart, p_nothing, p_other), rests_on)
-    shared = shared_finding(names, [_known(d) for d in diagnoses], permutations, lambda done: tell(0.7 + 0.3 * done))
+    # What all share by name is known to act in each, too: a law that nobody listed is looked for beside it.
+    found_together = [e.explanation for e in ranking if verdict.kind == "found" and set(e.names) == set(verdict.names)]
+    known = [s.known(next(iter(found_together), None)) for s in specimens]
+    shared = shared_finding(names, known, permutations, lambda done: tell(0.7 + 0.3 * done))
     if shared is not None and shared.laws:
         k = int(np.argmax(shared.curve.left_out_gain))
-        told, between = deciding(diagnoses[k], _known(diagnoses[k]), shared.laws)
+        told, between = deciding(diagnoses[k], known[k], shared.laws)
         shared = replace(shared, deciding=told, decided_between=between, decided_on=names[k])
     seconds = time.perf_counter() - began
     return Pooled(names, tuple(diagnoses), ranking, p_apart, p_nothing, p_other, verdict, shared, seconds)
-
-
-def _known(diagnosis: Diagnosis) -> Optimum:
-    """What is known to act in a session by itself: what was found there, else nothing."""
-    return diagnosis.best if diagnosis.verdict.kind == "found" else diagnosis.posterior.nothing
 
 
 class _Specimen:
@@ -175,6 +174,13 @@ class _Specimen:
         return total, InSession(
             gain, theta[list(here.parameters)], sd, own.names, _by_name(fit, here), _size(fit, here)
         )
+
+    def known(self, shared: Explanation | None) -> Optimum:
+        """What is known to act here: what was found in this session by itself, and what all sessions share."""
+        own = self.diagnosis.best if self.diagnosis.verdict.kind == "found" else self.posterior.nothing
+        here = None if shared is None else self.here(shared)
+        both = None if here is None else self._beside(here, own.explanation)
+        return own if both is None else self._fitted(both[0])
 
     def _fitted(self, explanation: Explanation) -> Optimum:
         known = self._fits.get(explanation)

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from fingermodel.diagnosis.posterior.curves import STAGES, WHAT, Curves
 from fingermodel.diagnosis.posterior.optimum import Optimum
-from fingermodel.diagnosis.settings import SHARED_P
+from fingermodel.diagnosis.settings import SHARED_P, SURE
 from fingermodel.diagnosis.several_sessions.shared_deciding import Deciding
 from fingermodel.diagnosis.several_sessions.shared_law import SharedCurve, StageSearch, p_value, permuted
 from fingermodel.diagnosis.several_sessions.shared_laws import SharedLaw, shared_laws
@@ -57,11 +58,11 @@ class SharedFinding:
 
     @property
     def is_shared(self) -> bool:
-        """Whether they share something: more evident than not, no chance, and of use to most of those left out."""
+        """Whether they share something: sure rather than an error of each one's own, no chance, of use to most."""
         p = self.permutation_p
         helped = int(np.sum(self.curve.left_out_gain > 0.0))
-        evident = self.curve.log_evidence > 0.0 and 2 * helped > len(self.sessions)
-        return evident and (p is None or p <= SHARED_P)
+        sure = float(expit(self.curve.log_evidence)) >= SURE
+        return sure and 2 * helped > len(self.sessions) and (p is None or p <= SHARED_P)
 
     @property
     def lacking(self) -> tuple[str, ...]:
