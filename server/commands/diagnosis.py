@@ -45,13 +45,18 @@ def diagnose_session(
         body["figures"] = str(page)
     if answer("diagnose", body, json):
         return
-    print_diagnosis(body)
+    print_diagnosis(body, quoted(session))
     if page:
         say(f"Report: {page}")
 
 
-def print_diagnosis(body: dict[str, Any]) -> None:
-    """Print what has to be known before, the verdict, then what it stands on."""
+def print_diagnosis(body: dict[str, Any], session: str) -> None:
+    """Print what has to be known before, the verdict, then what it stands on.
+
+    Args:
+        body: the answer.
+        session: as the commands to go on with name it: its folder, where that was given.
+    """
     say_first(body)
     _print_verdict(body)
     _print_sensitivity(body["robustness"])
@@ -67,18 +72,23 @@ def print_diagnosis(body: dict[str, Any]) -> None:
             say(f"{'ok  ' if null['verdict'] == 'holds' else 'FAIL'} {null['text']}")
     if body["curve"]:
         say(body["curve"]["sentence"])
+    _print_ways_on(body, session)
+    if body["verdict"] != "nothing_missing":
+        say(body["next_sentence"])
+
+
+def _print_ways_on(body: dict[str, Any], session: str) -> None:
+    """Print the commands by which a fault is put right, or a formula tried."""
     for fault in body["session_faults"]:
         if fault["amend"]:
             say("To put it right, once it is known:")
         for change in fault["amend"]:
-            say(f'    fingertwin amend {quoted(body["session"])} {amending(change)} --why "…"')
+            say(f'    fingertwin amend {session} {amending(change)} --why "…"')
     offers = [(known["text"], quoted(known["effect"])) for known in body["ready_made"]]
     offers += [(f"Hint: {hint['text']}", quoted(hint["effect"]["formula"])) for hint in body["hints"]]
     for text, effect in offers:
         say(f"{text}:")
-        say(f"    fingertwin add {effect} {quoted(body['session'])}")
-    if body["verdict"] != "nothing_missing":
-        say(body["next_sentence"])
+        say(f"    fingertwin add {effect} {session}")
 
 
 def amending(change: dict[str, Any]) -> str:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from fingermodel.api import Diagnosis, diagnose
+from fingermodel.diagnosis.verdict.changes import Amend
 from fingermodel.effects.catalogue import CATALOGUE
 from fingermodel.effects.user import effect_document, load_effect
 from fingermodel.session import Session
 from server.application.refitting import refit_compared
 from server.commands.additions import moved, print_history
-from server.commands.diagnosis import _print_verdict
+from server.commands.diagnosis import _print_verdict, _print_ways_on
 from server.figures.diagnosis_revisions import steps_of
 from tests.own_effect import python_file
 from tests.server.command_line import run
@@ -110,6 +113,17 @@ def test_suspects_are_named_above_the_reasons(capsys: pytest.CaptureFixture[str]
     assert lines.index("It explains the readings.") > 2
     assert lines[3] == "The whole session: the finger is mirrored (probability 0.03)."
     assert any(line.startswith("Predictive check on the validation cases: p = 1e-09") for line in lines)
+
+
+def test_the_commands_to_go_on_with_name_the_session_as_it_was_given(capsys: pytest.CaptureFixture[str]) -> None:
+    amend = [asdict(Amend("all", tendons={"FDP": "FDS", "FDS": "FDP"}))]
+    fault = {"words": "FDP and FDS were exchanged", "probability": 0.98, "amend": amend}
+    hint = {"text": "a torque at the PIP", "effect": {"formula": "torque[PIP] += k"}}
+    body = missing_effect() | {"session_faults": [fault], "hints": [hint], "ready_made": []}
+    _print_ways_on(body, "'my bench/S1'")
+    commands = [line.strip() for line in capsys.readouterr().out.splitlines() if "  fingertwin " in line]
+    assert len(commands) == 2
+    assert [shlex.split(command)[i] for command, i in zip(commands, (2, 3), strict=True)] == ["my bench/S1"] * 2
 
 
 def test_adding_writes_a_revision_that_compares(added: tuple[Path, dict[str, Any]]) -> None:
