@@ -127,8 +127,10 @@ def judge_together(
     if sure and exact is not None:
         beside = [f"{words(s.own)} in {name}" for name, s in zip(sessions, exact.each, strict=True) if s.own]
         also = f" Beside it acts {'; '.join(beside)}." if beside else ""
+        other = [name for name, s in zip(sessions, exact.each, strict=True) if s.by_name < 0.5]
+        but = f" In {words(other)} its law would have to be another." if other else ""
         p = min(included[n] for n in sure)
-        text = f"Found in all sessions together: {words(sure)}, {_sizes(exact)}.{also}"
+        text = f"Found in all sessions together: {words(sure)}, {_sizes(exact)}.{also}{but}"
         return PooledVerdict("found", sure, min(p, 1.0), text, (), tuple(rests_on))
     if p_apart >= SURE:
         kinds = {d.verdict.kind for d in diagnoses}

@@ -90,13 +90,15 @@ def test_what_is_shared_is_named_with_what_acts_beside_it() -> None:
     assert (found.kind, found.names, found.rests_on) == ("found", ("rig",), ("B",))
     assert found.probability == pytest.approx(0.98)
     assert "rig.x = 0.5 ± 0.1 mm" in found.sentence
-    assert "own in B" in found.sentence
+    assert found.sentence.endswith("Beside it acts own in B.")
     other = judged([shared(("rig",), 0.98, one_size=False)])
     assert "a size of its own in each" in other.sentence
 
 
 def test_a_law_that_would_have_to_be_another_in_most_sessions_is_not_named() -> None:
-    assert judged([shared(("a",), 0.99, by_name=(1.0, 1.0, 0.1))]).names == ("a",)
+    named = judged([shared(("a",), 0.99, by_name=(1.0, 1.0, 0.1))])
+    assert named.names == ("a",)
+    assert named.sentence.endswith("In C its law would have to be another.")
     found = judged([shared(("a",), 0.99, by_name=(1.0, 0.1, 0.1))])
     assert (found.kind, found.names) == ("undecided", ())
     assert any("another in most" in s for s in found.short)
