@@ -28,8 +28,8 @@ from server.service.figures.held_finger import held_finger
 from server.service.figures.parts import about_of, cases_led_to, resolved, spread_members, spread_of
 from server.service.figures.parts import settings_of as effect_settings
 from server.service.jobs.studies import last_of, study_named
-from server.service.schemas.common import InCase, Matched, ModelName, Posture, documented
-from server.service.schemas.figures import EXAMPLE, FigureList, FigureShown
+from server.service.schemas.common import EXAMPLES, InCase, Matched, ModelName, Posture, documented
+from server.service.schemas.figures import FigureList, FigureShown
 from server.service.services import Services, of
 from server.service.sessions.blinding import blinded, require_closed, seen
 from server.service.web.problems import ProblemError, not_found
@@ -82,7 +82,7 @@ OfRevision = Annotated[str | None, Query(max_length=200, description="Id of a re
 OfSpecimen = Annotated[str | None, Query(max_length=200, description="Or a specimen, whose revision is in force.")]
 OnPage = Annotated[Theme, Query(description="Colours for a light or a dark page.")]
 
-_DRAWN = documented(FigureShown, example=EXAMPLE) | {304: {"description": "Not Modified"}}
+_DRAWN = documented(FigureShown, example=EXAMPLES["FigureShown"]) | {304: {"description": "Not Modified"}}
 
 _NEEDS = {
     "comparison": "Measured load cases; while a bench is running, identification cases alone are shown.",

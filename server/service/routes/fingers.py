@@ -19,9 +19,8 @@ from server.service.answers import JsonAnswer
 from server.service.figures.answer import Theme, drawn_plots
 from server.service.figures.fingers import exported, finger_shown, known_finger
 from server.service.routes.exports import files
-from server.service.schemas.common import documented
+from server.service.schemas.common import EXAMPLES, documented
 from server.service.schemas.fingers import (
-    FINGER,
     AskedScaling,
     FingerFormats,
     FingerImport,
@@ -45,7 +44,10 @@ Format = Annotated[
 MEDIA = {"finger": "application/yaml", "osim": "application/xml", "mjcf": "application/xml"}
 
 
-@quick.get("", responses=documented(FingerList, example={"schema": "fingertwin/fingers/1", "fingers": [FINGER]}))
+@quick.get(
+    "",
+    responses=documented(FingerList, example={"schema": "fingertwin/fingers/1", "fingers": [EXAMPLES["FingerShown"]]}),
+)
 def listed() -> JsonAnswer:
     """List the fingers that come with the software: bones, joints, tendons, what they are judged in."""
     rows = [finger_shown(name) for name in finger_names()]

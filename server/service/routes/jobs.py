@@ -7,14 +7,14 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Request
 
 from server.service.answers import JsonAnswer
-from server.service.schemas.common import Limit, documented
-from server.service.schemas.jobs import RUNNING_JOB, JobList, JobShown, State
+from server.service.schemas.common import EXAMPLES, Limit, documented
+from server.service.schemas.jobs import JobList, JobShown, State
 from server.service.services import of
 from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(prefix="/jobs", route_class=StrictRoute, tags=["jobs"])
 
-JobId = Annotated[str, Path(max_length=200, description="Id of the job.", examples=[RUNNING_JOB["id"]])]
+JobId = Annotated[str, Path(max_length=200, description="Id of the job.", examples=[EXAMPLES["JobShown"]["id"]])]
 
 
 @router.get("", responses=documented(JobList))

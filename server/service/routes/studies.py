@@ -9,9 +9,9 @@ from fastapi import APIRouter, Path, Request
 from server.reproduce.study import STUDIES, Study
 from server.service.answers import JsonAnswer
 from server.service.jobs.studies import last_of, study_named
-from server.service.schemas.common import documented
+from server.service.schemas.common import EXAMPLES, documented
 from server.service.schemas.jobs import JobShown
-from server.service.schemas.studies import STUDY, AskedReproduction, StudyComputed, StudyList
+from server.service.schemas.studies import AskedReproduction, StudyComputed, StudyList
 from server.service.services import of
 from server.service.web.strict_requests import StrictRoute
 
@@ -20,7 +20,9 @@ router = APIRouter(route_class=StrictRoute, prefix="/studies", tags=["studies"])
 Name = Annotated[str, Path(max_length=100, description="Of the study.", examples=["synek2019"])]
 
 
-@router.get("", responses=documented(StudyList, example={"schema": "fingertwin/studies/1", "studies": [STUDY]}))
+@router.get(
+    "", responses=documented(StudyList, example={"schema": "fingertwin/studies/1", "studies": [EXAMPLES["StudyShown"]]})
+)
 def listed(request: Request) -> JsonAnswer:
     """List the published studies that can be computed."""
     return JsonAnswer({"schema": "fingertwin/studies/1", "studies": [_shown(request, s) for s in STUDIES]})

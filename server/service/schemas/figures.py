@@ -57,20 +57,3 @@ class FigureShown(Shown):
     )
     theme: str = Field(description="light or dark.")
     blinded: list[str] = Field([], description="Cases that are left out, or whose prediction is, until it is closed.")
-
-
-EXAMPLE: dict[str, Any] = {
-    "schema": "fingertwin/figure/1",
-    "name": "scatter",
-    "title": "Measured and predicted tip force components",
-    "caption": "On the grey line prediction and measurement agree. Each symbol is one load case.",
-    "text": "Measured and predicted tip force components. 56 identification cases; axes of the distal phalanx.",
-    "figure": {"data": [{"type": "scatter", "x": [0.1], "y": [0.2], "mode": "markers"}], "layout": {"width": 960}},
-    "cases": [["c001"]],
-    "session": "DEV-01",
-    "session_version": 0,
-    "model": "an1979_middle",
-    "before": None,
-    "blinded": [],
-    "theme": "light",
-}

@@ -6,30 +6,14 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field
 
-from server.service.schemas.common import Form, Plain, Shown
+from server.service.schemas.common import EXAMPLES, Form, Plain, Shown
 from server.service.schemas.figures import FigureShown
-
-FINGER: dict[str, Any] = {
-    "name": "an1979_middle",
-    "id": "an1979_middle",
-    "title": "Human third digit, normative",
-    "bones": ["metacarpal", "proximal", "middle", "distal"],
-    "joints": ["MCP.abduction", "MCP.flexion", "PIP.flexion", "DIP.flexion"],
-    "tendons": ["FDP", "FDS", "EDC", "RI", "UI", "LU"],
-    "judged_in": "space",
-    "moves": False,
-    "activates": False,
-}
-_OSIM = (
-    '<OpenSimDocument Version="40600"><Model name="finger"><BodySet><objects/></BodySet>'
-    "<JointSet><objects/></JointSet></Model></OpenSimDocument>"
-)
 
 
 class FingerShown(Shown):
     """A finger: bones, joints, tendons, what it is judged in."""
 
-    model_config = ConfigDict(json_schema_extra={"example": FINGER})
+    model_config = ConfigDict(json_schema_extra={"example": EXAMPLES["FingerShown"]})
 
     name: str
     id: str
@@ -45,7 +29,9 @@ class FingerShown(Shown):
 class FingerRead(FingerShown):
     """A finger with every number and its source."""
 
-    model_config = ConfigDict(json_schema_extra={"example": FINGER | {"document": {"format": "finger/1"}}})
+    model_config = ConfigDict(
+        json_schema_extra={"example": EXAMPLES["FingerShown"] | {"document": {"format": "finger/1"}}}
+    )
 
     document: Plain = Field(description="finger/1.")
 
@@ -73,7 +59,7 @@ class FingerFormats(Shown):
 class FingerImport(Form):
     """A finger as OpenSim (.osim) or MuJoCo (MJCF, .xml) has it."""
 
-    model_config = ConfigDict(json_schema_extra={"example": {"name": "theirs.osim", "text": _OSIM}})
+    model_config = ConfigDict(json_schema_extra={"example": EXAMPLES["FingerImport"]})
 
     name: Annotated[
         str,

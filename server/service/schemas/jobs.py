@@ -2,38 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import ConfigDict, Field
 
-from server.service.schemas.common import Plain, Shown
+from server.service.schemas.common import EXAMPLES, Plain, Shown
 from server.service.web.problems import Problem
 
 State = Literal["queued", "running", "done", "failed", "cancelled"]
-
-RUNNING_JOB: dict[str, Any] = {
-    "schema": "fingertwin/job/1",
-    "id": "0d9cf8a1c02f4b5c9e0a3f0c6a1f7be2",
-    "kind": "diagnose",
-    "session": "DEV-01",
-    "request": {"model": None, "thorough": False, "effects": []},
-    "state": "running",
-    "progress": 0.4,
-    "stage": "fitting every effect",
-    "attempts": 0,
-    "timeout_s": 1800.0,
-    "created_utc": "2026-03-02T09:14:07.120+00:00",
-    "started_utc": "2026-03-02T09:14:07.180+00:00",
-    "finished_utc": None,
-    "result": None,
-    "problem": None,
-}
 
 
 class JobShown(Shown):
     """Work in the background: how far it is, and what came of it."""
 
-    model_config = ConfigDict(json_schema_extra={"example": RUNNING_JOB})
+    model_config = ConfigDict(json_schema_extra={"example": EXAMPLES["JobShown"]})
 
     schema_: Literal["fingertwin/job/1"] = Field(alias="schema")
     id: str

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, model_validator
 
-from server.service.schemas.common import Form, Plain, Shown, Summary, Vector
+from server.service.schemas.common import EXAMPLES, Form, Plain, Shown, Summary, Vector
 
 MOST_ROWS = 100_000
 # Far beyond any mass in g and tension in N, and far from where sums overflow.
@@ -16,13 +16,6 @@ Name = Annotated[str, Field(max_length=60)]
 Column = Annotated[list[Number], Field(min_length=1, max_length=MOST_ROWS)]
 Columns = Annotated[dict[Name, Column], Field(max_length=40)]
 Angles = Annotated[list[Angle], Field(min_length=1, max_length=MOST_ROWS)]
-
-EXAMPLE: Any = {
-    "model": "an1979_middle",
-    "postures_deg": {"MCP": [0, 40], "PIP": [65, 55], "DIP": [50, 35]},
-    "masses_g": {"FDP": [950]},
-    "tension_factor": 0.835,
-}
 
 
 class Asked(Form):
@@ -47,7 +40,7 @@ class Asked(Form):
     ] = 1.0
     gravity_m_s2: Annotated[float, Field(ge=5, le=20)] = 9.81
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, json_schema_extra={"examples": [EXAMPLE]})
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, json_schema_extra={"examples": [EXAMPLES["Asked"]]})
 
     @model_validator(mode="after")
     def _one_of_two(self) -> Asked:

@@ -6,39 +6,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from server.service.schemas.common import SESSION_ID, Form, Plain, Shown, Vector
+from server.service.schemas.common import EXAMPLES, SESSION_ID, Form, Plain, Shown, Vector
 
 Span = Annotated[tuple[float, float], Field(strict=False, description="[start, end] in s of the session's readings.")]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 Reason = Annotated[str, Field(min_length=1, max_length=2000)]
-
-CASE = {
-    "id": "c097",
-    "role": "identification",
-    "posture": "hook",
-    "location": "tip",
-    "masses_g": {"FDP": 950.0},
-    "unloaded_s": [0.4, 3.8],
-    "loaded_s": [9.6, 12.9],
-}
-DOCUMENT = {
-    "format": "bench-session/1",
-    "id": "H01",
-    "specimen": {"id": "H01", "species": "human", "digit": "third", "side": "left"},
-    "finger": "an1979_middle",
-    "tension_factor": 0.835,
-    "postures_deg": {"hook": {"MCP": 0, "PIP": 65, "DIP": 50, "abduction": 0}},
-    "cases": [
-        {
-            "id": "c001",
-            "role": "identification",
-            "posture": "hook",
-            "location": "tip",
-            "masses_g": {"FDP": 950.0},
-            "force_N": [-3.1, -2.4, 0.2],
-        }
-    ],
-}
+CASE, DOCUMENT = EXAMPLES["NewCase"], EXAMPLES["NewSession"]
 
 
 class NewSession(Form):

@@ -2,41 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from pydantic import ConfigDict, Field
 
-from server.service.schemas.common import Form, Shown
-
-STUDY: dict[str, Any] = {
-    "name": "synek2019",
-    "citation": "Synek et al. 2019, PeerJ 7:e7470",
-    "about": "tip and bone forces of clamped cadaver fingers",
-    "job": "0d9cf8a1c02f4b5c9e0a3f0c6a1f7be2",
-    "state": "done",
-}
-_ROW: dict[str, Any] = {
-    "quantity": "friction factor c (Eq 1)",
-    "published": 0.835,
-    "ours": 0.8348,
-    "unit": "1",
-    "agrees": True,
-    "note": "",
-    "printed": "0.835",
-}
-_COMPUTED: dict[str, Any] = {
-    "rows": [_ROW],
-    "assumptions": ["The tip load acts at mid pulp."],
-    "sheets": [],
-    "figures": [{"name": "scatter", "heading": "Force components"}],
-    "version": "0.1.0",
-}
+from server.service.schemas.common import EXAMPLES, Form, Shown
 
 
 class StudyShown(Shown):
     """A published study, and the last time that it was computed here."""
 
-    model_config = ConfigDict(json_schema_extra={"example": STUDY})
+    model_config = ConfigDict(json_schema_extra={"example": EXAMPLES["StudyShown"]})
 
     name: str
     citation: str
@@ -54,7 +28,7 @@ class StudyList(Shown):
 class StudyRow(Shown):
     """A published figure beside ours."""
 
-    model_config = ConfigDict(json_schema_extra={"example": _ROW})
+    model_config = ConfigDict(json_schema_extra={"example": EXAMPLES["StudyRow"]})
 
     quantity: str
     published: float | None = Field(description="In `unit`; null where a range was published.")
@@ -84,7 +58,7 @@ class StudyFigure(Shown):
 class StudyComputed(StudyShown):
     """A study with every published figure beside ours."""
 
-    model_config = ConfigDict(json_schema_extra={"example": STUDY | _COMPUTED})
+    model_config = ConfigDict(json_schema_extra={"example": EXAMPLES["StudyComputed"]})
 
     rows: list[StudyRow]
     assumptions: list[str] = Field(description="What the paper leaves out and what stands in its place.")

@@ -99,7 +99,7 @@ def prepared(client: httpx.Client, *, refit: bool = True) -> Ids:
 
 def upload_read(client: httpx.Client) -> None:
     """Put in a short session with readings."""
-    first: dict[str, Any] = DOCUMENT["cases"][0]  # type: ignore[index]
+    first: dict[str, Any] = DOCUMENT["cases"][0]
     windows = {"unloaded_s": [1.0, 8.0], "loaded_s": [12.0, 24.0]}
     case = {k: v for k, v in first.items() if k != "force_N"} | windows
     document = DOCUMENT | {"id": READ, "cases": [case], "readings": "readings.parquet"}
