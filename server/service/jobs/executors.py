@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from types import TracebackType
-from typing import Any, Generic, Literal, Self, TypeVar
+from typing import Any, Literal, Self, TypeVar
 
 from daq.errors import InputError
 from server.service.jobs.orders import Order, Outcome
@@ -135,11 +135,7 @@ class ProcessExecutor(Executor):
                     return
                 key, outcome = ends.get()
                 del running[key]
-                if outcome.ending == "refused":
-                    raise InputError(outcome.found, outcome.expected, outcome.remedy)
-                if outcome.ending != "done":
-                    raise ExecutorError(f"{key}: {outcome.found or outcome.ending}")
-                yield key, outcome.result
+                yield key, _result_of(key, outcome)
         finally:
             for name in running.values():
                 self._supervisor.cancel(name)
@@ -191,7 +187,11 @@ class DaskExecutor(Executor):
             while running:
                 future = next(done)
                 key = running.pop(future.key)
-                result = _result_of(key, future)
+                try:
+                    outcome = future.result()
+                except Exception as error:
+                    outcome = Outcome.of_error(error)
+                result = _result_of(key, outcome)
                 send()
                 yield key, result
         finally:
@@ -219,31 +219,29 @@ def _distributed() -> Any:
         ) from error
 
 
-def _attempt(function: Callable[[Any], Any], item: Any) -> tuple[bool, Any]:
+def _attempt(function: Callable[[Any], Any], item: Any) -> Outcome:
     """Compute one item on a cluster; bad input comes back in parts, which a pickled exception would lose."""
     try:
-        return True, function(item)
-    except InputError as error:
-        return False, (error.found, error.expected, error.remedy)
-
-
-def _result_of(key: str, future: Any) -> Any:
-    try:
-        done, result = future.result()
+        return Outcome("done", function(item))
     except Exception as error:
-        raise ExecutorError(f"{key}: {type(error).__name__}: {error}") from error
-    if not done:
-        raise InputError(*result)
-    return result
+        return Outcome.of_error(error)
 
 
-class _Watcher(Generic[Item]):
+def _result_of(key: str, outcome: Outcome) -> Any:
+    if outcome.ending == "refused":
+        raise InputError(outcome.found, outcome.expected, outcome.remedy)
+    if outcome.ending != "done":
+        raise ExecutorError(f"{key}: {outcome.found or outcome.ending}")
+    return outcome.result
+
+
+class _Watcher:
     """Hands the end of one item to whoever waits for it."""
 
-    def __init__(self, key: str, payload: Item, ends: queue.SimpleQueue[tuple[str, Outcome]]) -> None:
+    def __init__(self, key: str, payload: Any, ends: queue.SimpleQueue[tuple[str, Outcome]]) -> None:
         self._key, self._payload, self._ends = key, payload, ends
 
-    def started(self) -> tuple[Item, Mapping[str, Any]]:
+    def started(self) -> tuple[Any, Mapping[str, Any]]:
         return self._payload, {}
 
     def progressed(self, fraction: float, stage: str) -> None:

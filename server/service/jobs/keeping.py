@@ -39,14 +39,6 @@ class Keeper:
         self._live: dict[str, tuple[float, str]] = {}
         self._ended = threading.Condition()
 
-    def watch(self, job: Job, task: TaskKind) -> JobWatcher:
-        """Return the watcher of a job, which keeps its worker's reports."""
-        return JobWatcher(self, job, task)
-
-    def progress(self, job: Job) -> float:
-        """Return the share that was told last."""
-        return self._live.get(job.id, (0.0, ""))[0]
-
     def live(self, job: Job) -> Job:
         """Return a job with the progress that was told last."""
         known = self._live.get(job.id)
@@ -71,18 +63,16 @@ class Keeper:
 
     def write(self, change: Callable[[Telling], None]) -> None:
         """Carry out a change in a transaction of its own, again if the database cannot be reached."""
-        for pause_s in _PAUSES_S:
+        for pause_s in (*_PAUSES_S, None):
             try:
                 with self._messages.writing() as telling:
                     change(telling)
                 return
             except OperationalError as error:
-                if self.closing.is_set():
+                if pause_s is None or self.closing.is_set():
                     raise
                 _log.warning("the database cannot be written to; trying again in %g s: %s", pause_s, error.orig)
                 self.closing.wait(pause_s)
-        with self._messages.writing() as telling:
-            change(telling)
 
 
 class JobWatcher:
@@ -157,7 +147,7 @@ class JobWatcher:
         if outcome.ending == "stopped":
             self._change(telling, RUNNING, state=QUEUED, started_utc=None, progress=0.0, stage="")
             return
-        end = {"finished_utc": now_utc(), "stage": "", "progress": self._keeper.progress(self._job)}
+        end = {"finished_utc": now_utc(), "stage": "", "progress": self._keeper.live(self._job).progress}
         if outcome.ending == "cancelled":
             self._change(telling, QUEUED, RUNNING, state=CANCELLED, **end)
         else:

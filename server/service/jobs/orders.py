@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 from daq.errors import InputError
-from server.service.jobs.worker import said_of
 
 _log = logging.getLogger(__name__)
 
@@ -36,11 +35,17 @@ class Outcome:
     trace: str = ""
 
     @classmethod
-    def of_error(cls, error: Exception) -> Outcome:
+    def of_error(cls, error: BaseException) -> Outcome:
         """Return the outcome for an exception that is being handled."""
         if isinstance(error, InputError):
             return cls("refused", found=error.found, expected=error.expected, remedy=error.remedy)
         return cls("failed", found=said_of(error), trace=traceback.format_exc())
+
+
+def said_of(error: BaseException) -> str:
+    """Return type and message of an exception, in one line."""
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
 class Watcher(Protocol):

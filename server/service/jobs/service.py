@@ -12,7 +12,7 @@ from sqlalchemy import ColumnElement, func, insert, select, update
 
 from daq.errors import InputError
 from server.service.answers import plain
-from server.service.jobs.keeping import Keeper, problem_of
+from server.service.jobs.keeping import JobWatcher, Keeper, problem_of
 from server.service.jobs.kinds import FAILED, QUEUED, RUNNING, STATES, Job, TaskKind
 from server.service.jobs.orders import Order, Outcome
 from server.service.jobs.supervisor import Supervisor, Workers
@@ -195,7 +195,7 @@ class JobService:
         if self._new is not None:
             self._new.add(job.id)
         task = self._tasks[job.kind]
-        self._supervisor.submit(Order(job.id, task.run, self._keeper.watch(job, task), job.timeout_s))
+        self._supervisor.submit(Order(job.id, task.run, JobWatcher(self._keeper, job, task), job.timeout_s))
 
     def _taken_up(self, telling: Telling, job: Job) -> Job | None:
         """Make an open job of an earlier run wait again; None where it must not."""

@@ -14,8 +14,8 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Literal
 
-from server.service.jobs.orders import Ending, Order, Outcome
-from server.service.jobs.worker import Said, said_of, work
+from server.service.jobs.orders import Ending, Order, Outcome, said_of
+from server.service.jobs.worker import Said, work
 
 _log = logging.getLogger(__name__)
 
@@ -145,12 +145,8 @@ class Slot:
                         order.tell(lambda f=fraction, s=stage: watcher.progressed(f, s))  # type: ignore[misc]
                     case ("part", key, result):
                         order.tell(lambda k=key, r=result: watcher.part(k, r))  # type: ignore[misc]
-                    case ("done", result):
-                        return Outcome("done", result)
-                    case ("refused", found, expected, remedy):
-                        return Outcome("refused", found=found, expected=expected, remedy=remedy)
-                    case _:
-                        return Outcome("failed", found=said[1], trace=said[2])
+                    case ("ended", Outcome() as outcome):
+                        return outcome
         except (EOFError, OSError):
             died = self._discard(_LAST_BREATH_S)
             if not taken and self._why is None:
@@ -228,7 +224,7 @@ def _heard(worker: _Worker, until: float | None) -> Said | None:
             try:
                 said: Said = pickle.loads(words)  # noqa: S301 - from our own worker
             except Exception as error:
-                return ("failed", f"its result cannot be read here ({said_of(error)})", "")
+                return ("ended", Outcome("failed", found=f"its result cannot be read here ({said_of(error)})"))
             return said
         if ready:
             raise EOFError

@@ -21,14 +21,13 @@ from typing import Any
 
 import psutil
 
-from daq.errors import InputError
+from server.service.jobs.orders import Outcome
 
 # News of progress that come faster than this are left out, unless the stage is another.
 _NEWS_S = 0.2
 
 # What a worker tells: ("ready",), perhaps ("unwarmed", trace) before; of each order ("taken",), ("progress", fraction,
-# stage), ("part", key, result), and in the end one of ("done", result), ("refused", found, expected, remedy) and
-# ("failed", found, trace).
+# stage), ("part", key, result), and in the end ("ended", outcome).
 Said = tuple[Any, ...]
 
 
@@ -91,35 +90,23 @@ def work(connection: Connection, warm_up: str | None) -> None:
             return
         send(("taken",))
         try:
-            send(_carry_out(order, send))
+            send(("ended", _carry_out(order, send)))
         except OSError:
             return
         except Exception as error:
             # The result itself could not be sent.
-            send(_failure(error))
+            send(("ended", Outcome.of_error(error)))
 
 
-def _carry_out(order: bytes, send: Callable[[Said], None]) -> Said:
+def _carry_out(order: bytes, send: Callable[[Said], None]) -> Outcome:
     tell = Tell(send)
     try:
         name, payload, tell.parts = pickle.loads(order)  # noqa: S301 - from our own parent
-        return ("done", function_of(name)(payload, tell))
-    except InputError as error:
-        return ("refused", error.found, error.expected, error.remedy)
+        return Outcome("done", function_of(name)(payload, tell))
     except (Exception, SystemExit) as error:
-        return _failure(error)
+        return Outcome.of_error(error)
     finally:
         tell.close()
-
-
-def _failure(error: BaseException) -> Said:
-    return ("failed", said_of(error), traceback.format_exc())
-
-
-def said_of(error: BaseException) -> str:
-    """Return type and message of an exception, in one line."""
-    text = " ".join(str(error).split())
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
 def function_of(name: str) -> Callable[..., Any]:

@@ -32,42 +32,38 @@ class _Share(Generic[T]):
     """Somebody's part of a transaction that is shared.
 
     Attributes:
+        error: that is raised in place of an answer.
         ended: whether its transaction is over.
     """
 
     def __init__(self, work: Callable[[Connection], T]) -> None:
         self._work, self._results = work, list[T]()
-        self._error: Exception | None = None
+        self.error: Exception | None = None
         self.ended = False
 
-    def within(self, connection: Connection) -> None:
-        """Do the work beside others'; of what is refused nothing is left.
+    def within(self, connection: Connection, *, alone: bool) -> None:
+        """Do the work in a transaction, alone or beside others'; of what is refused beside others nothing is left.
 
         Raises:
             SQLAlchemyError: the database failed; the whole transaction may be gone.
+            Exception: of work that is alone.
         """
+        self._results, self.error = [], None
+        if alone:
+            self._results = [self._work(connection)]
+            return
         try:
             with connection.begin_nested():
                 self._results = [self._work(connection)]
         except SQLAlchemyError:
             raise
         except Exception as error:
-            self._error = error
-
-    def alone(self, database: Database) -> None:
-        """Do the work in a transaction of its own."""
-        self._results, self._error = [], None
-        try:
-            with database.writing() as connection:
-                result = self._work(connection)
-            self._results = [result]
-        except Exception as error:
-            self._error = error
+            self.error = error
 
     def answer(self) -> T:
         """Return what the work returned, or raise what it raised."""
-        if self._error is not None:
-            raise self._error
+        if self.error is not None:
+            raise self.error
         return self._results[0]
 
 
@@ -149,16 +145,17 @@ class Database:
         return mine.answer()
 
     def _commit(self, batch: Sequence[_Share[Any]]) -> None:
-        if len(batch) > 1:
-            try:
-                with self.writing() as connection:
-                    for share in batch:
-                        share.within(connection)
+        try:
+            with self.writing() as connection:
+                for share in batch:
+                    share.within(connection, alone=len(batch) == 1)
+        except Exception as error:
+            if len(batch) == 1:
+                batch[0].error = error
                 return
-            except SQLAlchemyError:
-                pass  # nothing is kept; alone, each is told what is wrong
-        for share in batch:
-            share.alone(self)
+            # Nothing is kept; alone, each is told what is wrong.
+            for share in batch:
+                self._commit([share])
 
     def alive(self) -> bool:
         """Return whether it answers."""
