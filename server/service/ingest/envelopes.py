@@ -19,10 +19,10 @@ from sqlalchemy import ColumnElement, Connection, func, select
 
 from daq.acquisition.blocks import Chunk
 from daq.recordings.windows import Span
-from server.service.ingest.stored import STORED, chunk_of
+from server.service.ingest.stored import STORED, Place, chunk_of, ends_of, in_stream, known_stream, places_of
 from server.service.storage.database import Database
-from server.service.storage.schema import chunks, streams
-from server.service.web.problems import ProblemError, not_found
+from server.service.storage.schema import chunks
+from server.service.web.problems import ProblemError
 from server.service.web.workers import require_client
 
 # (n,) envelopes: from and to which time, of how many samples, how many of them flagged, least and most of each channel.
@@ -31,6 +31,7 @@ ENVELOPE = np.dtype(
 )
 Rows = NDArray[np.void]
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 # Chunks are remembered in groups of so many samples, in rows of so much time or so many samples.
 GROUP, FINE_S, FINE_SAMPLES = 1 << 14, 0.04, 16
@@ -73,21 +74,11 @@ class Window:
     found: Samples | Rows
 
 
-@dataclass(frozen=True)
-class _Place:
-    """Position of a chunk in its stream."""
-
-    first_seq: int
-    n: int
-    first_s: float
-    last_s: float
-
-
 @dataclass(frozen=True, eq=False)
 class _Group:
     """Neighbouring chunks: where they lie, and their envelopes."""
 
-    places: tuple[_Place, ...]
+    places: tuple[Place, ...]
     rows: Rows
 
 
@@ -120,12 +111,9 @@ class Envelopes:
         """
         if from_s is not None and to_s is not None and not from_s <= to_s:
             raise ProblemError(422, f"a window from {from_s:g} to {to_s:g} s", "from_s before to_s")
-        mine = (chunks.c.session == session) & (chunks.c.stream == stream)
+        mine = in_stream(session, stream)
         with self._database.reading() as connection:
-            here = (streams.c.session == session) & (streams.c.id == stream)
-            held = connection.execute(select(streams.c.held).where(here)).scalar()
-            if held is None:
-                raise not_found("stream", stream, f"/api/v1/sessions/{session}")
+            row = known_stream(connection, session, stream)
             # One by one: each is the end of an index.
             first_s, last_s = (
                 connection.execute(select(end).where(mine)).scalar()
@@ -135,17 +123,17 @@ class Envelopes:
                 return Window((from_s or 0.0, to_s or 0.0), None, [], _joined([]))
             window = (first_s if from_s is None else from_s, last_s if to_s is None else to_s)
             window = (window[0], max(window))
-            ends = _ends(connection, mine, window)
-            row_s = _row_s(held, last_s - first_s)
+            ends = ends_of(connection, mine, window)
+            row_s = _row_s(row.held, last_s - first_s)
             if window[1] - window[0] >= 2.0 * points * row_s:
                 groups = self._groups(connection, mine, (session, stream, row_s), ends)
                 places = [p for g in groups for p in g.places]
                 rows = np.concatenate([g.rows for g in groups]) if groups else np.empty(0, ENVELOPE)
                 rows = rows[(rows["to_s"] >= window[0]) & (rows["from_s"] <= window[1])]
                 if rows["count"].sum() > points:
-                    found: Samples | Rows = _merged(rows, _starts(rows["from_s"], window, points))
+                    found: Samples | Rows = _merged(rows, _stretches(rows["from_s"], window, points))
                     return Window(window, (first_s, last_s), _missing(places, window), found)
-            places = _places(connection, mine, ends)
+            places = places_of(connection, mine, ends)
             _require_few(sum(p.n for p in places))
             found = _exact(_read(connection, mine, [p.first_seq for p in places]), window, points)
         return Window(window, (first_s, last_s), _missing(places, window), found)
@@ -163,14 +151,14 @@ class Envelopes:
         with self._lock:
             known = {at: self._known.get((*of, at)) for at in counts}
         fresh = [at for at, g in known.items() if g is None or len(g.places) != counts[at]]
-        listed = {at: _places(connection, mine, (at * GROUP, at * GROUP + GROUP - 1)) for at in fresh}
+        listed = {at: places_of(connection, mine, (at * GROUP, at * GROUP + GROUP - 1)) for at in fresh}
         _require_few(sum(p.n for places in listed.values() for p in places))
         out = {at: g for at, g in known.items() if g is not None}
         for at, places in listed.items():
             rows = []
             for chunk in _read(connection, mine, [p.first_seq for p in places if p.n]):
                 samples = _samples(chunk)
-                rows.append(_enveloped(samples, _changes(np.floor(samples.t_s / of[2]))))
+                rows.append(_enveloped(samples, starts_of(np.floor(samples.t_s / of[2]))))
             out[at] = _Group(tuple(places), np.concatenate(rows) if rows else np.empty(0, ENVELOPE))
         self._remember(of, {at: out[at] for at in fresh})
         return [out[at] for at in counts]
@@ -191,31 +179,9 @@ def _row_s(samples: int, span_s: float) -> float:
     return FINE_S * 2.0 ** max(round(math.log2(max(needed_s, FINE_S) / FINE_S)), 0)
 
 
-def _ends(connection: Connection, mine: ColumnElement[bool], window: Span) -> tuple[int, int]:
-    """Return numbers of the chunks in which the beginning and the end of a window lie."""
-    before = select(chunks.c.first_seq).where(mine & (chunks.c.first_s <= window[0]))
-    after = select(chunks.c.first_seq).where(mine & (chunks.c.last_s >= window[1]))
-    low = connection.execute(before.order_by(chunks.c.first_s.desc()).limit(1)).scalar()
-    high = connection.execute(after.order_by(chunks.c.last_s).limit(1)).scalar()
-    if high is None:
-        high = connection.execute(select(func.max(chunks.c.first_seq)).where(mine)).scalar()
-    return low or 0, high or 0
-
-
-def _places(connection: Connection, mine: ColumnElement[bool], ends: tuple[int, int]) -> list[_Place]:
-    query = select(chunks.c.first_seq, chunks.c.n, chunks.c.first_s, chunks.c.last_s)
-    rows = connection.execute(query.where(mine & chunks.c.first_seq.between(*ends)).order_by(chunks.c.first_seq))
-    # An empty chunk ends a stream, and has no time.
-    return [_Place(r.first_seq, r.n, math.nan if r.first_s is None else r.first_s, r.last_s or math.nan) for r in rows]
-
-
 def _read(connection: Connection, mine: ColumnElement[bool], wanted: Sequence[int]) -> Iterator[Chunk]:
     for at in range(0, len(wanted), _AT_ONCE):
-        query = (
-            select(*STORED)
-            .where(mine & chunks.c.first_seq.in_(wanted[at : at + _AT_ONCE]))
-            .order_by(chunks.c.first_seq)
-        )
+        query = select(*STORED).where(mine & chunks.c.first_seq.in_(wanted[at : at + _AT_ONCE]))
         # A reader that stops early leaves no cursor behind.
         with connection.execute(query.order_by(chunks.c.first_seq).execution_options(yield_per=16)) as rows:
             for row in rows:
@@ -232,14 +198,14 @@ def _exact(read: Iterable[Chunk], window: Span, points: int) -> Samples | Rows:
         samples = _within(_samples(chunk), window)
         count += len(samples.t_s)
         few = [*few, samples] if count <= points else []
-        rows.append(_enveloped(samples, _starts(samples.t_s, window, points)))
+        rows.append(_enveloped(samples, _stretches(samples.t_s, window, points)))
     if count <= points:
         return _joined(few)
     found = np.concatenate(rows)
-    return _merged(found, _starts(found["from_s"], window, points))
+    return _merged(found, _stretches(found["from_s"], window, points))
 
 
-def _missing(places: Sequence[_Place], window: Span) -> list[Span]:
+def _missing(places: Sequence[Place], window: Span) -> list[Span]:
     """Return stretches of a window between chunks that do not follow each other."""
     out = []
     for before, place in pairwise(p for p in places if p.n):
@@ -269,40 +235,37 @@ def _within(found: Samples, window: Span) -> Samples:
 
 def _enveloped(samples: Samples, starts: NDArray[np.intp]) -> Rows:
     """Return one envelope of the samples from each start to the next."""
-    out = np.empty(len(starts), ENVELOPE)
-    if not len(starts):
-        return out
-    last = np.append(starts[1:], len(samples.t_s)) - 1
-    out["from_s"], out["to_s"], out["count"] = samples.t_s[starts], samples.t_s[last], last + 1 - starts
-    out["flagged"] = np.add.reduceat(samples.flagged.astype(np.int64), starts)
-    out["least"] = np.fmin.reduceat(samples.wrench, starts, axis=0)
-    out["most"] = np.fmax.reduceat(samples.wrench, starts, axis=0)
-    return out
+    t_s, wrench = samples.t_s, samples.wrench
+    return _reduced(starts, t_s, t_s, np.ones(len(t_s), np.int64), samples.flagged.astype(np.int64), wrench, wrench)
 
 
 def _merged(rows: Rows, starts: NDArray[np.intp]) -> Rows:
     """Return one envelope of the rows from each start to the next."""
+    return _reduced(starts, *(rows[name] for name in ENVELOPE.names or ()))
+
+
+def _reduced(
+    starts: NDArray[np.intp], from_s: Floats, to_s: Floats, count: Ints, flagged: Ints, least: Floats, most: Floats
+) -> Rows:
     out = np.empty(len(starts), ENVELOPE)
-    if not len(starts):
-        return out
-    last = np.append(starts[1:], len(rows)) - 1
-    out["from_s"], out["to_s"] = rows["from_s"][starts], rows["to_s"][last]
-    for name in ("count", "flagged"):
-        out[name] = np.add.reduceat(rows[name], starts)
-    out["least"] = np.fmin.reduceat(rows["least"], starts, axis=0)
-    out["most"] = np.fmax.reduceat(rows["most"], starts, axis=0)
+    if len(starts):
+        out["from_s"], out["to_s"] = from_s[starts], to_s[np.append(starts[1:], len(to_s)) - 1]
+        out["count"], out["flagged"] = np.add.reduceat(count, starts), np.add.reduceat(flagged, starts)
+        out["least"] = np.fmin.reduceat(least, starts, axis=0)
+        out["most"] = np.fmax.reduceat(most, starts, axis=0)
     return out
 
 
-def _starts(t_s: Floats, window: Span, points: int) -> NDArray[np.intp]:
+def _stretches(t_s: Floats, window: Span, points: int) -> NDArray[np.intp]:
     """Return the index at which each of so many equal stretches of a window begins."""
     width = (window[1] - window[0]) / points
     if not width > 0.0:
         return np.zeros(min(len(t_s), 1), dtype=np.intp)
-    return _changes(np.clip(np.floor((t_s - window[0]) / width), 0, points - 1))
+    return starts_of(np.clip(np.floor((t_s - window[0]) / width), 0, points - 1))
 
 
-def _changes(place: Floats) -> NDArray[np.intp]:
+def starts_of(place: Floats) -> NDArray[np.intp]:
+    """Return the index at which each run of equal places begins."""
     return np.flatnonzero(np.diff(place, prepend=np.nan) != 0.0)
 
 

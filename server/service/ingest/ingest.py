@@ -13,14 +13,22 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from sqlalchemy import Connection, case, func, insert, select, update
+from sqlalchemy import Connection, Row, case, func, insert, select, update
 
 from daq.acquisition.blocks import Chunk
 from daq.bench.record import STARTED
 from daq.errors import JournalError, ReadingsError
 from daq.journal.rows import Event
 from daq.recordings.windows import require_increasing
-from server.service.ingest.stored import canonical_object, event_of, gaps, raise_version
+from server.service.ingest.stored import (
+    canonical_object,
+    event_of,
+    gaps,
+    in_stream,
+    known_stream,
+    raise_version,
+    stream_row,
+)
 from server.service.storage.audit import record
 from server.service.storage.checksums import digest_of
 from server.service.storage.database import Database, now_utc
@@ -102,7 +110,7 @@ class Ingest:
         digest = digest_of(description.encode())
         with self._database.writing() as connection:
             _require_session(connection, session, hidden=hidden)
-            found = _stream(connection, session, stream)
+            found = stream_row(connection, session, stream)
             if found is not None and found.sha256 != digest:
                 raise ProblemError(
                     409, f"stream {stream} is described otherwise", "the description it has", "Begin another stream"
@@ -112,9 +120,9 @@ class Ingest:
                 number = connection.execute(highest).scalar_one() + 1
                 row = {"session": session, "id": stream, "number": number, "description": description, "sha256": digest}
                 connection.execute(insert(streams).values(row))
-                record(connection, "stream begun", session, {"stream": stream, "description_sha256": row["sha256"]})
+                record(connection, "stream begun", session, {"stream": stream, "description_sha256": digest})
                 raise_version(connection, session)
-            return self._cursor_of(connection, session, stream)
+            return _cursor(connection, known_stream(connection, session, stream))
 
     def cursor(self, session: str, stream: str) -> dict[str, Any]:
         """Return how far a stream is, and what is missing of it.
@@ -124,7 +132,7 @@ class Ingest:
         """
         with self._database.reading() as connection:
             _require_session(connection, session)
-            return self._cursor_of(connection, session, stream)
+            return _cursor(connection, known_stream(connection, session, stream))
 
     def put_chunk(
         self, session: str, stream: str, first_seq: int, count: int, sent: Sent, *, hidden: bool = False
@@ -157,43 +165,13 @@ class Ingest:
             raise ProblemError(422, f"{len(chunk)} samples to number {chunk.next_seq}", f"at most {MOST_SAMPLES}")
         _require_rising(chunk)
         answer, fresh = self._database.together(
-            lambda connection: self._keep(connection, session, stream, chunk, sent, hidden)
+            lambda connection: _keep(connection, session, stream, chunk, sent, hidden)
         )
         if fresh:
             self.stored(count, len(sent.body))
         if fresh and not hidden:
             self._on_chunk(session, stream, chunk)
         return answer
-
-    def _keep(
-        self, connection: Connection, session: str, stream: str, chunk: Chunk, sent: Sent, hidden: bool
-    ) -> tuple[dict[str, Any], bool]:
-        """Keep a chunk in a transaction; return the cursor, and whether it is new."""
-        _require_session(connection, session, hidden=hidden)
-        row = _stream(connection, session, stream)
-        if row is None:
-            raise not_found("stream", stream, f"/api/v1/sessions/{session}")
-        over = _overlapping(connection, session, stream, chunk)
-        fresh = not over
-        if over and over != [(chunk.first_seq, len(chunk), sent.sha256)]:
-            raise ProblemError(
-                409,
-                f"other samples are stored from {over[0][0]} on",
-                "samples that are not there yet, or the very same chunk",
-                stored=[{"first_seq": f, "count": n, "sha256": s} for f, n, s in over],
-            )
-        if fresh:
-            _require_between(connection, session, stream, chunk)
-            connection.execute(insert(chunks).values(_chunk_row(session, stream, chunk, sent)))
-        change: dict[str, Any] = {
-            "next_seq": max(row.next_seq, chunk.next_seq),
-            "held": row.held + (len(chunk) if fresh else 0),
-            "ended": bool(row.ended) or len(chunk) == 0,
-            "epoch": sent.epoch,
-        }
-        here = (streams.c.session == session) & (streams.c.id == stream)
-        connection.execute(update(streams).where(here).values(change))
-        return self._answer(connection, session, stream, change), fresh
 
     def event_cursor(self, session: str, epoch: str) -> dict[str, Any]:
         """Return which events of an epoch are there.
@@ -236,21 +214,43 @@ class Ingest:
                 telling.tell("event", session, told)
             return _event_cursor(connection, session, epoch)
 
-    def _cursor_of(self, connection: Connection, session: str, stream: str) -> dict[str, Any]:
-        row = _stream(connection, session, stream)
-        if row is None:
-            raise not_found("stream", stream, f"/api/v1/sessions/{session}")
-        values = {"next_seq": row.next_seq, "held": row.held, "ended": bool(row.ended), "epoch": row.epoch}
-        return self._answer(connection, session, stream, values)
 
-    @staticmethod
-    def _answer(connection: Connection, session: str, stream: str, row: dict[str, Any]) -> dict[str, Any]:
-        missing: list[list[int]] = []
-        if row["held"] != row["next_seq"]:
-            query = select(chunks.c.first_seq, chunks.c.n).where(chunks.c.session == session)
-            query = query.where(chunks.c.stream == stream).order_by(chunks.c.first_seq)
-            missing = gaps((r.first_seq, r.n) for r in connection.execute(query))
-        return {"next_seq": row["next_seq"], "missing": missing, "ended": row["ended"], "epoch": row["epoch"]}
+def _keep(
+    connection: Connection, session: str, stream: str, chunk: Chunk, sent: Sent, hidden: bool
+) -> tuple[dict[str, Any], bool]:
+    """Keep a chunk in a transaction; return the cursor, and whether it is new."""
+    _require_session(connection, session, hidden=hidden)
+    row = known_stream(connection, session, stream)
+    over = _overlapping(connection, session, stream, chunk)
+    fresh = not over
+    if over and over != [(chunk.first_seq, len(chunk), sent.sha256)]:
+        raise ProblemError(
+            409,
+            f"other samples are stored from {over[0][0]} on",
+            "samples that are not there yet, or the very same chunk",
+            stored=[{"first_seq": f, "count": n, "sha256": s} for f, n, s in over],
+        )
+    if fresh:
+        _require_between(connection, session, stream, chunk)
+        connection.execute(insert(chunks).values(_chunk_row(session, stream, chunk, sent)))
+    change: dict[str, Any] = {
+        "next_seq": max(row.next_seq, chunk.next_seq),
+        "held": row.held + (len(chunk) if fresh else 0),
+        "ended": bool(row.ended) or len(chunk) == 0,
+        "epoch": sent.epoch,
+    }
+    here = (streams.c.session == session) & (streams.c.id == stream)
+    changed = connection.execute(update(streams).where(here).values(change).returning(streams)).one()
+    return _cursor(connection, changed), fresh
+
+
+def _cursor(connection: Connection, row: Row[Any]) -> dict[str, Any]:
+    """Return how far a stream is, by its row."""
+    missing: list[list[int]] = []
+    if row.held != row.next_seq:
+        query = select(chunks.c.first_seq, chunks.c.n).where(in_stream(row.session, row.id))
+        missing = gaps((r.first_seq, r.n) for r in connection.execute(query.order_by(chunks.c.first_seq)))
+    return {"next_seq": row.next_seq, "missing": missing, "ended": row.ended, "epoch": row.epoch}
 
 
 def _known_by(event: Event) -> dict[str, Any]:
@@ -271,15 +271,10 @@ def _require_session(connection: Connection, session: str, *, hidden: bool = Fal
         raise not_found("session", session, "/api/v1/sessions")
 
 
-def _stream(connection: Connection, session: str, stream: str) -> Any:
-    return connection.execute(select(streams).where((streams.c.session == session) & (streams.c.id == stream))).first()
-
-
 def _overlapping(connection: Connection, session: str, stream: str, chunk: Chunk) -> list[tuple[int, int, str]]:
     """Return the stored chunks that a chunk would overlap, in order; an empty one counts as one sample."""
     first, end = chunk.first_seq, chunk.first_seq + max(len(chunk), 1)
-    columns = select(chunks.c.first_seq, chunks.c.n, chunks.c.sha256)
-    mine = columns.where((chunks.c.session == session) & (chunks.c.stream == stream))
+    mine = select(chunks.c.first_seq, chunks.c.n, chunks.c.sha256).where(in_stream(session, stream))
     # Stored chunks never lie over each other, so of those before only the last can reach into this one.
     before = mine.where(chunks.c.first_seq <= first).order_by(chunks.c.first_seq.desc()).limit(1)
     within = mine.where((chunks.c.first_seq > first) & (chunks.c.first_seq < end)).order_by(chunks.c.first_seq)
@@ -301,7 +296,7 @@ def _require_between(connection: Connection, session: str, stream: str, chunk: C
     """Refuse a chunk whose times do not lie between those of its neighbours."""
     if not len(chunk):
         return
-    mine = (chunks.c.session == session) & (chunks.c.stream == stream) & (chunks.c.n > 0)
+    mine = in_stream(session, stream) & (chunks.c.n > 0)
     last = select(chunks.c.last_s).where(mine & (chunks.c.first_seq < chunk.first_seq))
     first = select(chunks.c.first_s).where(mine & (chunks.c.first_seq > chunk.first_seq))
     before = connection.execute(last.order_by(chunks.c.first_seq.desc()).limit(1)).scalar()

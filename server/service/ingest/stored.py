@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Column, Connection, Row, select, update
+from sqlalchemy import Column, ColumnElement, Connection, Row, func, select, update
 
 from daq.acquisition.blocks import Chunk
 from daq.journal.rows import Event
+from daq.recordings.windows import Span
 from server.service.storage.checksums import sound
-from server.service.storage.schema import chunks, events, sessions
-from server.service.web.problems import ProblemError, shortened
+from server.service.storage.schema import chunks, events, sessions, streams
+from server.service.web.problems import ProblemError, not_found, shortened
 from server.service.web.strict_requests import read_json
 
 # What a chunk is read from.
@@ -24,6 +27,58 @@ STORED: tuple[Column[Any], ...] = (
     chunks.c.payload,
 )
 _MOST_EVENT_BYTES = 1 << 18
+
+
+@dataclass(frozen=True)
+class Place:
+    """Position of a chunk in its stream."""
+
+    first_seq: int
+    n: int
+    first_s: float
+    last_s: float
+
+
+def stream_row(connection: Connection, session: str, stream: str) -> Row[Any] | None:
+    """Return the row of a stream; None where there is none."""
+    return connection.execute(select(streams).where((streams.c.session == session) & (streams.c.id == stream))).first()
+
+
+def known_stream(connection: Connection, session: str, stream: str) -> Row[Any]:
+    """Return the row of a stream.
+
+    Raises:
+        ProblemError: 404 there is none.
+    """
+    row = stream_row(connection, session, stream)
+    if row is None:
+        raise not_found("stream", stream, f"/api/v1/sessions/{session}")
+    return row
+
+
+def in_stream(session: str, stream: str) -> ColumnElement[bool]:
+    """Select the chunks of a stream."""
+    return (chunks.c.session == session) & (chunks.c.stream == stream)
+
+
+def ends_of(connection: Connection, mine: ColumnElement[bool], window: Span) -> tuple[int, int]:
+    """Return numbers of the chunks in which the last reading before a window and the first one after it lie."""
+    before = select(chunks.c.first_seq).where(mine & (chunks.c.first_s <= window[0]))
+    after = select(chunks.c.first_seq).where(mine & (chunks.c.last_s > window[1]))
+    low = connection.execute(before.order_by(chunks.c.first_s.desc()).limit(1)).scalar()
+    high = connection.execute(after.order_by(chunks.c.last_s).limit(1)).scalar()
+    first, last = connection.execute(
+        select(func.min(chunks.c.first_seq), func.max(chunks.c.first_seq)).where(mine)
+    ).one()
+    return (first or 0) if low is None else low, (last or 0) if high is None else high
+
+
+def places_of(connection: Connection, mine: ColumnElement[bool], ends: tuple[int, int]) -> list[Place]:
+    """Return where the chunks between two numbers lie, in order."""
+    query = select(chunks.c.first_seq, chunks.c.n, chunks.c.first_s, chunks.c.last_s)
+    rows = connection.execute(query.where(mine & chunks.c.first_seq.between(*ends)).order_by(chunks.c.first_seq))
+    # An empty chunk ends a stream, and has no time.
+    return [Place(r.first_seq, r.n, math.nan if r.first_s is None else r.first_s, r.last_s or math.nan) for r in rows]
 
 
 def chunk_of(row: Row[Any]) -> Chunk:

@@ -10,15 +10,24 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from sqlalchemy import ColumnElement, Connection, Row, func, select
+from sqlalchemy import Connection, Row, func, select
 
 from daq.errors import OutsideError, ReadingsError
 from daq.recordings.plateaus import Plateau
 from daq.recordings.readings import ReadingBlock
 from daq.recordings.windows import Span, gather, outside
-from server.service.ingest.stored import STORED, body_of_event, chunk_of, event_of
+from server.service.ingest.stored import (
+    STORED,
+    body_of_event,
+    chunk_of,
+    ends_of,
+    event_of,
+    in_stream,
+    places_of,
+    stream_row,
+)
 from server.service.storage.database import Database
-from server.service.storage.schema import chunks, events, streams
+from server.service.storage.schema import chunks, events
 from server.service.web.workers import require_client
 
 _MOST_CACHED = 20_000
@@ -76,10 +85,7 @@ class Windows:
                 new.append(window)
         if new:
             with self._database.reading() as connection:
-                state = None
-                if stream is not None:
-                    here = (streams.c.session == session) & (streams.c.id == stream)
-                    state = connection.execute(select(streams).where(here)).first()
+                state = None if stream is None else stream_row(connection, session, stream)
                 if stream is None or state is None:
                     return replace(out, waiting=dict.fromkeys(new, "no readings are there yet"))
                 whole = state.held == state.next_seq and (state.ended or _log_ended(connection, session, state))
@@ -129,8 +135,7 @@ class Windows:
             out.plateaus[window] = found
         except OutsideError:
             # Only the chunks near the window were read; the message tells of the whole recording.
-            mine = (chunks.c.session == session) & (chunks.c.stream == stream)
-            span = select(func.min(chunks.c.first_s), func.max(chunks.c.last_s)).where(mine)
+            span = select(func.min(chunks.c.first_s), func.max(chunks.c.last_s)).where(in_stream(session, stream))
             first_s, last_s = connection.execute(span).one()
             # Not remembered: a log that has ended may be gone on with, and another case may have the same window.
             out.failed[window] = outside(window, name, first_s, last_s, _WHERE)
@@ -161,14 +166,11 @@ def _lacking(connection: Connection, session: str, stream: str, window: Span, wh
     """Describe the missing part of a window; empty where it can be reduced."""
     if whole:
         return ""
-    mine = (chunks.c.session == session) & (chunks.c.stream == stream)
+    mine = in_stream(session, stream)
     last_s = connection.execute(select(func.max(chunks.c.last_s)).where(mine)).scalar()
     if last_s is None or last_s <= window[1]:
         return f"readings until {window[1]:g} s are to come" + ("" if last_s is None else f" (now at {last_s:.1f} s)")
-    low, high = _ends(connection, mine, window)
-    columns = select(chunks.c.first_seq, chunks.c.n, chunks.c.first_s, chunks.c.last_s)
-    near = columns.where(mine & chunks.c.first_seq.between(low, high)).order_by(chunks.c.first_seq)
-    rows = connection.execute(near).all()
+    rows = places_of(connection, mine, ends_of(connection, mine, window))
     if rows and rows[0].first_seq > 0 and rows[0].first_s > window[0]:
         return f"readings before {rows[0].first_s:.2f} s are missing"
     for before, row in pairwise(rows):
@@ -179,27 +181,15 @@ def _lacking(connection: Connection, session: str, stream: str, window: Span, wh
     return ""
 
 
-def _ends(connection: Connection, mine: ColumnElement[bool], window: Span) -> tuple[int, int]:
-    """Return numbers of the chunks in which the last reading before a window and the first one after it lie."""
-    before = select(chunks.c.first_seq).where(mine & (chunks.c.first_s <= window[0]))
-    after = select(chunks.c.first_seq).where(mine & (chunks.c.last_s > window[1]))
-    low = connection.execute(before.order_by(chunks.c.first_s.desc()).limit(1)).scalar()
-    high = connection.execute(after.order_by(chunks.c.last_s).limit(1)).scalar()
-    first, last = connection.execute(
-        select(func.min(chunks.c.first_seq), func.max(chunks.c.first_seq)).where(mine)
-    ).one()
-    return (first or 0) if low is None else low, (last or 0) if high is None else high
-
-
 def blocks_of(connection: Connection, session: str, stream: str, window: Span | None = None) -> Iterator[ReadingBlock]:
     """Yield a stream's readings in order, or those of the chunks about a window.
 
     Raises:
         DamagedError: a chunk is not as it was sent.
     """
-    mine = (chunks.c.session == session) & (chunks.c.stream == stream)
+    mine = in_stream(session, stream)
     if window is not None:
-        mine &= chunks.c.first_seq.between(*_ends(connection, mine, window))
+        mine &= chunks.c.first_seq.between(*ends_of(connection, mine, window))
     query = select(*STORED).where(mine).order_by(chunks.c.first_seq)
     with connection.execute(query.execution_options(yield_per=16)) as rows:
         for chunk in map(chunk_of, rows):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from daq.acquisition.blocks import Chunk
 from daq.uplink.live_tail import WINDOW_S
+from server.service.ingest.envelopes import starts_of
 from server.service.live.bodies import MOST, LiveMessage
 
 # (n,) envelopes.
@@ -60,7 +61,7 @@ def rows_of_chunk(chunk: Chunk, after_s: float = -np.inf) -> Rows:
         return np.empty(0, ENVELOPE)
     wrench = chunk.wrench[wanted]
     wrench = np.where(np.abs(wrench) <= MOST, wrench, np.nan)
-    starts = _starts(t, WINDOW_S)
+    starts = starts_of(np.floor(t / WINDOW_S))
     out = np.empty(len(starts), ENVELOPE)
     out["from_s"], out["to_s"] = np.minimum.reduceat(t, starts), np.maximum.reduceat(t, starts)
     out["count"] = np.diff(starts, append=len(t))
@@ -95,27 +96,18 @@ def decimated(rows: Rows, rate_hz: float, most: int = MOST_IN_FRAME) -> Rows:
         return merged(rows, np.zeros(1, dtype=np.intp))
     middle = 0.5 * (rows["from_s"] + rows["to_s"]) - first_s
     place = np.maximum.accumulate(np.minimum(np.floor(middle * (room / span)), room - 1))
-    return merged(rows, _changes(place))
+    return merged(rows, starts_of(place))
 
 
 def binned(rows: Rows, bin_s: float) -> Rows:
     """Return one envelope for each interval of time in which any begins."""
-    return merged(rows, _starts(rows["from_s"], bin_s)) if len(rows) else rows
+    return merged(rows, starts_of(np.floor(rows["from_s"] / bin_s))) if len(rows) else rows
 
 
 def as_columns(rows: Rows) -> dict[str, Any]:
     """Return plain data by column; components in single precision, a 10⁻⁷ of what they are."""
     out: dict[str, Any] = {name: np.ascontiguousarray(rows[name]) for name in ("from_s", "to_s", "count", "overload")}
     return out | {name: rows[name].astype(np.float32) for name in ("least", "most", "latest", "mean")}
-
-
-def _starts(t: NDArray[np.float64], bin_s: float) -> NDArray[np.intp]:
-    """Return the indices at which a new interval of time begins."""
-    return _changes(np.floor(t / bin_s))
-
-
-def _changes(place: NDArray[np.float64]) -> NDArray[np.intp]:
-    return np.flatnonzero(np.diff(place, prepend=np.nan) != 0.0)
 
 
 def _means(values: NDArray[np.float64], weight: NDArray[np.float64], starts: NDArray[np.intp]) -> NDArray[np.float64]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
@@ -11,20 +10,22 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy import select
 
 from fingermodel.comparing import compare
-from fingermodel.comparison.comparison import Comparison as Cases
 from fingermodel.fingers.files import finger_from_dict, read_finger
 from fingermodel.predicting import Predictor
 from fingermodel.session import Session
 from server.application.provenance import provenance
 from server.service.answers import Tagged
+from server.service.ingest.stored import in_stream, known_stream
 from server.service.models.effects import OwnEffects
 from server.service.models.revisions import Revisions
 from server.service.models.search_fits import asked, fit_revision
+from server.service.sessions.blinding import seen
 from server.service.sessions.measuring import Measured, Measuring
 from server.service.sessions.records import FINGER_DOCUMENT, Record
 from server.service.sessions.turns import Made
+from server.service.storage.checksums import digest_of
 from server.service.storage.database import Database
-from server.service.storage.schema import chunks, streams
+from server.service.storage.schema import chunks
 from server.service.web.problems import ProblemError, shortened
 
 if TYPE_CHECKING:
@@ -75,8 +76,7 @@ class SessionModels:
         Raises:
             ProblemError: 422 there is no such model.
         """
-        if name == IN_FORCE and measured is not None and measured.session is not None:
-            name = self._revisions.in_force(measured.session.specimen.id)
+        name = self._resolved(name, measured)
         if name is None:
             return None if measured is None else self._own_finger(measured)
         if name in self._fingers:
@@ -91,6 +91,12 @@ class SessionModels:
             raise ProblemError(
                 422, f"model {shortened(name)!r}", "a revision's id, or a finger of GET /api/v1/fingers", "List them"
             ) from None
+
+    def _resolved(self, name: str | None, measured: Measured | None) -> str | None:
+        """Return the name of a model, with that of the revision in force in the place of IN_FORCE."""
+        if name == IN_FORCE and measured is not None and measured.session is not None:
+            return self._revisions.in_force(measured.session.specimen.id)
+        return name
 
     def found(self, name: str | None, measured: Measured) -> dict[str, float]:
         """Return the values that a search gives with an explanation, by parameter; none for any other model."""
@@ -159,9 +165,7 @@ class SessionModels:
             ProblemError: there is no such session or model.
         """
         measured = self._measuring.of(name)
-        asked = model
-        if model == IN_FORCE and measured.session is not None:
-            asked = self._revisions.in_force(measured.session.specimen.id)
+        asked = self._resolved(model, measured)
 
         def made() -> Tagged:
             bench = self.bench(measured, asked)
@@ -171,12 +175,8 @@ class SessionModels:
 
     def compared_body(self, measured: Measured, bench: Session, comparison: Comparison) -> dict[str, Any]:
         """Return the contract's comparison, blind where it has to be, with what it came from."""
-        blinded = []
-        if not measured.record.closed:
-            blinded = [c.id for c in comparison.cases if c.role == "validation"]
-            seen = tuple(c for c in comparison.cases if c.role != "validation")
-            comparison = Cases(seen, comparison.noise_assumed)
-        states = measured.states
+        blinded = [] if measured.record.closed else [c.id for c in comparison.cases if c.role == "validation"]
+        comparison, states = seen(measured, comparison), measured.states
         rest = {s: {i: c.why for i, c in states.items() if c.state == s} for s in ("waiting", "failed", "excluded")}
         body = {"schema": "fingertwin/compare/1"} | provenance(bench) | comparison.as_dict() | rest
         return body | {"blinded": blinded, "provenance": self.provenance(measured, bench)}
@@ -207,15 +207,12 @@ class SessionModels:
         session, stream = record.id, record.stream
         if stream is None:
             return None
-        mine = (chunks.c.session == session) & (chunks.c.stream == stream)
         with self._database.reading() as connection:
-            here = (streams.c.session == session) & (streams.c.id == stream)
-            row = connection.execute(select(streams.c.next_seq, streams.c.held).where(here)).one()
-            out: dict[str, Any] = {"stream": stream, "samples": row.held}
+            out: dict[str, Any] = {"stream": stream, "samples": known_stream(connection, session, stream).held}
             if digest:
-                query = select(chunks.c.first_seq, chunks.c.sha256).where(mine).order_by(chunks.c.first_seq)
-                text = "\n".join(f"{r.first_seq} {r.sha256}" for r in connection.execute(query))
-                out["sha256_of_chunks"] = hashlib.sha256(text.encode()).hexdigest()
+                query = select(chunks.c.first_seq, chunks.c.sha256).where(in_stream(session, stream))
+                rows = connection.execute(query.order_by(chunks.c.first_seq))
+                out["sha256_of_chunks"] = digest_of("\n".join(f"{r.first_seq} {r.sha256}" for r in rows).encode())
         return out
 
     def _own_finger(self, measured: Measured) -> Finger | None:

@@ -26,7 +26,7 @@ def state(session: SessionId, request: Request) -> JsonAnswer:
     parts = of(request)
     record = parts.sessions.read(session)
     connected = parts.live.benches.shown(frozenset({session}))
-    out = {"schema": "fingertwin/bench-state/1"} | bench_view(parts.database, record, parts.windows.one)
+    out = {"schema": "fingertwin/bench-state/1"} | bench_view(parts.database, record, parts.windows)
     return JsonAnswer(out | {"control": connected[0]["body"] if connected else None})
 
 

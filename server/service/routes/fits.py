@@ -23,6 +23,7 @@ from server.service.schemas.fits import (
 )
 from server.service.schemas.jobs import JobList, JobShown
 from server.service.services import Services, of
+from server.service.sessions.blinding import require_closed
 from server.service.web.problems import ProblemError
 from server.service.web.strict_requests import StrictRoute
 
@@ -155,10 +156,7 @@ def _submitted(
     for name in of_sessions or [session or ""]:
         measured = parts.measuring.of(name)
         measured.require()
-        if not measured.record.closed:
-            raise ProblemError(
-                409, f"session {name} is still running", "a session that its bench has closed", "Close it at the bench"
-            )
+        require_closed(measured)
         parts.models.model(given["model"], measured)
     asked = given if session is None else given | {"session": session}
     job = parts.jobs.submit(kind, session, asked, timeout_s)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +11,8 @@ from daq.bench.steps import Step
 from daq.cells import cell_spec
 from daq.errors import InputError
 from daq.recordings.plateaus import Plateau
-from daq.recordings.windows import Span
 from server.service.ingest.stored import stored_events
+from server.service.ingest.windows import Windows
 from server.service.sessions.bench_state import BenchState, Tare
 from server.service.sessions.records import Record, steps_of
 from server.service.storage.database import Database
@@ -21,20 +21,13 @@ from server.service.storage.database import Database
 STALE_TARE_S = 900.0
 
 
-class Reduce(Protocol):
-    """Reduces a window of stored readings where they are all there."""
-
-    def __call__(self, session: str, stream: str | None, window: Span) -> Plateau | None:
-        """Return its plateau."""
-
-
-def bench_view(database: Database, record: Record, reduce: Reduce) -> dict[str, Any]:
+def bench_view(database: Database, record: Record, windows: Windows) -> dict[str, Any]:
     """Return how a session's bench stands.
 
     Args:
         database: that holds its events.
         record: of the session.
-        reduce: gives the readings of its tares.
+        windows: reduces those of its tares.
     """
     state, problem = _state(database, record)
     cell = (record.document or {}).get("load_cell") or {}
@@ -48,26 +41,18 @@ def bench_view(database: Database, record: Record, reduce: Reduce) -> dict[str, 
         "finger": (record.document or {}).get("finger"),
         "cell": _cell(cell),
         "steps": _steps(record, state),
-        "now": None,
-        "phase": "idle",
-        "offered": False,
-        "todo": None,
-        "place": None,
-        "tare": None,
-        "drift": None,
-        "stream": None,
-        "warnings": [],
     }
     if state is None:
-        return out
+        unknown = dict.fromkeys(("now", "todo", "place", "tare", "drift", "stream"))
+        return out | unknown | {"phase": "idle", "offered": False, "warnings": []}
     return out | {
         "now": None if state.now is None or state.closed else state.now.id,
         "phase": state.phase,
         "offered": state.offered,
         "todo": state.todo(),
         "place": {k: state.standing.place[k] for k in ("posture", "location")},
-        "tare": None if state.tare is None else _tare(state.tare, _mean(record, state, state.tare, reduce)),
-        "drift": _drift(record, state, reduce),
+        "tare": None if state.tare is None else _tare(state.tare, _mean(record, state, state.tare, windows)),
+        "drift": _drift(record, state, windows),
         "stream": {"id": state.stream, **vars(state.health)},
         "warnings": [w.as_dict() for w in state.warnings],
     }
@@ -118,8 +103,8 @@ def _load(case: Mapping[str, Any]) -> dict[str, Any]:
     return {k: case.get(k) for k in ("role", "posture", "location", "masses_g", "repeat_of", "note")}
 
 
-def _mean(record: Record, state: BenchState, tare: Tare, reduce: Reduce) -> Plateau | None:
-    return reduce(record.id, state.stream or record.stream, tare.window_s)
+def _mean(record: Record, state: BenchState, tare: Tare, windows: Windows) -> Plateau | None:
+    return windows.one(record.id, state.stream or record.stream, tare.window_s)
 
 
 def _tare(tare: Tare, plateau: Plateau | None) -> dict[str, Any]:
@@ -132,12 +117,12 @@ def _tare(tare: Tare, plateau: Plateau | None) -> dict[str, Any]:
     }
 
 
-def _drift(record: Record, state: BenchState, reduce: Reduce) -> dict[str, Any] | None:
+def _drift(record: Record, state: BenchState, windows: Windows) -> dict[str, Any] | None:
     """Return the change between the last two tares, where both were taken in the same setting."""
     after, before = state.tare, state.before
     if after is None or before is None or dict(after.place) != dict(before.place):
         return None
-    means = [_mean(record, state, tare, reduce) for tare in (before, after)]
+    means = [_mean(record, state, tare, windows) for tare in (before, after)]
     if means[0] is None or means[1] is None:
         return None
     change = means[1].mean - means[0].mean

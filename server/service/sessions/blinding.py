@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from fingermodel.comparison.comparison import Comparison as Cases
+from fingermodel.comparison.comparison import Comparison
 from server.service.sessions.measuring import Measured
 from server.service.web.problems import ProblemError
-
-if TYPE_CHECKING:
-    from fingermodel.comparison.comparison import Comparison
 
 HIDDEN = "The prediction is hidden until the session is closed."
 
@@ -25,7 +20,7 @@ def seen(measured: Measured, comparison: Comparison) -> Comparison:
     """Return a comparison without the cases that may not be seen yet."""
     if measured.record.closed:
         return comparison
-    return Cases(tuple(c for c in comparison.cases if c.role != "validation"), comparison.noise_assumed)
+    return Comparison(tuple(c for c in comparison.cases if c.role != "validation"), comparison.noise_assumed)
 
 
 def require_closed(measured: Measured) -> None:
