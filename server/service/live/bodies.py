@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from server.service.web.examples import EXAMPLES
+
 # Beyond any reading and any time, and far from where sums overflow.
 MOST = 1e12
-_EXAMPLE: dict[str, Any] = {
-    "stream": "ab12cd34",
-    "from_s": 61.2,
-    "to_s": 61.22,
-    "count": 140,
-    "latest": [-0.9, -2.1, 0.1, 1.0, -0.7, 9.0],
-    "least": [-0.95, -2.2, 0.0, 0.5, -1.2, 8.1],
-    "most": [-0.85, -2.0, 0.2, 1.5, -0.2, 9.9],
-    "mean": [-0.9, -2.1, 0.1, 1.0, -0.7, 9.0],
-    "overload": False,
-}
 
 Reading = Annotated[float, Field(ge=-MOST, le=MOST, allow_inf_nan=False)]
 Wrench = Annotated[list[Reading | None], Field(min_length=6, max_length=6)]
@@ -28,7 +19,7 @@ Time = Annotated[float, Field(ge=-MOST, le=MOST, allow_inf_nan=False)]
 class Envelope(BaseModel):
     """Some hundredths of a second of one stream. Six-vectors are Fx Fy Fz [N], Tx Ty Tz [N mm], in the cell's axes."""
 
-    model_config = ConfigDict(strict=True, frozen=True, json_schema_extra={"example": _EXAMPLE})
+    model_config = ConfigDict(strict=True, frozen=True, json_schema_extra={"example": EXAMPLES["Envelope"]})
 
     stream: str = Field(min_length=1, max_length=100, description="Id of the stream.")
     from_s: Time = Field(description="Time of the first reading since the stream began [s].")
@@ -53,7 +44,7 @@ class LiveMessage(BaseModel):
     """Envelopes of one bench, the oldest first, and how many it could not send since it began."""
 
     model_config = ConfigDict(strict=True, frozen=True, json_schema_extra={
-        "example": {"dropped": 0, "envelopes": [_EXAMPLE]},
+        "example": {"dropped": 0, "envelopes": [EXAMPLES["Envelope"]]},
     })  # fmt: skip
 
     envelopes: list[Envelope] = Field(max_length=500, description="Of one or several streams.")

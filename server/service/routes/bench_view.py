@@ -8,9 +8,10 @@ from server.service.answers import JsonAnswer
 from server.service.figures.bench_finger import bench_finger
 from server.service.figures.held_finger import held_finger
 from server.service.schemas.bench_view import BenchShown, FingerDrawn
-from server.service.schemas.common import EXAMPLES, InCase, ModelName, Posture, SessionId, documented
+from server.service.schemas.common import InCase, ModelName, Posture, SessionId, documented
 from server.service.services import of
 from server.service.sessions.bench_view import bench_view
+from server.service.web.examples import EXAMPLES
 from server.service.web.strict_requests import ReadingRoute, StrictRoute
 
 states = APIRouter(route_class=StrictRoute, prefix="/sessions/{session}/bench", tags=["bench"])

@@ -12,6 +12,7 @@ from daq.sessions.protocols import plan, read_protocol
 from server.service.answers import JsonAnswer
 from server.service.schemas.common import Form, Plain, Shown, documented
 from server.service.services import of
+from server.service.web.examples import EXAMPLES
 from server.service.web.problems import not_found
 from server.service.web.strict_requests import ReadingRoute
 
@@ -59,16 +60,7 @@ class NewEffect(Form):
         Plain | None,
         Field(
             description="Name, title, formulas, parameters with units and ranges.",
-            examples=[
-                {
-                    "format": "fingertwin-effect/1",
-                    "name": "stiff_skin",
-                    "title": "the skin resists flexion",
-                    "source": "our own bench",
-                    "formulas": ["torque[PIP] += -k * q_PIP"],
-                    "parameters": {"k": {"unit": "N mm/rad", "range": [0, 40]}},
-                }
-            ],
+            examples=[EXAMPLES["NewEffect"]],
         ),
     ] = None
 

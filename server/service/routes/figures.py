@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Collection, Hashable
 from contextlib import suppress
 from copy import deepcopy
+from importlib.resources import files
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Query, Request, Response
@@ -28,17 +30,20 @@ from server.service.figures.held_finger import held_finger
 from server.service.figures.parts import about_of, cases_led_to, resolved, spread_members, spread_of
 from server.service.figures.parts import settings_of as effect_settings
 from server.service.jobs.studies import last_of, study_named
-from server.service.schemas.common import EXAMPLES, InCase, Matched, ModelName, Posture, documented
+from server.service.schemas.common import InCase, Matched, ModelName, Posture, documented
 from server.service.schemas.figures import FigureList, FigureShown
 from server.service.services import Services, of
 from server.service.sessions.blinding import blinded, require_closed, seen
+from server.service.web.examples import EXAMPLES
 from server.service.web.problems import ProblemError, not_found
 from server.service.web.strict_requests import ReadingRoute
 
 Draw = Callable[[], dict[str, Any]]
 
-COMPARISON = ("scatter", "scatter_validation", "vectors", "bone", "errors", "z")
-REVISIONS = ("waterfall",)
+# Of each kind of figure what it needs, and the title of each by its name.
+_LISTED: dict[str, dict[str, Any]] = json.loads((files("server.service.routes") / "figures.json").read_bytes())
+COMPARISON = tuple(_LISTED["comparison"]["figures"])
+
 
 router = APIRouter(route_class=ReadingRoute, prefix="/figures", tags=["figures"])
 
@@ -84,46 +89,11 @@ OnPage = Annotated[Theme, Query(description="Colours for a light or a dark page.
 
 _DRAWN = documented(FigureShown, example=EXAMPLES["FigureShown"]) | {304: {"description": "Not Modified"}}
 
-_NEEDS = {
-    "comparison": "Measured load cases; while a bench is running, identification cases alone are shown.",
-    "diagnosis": "A job of kind diagnose or pooled that is done.",
-    "shared": "A job of kind pooled that is done.",
-    "revisions": "A revision.",
-    "finger": "A session with postures; a load case for weights and forces.",
-    "effect": "Measured load cases, and an effect of GET /api/v1/effects; while a bench is running, identification "
-    "alone.",
-    "study": "A study of GET /api/v1/studies that was computed.",
-}
-_TITLES = {
-    "scatter": "Measured and predicted force components, identification cases",
-    "scatter_validation": "Measured and predicted force components, validation cases",
-    "vectors": "Tip forces in each posture",
-    "bone": "Net forces on the metacarpal",
-    "errors": "Errors by tendon, posture and role",
-    "z": "Residual of every case against its measurement uncertainty",
-    "sensitivity": "Sensitivity analysis: the verdict's probability under each assumption",
-    "residual_map": "Where the model fails, by tendon and posture",
-    "missing_torque": "The joint torque that is missing",
-    "ranking": "Which explanation, with probabilities",
-    "size": "Size of the effect, by load, posture and mount",
-    "confounding": "What cannot be told apart",
-    "revisions": "Error before and after",
-    "held_out": "Residuals of the validation cases, before and after",
-    "own_curve": "What no effect explains, as a smooth error by tendon and joint",
-    "shared_curve": "What several sessions share beyond the catalogue, by tendon and joint",
-    "shared_chance": "Whether chance would do as well",
-    "shared_law": "The best law against the shared curve, by tendon and joint",
-    "waterfall": "The fall of the error, step by step",
-    "finger": "The finger in a posture, with weights and forces",
-    "{effect}": "What an effect would change in a session's cases",
-    "{study}/{name}": "A figure of a published study",
-}
-
 
 @router.get("", responses=documented(FigureList))
 def listed() -> JsonAnswer:
     """List the figures: what each needs, and its query parameters."""
-    rows = [_listed(k, n) for k, names in _names().items() for n in names]
+    rows = [_listed(kind, name) for kind, told in _LISTED.items() for name in told["figures"]]
     return JsonAnswer({"figures": rows})
 
 
@@ -234,7 +204,7 @@ def revisions(
 ) -> Response:
     """Draw how the error fell with every step up to a revision, or to the one in force for a specimen."""
     parts = of(request)
-    _require(name, REVISIONS)
+    _require(name, _LISTED["revisions"]["figures"])
     if (revision is None) == (specimen is None):
         raise ProblemError(422, "not one of revision and specimen", "one of the two")
     if revision is None:
@@ -368,11 +338,6 @@ def _require(name: str, known: Collection[str]) -> None:
         raise not_found("figure", name, f"/api/v1/figures: {', '.join(known)}")
 
 
-def _names() -> dict[str, tuple[str, ...]]:
-    drawn = {"comparison": COMPARISON, "diagnosis": tuple(DIAGNOSIS), "shared": tuple(SHARED), "revisions": REVISIONS}
-    return drawn | {"finger": ("finger",), "effect": ("{effect}",), "study": ("{study}/{name}",)}
-
-
 def _listed(kind: str, name: str) -> dict[str, object]:
     """Return a line of the list; its query parameters are those of its route."""
     at = f"{router.prefix}/{kind}"
@@ -381,8 +346,8 @@ def _listed(kind: str, name: str) -> dict[str, object]:
     return {
         "kind": kind,
         "name": name,
-        "title": _TITLES.get(name, name),
-        "needs": _NEEDS[kind],
+        "title": _LISTED[kind]["figures"][name],
+        "needs": _LISTED[kind]["needs"],
         "path": f"{API}{at}" if route.path == at else f"{API}{at}/{name}",
         "parameters": [
             {"name": p.alias, "required": p.field_info.is_required(), "description": p.field_info.description}

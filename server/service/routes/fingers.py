@@ -19,7 +19,7 @@ from server.service.answers import JsonAnswer
 from server.service.figures.answer import Theme, drawn_plots
 from server.service.figures.fingers import exported, finger_shown, known_finger
 from server.service.routes.exports import files
-from server.service.schemas.common import EXAMPLES, documented
+from server.service.schemas.common import documented
 from server.service.schemas.fingers import (
     AskedScaling,
     FingerFormats,
@@ -31,6 +31,7 @@ from server.service.schemas.fingers import (
     Scaled,
 )
 from server.service.web.downloads import attachment
+from server.service.web.examples import EXAMPLES
 from server.service.web.strict_requests import ApartRoute, ReadingRoute
 
 quick = APIRouter(route_class=ReadingRoute, prefix="/fingers", tags=["fingers"])

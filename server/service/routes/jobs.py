@@ -7,9 +7,10 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Request
 
 from server.service.answers import JsonAnswer
-from server.service.schemas.common import EXAMPLES, Limit, documented
+from server.service.schemas.common import Limit, documented
 from server.service.schemas.jobs import JobList, JobShown, State
 from server.service.services import of
+from server.service.web.examples import EXAMPLES
 from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(prefix="/jobs", route_class=StrictRoute, tags=["jobs"])

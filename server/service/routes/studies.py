@@ -9,10 +9,11 @@ from fastapi import APIRouter, Path, Request
 from server.reproduce.study import STUDIES, Study
 from server.service.answers import JsonAnswer
 from server.service.jobs.studies import last_of, study_named
-from server.service.schemas.common import EXAMPLES, documented
+from server.service.schemas.common import documented
 from server.service.schemas.jobs import JobShown
 from server.service.schemas.studies import AskedReproduction, StudyComputed, StudyList
 from server.service.services import of
+from server.service.web.examples import EXAMPLES
 from server.service.web.strict_requests import StrictRoute
 
 router = APIRouter(route_class=StrictRoute, prefix="/studies", tags=["studies"])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from importlib.resources import files
 from typing import Annotated, Any
 
 from fastapi import Header, Path, Query
@@ -11,8 +9,6 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from server.service.web.problems import problems
 
-# Of each form by its name, as the OpenAPI document shows it.
-EXAMPLES: dict[str, Any] = json.loads((files("server.service.schemas") / "examples.json").read_bytes())
 SESSION_ID = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$"
 
 SessionId = Annotated[str, Path(max_length=100, description="Id of the session.", examples=["DEV-01"])]

@@ -6,8 +6,9 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field
 
-from server.service.schemas.common import EXAMPLES, Form, Plain, Shown
+from server.service.schemas.common import Form, Plain, Shown
 from server.service.schemas.figures import FigureShown
+from server.service.web.examples import EXAMPLES
 
 
 class FingerShown(Shown):

@@ -6,7 +6,8 @@ from typing import Literal
 
 from pydantic import ConfigDict, Field
 
-from server.service.schemas.common import EXAMPLES, Plain, Shown
+from server.service.schemas.common import Plain, Shown
+from server.service.web.examples import EXAMPLES
 from server.service.web.problems import Problem
 
 State = Literal["queued", "running", "done", "failed", "cancelled"]

@@ -6,7 +6,8 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, model_validator
 
-from server.service.schemas.common import EXAMPLES, Form, Plain, Shown, Summary, Vector
+from server.service.schemas.common import Form, Plain, Shown, Summary, Vector
+from server.service.web.examples import EXAMPLES
 
 MOST_ROWS = 100_000
 # Far beyond any mass in g and tension in N, and far from where sums overflow.

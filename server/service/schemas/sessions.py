@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from server.service.schemas.common import EXAMPLES, SESSION_ID, Form, Plain, Shown, Vector
+from server.service.schemas.common import SESSION_ID, Form, Plain, Shown, Vector
+from server.service.web.examples import EXAMPLES
 
 Span = Annotated[tuple[float, float], Field(strict=False, description="[start, end] in s of the session's readings.")]
 Name = Annotated[str, Field(min_length=1, max_length=100)]

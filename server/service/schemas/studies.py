@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pydantic import ConfigDict, Field
 
-from server.service.schemas.common import EXAMPLES, Form, Shown
+from server.service.schemas.common import Form, Shown
+from server.service.web.examples import EXAMPLES
 
 
 class StudyShown(Shown):

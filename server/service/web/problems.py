@@ -16,6 +16,7 @@ from starlette.responses import Response
 from daq.errors import InputError
 from server.service.answers import JsonAnswer
 from server.service.storage.checksums import DamagedError
+from server.service.web.examples import EXAMPLES
 
 PROBLEM = "application/problem+json"
 # Longer texts of a client's are not sent back, nor are longer parts of a problem.
@@ -27,20 +28,7 @@ _FAULTS = 3
 class Problem(BaseModel):
     """A refusal or a failure."""
 
-    model_config = ConfigDict(
-        extra="allow",
-        json_schema_extra={
-            "example": {
-                "type": "about:blank",
-                "title": "Not Found",
-                "status": 404,
-                "detail": "There is no session DEV-99; expected one of GET /api/v1/sessions.",
-                "found": "no session DEV-99",
-                "expected": "one of GET /api/v1/sessions",
-                "remedy": "",
-            }
-        },
-    )
+    model_config = ConfigDict(extra="allow", json_schema_extra={"example": EXAMPLES["Problem"]})
 
     type: str = "about:blank"
     title: str = Field(description="What the status means.")
