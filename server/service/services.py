@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import threading
-import time
 from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from starlette.requests import HTTPConnection
 
 from daq.acquisition.blocks import Chunk
-from daq.bench.forces import Predict
-from daq.bench.record import BenchSetup
-from daq.errors import ModelError
 from fingermodel.compiled.compilation import prepare_jax
 from fingermodel.fingers.files import finger_names
 from server.application.bench_prediction import predictor
@@ -40,9 +36,6 @@ from server.service.storage.database import Database
 from server.service.storage.messages import Messages
 from server.service.storage.purge import retain
 
-if TYPE_CHECKING:
-    from server.service.live.estimate import MakePredict
-
 
 @dataclass(eq=False)
 class Services:
@@ -56,7 +49,6 @@ class Services:
         sessions, ingest, measuring, models, revisions, effects, jobs, live, case_updates, scrub: its parts.
         made: checks and reports of closed sessions that were asked for last.
         drawn: figures that were asked for last.
-        started: monotonic time of the start [s].
         ready: whether models are warm and the database is up to date.
         stopping: is set when the service ends.
     """
@@ -78,7 +70,6 @@ class Services:
     scrub: Scrub
     made: Made[Any] = field(default_factory=lambda: Made(8))
     drawn: Made[Tagged] = field(default_factory=lambda: Made(512))
-    started: float = field(default_factory=time.monotonic)
     ready: bool = False
     stopping: threading.Event = field(default_factory=threading.Event)
 
@@ -87,17 +78,6 @@ def of(connection: HTTPConnection) -> Services:
     """Return the running service's parts, for a request or a WebSocket."""
     found: Services = connection.app.state.services
     return found
-
-
-def live_predictor(fingers: frozenset[str]) -> MakePredict:
-    """Return what predicts a running bench's cases; a finger's file on the bench's disk is not looked for here."""
-
-    def make(setup: BenchSetup) -> Predict:
-        if setup.finger not in fingers:
-            raise ModelError(f"finger {setup.finger[:100]!r}", f"one of {', '.join(sorted(fingers))}")
-        return predictor(setup)
-
-    return make
 
 
 def _load_pandas() -> None:
@@ -130,7 +110,7 @@ def build(settings: Settings) -> Services:
     effects = OwnEffects(database)
     models = SessionModels(database, measuring, revisions, effects, fingers)
     case_updates = CaseUpdates(database, messages, measuring, models)
-    live = LiveHub(messages, live_predictor(fingers), windows.one)
+    live = LiveHub(messages, predictor, windows.one)
 
     def on_chunk(session: str, stream: str, chunk: Chunk) -> None:
         live.offer_chunk(session, stream, chunk)

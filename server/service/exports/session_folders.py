@@ -13,13 +13,12 @@ from daq.errors import SessionError
 from daq.files import replacing
 from daq.recordings.readings import write_readings
 from daq.recordings.windows import Span
-from daq.sessions import parse_session
+from daq.sessions import FINGER_DOCUMENT, parse_session
 from daq.sessions.models import Session
 from daq.sessions.protocols import protocol_names
 from server.service.ingest.windows import blocks_of
 from server.service.services import Services
 from server.service.sessions.measuring import Measured
-from server.service.sessions.records import FINGER_DOCUMENT
 
 READINGS = "readings.parquet"
 

@@ -79,16 +79,13 @@ def held_finger(
         ProblemError: 404 there is no such posture or case, 409 nothing is known of the session yet, 422 neither is
             given, or they do not belong together.
     """
-    name, document = measured.record.id, measured.record.document
-    if document is None:
-        raise ProblemError(409, f"session {name} has no record yet", "a document, or a bench's events")
+    name, document, postures = measured.record.id, measured.record.require_document(), measured.record.postures_deg
     found = None if case is None else _case(measured, case)
     if found is not None and posture not in (None, found.posture):
         raise ProblemError(422, f"case {found.id} in another posture", f"posture {found.posture}, or none")
     wanted = posture if found is None else found.posture
     if wanted is None:
         raise ProblemError(422, "neither posture nor case", "one of the two")
-    postures = _postures(measured)
     if wanted not in postures:
         raise not_found("posture", wanted, f"/api/v1/sessions/{name}/document")
     loaded = _model(parts, measured, model)
@@ -105,13 +102,6 @@ def _model(parts: Services, measured: Measured, model: str | None) -> Finger | R
         # Only a name that comes with the software is left here.
         found = str((measured.record.document or {}).get("finger"))
     return read_finger(found) if isinstance(found, str) else found
-
-
-def _postures(measured: Measured) -> dict[str, Mapping[str, Any]]:
-    """Return postures of a session and of the protocol that it follows, by name [deg]."""
-    record = measured.record
-    planned = {} if record.bench is None else record.bench.setup.protocol.postures_deg
-    return {**planned, **(record.document or {}).get("postures_deg", {})}
 
 
 def _case(measured: Measured, case: str) -> DrawnCase:

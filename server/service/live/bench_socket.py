@@ -12,7 +12,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketDiscon
 from server.service.answers import dumps
 from server.service.live.benches import Bench
 from server.service.live.bodies import BenchMessage
-from server.service.live.clients import BAD_PARAMETERS, NOT_FOUND, RESTART
+from server.service.live.clients import BAD_PARAMETERS, NOT_FOUND, RESTART, short_reason
 from server.service.live.hub import HEARTBEAT_S, TRUSTED_S, LiveHub
 from server.service.live.route import Exists
 from server.service.web.wire import wire_of
@@ -68,7 +68,7 @@ class _Hearing:
                 return
             if time.monotonic() > self._trusted_until_s:
                 if not await asyncio.to_thread(self._exists, self._socket, self._bench.session):
-                    await self._socket.close(NOT_FOUND, f"there is no session {self._bench.session}"[:120])
+                    await self._socket.close(NOT_FOUND, short_reason(f"there is no session {self._bench.session}"))
                     return
                 self._trusted_until_s = time.monotonic() + TRUSTED_S
             try:

@@ -91,6 +91,11 @@ def array(messages: list[bytes]) -> str:
     return (b"[" + b",".join(messages) + b"]").decode()
 
 
+def short_reason(text: str) -> str:
+    """Cut a reason to the room of a close frame."""
+    return text.encode()[:_REASON_BYTES].decode(errors="ignore")
+
+
 class Client:
     """Queue of one client; used by the event loop's thread only.
 
@@ -141,7 +146,7 @@ class Client:
 
     def close(self, code: int, reason: str) -> None:
         """Hang up once what waits was sent."""
-        self.closing = self.closing or (code, reason.encode()[:_REASON_BYTES].decode(errors="ignore"))
+        self.closing = self.closing or (code, short_reason(reason))
         self._some.set()
 
     async def wait(self) -> None:

@@ -87,10 +87,10 @@ class SessionEstimate:
         if event.kind == STARTED:
             self._bench = None
             setup = BenchSetup.of_value(event.value)
-            told = self._predictions.of(setup)
-            if setup.finger not in finger_names():
-                # A file of the bench's: it is not looked for here, and its plan needs no finger.
-                told, setup = None, replace(setup, finger=finger_names()[0])
+            known = setup.finger in finger_names()
+            # Of another it is a file of the bench's: it is not looked for here, and its plan needs no finger.
+            told = self._predictions.of(setup) if known else None
+            setup = setup if known else replace(setup, finger=finger_names()[0])
             self._bench = BenchEstimate(self._session, setup, event.stream, told, self._tares)
         elif self._bench is not None:
             self._bench.event(event)

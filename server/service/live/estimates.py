@@ -19,8 +19,6 @@ from server.service.live.estimate import MakePredict, Predictions, SessionEstima
 from server.service.live.traces import Rows
 from server.service.storage.messages import Message, Messages
 
-__all__ = ["EVERY_S", "Estimates", "MakePredict", "Tares"]
-
 # While something hangs; else nobody waits for more than that envelopes are taken, and what happens is told at once.
 EVERY_S, IDLE_S = 0.2, 1.0
 MOST_SESSIONS = 64

@@ -17,7 +17,8 @@ from daq.acquisition.blocks import Chunk
 from server.service.live.benches import Benches
 from server.service.live.bodies import LiveMessage
 from server.service.live.clients import RESTART, Client, Subscription
-from server.service.live.estimates import Estimates, MakePredict, Tares
+from server.service.live.estimate import MakePredict, Tares
+from server.service.live.estimates import Estimates
 from server.service.live.groups import SLACK_S, Counters, Groups
 from server.service.live.traces import Rows, Traces, rows_of, rows_of_chunk
 from server.service.storage.database import now_utc

@@ -34,10 +34,10 @@ from starlette.requests import HTTPConnection
 from starlette.websockets import WebSocket
 
 from daq.errors import InputError
-from server.service.live.clients import BAD_PARAMETERS, NOT_FOUND, Subscription
+from server.service.live.clients import BAD_PARAMETERS, NOT_FOUND, Subscription, short_reason
 from server.service.live.connection import serve
 from server.service.live.hub import LiveHub
-from server.service.web.problems import ProblemError, problem_answer, shortened
+from server.service.web.problems import ProblemError, shortened
 from server.service.web.wire import wire_of
 
 PARAMETERS = ("session", "after", "rate_hz", "traces")
@@ -78,12 +78,12 @@ def live_router(
             subscription, after = asked_for(websocket)
         except InputError as error:
             hub.counters.refused += 1
-            await websocket.close(BAD_PARAMETERS, _short(str(error)))
+            await websocket.close(BAD_PARAMETERS, short_reason(str(error)))
             return
         for session in sorted(subscription.sessions or ()):
             if exists is not None and not await asyncio.to_thread(exists, websocket, session):
                 hub.counters.refused += 1
-                await websocket.close(NOT_FOUND, _short(f"there is no session {session}"))
+                await websocket.close(NOT_FOUND, short_reason(f"there is no session {session}"))
                 return
         wire = wire_of(websocket.scope)
         await serve(hub, websocket, subscription, after, None if wire is None else wire.write)
@@ -131,14 +131,9 @@ def _number(text: str | None) -> int | None:
     return int(text)
 
 
-def _short(text: str) -> str:
-    """Cut a reason to the room of a close frame."""
-    return text.encode()[:120].decode(errors="ignore")
-
-
 async def refuse(websocket: WebSocket, problem: ProblemError) -> None:
     """Answer with a problem instead of opening a WebSocket; with a code where the server knows no better way."""
     if "websocket.http.response" in websocket.scope.get("extensions", {}):
-        await websocket.send_denial_response(problem_answer(problem.status, problem.body, problem.headers))
+        await websocket.send_denial_response(problem.answer())
     else:
-        await websocket.close(4000 + problem.status, _short(str(problem)))
+        await websocket.close(4000 + problem.status, short_reason(str(problem)))

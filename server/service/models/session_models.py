@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import select
 
+from daq.sessions import FINGER_DOCUMENT
 from fingermodel.comparing import compare
 from fingermodel.fingers.files import finger_from_dict, read_finger
 from fingermodel.predicting import Predictor
@@ -21,7 +22,7 @@ from server.service.models.revisions import Revisions
 from server.service.models.search_fits import asked, fit_revision
 from server.service.sessions.blinding import seen
 from server.service.sessions.measuring import Measured, Measuring
-from server.service.sessions.records import FINGER_DOCUMENT, Record
+from server.service.sessions.records import Record
 from server.service.sessions.turns import Made
 from server.service.storage.checksums import digest_of
 from server.service.storage.database import Database

@@ -46,11 +46,8 @@ async def command(session: SessionId, body: BenchCommand, request: Request) -> D
 async def bench(websocket: WebSocket, session: str) -> None:
     """Take what a bench says through a WebSocket: the messages of the post, and what it waits for."""
     token = websocket.scope.get("state", {}).get("token")
-    try:
-        if token is not None and token.role != "write":
-            raise ProblemError(403, f"the token {token.id} may only read", "one that may write")
-    except ProblemError as problem:
-        await refuse(websocket, problem)
+    if token is not None and token.role != "write":
+        await refuse(websocket, ProblemError(403, f"the token {token.id} may only read", "one that may write"))
         return
     await websocket.accept()
     await take(of(websocket).live, websocket, session, _exists)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter, Request
 
 from server.service.answers import JsonAnswer
-from server.service.routes.sessions import shown_session
+from server.service.routes.sessions import imported
 from server.service.schemas.common import documented
 from server.service.schemas.recordings import AskedLaying, AskedLook, Drafted, Laid, LookedAt, NewFromRecordings
 from server.service.schemas.sessions import SessionImported
@@ -43,10 +43,7 @@ async def draft_session(body: NewFromRecordings, request: Request) -> JsonAnswer
 )
 async def keep_recordings(body: NewFromRecordings, request: Request) -> JsonAnswer:
     """Make a session of recordings and keep it with its readings; the very same again is a success (200)."""
-    parts = of(request)
-    name, new = await run("apart", keep, parts, body)
-    answer = await run("readers", shown_session, parts, name) | {"already_there": not new}
-    return JsonAnswer(answer, 201 if new else 200, {"Location": f"/api/v1/sessions/{name}"})
+    return await imported(of(request), keep, body)
 
 
 router = APIRouter()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request, Response
@@ -84,10 +84,7 @@ def read(session: SessionId, request: Request) -> JsonAnswer:
 @kept.get("/{session}/document", responses=documented(Shown))
 def document(session: SessionId, request: Request) -> JsonAnswer:
     """Return the session as bench-session/1, edits included."""
-    record = of(request).sessions.read(session)
-    if record.document is None:
-        raise ProblemError(409, f"session {session} has no record yet", "a document, or a bench's events")
-    return JsonAnswer(record.document)
+    return JsonAnswer(of(request).sessions.read(session).require_document())
 
 
 @kept.delete("/{session}", status_code=204, responses=documented(Shown, status=422))
@@ -126,18 +123,14 @@ def checklist(session: SessionId, request: Request) -> JsonAnswer:
 def propose(session: SessionId, body: Proposal, request: Request) -> JsonAnswer:
     """Propose a load case to be measured next; it stands on the checklist as proposed until it is measured."""
     parts = of(request)
-    number = parts.sessions.propose(session, body.model_dump())
-    answer = {"session": session, "version": parts.sessions.version(session), "edit": number, "case": None}
-    return JsonAnswer(answer, 201)
+    return _edit_answer(parts, session, parts.sessions.propose(session, body.model_dump()), status=201)
 
 
 @kept.delete("/{session}/planned/{planned}", responses=documented(Edited))
 def withdraw(session: SessionId, planned: ProposedId, request: Request) -> JsonAnswer:
     """Take a proposed load case back; that can be undone too."""
     parts = of(request)
-    number = parts.sessions.withdraw(session, planned)
-    answer = {"session": session, "version": parts.sessions.version(session), "edit": number, "case": None}
-    return JsonAnswer(answer)
+    return _edit_answer(parts, session, parts.sessions.withdraw(session, planned))
 
 
 _IMPORTED = documented(SessionImported, status=201) | {200: {"model": SessionImported}}
@@ -149,11 +142,7 @@ async def import_session(body: Folder, request: Request) -> JsonAnswer:
 
     The very same folder again is a success (200).
     """
-    parts = of(request)
-    files = [(f.name, f.base64) for f in body.files]
-    name, new = await run("apart", import_folder, parts, files, body.id)
-    answer = await run("readers", shown_session, parts, name) | {"already_there": not new}
-    return JsonAnswer(answer, 201 if new else 200, {"Location": f"/api/v1/sessions/{name}"})
+    return await imported(of(request), import_folder, [(f.name, f.base64) for f in body.files], body.id)
 
 
 @imports.post(
@@ -161,10 +150,14 @@ async def import_session(body: Folder, request: Request) -> JsonAnswer:
 )
 async def import_shipped(name: ExampleName, request: Request) -> JsonAnswer:
     """Take in a session that comes with the software, with its readings; once more is a success (200)."""
-    parts = of(request)
-    made, new = await run("apart", import_example, parts, name)
-    answer = await run("readers", shown_session, parts, made) | {"already_there": not new}
-    return JsonAnswer(answer, 201 if new else 200, {"Location": f"/api/v1/sessions/{made}"})
+    return await imported(of(request), import_example, name)
+
+
+async def imported(parts: Services, take_in: Callable[..., tuple[str, bool]], *given: Any) -> JsonAnswer:
+    """Take in a session in a thread and answer with it; of one that is there already with 200."""
+    name, new = await run("apart", take_in, parts, *given)
+    answer = await run("readers", shown_session, parts, name) | {"already_there": not new}
+    return JsonAnswer(answer, 201 if new else 200, {"Location": f"/api/v1/sessions/{name}"})
 
 
 @kept.get("/{session}/cases/{case}", responses=documented(CaseShown))
@@ -273,7 +266,13 @@ def _edited(
         shown = None if case is None else _case(parts, session, case)
     except ProblemError:
         shown = None  # an undone case is there no more
-    answer = {"session": session, "version": parts.sessions.version(session), "edit": number, "case": shown}
+    return _edit_answer(parts, session, number, shown, status)
+
+
+def _edit_answer(
+    parts: Services, session: str, number: int, case: dict[str, Any] | None = None, status: int = 200
+) -> JsonAnswer:
+    answer = {"session": session, "version": parts.sessions.version(session), "edit": number, "case": case}
     return JsonAnswer(answer, status)
 
 

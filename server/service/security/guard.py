@@ -19,7 +19,7 @@ from server.service.settings import Settings
 from server.service.storage.audit import acting
 from server.service.web.edge import Edge
 from server.service.web.metrics import Metrics
-from server.service.web.problems import ProblemError, problem_answer, shortened
+from server.service.web.problems import ProblemError, shortened
 from server.service.web.wire import hide_wire
 from server.service.web.workers import run
 
@@ -65,8 +65,7 @@ class Guard:
         self._loopback = settings.loopback
         self._rate = RateLimitItemPerSecond(max(1, math.ceil(settings.requests_per_s * _BURST_S)), _BURST_S)
         self._limiter = MovingWindowRateLimiter(MemoryStorage())
-        error = self._too_large("")
-        self._refusal = problem_answer(error.status, error.body, error.headers)
+        self._refusal = self._too_large("").answer()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Refuse a request, or pass it on with its token as `state.token`."""
@@ -79,7 +78,7 @@ class Guard:
             token = await self._admit(scope, headers)
             self._check_size(headers)
         except ProblemError as error:
-            await refuse(scope, receive, send, problem_answer(error.status, error.body, error.headers))
+            await refuse(scope, receive, send, error.answer())
             return
         scope.setdefault("state", {})["token"] = token
         with acting(*_actor(scope, token)):

@@ -45,10 +45,8 @@ def proposal(record: Record, given: Mapping[str, Any]) -> tuple[str, dict[str, A
     Raises:
         ProblemError: 409 the session has no record, or too many proposals; 422 it could not be measured with it.
     """
-    if record.document is None:
-        raise ProblemError(409, f"session {record.id} has no record yet", "a document, or a bench's events")
-    postures = {} if record.bench is None else record.bench.setup.protocol.postures_deg
-    known = {**postures, **record.document.get("postures_deg", {})}
+    record.require_document()
+    known = record.postures_deg
     if given["posture"] not in known:
         raise ProblemError(422, f"posture {shortened(given['posture'])!r}", f"one of {', '.join(known)}"[:500])
     strange = [m for m in given["masses_g"] if m not in TENDONS]

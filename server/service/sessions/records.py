@@ -13,25 +13,11 @@ from daq.bench.record import STARTED, BenchRecord
 from daq.bench.steps import Steps
 from daq.errors import InputError, SessionError
 from daq.journal.rows import Event
-from daq.sessions import FINGER_DOCUMENT, parse_session
+from daq.sessions import parse_session
 from daq.sessions.models import AMENDABLE, Session
 from server.service.ingest.stored import stored_events
 from server.service.storage.schema import edits, sessions, streams
-from server.service.web.problems import not_found
-
-__all__ = [
-    "EDIT_KINDS",
-    "FINGER_DOCUMENT",
-    "WINDOWS",
-    "Edit",
-    "Record",
-    "apply_edits",
-    "is_closed",
-    "live_edits",
-    "read_record",
-    "steps_of",
-    "undone_edits",
-]
+from server.service.web.problems import ProblemError, not_found
 
 # What an edit may do to a session.
 EDIT_KINDS = ("case", "windows", "exclude", "include", "amend", "undo")
@@ -91,6 +77,22 @@ class Record:
     created_utc: str
     problem: InputError | None = None
     _session: list[Session] = field(default_factory=list)
+
+    def require_document(self) -> dict[str, Any]:
+        """Return the document.
+
+        Raises:
+            ProblemError: 409 nothing is known of the session yet.
+        """
+        if self.document is None:
+            raise ProblemError(409, f"session {self.id} has no record yet", "a document, or a bench's events")
+        return self.document
+
+    @property
+    def postures_deg(self) -> dict[str, Mapping[str, Any]]:
+        """Postures of the session and of the protocol that it follows, by name [deg]."""
+        planned = {} if self.bench is None else self.bench.setup.protocol.postures_deg
+        return {**planned, **(self.document or {}).get("postures_deg", {})}
 
     @property
     def cases(self) -> list[dict[str, Any]]:

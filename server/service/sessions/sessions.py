@@ -248,8 +248,7 @@ class Sessions:
 
     def _require_possible(self, record: Record, kind: str, case: str | None, undoes: int | None) -> None:
         where = f"/api/v1/sessions/{record.id}"
-        if record.document is None:
-            raise ProblemError(409, f"session {record.id} has no record yet", "a document, or a bench's events")
+        record.require_document()
         names = {c["id"] for c in record.cases}
         if kind == "undo":
             known = {e.number for e in record.edits}
@@ -321,18 +320,10 @@ def _keep(
 ) -> int:
     """Add an edit, raise the version and tell of it; return its number."""
     connection = telling.connection
-    values = {
-        "session": session,
-        "created_utc": now_utc(),
-        "author": actor().who,
-        "kind": kind,
-        "case": case,
-        "body": dict(body),
-        "undoes": undoes,
-    }
+    change = {"kind": kind, "case": case, "body": dict(body), "undoes": undoes}
+    values = {"session": session, "created_utc": now_utc(), "author": actor().who} | change
     number = int(connection.execute(insert(edits).values(values).returning(edits.c.number)).scalar_one())
     raise_version(connection, session)
-    told = {"edit": number, "kind": kind, "case": case, "body": dict(body), "undoes": undoes}
-    telling.record("session edited", session, told)
+    telling.record("session edited", session, {"edit": number} | change)
     telling.tell("session", session, {"change": "edited", "edit": number, "kind": kind, "case": case})
     return number

@@ -14,7 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from server.service.web.logs import REQUEST_ID, cleaned
 from server.service.web.metrics import Metrics
-from server.service.web.problems import ProblemError, failure, problem_answer, shortened
+from server.service.web.problems import ProblemError, failure, shortened
 from server.service.web.workers import GoneError
 
 _LOG = logging.getLogger("fingertwin.request")
@@ -138,18 +138,17 @@ def _request_id(scope: Scope) -> str:
 
 def _failed(error: Exception) -> ASGIApp:
     if isinstance(error, ProblemError):
-        return problem_answer(error.status, error.body, error.headers)
+        return error.answer()
     ours = isinstance(error, IntegrityError | DataError | ProgrammingError)
     if isinstance(error, PoolTimeoutError) or (isinstance(error, DBAPIError) and not ours):
         said = " ".join(str(getattr(error, "orig", "") or "it is too busy").split())
         _FAULTS.error("the database cannot be used: %s", said)
-        problem = ProblemError(
+        return ProblemError(
             503,
             f"the database cannot be used now ({shortened(cleaned(said))})",
             "one that answers, on a disk with space that may be written",
             "See GET /api/v1/health, and send the request again later; nothing of it was kept",
             headers={"Retry-After": str(RETRY_S)},
-        )
-        return problem_answer(503, problem.body, problem.headers)
+        ).answer()
     _FAULTS.error("failed", exc_info=error)
     return failure()

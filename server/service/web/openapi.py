@@ -10,7 +10,7 @@ from fastapi.openapi.utils import get_openapi
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from server.service.web.problems import Problem, ProblemError, problem_answer, shortened
+from server.service.web.problems import Problem, ProblemError, shortened
 from server.service.web.workers import run
 
 _METHODS = ("get", "put", "post", "delete", "patch")
@@ -56,8 +56,8 @@ async def answer_wrong_method(request: Request, error: Exception) -> Response:
     if not methods and isinstance(error, HTTPException):
         methods = [m.strip() for m in (error.headers or {}).get("Allow", "").split(",") if m.strip()]
     headers = {"Allow": ", ".join(methods)}
-    wrong = ProblemError(405, f"the method {shortened(request.method)}", " or ".join(methods), headers=headers)
-    return problem_answer(wrong.status, wrong.body, wrong.headers)
+    found, expected = f"the method {shortened(request.method)}", " or ".join(methods)
+    return ProblemError(405, found, expected, headers=headers).answer()
 
 
 def methods_of(document: dict[str, Any], path: str) -> list[str]:

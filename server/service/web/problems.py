@@ -68,6 +68,10 @@ class ProblemError(Exception):
         self.status, self.headers = status, headers
         self.body = body_of(status, str(error)) | {"found": found, "expected": expected, "remedy": remedy} | more
 
+    def answer(self) -> Response:
+        """Return it as an answer."""
+        return _answered(self.status, self.body, self.headers)
+
 
 def body_of(status: int, detail: str) -> dict[str, Any]:
     """Return the plain data of a problem."""
@@ -89,42 +93,39 @@ def shortened(text: object, most: int = _SHOWN) -> str:
     return shown if len(shown) <= most else f"{shown[:most]}… ({len(shown)} characters)"
 
 
-def problem_answer(status: int, body: dict[str, Any], headers: dict[str, str] | None = None) -> Response:
-    """Return a problem as an answer."""
+def _answered(status: int, body: dict[str, Any], headers: dict[str, str] | None = None) -> Response:
     return JsonAnswer(body, status, headers, media_type=PROBLEM)
 
 
 async def answer_problem(_: Request, error: Exception) -> Response:
     """Answer with a problem that was raised."""
     assert isinstance(error, ProblemError)  # noqa: S101 - the handler is registered for no other
-    return problem_answer(error.status, error.body, error.headers)
+    return error.answer()
 
 
 async def answer_input_error(_: Request, error: Exception) -> Response:
     """Answer that what was given cannot be used."""
     assert isinstance(error, InputError)  # noqa: S101
-    problem = ProblemError(422, error.found, error.expected, error.remedy)
-    return problem_answer(422, problem.body)
+    return ProblemError(422, error.found, error.expected, error.remedy).answer()
 
 
 async def answer_damaged(request: Request, error: Exception) -> Response:
     """Answer that what was stored is damaged; the health says so from then on."""
     assert isinstance(error, DamagedError)  # noqa: S101
     request.app.state.services.scrub.note((error.what,))
-    problem = ProblemError(
+    return ProblemError(
         500,
         str(error),
         "what was stored",
         "Restore a backup (fingertwin restore), or leave out the load case; GET /api/v1/health names what is damaged",
-    )
-    return problem_answer(500, problem.body)
+    ).answer()
 
 
 async def answer_http(_: Request, error: Exception) -> Response:
     """Answer what the framework refuses, such as an unknown address."""
     assert isinstance(error, HTTPException)  # noqa: S101
     headers = dict(error.headers or {}) or None
-    return problem_answer(error.status_code, body_of(error.status_code, shortened(error.detail)), headers)
+    return _answered(error.status_code, body_of(error.status_code, shortened(error.detail)), headers)
 
 
 async def answer_invalid(_: Request, error: Exception) -> Response:
@@ -136,18 +137,18 @@ async def answer_invalid(_: Request, error: Exception) -> Response:
         found = (
             f"the body cannot be read as JSON: {problem.get('ctx', {}).get('error', '')} at byte {problem['loc'][-1]}"
         )
-        said = ProblemError(422, found, "JSON without NaN, zero characters and lone surrogates, at most 32 levels deep")
-        return problem_answer(422, said.body | {"errors": faults})
+        wanted = "JSON without NaN, zero characters and lone surrogates, at most 32 levels deep"
+        return ProblemError(422, found, wanted, errors=faults).answer()
     told = "; ".join(f"{f['where']}: {f['found']}" for f in faults[:_FAULTS]) or "the request: not readable"
     more = f"; and {len(faults) - _FAULTS} more faults" if len(faults) > _FAULTS else ""
-    said = ProblemError(422, f"{told}{more}", "the form that GET /api/v1/openapi.json describes")
-    return problem_answer(422, said.body | {"errors": faults[:50]})
+    wanted = "the form that GET /api/v1/openapi.json describes"
+    return ProblemError(422, f"{told}{more}", wanted, errors=faults[:50]).answer()
 
 
 def failure() -> Response:
     """Return that the fault is ours."""
     text = "The service has failed; the fault is in its log, nothing that was acknowledged is lost."
-    return problem_answer(500, body_of(500, text))
+    return _answered(500, body_of(500, text))
 
 
 async def answer_failure(_: Request, __: Exception) -> Response:

@@ -13,6 +13,7 @@ import pytest
 
 from daq.errors import InputError
 from daq.plain_json import clean
+from daq.sessions import FINGER_DOCUMENT as RECORDED_FINGER
 from fingermodel.comparing import compare
 from fingermodel.fingers.files import read_finger
 from fingermodel.session import Session
@@ -26,7 +27,6 @@ from server.service.jobs.kinds import TaskKind
 from server.service.jobs.service import JobService
 from server.service.jobs.supervisor import Supervisor
 from server.service.jobs.worker import Tell
-from server.service.sessions.records import FINGER_DOCUMENT as RECORDED_FINGER
 from tests.server.service.few_effects import HERE, few_effects
 from tests.server.service.jobs.test_jobs import Running
 from tests.server.service.shipped import bench_input
