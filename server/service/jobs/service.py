@@ -155,9 +155,7 @@ class JobService:
         if after is not None:
             last = self.get(after).id
             chosen.append(jobs.c.number < select(jobs.c.number).where(jobs.c.id == last).scalar_subquery())
-        with self._database.reading() as connection:
-            rows = connection.execute(query.where(*chosen)).all()
-        return [self._keeper.live(Job.of_row(row)) for row in rows]
+        return [self._keeper.live(Job.of_row(row)) for row in self._database.rows(query.where(*chosen))]
 
     def cancel(self, name: str) -> Job:
         """Cancel a job that is queued or running, and return what has become of it.

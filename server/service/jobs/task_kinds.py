@@ -89,9 +89,8 @@ class Inputs:
         """Make the input of a diagnosis, with this specimen's frozen predictions."""
         bench = self.bench(request, request["effects"])
         query = select(frozen.c.document).where(frozen.c.specimen == bench.provenance["specimen"])
-        with self.database.reading() as connection:
-            documents = connection.execute(query.order_by(frozen.c.created_utc)).scalars().all()
-        return DiagnoseInput(bench, request["thorough"], tuple(documents))
+        documents = tuple(row.document for row in self.database.rows(query.order_by(frozen.c.created_utc)))
+        return DiagnoseInput(bench, request["thorough"], documents)
 
     def pooled(self, request: Request) -> PooledInput:
         """Make the input of a diagnosis of several sessions."""

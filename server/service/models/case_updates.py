@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import threading
 from collections.abc import Hashable
@@ -15,7 +14,9 @@ from daq.errors import InputError
 from fingermodel.comparing import compare
 from server.service.answers import dumps
 from server.service.models.session_models import SessionModels
-from server.service.sessions.measuring import Measured, Measuring
+from server.service.sessions.measuring import CaseState, Measured, Measuring
+from server.service.sessions.records import WINDOWS
+from server.service.storage.checksums import digest_of
 from server.service.storage.database import Database
 from server.service.storage.messages import Message, Messages
 from server.service.storage.schema import messages as kept
@@ -131,16 +132,15 @@ class CaseUpdates:
         """Return digests of what was told of each case."""
         if session not in self._told:
             query = select(kept.c.body).where((kept.c.session == session) & (kept.c.kind == "case"))
-            with self._database.reading() as connection:
-                bodies = connection.execute(query.order_by(kept.c.id)).scalars().all()
-            self._told[session] = {b["id"]: _digest(b) for b in bodies}
+            rows = self._database.rows(query.order_by(kept.c.id))
+            self._told[session] = {row.body["id"]: _digest(row.body) for row in rows}
         return self._told[session]
 
 
 def _digest(case: dict[str, Any]) -> str:
     """Return a digest that changes with the case, but not with the progress of its readings."""
     said = {k: v for k, v in case.items() if k != "why" or case["state"] in ("failed", "excluded")}
-    return hashlib.sha256(dumps(said)).hexdigest()
+    return digest_of(dumps(said))
 
 
 def case_bodies(measured: Measured, models: SessionModels) -> list[dict[str, Any]]:
@@ -152,29 +152,21 @@ def case_bodies(measured: Measured, models: SessionModels) -> list[dict[str, Any
             compared = {c.id: c for c in compare(bench).cases}
         except (InputError, ProblemError) as error:
             problem = str(error)
+    unknown = CaseState("waiting") if measured.problem is None else CaseState("failed", str(measured.problem))
     out = []
     amended = measured.record.amendments
     for entry, case in zip(measured.record.cases, measured.record.amended_cases, strict=True):
         name = case["id"]
-        state = measured.states.get(name)
+        state = measured.states.get(name, unknown)
         body: dict[str, Any] = {k: case.get(k) for k in ("id", "role", "posture", "location", "masses_g")}
-        body |= {"state": "waiting" if state is None else state.state, "why": "" if state is None else state.why}
-        if state is None and measured.problem is not None:
-            body |= {"state": "failed", "why": str(measured.problem)}
+        body |= vars(state)
         body |= {k: case[k] for k in ("repeat_of", "direction", "note") if case.get(k) is not None}
         body |= {"amended": amended[name], "entered": entry["masses_g"]} if name in amended else {}
-        body |= {"windows": {k: case[k] for k in ("unloaded_s", "loaded_s", "unloaded_after_s") if case.get(k)}}
+        body |= {"windows": {k: case[k] for k in WINDOWS if case.get(k)}}
         force = measured.force(name) if body["state"] == "measured" else None
         body |= force or {"measured_N": None, "measured_sd_N": None, "measured_Nmm": None, "steady": None}
         blinded = case.get("role") == "validation" and not measured.record.closed
-        found = None if blinded else compared.get(name)
-        body |= {
-            "predicted_N": None if found is None else found.predicted_N.tolist(),
-            "residual_N": None if found is None else (found.measured_N - found.predicted_N).tolist(),
-            "predicted_Nmm": None if found is None or found.predicted_Nmm is None else found.predicted_Nmm.tolist(),
-            "z": None if found is None else found.z,
-            "blinded": blinded,
-            "no_prediction": problem,
-        }
-        out.append(body)
+        found = {} if blinded or name not in compared else compared[name].as_dict()
+        body |= {key: found.get(key) for key in ("predicted_N", "residual_N", "predicted_Nmm", "z")}
+        out.append(body | {"blinded": blinded, "no_prediction": problem})
     return out

@@ -110,8 +110,7 @@ class OwnEffects:
 
     def all(self) -> tuple[Effect, ...]:
         """Return every user's effect."""
-        with self._database.reading() as connection:
-            rows = connection.execute(select(own_effects).order_by(own_effects.c.name)).all()
+        rows = self._database.rows(select(own_effects).order_by(own_effects.c.name))
         return tuple(effect_from_dict(r.document, r.name) for r in rows)
 
     @staticmethod

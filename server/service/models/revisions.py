@@ -109,10 +109,8 @@ class Revisions:
 
     def specimens(self) -> list[dict[str, Any]]:
         """Return every specimen that has a revision, with the one in force and how it came to be."""
-        with self._database.reading() as connection:
-            rows = connection.execute(select(heads).order_by(heads.c.number)).all()
         out: dict[str, list[dict[str, Any]]] = {}
-        for row in rows:
+        for row in self._database.rows(select(heads).order_by(heads.c.number)):
             step = {"revision": row.revision, "created_utc": row.created_utc, "why": row.why}
             out.setdefault(row.specimen, []).append(step)
         return [{"id": name, "revision": steps[-1]["revision"], "steps": steps} for name, steps in out.items()]
@@ -144,19 +142,7 @@ def _row(connection: Connection, name: str) -> Row[Any]:
 
 def _shown(row: Row[Any]) -> dict[str, Any]:
     document = row.document
-    return {
-        "id": row.id,
-        "specimen": row.specimen,
-        "session": row.session,
-        "parent": row.parent,
-        "created_utc": row.created_utc,
-        "method": document.get("method"),
-        "outcome": document.get("outcome"),
-        "added": document.get("added", []),
-        "removed": document.get("removed", []),
-        "effects": [e["name"] for e in document.get("effects") or []],
-        "evidence": document.get("evidence"),
-        "before": document.get("before"),
-        "after": document.get("after"),
-        "history": document.get("history", []),
-    }
+    shown = {name: getattr(row, name) for name in ("id", "specimen", "session", "parent", "created_utc")}
+    shown |= {name: document.get(name) for name in ("method", "outcome", "evidence", "before", "after")}
+    shown |= {name: document.get(name, []) for name in ("added", "removed", "history")}
+    return shown | {"effects": [e["name"] for e in document.get("effects") or []]}

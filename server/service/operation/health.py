@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -135,43 +136,36 @@ class Health:
     def size_bytes(self) -> int | None:
         """Return the size of the database; None where it does not say."""
         file = self._database.file
-        try:
+        with suppress(OSError, SQLAlchemyError):
             if file is not None:
                 return sum(f.stat().st_size for f in (file, file.with_name(f"{file.name}-wal")) if f.exists())
-            with self._database.reading() as connection:
-                return int(connection.execute(text("SELECT pg_database_size(current_database())")).scalar_one())
-        except (OSError, SQLAlchemyError):
-            return None
+            return int(self._database.value(text("SELECT pg_database_size(current_database())")))
+        return None
 
     def reusable_bytes(self) -> int | None:
         """Return bytes of the database's file that hold nothing; None where it does not say."""
-        try:
+        with suppress(SQLAlchemyError):
             return reusable_bytes(self._database)
-        except SQLAlchemyError:
-            return None
+        return None
 
     def folder_bytes(self) -> int | None:
         """Return the size of all files in the data folder; None where there is none."""
-        try:
+        with suppress(OSError):
             return None if self._folder is None else sum(f.stat().st_size for f in self._folder.iterdir())
-        except OSError:
-            return None
+        return None
 
     def free_bytes(self) -> int | None:
         """Return free space for the database; None where it is another machine's."""
-        try:
+        with suppress(OSError):
             return None if self._folder is None else shutil.disk_usage(self._folder).free
-        except OSError:
-            return None
+        return None
 
     def jobs_by_state(self) -> dict[str, float]:
         """Return the number of jobs in each state; empty where the database does not answer."""
         query = select(jobs.c.state, func.count()).group_by(jobs.c.state)
-        try:
-            with self._database.reading() as connection:
-                return {str(state): float(count) for state, count in connection.execute(query).all()}
-        except SQLAlchemyError:
-            return {}
+        with suppress(SQLAlchemyError):
+            return {str(state): float(count) for state, count in self._database.rows(query)}
+        return {}
 
     def report(self, metrics: Metrics) -> None:
         """Let the metrics ask for what is known here."""
@@ -185,7 +179,7 @@ class Health:
             lambda: float(len(self._scrub.damaged)),
         )
         metrics.ask("fingertwin_ready", "Whether the service may be asked.", lambda: float(self.ready))
-        metrics.ask("fingertwin_workers", "Worker processes and waiting jobs.", self._of_workers, "state")
+        metrics.ask("fingertwin_workers", "Worker processes and waiting jobs.", lambda: vars(self._workers()), "state")
 
     def _disk(self) -> dict[str, float]:
         known = {
@@ -195,6 +189,3 @@ class Health:
             "folder": self.folder_bytes(),
         }
         return {name: float(size) for name, size in known.items() if size is not None}
-
-    def _of_workers(self) -> dict[str, float]:
-        return dict(vars(self._workers()))

@@ -59,11 +59,10 @@ def read_all(database: Database) -> Iterator[Read]:
             kind = LargeBinary() if table is chunks else Text()
             query = query.add_columns(type_coerce(_SENT[table], kind).label("sent"), table.c.sha256)
         query = query.order_by(*key).limit(_FEW if table is chunks else _ROWS)
-        rows: list[Row[Any]] = []
+        rows: Sequence[Row[Any]] = ()
         while True:
             more = query if not rows else query.where(tuple_(*key) > tuple_(*rows[-1][: len(key)]))
-            with database.reading() as connection:
-                rows = list(connection.execute(more))
+            rows = database.rows(more)
             if not rows:
                 break
             yield _looked(table, len(key), [c.name for c in checked], rows)
@@ -74,7 +73,7 @@ def damage_of(database: Database) -> list[str]:
     return [place for read in read_all(database) for place in read.damaged]
 
 
-def _looked(table: Table, keys: int, checked: list[str], rows: list[Row[Any]]) -> Read:
+def _looked(table: Table, keys: int, checked: list[str], rows: Sequence[Row[Any]]) -> Read:
     size, damaged = 0, []
     for row in rows:
         stored = [row._mapping[name] for name in checked if row._mapping[name] is not None]

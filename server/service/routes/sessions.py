@@ -35,7 +35,7 @@ from server.service.schemas.sessions import (
 )
 from server.service.services import Services, of
 from server.service.sessions.planned import planned_steps
-from server.service.sessions.records import steps_of, undone_edits
+from server.service.sessions.records import EditKind, steps_of, undone_edits
 from server.service.sessions.sizes import require_case_id
 from server.service.storage.schema import streams
 from server.service.uploads.importing import import_example, import_folder
@@ -254,7 +254,7 @@ router.include_router(imports)
 def _edited(
     parts: Services,
     session: str,
-    kind: str,
+    kind: EditKind,
     case: str | None,
     body: dict[str, Any],
     *,
@@ -292,9 +292,7 @@ def shown_session(parts: Services, session: str) -> dict[str, Any]:
     """
     measured = parts.measuring.of(session)
     record = measured.record
-    with parts.database.reading() as connection:
-        query = select(streams).where(streams.c.session == session).order_by(streams.c.number)
-        rows = connection.execute(query).all()
+    rows = parts.database.rows(select(streams).where(streams.c.session == session).order_by(streams.c.number))
     try:
         record.session()
         problem = None if measured.problem is None else str(measured.problem)
@@ -304,17 +302,11 @@ def shown_session(parts: Services, session: str) -> dict[str, Any]:
     states = [s.state for s in measured.states.values()]
     return {
         "id": session,
-        "version": record.version,
-        "source": record.source,
-        "closed": record.closed,
-        "created_utc": record.created_utc,
+        **{name: getattr(record, name) for name in ("version", "source", "closed", "created_utc")},
         "specimen": (known.get("specimen") or {}).get("id"),
-        "finger": known.get("finger"),
-        "protocol": known.get("protocol"),
+        **{name: known.get(name) for name in ("finger", "protocol")},
         "stream": record.stream or (rows[0].id if rows else None),
-        "streams": [
-            {"id": r.id, "next_seq": r.next_seq, "held": r.held, "ended": bool(r.ended), "epoch": r.epoch} for r in rows
-        ],
+        "streams": [{n: getattr(r, n) for n in ("id", "next_seq", "held", "ended", "epoch")} for r in rows],
         "cases": {s: states.count(s) for s in dict.fromkeys(states)},
         "problem": problem,
         "warnings": [f.as_warning() for f in measured.findings],

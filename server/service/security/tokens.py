@@ -7,7 +7,6 @@ slow each request.
 from __future__ import annotations
 
 import datetime as dt
-import hashlib
 import hmac
 import re
 import secrets
@@ -21,6 +20,7 @@ from sqlalchemy import insert, select, update
 
 from daq.errors import InputError
 from server.service.storage.audit import record
+from server.service.storage.checksums import digest_of
 from server.service.storage.database import Database, now_utc
 from server.service.storage.schema import tokens
 
@@ -120,12 +120,11 @@ def revoke(database: Database, number: str) -> Token:
 
 def digest(text: str) -> str:
     """Return the SHA-256 that is kept of a token."""
-    return hashlib.sha256(text.encode("ascii", "replace")).hexdigest()
+    return digest_of(text.encode("ascii", "replace"))
 
 
 def _rows(database: Database) -> list[tuple[Token, str]]:
-    with database.reading() as connection:
-        rows = connection.execute(select(tokens).order_by(tokens.c.created_utc, tokens.c.id)).all()
+    rows = database.rows(select(tokens).order_by(tokens.c.created_utc, tokens.c.id))
     return [(Token(r.id, r.name, r.role, r.created_utc, r.expires_utc, r.revoked_utc), r.sha256) for r in rows]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 from sqlalchemy import Connection, select
 
@@ -20,7 +20,7 @@ from server.service.storage.schema import edits, sessions, streams
 from server.service.web.problems import ProblemError, not_found
 
 # What an edit may do to a session.
-EDIT_KINDS = ("case", "windows", "exclude", "include", "amend", "undo")
+EditKind = Literal["case", "windows", "exclude", "include", "amend", "undo"]
 WINDOWS = ("unloaded_s", "loaded_s", "unloaded_after_s")
 
 
@@ -30,7 +30,7 @@ class Edit:
 
     Attributes:
         number: grows with each edit of any session.
-        kind: one of EDIT_KINDS.
+        kind: an EditKind, or `plan`.
         case: that it is about.
         body: the case, its windows, or the reason.
         undoes: number of the edit that it takes back.

@@ -15,7 +15,7 @@ from fingermodel.fingers.files import finger_from_dict
 from server.service.ingest.stored import raise_version
 from server.service.ingest.windows import Windows
 from server.service.sessions.planned import PLAN, edit_of, proposal
-from server.service.sessions.records import EDIT_KINDS, WINDOWS, Record, is_closed, read_record, undone_edits
+from server.service.sessions.records import WINDOWS, EditKind, Record, is_closed, read_record, undone_edits
 from server.service.sessions.sizes import MOST_CASES, require_case_id, require_sizes
 from server.service.storage.audit import actor
 from server.service.storage.checksums import fingerprint
@@ -98,12 +98,10 @@ class Sessions:
     def forget_arrivals(self, name: str | None = None) -> None:
         """Remove sessions that were arriving when their import ended, one of them or all, with what came of them."""
         query = select(sessions.c.id).where(sessions.c.arriving.is_(True))
-        with self._database.reading() as connection:
-            left = connection.execute(query if name is None else query.where(sessions.c.id == name)).scalars().all()
-        for one in left:
-            erase(self._database, one)
+        for left in self._database.rows(query if name is None else query.where(sessions.c.id == name)):
+            erase(self._database, left.id)
             with self._database.writing() as connection:
-                connection.execute(delete(sessions).where(sessions.c.id == one))
+                connection.execute(delete(sessions).where(sessions.c.id == left.id))
 
     def read(self, name: str) -> Record:
         """Return a session as it stands.
@@ -120,18 +118,15 @@ class Sessions:
         Raises:
             ProblemError: 404 there is none.
         """
-        with self._database.reading() as connection:
-            query = select(sessions.c.version).where((sessions.c.id == name) & sessions.c.deleted_utc.is_(None))
-            found = connection.execute(query).scalar()
+        query = select(sessions.c.version).where((sessions.c.id == name) & sessions.c.deleted_utc.is_(None))
+        found = self._database.value(query)
         if found is None:
             raise not_found("session", name, "/api/v1/sessions")
         return int(found)
 
     def streams(self, name: str) -> int:
         """Return how many streams of readings a session has."""
-        with self._database.reading() as connection:
-            count = select(func.count()).where(streams.c.session == name)
-            return int(connection.execute(count).scalar_one())
+        return int(self._database.value(select(func.count()).where(streams.c.session == name)))
 
     def listed(self, specimen: str | None = None, limit: int = 100, after: str = "") -> list[dict[str, Any]]:
         """Return sessions by id, after one of them."""
@@ -144,9 +139,8 @@ class Sessions:
         query = query.where(kept.deleted_utc.is_(None), kept.id > after).order_by(kept.id).limit(limit)
         if specimen is not None:
             query = query.where(kept.specimen == specimen)
-        with self._database.reading() as connection:
-            rows = connection.execute(query).mappings().all()
-        return [{**row, "closed": is_closed(row["source"], row["closed_utc"])} for row in rows]
+        rows = self._database.rows(query)
+        return [{**row._mapping, "closed": is_closed(row.source, row.closed_utc)} for row in rows]
 
     def close(self, name: str) -> None:
         """Close a session: predictions of its validation cases may be seen from here on.
@@ -184,7 +178,7 @@ class Sessions:
     def edit(
         self,
         name: str,
-        kind: str,
+        kind: EditKind,
         case: str | None,
         body: Mapping[str, Any],
         *,
@@ -199,8 +193,6 @@ class Sessions:
             ProblemError: 404 no such session, case or edit; 409 it is undone already, or the bench is still running.
             InputError: the session could not be used with it.
         """
-        if kind not in EDIT_KINDS:
-            raise ProblemError(422, f"edit {shortened(kind)!r}", f"one of {', '.join(EDIT_KINDS)}")
         require_sizes(body)
         if kind == "case":
             require_case_id(case)

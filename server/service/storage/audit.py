@@ -73,8 +73,7 @@ def entries(database: Database, about: str | None = None, after: int = 0, limit:
         query = query.where(audit.c.about == about)
     left = limit
     while left is None or left > 0:
-        with database.reading() as connection:
-            rows = connection.execute(query.where(audit.c.number > after).limit(min(_ROWS, left or _ROWS))).all()
+        rows = database.rows(query.where(audit.c.number > after).limit(min(_ROWS, left or _ROWS)))
         yield from (Entry(**row._mapping) for row in rows)
         if not rows:
             return

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from sqlalchemy import Connection, Engine, create_engine, event, make_url, text
+from sqlalchemy import Connection, Engine, Executable, create_engine, event, make_url, text
 from sqlalchemy.engine import URL
 from sqlalchemy.exc import ArgumentError, DatabaseError, OperationalError, SQLAlchemyError
 
@@ -108,6 +108,16 @@ class Database:
             finally:
                 connection.rollback()
 
+    def rows(self, query: Executable) -> Sequence[Any]:
+        """Return all rows of a query."""
+        with self.reading() as connection:
+            return connection.execute(query).all()
+
+    def value(self, query: Executable) -> Any:
+        """Return the first column of a query's first row; None where there is none."""
+        with self.reading() as connection:
+            return connection.execute(query).scalar()
+
     @contextmanager
     def writing(self) -> Iterator[Connection]:
         """Yield a connection in a transaction of its own, one after the other: all of it is kept, or nothing."""
@@ -160,8 +170,7 @@ class Database:
     def alive(self) -> bool:
         """Return whether it answers."""
         try:
-            with self.reading() as connection:
-                return connection.execute(text("SELECT 1")).scalar() == 1
+            return bool(self.value(text("SELECT 1")) == 1)
         except (OperationalError, DatabaseError):
             return False
 

@@ -108,12 +108,8 @@ class Messages:
         query = select(messages).where(messages.c.id > number).order_by(messages.c.id).limit(limit)
         if session is not None:
             query = query.where(messages.c.session == session)
-        with self._database.reading() as connection:
-            rows = connection.execute(query).all()
-        return [Message(r.kind, r.session, r.body, r.id, r.created_utc) for r in rows]
+        return [Message(r.kind, r.session, r.body, r.id, r.created_utc) for r in self._database.rows(query)]
 
     def latest(self) -> int:
         """Number of the last message that was kept, 0 where none was."""
-        with self._database.reading() as connection:
-            found = connection.execute(select(messages.c.id).order_by(messages.c.id.desc()).limit(1)).scalar()
-        return found or 0
+        return self._database.value(select(messages.c.id).order_by(messages.c.id.desc()).limit(1)) or 0

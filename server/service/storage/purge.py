@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import ColumnElement, Table, delete, exists, func, or_, select, tuple_, update
+from sqlalchemy import ColumnElement, Table, delete, exists, func, or_, select, text, tuple_, update
 from sqlalchemy.exc import OperationalError
 
 from daq.errors import LaterError
@@ -76,8 +76,7 @@ def purge(
     table, old = (jobs, _old_jobs(until)) if what == "jobs" else (messages, _old_messages(until))
     if session is not None:
         old &= table.c.session == session
-    with database.reading() as connection:
-        count = int(connection.execute(select(func.count()).select_from(table).where(old)).scalar_one())
+    count = int(database.value(select(func.count()).select_from(table).where(old)))
     if not dry_run:
         if what == "jobs":
             ended = select(jobs.c.id).where(old)
@@ -117,10 +116,7 @@ def reusable_bytes(database: Database) -> int | None:
     """Return bytes of the database's file that hold nothing; None for PostgreSQL, which keeps house itself."""
     if database.dialect != "sqlite":
         return None
-    with database.reading() as connection:
-        free, size = (
-            int(connection.exec_driver_sql(f"PRAGMA {p}").scalar_one()) for p in ("freelist_count", "page_size")
-        )
+    free, size = (int(database.value(text(f"PRAGMA {p}"))) for p in ("freelist_count", "page_size"))
     return free * size
 
 
@@ -171,8 +167,7 @@ def _deleted(database: Database, until: str, session: str | None) -> list[str]:
     query = select(sessions.c.id).where(
         sessions.c.deleted_utc <= until, sessions.c.arriving.is_(None), or_(sessions.c.document.is_not(None), *held)
     )
-    with database.reading() as connection:
-        return list(connection.execute(query if session is None else query.where(sessions.c.id == session)).scalars())
+    return [row.id for row in database.rows(query if session is None else query.where(sessions.c.id == session))]
 
 
 def _old_jobs(until: str) -> ColumnElement[bool]:
@@ -198,8 +193,7 @@ def _remove(database: Database, table: Table, which: ColumnElement[bool]) -> Non
 def _keys(database: Database, table: Table, which: ColumnElement[bool]) -> Iterator[list[tuple[Any, ...]]]:
     most = _CHUNKS if table is chunks else _ROWS
     while True:
-        with database.reading() as connection:
-            found = connection.execute(select(*table.primary_key.columns).where(which).limit(most)).all()
+        found = database.rows(select(*table.primary_key.columns).where(which).limit(most))
         if not found:
             return
         yield [tuple(row) for row in found]
